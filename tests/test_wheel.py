@@ -14,7 +14,7 @@ from tests.places import CONFIGS, ROOT
 SAMPLES = "share/mkdaemon/configs"
 
 NEEDED_TO_FLY = {
-    "cyclopts", "eclipse-zenoh", "mcap", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich",
+    "cyclopts", "eclipse-zenoh", "lz4", "mcap", "msgpack", "numpy", "pydantic", "pyserial", "pyserial-asyncio", "rich",
     "structlog", "uvloop", "zstandard",
 }  # fmt: skip
 

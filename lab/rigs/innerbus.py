@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -46,6 +46,7 @@ class InnerSample:
     key_expr: str
     payload: Bytes
     encoding: str
+    kind: zenoh.SampleKind = field(default_factory=lambda: zenoh.SampleKind.PUT)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.gateway import UNKNOWN_SETPOINTS, Bus
-from mkdaemon.bus.names import heard_suffix, heard_vehicle
+from mkdaemon.bus.names import received_suffix, received_vehicle
 from tests.bus.support import bus_config, client, free_endpoint
 from tests.places import ROOT
 
@@ -69,8 +69,8 @@ def test_a_callback_that_does_not_understand_drops_and_counts():
     ],
 )
 def test_what_arrived_names_one_key_or_none(whole, suffix, vehicle):
-    assert heard_suffix("t1", whole) == suffix
-    assert heard_vehicle(whole) == vehicle
+    assert received_suffix("t1", whole) == suffix
+    assert received_vehicle(whole) == vehicle
 
 
 def test_every_callback_of_zenoh_is_one_that_never_raises():

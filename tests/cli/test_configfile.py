@@ -107,7 +107,7 @@ def test_a_key_is_explained_with_all_that_is_known_of_it(config):
     for words in (
         "Idle line",
         "unit            ms",
-        "5.0",
+        "12.0",
         ">= 2.25, <= 100",
         "loses the next frame",
         "needs a restart",

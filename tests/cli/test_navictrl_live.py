@@ -85,10 +85,10 @@ def test_what_cannot_be_uploaded_is_one_line(at: list[str], ctl: Ctl, tmp_path: 
 
 def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:
     file, plan = tmp_path / "mission.csv", tmp_path / "mission.plan"
-    file.write_text("lat,lon,altitude,climb\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
+    file.write_text("lat,lon,altitude,event\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
     code, out, err = ctl([], "waypoints", "convert", str(file), str(plan))
     assert (code, out) == (EXIT_OK, f"2 points written to {plan}\n")
-    assert err == f"mkctl: {plan}: this format does not keep climb of point 1\n"
+    assert err == f"mkctl: {plan}: this format does not keep event of points 1 and 2\n"
 
 
 def test_navictrl_parameters_labels_and_display(at: list[str], ctl: Ctl) -> None:

@@ -83,7 +83,7 @@ def test_what_is_typed_becomes_the_value(key: str, field: str, text: str, value:
         ("navi_parameter_request", "id", "9", "'9' does not fit"),
         ("motor_test", "motors", "1 2 3", r"it takes: 16 numbers 0\.\.255"),
         ("motor_test", "motors", "300 " * 16, r"it takes: 16 numbers 0\.\.255"),
-        ("write_settings", "parameters", "6a", r"it takes: 88\.\.178 bytes in hexadecimal"),
+        ("write_settings", "parameters", "6a", r"it takes: 88\.\.179 bytes in hexadecimal"),
         ("write_settings", "parameters", "zz", "bytes in hexadecimal"),
         ("write_mixer", "name", "far too long a name", "it takes: At most 12 characters"),
         ("settings_request", "index", "13", "it takes: 1, 2, 3, 4, 5, 255"),

@@ -23,7 +23,7 @@ from mkdaemon.bus.codec import Payload, encode, encoding_of
 from mkdaemon.bus.floods import URGENT, QueryBudgets, ShedCounter
 from mkdaemon.bus.intake import read_payload, read_source
 from mkdaemon.bus.keys import find
-from mkdaemon.bus.names import heard_suffix, key
+from mkdaemon.bus.names import key, received_suffix
 from mkdaemon.bus.recording import BusRecorder
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
@@ -119,7 +119,7 @@ class CommandServer:
         result: CommandResult | None = None
         exchange = 0
         try:
-            suffix = heard_suffix(self._vehicle, whole)
+            suffix = received_suffix(self._vehicle, whole)
             if suffix is not None:  # a wildcard that looks around commands nothing
                 exchange = next(self._exchanges)
                 payload = read_payload(query.payload, suffix)
@@ -134,7 +134,7 @@ class CommandServer:
     ) -> None:
         """Reply to a command, off the loop; None for no answer."""
         payload = None if result is None else encode(result)
-        suffix = heard_suffix(self._vehicle, str(query.key_expr))
+        suffix = received_suffix(self._vehicle, str(query.key_expr))
         if payload is not None and exchange and suffix is not None:
             self._recorder.reply(suffix, payload, _ENCODING, exchange)
 

@@ -25,7 +25,7 @@ from mkdaemon.bus.exposure import check_exposure
 from mkdaemon.bus.floods import ShedCounter, flood_settings
 from mkdaemon.bus.intake import Arrived, SetpointIntake, Taker, Verifier, read_payload, read_signature
 from mkdaemon.bus.keys import Use, find, of_use, roots
-from mkdaemon.bus.names import heard_suffix, key
+from mkdaemon.bus.names import key, received_suffix
 from mkdaemon.bus.published import PublishedValues
 from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
@@ -237,7 +237,7 @@ class Bus:
         finally:
             looks.undeclare()  # type: ignore[no-untyped-call]
         for sample in found:
-            suffix = heard_suffix(self.vehicle, str(sample.key_expr))
+            suffix = received_suffix(self.vehicle, str(sample.key_expr))
             take = None if suffix is None else self._uninvited.get(suffix)
             if suffix is None or take is None:
                 self._shed.add(UNKNOWN_SETPOINTS)
@@ -254,7 +254,7 @@ class Bus:
         loop = self._loop
 
         def on_token(sample: zenoh.Sample) -> None:
-            suffix = heard_suffix(self.vehicle, str(sample.key_expr))
+            suffix = received_suffix(self.vehicle, str(sample.key_expr))
             if suffix is None:
                 self._shed.add("tokens that name no client")
                 return

@@ -31,7 +31,7 @@ def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
     return whole[len(head) :]
 
 
-def heard_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
+def received_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
     """What follows `<root>/<vehicle>/` in the key of something that arrived.
 
     Returns:
@@ -41,7 +41,7 @@ def heard_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
     return whole[len(head) :] if whole.startswith(head) and WILDCARD not in whole else None
 
 
-def heard_vehicle(whole: str) -> str | None:
+def received_vehicle(whole: str) -> str | None:
     """The vehicle in the key of something that arrived; None where it names none."""
     chunks = whole.split("/")
     return None if WILDCARD in whole or len(chunks) < 3 else chunks[1]

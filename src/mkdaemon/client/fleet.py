@@ -13,7 +13,7 @@ import zenoh
 from pydantic import ValidationError
 
 from mkdaemon.bus.callbacks import direct
-from mkdaemon.bus.names import REPLAY, ROOT, heard_vehicle
+from mkdaemon.bus.names import REPLAY, ROOT, received_vehicle
 from mkdaemon.client.playcontrol import control_key, status_key
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.transport import read_sample
@@ -72,7 +72,7 @@ class Fleet:
 
         def on_token(sample: zenoh.Sample) -> None:
             whole = str(sample.key_expr)
-            if heard_vehicle(whole) is None:
+            if received_vehicle(whole) is None:
                 return  # a token that stands for many names is nobody's
             root, name, token = whole.split("/")
             sighting = Sighting(name, root, token == "playing")
@@ -82,7 +82,7 @@ class Fleet:
 
         def on_status(sample: zenoh.Sample) -> None:
             whole = str(sample.key_expr)
-            if heard_vehicle(whole) is None:
+            if received_vehicle(whole) is None:
                 return
             name = whole.rpartition("/")[2]
             fields = read_payload(str(sample.encoding), sample.payload.to_bytes())
@@ -112,7 +112,7 @@ class Fleet:
 
         def read(sample: zenoh.Sample) -> Sample | None:
             whole = str(sample.key_expr)
-            return None if heard_vehicle(whole) is None else read_sample(sample, whole.removeprefix(f"{ROOT}/"))
+            return None if received_vehicle(whole) is None else read_sample(sample, whole.removeprefix(f"{ROOT}/"))
 
         return Watch(self._session, expressions, read, Handover(self._loop))
 

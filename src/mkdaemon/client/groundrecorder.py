@@ -17,7 +17,7 @@ from typing import Final
 import zenoh
 
 from mkdaemon.bus.callbacks import direct
-from mkdaemon.bus.names import heard_vehicle
+from mkdaemon.bus.names import received_vehicle
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.clock import Clock
@@ -146,7 +146,7 @@ class GroundTap:
             self._arrive(sample)
 
     def _arrive(self, sample: zenoh.Sample) -> None:
-        if sample.kind != zenoh.SampleKind.PUT or heard_vehicle(str(sample.key_expr)) is None:
+        if sample.kind != zenoh.SampleKind.PUT or received_vehicle(str(sample.key_expr)) is None:
             self._drop()
             return
         attachment, info = sample.attachment, sample.source_info

@@ -20,7 +20,7 @@ import zenoh
 
 from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of
-from mkdaemon.bus.names import REPLAY, ROOT, heard_vehicle
+from mkdaemon.bus.names import REPLAY, ROOT, received_vehicle
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
@@ -184,7 +184,7 @@ class Player:
             return
         ask = self._session.liveliness().get
         replies = await asyncio.to_thread(lambda: list(ask(f"{ROOT}/*/alive", timeout=LOOK_AROUND)))
-        alive = {heard_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
+        alive = {received_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
         self._refuse(names & alive)
 
     @contextmanager
@@ -415,7 +415,7 @@ class Player:
         names = self._selection.vehicles
 
         def on_token(sample: zenoh.Sample) -> None:
-            name = heard_vehicle(str(sample.key_expr))
+            name = received_vehicle(str(sample.key_expr))
             if sample.kind == zenoh.SampleKind.PUT and name is not None and name in names:
                 with self._turn:
                     self._found.add(name)

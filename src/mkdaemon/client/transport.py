@@ -15,7 +15,7 @@ import msgpack
 import zenoh
 
 from mkdaemon.bus.callbacks import direct
-from mkdaemon.bus.names import ROOT, heard_suffix, heard_vehicle, key
+from mkdaemon.bus.names import ROOT, key, received_suffix, received_vehicle
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
@@ -204,8 +204,8 @@ class Transport:
         # Each by its name: access control answers no question that asks for more than it allows.
         asked = [self._session.liveliness().get(f"{ROOT}/*/{token}", timeout=1) for token in ("alive", "playing")]
         replies = await asyncio.to_thread(lambda: [reply for one in asked for reply in one])
-        heard = {heard_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
-        return sorted(name for name in heard if name is not None)
+        names = {received_vehicle(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None}
+        return sorted(name for name in names if name is not None)
 
     def _key(self, suffix: str) -> str:
         return key(self.vehicle, suffix, self._root)
@@ -266,7 +266,7 @@ class Transport:
 
     def _sample(self, sample: zenoh.Sample) -> Sample | None:
         """Read what arrived; None where it names no key of this vehicle, or is no value."""
-        suffix = heard_suffix(self.vehicle, str(sample.key_expr), self._root)
+        suffix = received_suffix(self.vehicle, str(sample.key_expr), self._root)
         return None if suffix is None else read_sample(sample, suffix)
 
     async def absence(self) -> str | None:

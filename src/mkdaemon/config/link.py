@@ -70,8 +70,8 @@ class LinkConfig(Section):
     gap_ms: Annotated[float, Field(ge=2.25, le=100)] = 12.0
     """Idle line after each frame to a FlightCtrl, which has one receive buffer [ms].
 
-    In flight a FlightCtrl loses 9 of 100 frames that come 5 ms after another, and none after 12 ms; higher costs stick
-    frames a second."""
+    With a smaller one a FlightCtrl loses the next frame, in flight 9 of 100 after 5 ms and none after 12 ms; higher
+    costs stick frames a second."""
     setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 44.0
     """Most external control frames a second; 40 where a NaviCtrl 0.24 passes them on [Hz].
 

@@ -83,7 +83,7 @@ from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude, Pilot
 
-TOLD_AFTER: Final = 0.5
+TROUBLE_AFTER: Final = 0.5
 """A flight by the target without a pose for longer is in trouble [s]: ordinary flights have no longer hole."""
 
 
@@ -427,7 +427,7 @@ class FlightCore:
         """Why a flight by the target has no pose; empty while it has one, or needs none."""
         age = self._sight.pose_age(now)
         needs_pose = self.phase in IN_FLIGHT and self._flown.is_by_target and not self._flown.may_touch
-        if not needs_pose or age is None or age <= TOLD_AFTER:
+        if not needs_pose or age is None or age <= TROUBLE_AFTER:
             return ()
         attitude = self._sight.attitude
         silent = None if attitude is None else now - attitude.stamp.monotonic

@@ -129,8 +129,11 @@ class _Replay:
             case Kind.NOTICE if Notice.of(entry) is Notice.LAYOUTS:
                 self._messages = MessageDecoder(part_of(entry, _layouts_of))
             case Kind.SAMPLE if entry.suffix == "raw/tx" and fields_of(entry).get("dropped"):
-                reason, raw = part_of(entry, lambda fields: (DropReason(fields["dropped"]), bytes(fields["raw"])))
-                self._deck.sink.dropped(Lost(entry.received, Direction.TO_BOARD, reason, raw))
+                at, reason, raw = part_of(
+                    entry,
+                    lambda one: (float(one["stamp"]["monotonic"]), DropReason(one["dropped"]), bytes(one["raw"])),
+                )
+                self._deck.sink.dropped(Lost(at, Direction.TO_BOARD, reason, raw))
             case Kind.SAMPLE if entry.suffix == _PREFLIGHT:
                 self._deck.publish_preflight(part_of(entry, lambda fields: float(fields["stamp"]["monotonic"])))
             case _:

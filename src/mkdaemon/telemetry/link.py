@@ -204,7 +204,7 @@ class LinkTraffic(Stamped):
     renewal: float | None = None
     """Time between two renewals of the streams, so that they run out less than once in 100 hours [s]; None in older
     recordings."""
-    heard_share: float | None = None
+    delivered_share: float | None = None
     """Share of requests that the board hears, by the link tests and a cautious prior [0..1]; None in older
     recordings."""
     request_distance: float = 0.0

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Any, Final, Self
 
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.sentences import Words
 
 
 class Status(StrEnum):
@@ -243,7 +244,7 @@ class Token(StrEnum):
     TARGET_UNCLEAR = (
         "target_unclear",
         "{name} would be flown by {found}, and {detail}.",
-        "Name the target that is meant: field `target` of the setpoint, `mkctl take-off --target`.",
+        "Name the target in the field `target` of the setpoint.",
     )
     NO_FRAME = (
         "no_frame",
@@ -589,21 +590,7 @@ TOKENS: Final[Mapping[str, Token]] = {token.value: token for token in Token}
 """Every refusal by its word, as it comes over the bus; another version may know others."""
 
 
-class _Missing(str):
-    """Stands for a word that was not given, whatever the format it should have had."""
-
-    __slots__ = ()
-
-    def __format__(self, spec: str) -> str:
-        return f"({self!s})"
-
-
-class _Words(dict[str, Any]):
-    def __missing__(self, key: str) -> str:
-        return _Missing(key)
-
-
 def refuse(token: Token, **words: Any) -> CommandRejectedError:
     """Make the refusal `token`, its reason and fix filled in with `words`."""
-    filled = _Words(words)
+    filled = Words(words)
     return CommandRejectedError(token, token.reason.format_map(filled), token.fix.format_map(filled))

@@ -204,9 +204,9 @@ class CommandDesk:
         if not (is_late and asked.command in _MODES):
             self._answer(asked, key, answer)
         elif answer.words:
-            self._tell(asked, answer)
+            self._report(asked, answer)
 
-    def _tell(self, asked: Asked, answer: Answered) -> None:
+    def _report(self, asked: Asked, answer: Answered) -> None:
         is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
         self._notify(asked.station, answer.words, INFO if is_done else WARNING)
 
@@ -222,7 +222,7 @@ class CommandDesk:
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
         if answer.words:
-            self._tell(asked, answer)
+            self._report(asked, answer)
         _acknowledge(asked, answer.result)
 
 

@@ -95,7 +95,7 @@ class Gateway:
         self._tasks: asyncio.TaskGroup | None = None
         self._beat_at = 0.0
         self._hands_words = ""
-        self._is_daemon_heard = True
+        self._is_daemon_alive = True
 
     async def run(self, on_ready: Callable[[], None]) -> None:
         """Serve until cancelled; the lease is given back then.
@@ -151,11 +151,11 @@ class Gateway:
                 self._send(name, now)
 
     def _announce_daemon(self) -> None:
-        """Say when the daemon falls silent, for HEARTBEAT goes on, and when it is heard again."""
-        is_heard = self.picture.get(VehicleHealth) is not None
-        if is_heard != self._is_daemon_heard:
-            self._is_daemon_heard = is_heard
-            words = (texts.INFO, "mkdaemon is heard again") if is_heard else (texts.CRITICAL, _SILENT)
+        """Say when the daemon falls silent, for HEARTBEAT goes on, and when it answers again."""
+        is_alive = self.picture.get(VehicleHealth) is not None
+        if is_alive != self._is_daemon_alive:
+            self._is_daemon_alive = is_alive
+            words = (texts.INFO, "mkdaemon answers again") if is_alive else (texts.CRITICAL, _SILENT)
             self.announce(*words)
 
     def _announce_hands(self, status: ControlStatus) -> None:

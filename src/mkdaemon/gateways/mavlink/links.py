@@ -118,7 +118,7 @@ class Links:
         self._link_ids = (self._link_ids + 1) % 256
         encoder = Encoder(self._system, self._signing, self._link_ids)
         station = Station(f"{address} {name}".strip(), address.numbering, encoder, put, self._wall)
-        station.heard_at = self._now()
+        station.received_at = self._now()
         self._stations[station] = end
         return station
 
@@ -127,8 +127,8 @@ class Links:
         same = [one for one in self._stations if one.name.startswith(f"{address} ")]
         if len(same) < MOST_STATIONS:
             return True
-        oldest = min(same, key=lambda one: one.heard_at)
-        if self._now() - oldest.heard_at < SILENCE:
+        oldest = min(same, key=lambda one: one.received_at)
+        if self._now() - oldest.received_at < SILENCE:
             return False
         end = self._stations[oldest]
         self.remove(oldest)
@@ -238,7 +238,7 @@ class _Stream(asyncio.Protocol):
         self._decoder = links.decoder()
         self._station: Station | None = None
         self._transport: Any = None
-        self._has_begun = False
+        self._has_started = False
 
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
@@ -251,7 +251,7 @@ class _Stream(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._station is None:
             return
-        if self._address.kind is Kind.TCP_IN and not self._has_begun and data[0] not in MAGIC:
+        if self._address.kind is Kind.TCP_IN and not self._has_started and data[0] not in MAGIC:
             # A browser sends whatever a web page asks it to, but always behind a line of HTTP.
             self._links.log(
                 self._address, "connection closed: it does not begin with MAVLink", station=self._station.name
@@ -260,7 +260,7 @@ class _Stream(asyncio.Protocol):
             self._links.remove(self._station)
             self._station = None
             return
-        self._has_begun = True
+        self._has_started = True
         self._links.received(self._station, self._links.read(self._decoder, data, is_datagram=False))
 
     def connection_lost(self, exc: Exception | None) -> None:

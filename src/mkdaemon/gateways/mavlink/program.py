@@ -103,7 +103,7 @@ async def _serve(
     open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]], options: Options, on_ready: Callable[[], None]
 ) -> None:
     """Connect to the daemon, again and again until it is there, and serve."""
-    is_told = False
+    is_logged = False
     while True:
         async with AsyncExitStack() as stack:
             try:
@@ -111,9 +111,9 @@ async def _serve(
             except ConfigError:
                 raise
             except MkError as error:
-                if not is_told:
+                if not is_logged:
                     _log.warning("the daemon is not there yet: waiting for it", error=str(error))
-                    is_told = True
+                    is_logged = True
                 await asyncio.sleep(_AGAIN)
                 continue
             await Gateway(uav, options, time.monotonic, time.time).run(on_ready)

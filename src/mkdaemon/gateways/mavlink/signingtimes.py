@@ -12,6 +12,8 @@ from typing import Final
 
 import structlog
 
+from mkdaemon.files import write_whole
+
 AHEAD: Final = 3 * 100_000
 """How far the file is ahead of the newest time [10 us]; a stream waits so long at most after a quick restart."""
 _LARGEST: Final = 65_536
@@ -49,11 +51,9 @@ class SigningTimes:
 
     def _write(self, path: Path) -> None:
         rows = [[*stream, stamp] for stream, stamp in self._kept.items()]
-        part = path.with_suffix(".part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_text(json.dumps(rows), encoding="ascii")
-            part.replace(path)
+            write_whole(path, json.dumps(rows), overwrite=True)
         except OSError as error:
             _log.warning("signing times are not kept: a recorded stream may be taken after a restart", error=str(error))
             self._path = None

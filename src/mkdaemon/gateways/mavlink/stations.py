@@ -37,7 +37,7 @@ class Station:
         is_open: whether its connection stands.
         dropped: messages that it was too slow to take.
         refused: messages of programs that were one too many.
-        heard_at: when something last came from there, or it was met [s].
+        received_at: when something last came from there, or it was met [s].
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Station:
         self.name, self.numbering = name, numbering
         self.is_open = True
         self.dropped = self.refused = 0
-        self.heard_at = -math.inf
+        self.received_at = -math.inf
         self.wish_for: dict[str, float] = {}
         self._encoder, self._put, self._wall = encoder, put, wall
         self._received: dict[Program, float] = {}
@@ -84,7 +84,7 @@ class Station:
                 return False
             del self._received[oldest]
             self._beaten.pop(oldest, None)
-        self._received[program] = self.heard_at = now
+        self._received[program] = self.received_at = now
         if is_heartbeat:
             self._beaten[program] = now
         return True

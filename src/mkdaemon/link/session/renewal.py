@@ -61,7 +61,7 @@ class HeardShare:
         return max(_mean(self._next, PRIOR_NEXT), self.first_lost)
 
     @property
-    def heard(self) -> float:
+    def delivered(self) -> float:
         """Share of all requests that are heard [0..1]."""
         return 1.0 - self.first_lost / (1.0 + self.first_lost - self.next_lost)
 
@@ -83,7 +83,7 @@ def time_between_ends(interval: float, share: HeardShare, *, live: float = TIME_
     with a renewal that follows a heard one.
     """
     in_a_row = max(int(live / interval + 1e-9), 1)
-    begins = share.heard / interval * share.first_lost
+    begins = share.delivered / interval * share.first_lost
     return 1.0 / (begins * share.next_lost ** (in_a_row - 1))
 
 

@@ -128,7 +128,7 @@ class Reporter:
             rx_planned=planned.rx,
             tx_planned=planned.tx,
             renewal=renewal,
-            heard_share=dialogue.health.share.heard,
+            delivered_share=dialogue.health.share.delivered,
             request_distance=dialogue.scheduler.distance,
             rx_kinds=dict(counters.rx),
             tx_kinds=dict(counters.tx),
