@@ -29,7 +29,7 @@ def written(r, since):
 
 @pytest.mark.parametrize("board", [flight_ctrl, navi_ctrl])
 @pytest.mark.parametrize(
-    ("fault", "most"), [(LineFault.SILENCE, 10), (LineFault.ONE_WAY, 22)], ids=["stands still", "takes nothing"]
+    ("fault", "most"), [(LineFault.SILENCE, 10), (LineFault.ONE_WAY, 25)], ids=["stands still", "takes nothing"]
 )
 @virtually
 async def test_a_serial_server_that_stands_still_gathers_few_stick_frames(board, fault, most):

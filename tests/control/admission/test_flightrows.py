@@ -36,7 +36,7 @@ STANDS = [
     ("firmware and layout", "no_control", {"line": ControlLine(reason="FC 0.1 is not known")}),
     ("link", "link_down", {"link": None}),
     ("link", "link_down", {"link": link_state(LinkCondition.ONE_WAY)}),
-    ("link losses", "link_poor", {"health": health(lost=11)}),
+    ("link losses", "link_poor", {"health": health(lost=23)}),
     ("gate", "gate_shut", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 128))}),
     ("gate", "gate_constant", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 129))}),
     ("gate and height control", "gate_switches_altitude", {"active_set": replace(SET, gate=SHARED)}),
@@ -193,7 +193,7 @@ def test_only_the_way_to_the_client_is_asked_before_anything_is_read():
         ("time stamps", {"compared": lambda: Match(-0.062, 0.9)}, ("-62 ms", "45 ms")),
         ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
         ("receiver", {"pilot": reception(0.5)}, ("50 %", "75 %")),
-        ("link losses", {"health": health(lost=15)}, ("30 %", "20 %")),
+        ("link losses", {"health": health(lost=24)}, ("48 %", "44 %")),
         ("age of images", {"eyes": (eyes(latency_p50_ms=700.0),)}, ("700 ms", "500 ms")),
     ],
 )

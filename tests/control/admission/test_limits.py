@@ -34,8 +34,8 @@ def found(known, name):
 @pytest.mark.parametrize(
     ("name", "change", "state"),
     [
-        ("link losses", {"health": health(lost=20, sent=100)}, PASSED),
-        ("link losses", {"health": health(lost=21, sent=100)}, STANDS),
+        ("link losses", {"health": health(lost=44, sent=100)}, PASSED),
+        ("link losses", {"health": health(lost=45, sent=100)}, STANDS),
         ("emergency throttle", {"active_set": replace(SET, emergency_throttle=118)}, PASSED),
         ("emergency throttle", {"active_set": replace(SET, emergency_throttle=119)}, STANDS),
         ("emergency throttle", {"active_set": replace(SET, emergency_throttle=None)}, UNKNOWN),
@@ -107,7 +107,7 @@ def test_what_is_shown_where_all_is_well():
     ("name", "change", "words"),
     [
         ("link", {"link": None}, "absent"),
-        ("link losses", {"health": health(lost=26, sent=100)}, "26 %"),
+        ("link losses", {"health": health(lost=50, sent=100)}, "50 %"),
         ("receiver", {"pilot": reception(0.5)}, "50 %"),
         ("receiver", {"flight": flags(emergency_landing=True)}, "0 %"),
         ("battery", {"battery": battery(12.0)}, "12.0 V"),

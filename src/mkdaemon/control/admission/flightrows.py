@@ -56,8 +56,9 @@ from mkdaemon.telemetry.state import GpsMode
 
 LEAST_QUALITY: Final = 0.75
 """Receiver quality with which a flight may begin; below 0.5 the FlightCtrl flies on emergency throttle."""
-MOST_LOSS: Final = 20.0
-"""Lost echoes with which a flight may begin [%]; hovers in simulation bear 25 % lost in bursts."""
+MOST_LOSS: Final = 44.0
+"""Lost echoes with which a flight may begin [%]: hovers in simulation bear 25 % lost in bursts each way, which loses an
+echo or its answer."""
 HIGHEST_EMERGENCY: Final = 0.95
 """An emergency throttle above this does not sink [share of the hover throttle]."""
 LOWEST_EMERGENCY: Final = 0.7
