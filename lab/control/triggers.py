@@ -21,8 +21,8 @@ from lab.control.triggerstories import (
     Story,
     aborted,
     blind_frozen,
-    blind_level,
     blind_release,
+    blind_searches,
     blind_takeoff,
     client_gone,
     daemon_stalled,
@@ -138,9 +138,9 @@ TRIGGERS: Final = (
     Trigger("still nothing", silent, 1.0),
     Trigger("the client's session ends", client_gone, 0.0),
     Trigger(BLIND, blind_frozen, 0.2),
-    Trigger(BLIND, blind_level, 1.5),
+    Trigger(BLIND, blind_searches, 1.0),
     Trigger(BLIND, blind_release, 3.0),
-    Trigger(BLIND, eyes_stalled, 1.5),
+    Trigger(BLIND, eyes_stalled, 1.0),
     Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.2),
     Trigger(BATTERY, battery_lands, LASTING),
     Trigger(BATTERY, battery_released, LASTING),
@@ -167,6 +167,7 @@ TRIGGERS: Final = (
 """Every trigger of docs/safety.md, "What happens when something fails"."""
 ELSEWHERE: Final = {
     "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
+    "a landing waits for its cone, its images or a certain height": "lab.control.corefuzz",
     "a pad is unplugged, its enable button let go of, a terminal gone": "lab.teleop.losses",
 }
 """Rows of that table whose times another campaign measures, and its module."""

@@ -9,6 +9,7 @@ from typing import Final
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
 from lab.rigs.boardport import LineFault
+from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.take_off import TakeOffLimits
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.link.session.traffic import Purpose
@@ -25,6 +26,8 @@ HEIGHT_SWITCH: Final = 3
 """Poti that switches it in these stories."""
 LID: Final = 20
 """The pilot's throttle while the machine flies [stick]."""
+IN_AIR: Final = 1.5
+"""From a throttle that carries until a board reports that the aircraft flies [s]."""
 CAPPING: Final = -60
 """A throttle below hover [stick]."""
 
@@ -53,7 +56,10 @@ async def client_gone(scene: Scene) -> float:
 
 
 async def over_target(scene: Scene) -> None:
-    """Fly by positions, leaning towards one beside the aircraft."""
+    """Fly by positions, leaning towards one beside the aircraft that the pilot has brought into the air."""
+    await scene.start_motors()
+    scene.bench.pilot.gas = LID
+    await asyncio.sleep(IN_AIR)
     scene.client.setpoint = (PositionSetpoint, HERE)
     await scene.until(lambda: scene.flown.flight.phase is Phase.FLYING)
     await asyncio.sleep(0.5)
@@ -69,11 +75,12 @@ async def blind_frozen(scene: Scene) -> float:
     return await scene.until(lambda: tuple(scene.said["control/error"]["goal"]) != ASIDE["position"]) - since
 
 
-async def blind_level(scene: Scene) -> float:
-    """The target is gone: level."""
+async def blind_searches(scene: Scene) -> float:
+    """The target is gone: the aircraft searches for it."""
     await over_target(scene)
     scene.client.is_seeing = False
-    return await scene.level_after(scene.client.seen)
+    since = scene.client.seen
+    return await scene.until(lambda: scene.said["control/status"]["stage"] == SEARCHES) - since
 
 
 async def blind_release(scene: Scene) -> float:
@@ -84,16 +91,16 @@ async def blind_release(scene: Scene) -> float:
 
 
 async def eyes_stalled(scene: Scene) -> float:
-    """The detector stands still for 2 s: level meanwhile, then the flight goes on."""
+    """The detector stands still for 2 s: the aircraft searches meanwhile, then the flight goes on."""
     await over_target(scene)
     scene.client.is_seeing = False
     since = scene.client.seen
-    await asyncio.sleep(2.0)
-    level = scene.level_since(since)
+    searches = await scene.until(lambda: scene.said["control/status"]["stage"] == SEARCHES)
+    await asyncio.sleep(since + 2.0 - scene.loop.time())
     scene.client.is_seeing = True
     await asyncio.sleep(0.5)
-    goes_on = scene.flown.flight.phase is Phase.FLYING and scene.level_since(since) > since + 2.0
-    return level - since if goes_on else math.inf
+    goes_on = scene.flown.flight.phase is Phase.FLYING and scene.said["control/status"]["stage"] == ""
+    return searches - since if goes_on else math.inf
 
 
 async def blind_takeoff(scene: Scene) -> float:

@@ -61,7 +61,7 @@ def test_every_key_of_the_aircraft_says_what_a_wrong_value_does():
 
 def test_units_ranges_and_defaults_are_told(keys):
     cells = {key.dotted: (key.kind, key.unit, key.default, key.limits) for key in keys}
-    assert cells["link.gap_ms"][:4] == ("number", "ms", "`5.0`", ">= 2.25, <= 100")
+    assert cells["link.gap_ms"][:4] == ("number", "ms", "`12.0`", ">= 2.25, <= 100")
     assert cells["control.rate"][1:3] == ("Hz", "`50.0`")
     assert cells["sim.pilot_plan"][0].startswith("`circle`, `hover`")
     assert cells["sim.radio.to_host.usb_timer"][2] == "`0.001`", "the default of this direction, not of the model"
