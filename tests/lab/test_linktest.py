@@ -31,7 +31,8 @@ def test_what_a_line_adds_is_found_and_a_timer_is_named():
     wire, timer = (measure_link(case_of(name), 8.0).run for name in ("wire", "timer"))
     assert measure(wire.of(ProbeKind.ECHO)).lost == 0
     added = measure(timer.of(ProbeKind.ECHO)).mean_ms - measure(wire.of(ProbeKind.ECHO)).mean_ms
-    assert added == pytest.approx(configured("timer")[1], rel=LIMIT)
+    # Tests 100 ms apart find a timer of 16 ms in four phases, 4 ms apart: their mean is that of all within half of it.
+    assert added == pytest.approx(configured("timer")[1], abs=2.0)
     assert not any("timer" in advice for advice in judge([wire]).advice)
     assert any(advice.startswith("Latency timer") for advice in judge([timer]).advice)
 
