@@ -286,14 +286,14 @@ async def test_of_the_holders_own_flood_the_newest_comes_through():
         lambda raw, proof: 7,
         partial(shed.add, "setpoints"),
     )
-    for number in range(5000):
+    for number in range(500):
         intake.arrived(b"%d" % number, bytes(40))
     await asyncio.sleep(0)
-    assert taken == [b"4999"]
+    assert taken == [b"499"]
     intake.arrived(b"next", bytes(40))
     await asyncio.sleep(0)
-    assert taken == [b"4999"], "the loop is given one in so long"
-    await wait_until(lambda: taken == [b"4999", b"next"])
+    assert taken == [b"499"], "the loop is given one in so long"
+    await wait_until(lambda: taken == [b"499", b"next"])
     assert sum(shed.take().values()) == 5000 - 1 - FLOOD
 
 

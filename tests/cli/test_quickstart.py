@@ -107,6 +107,7 @@ async def value_at(endpoint: str, suffix: str, claim: Callable[[dict[str, Any]],
     return value.fields
 
 
+@pytest.mark.alone
 def test_the_page_ends_with_sticks_that_fly(tmp_path: Path) -> None:
     terminal = Terminal(tmp_path)
     simulate, run, status, watch, get_osd, start, get_position, show, stick, get_truth = commands()
