@@ -169,9 +169,9 @@ class Cause(Telemetry):
     text: str
     """The same in words."""
     seconds: float | None = None
-    """For so long [s]; null where that says nothing."""
+    """Duration [s]; null where none applies."""
     count: int | None = None
-    """So often; null where that says nothing."""
+    """Number of events; null where none applies."""
 
     @classmethod
     def of(cls, kind: CauseKind, *, seconds: float = 0.0, count: int = 0, of: int = 0, detail: str = "") -> Self:

@@ -204,7 +204,7 @@ def _battery(now: Situation) -> Verdict:
 
 def _cells(now: Situation) -> Verdict:
     if now.battery is None or now.cells is None:
-        return unknown("nobody says how full the battery is")
+        return unknown("no battery voltage is reported")
     if now.are_cells_doubtful:
         voltage, more = now.battery.voltage, now.cells + 1
         refusal = refuse(Token.CELLS_DOUBTFUL, voltage=voltage, cells=now.cells, more=more, cell=voltage / more)

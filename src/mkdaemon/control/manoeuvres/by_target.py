@@ -33,7 +33,7 @@ TURNED: Final = math.radians(8.0)
 SEARCH_RISE: Final = 1.5
 """A search rises to this many times the height of the last pose: the camera sees 2.2 times the area."""
 SURE: Final = 2.0
-"""The aircraft is within so many standard deviations of its estimate."""
+"""The aircraft is within this many standard deviations of its estimate."""
 SEARCHES: Final = "target lost: rises and returns to where it was seen last"
 """Stage of a manoeuvre while it searches."""
 _NO_TARGET: Final = "waiting for a target in sight"
