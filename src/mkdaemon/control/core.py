@@ -399,12 +399,12 @@ class FlightCore:
         """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""
         stood_still = self._pacing.tick(now) + slept
         order: Action | None = None
-        trouble = self._trouble(now)
         if self._release is None:
             if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
                 self._authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
             self._watch.look(self._preflight.active_set, now)
             before = self._authority.phase
+            trouble = self._trouble(now)
             decision = self._authority.tick(now, "; ".join(cause.text for cause in trouble[1:]))
             self._reports.phase_changed()
             if isinstance(decision, Fly):
@@ -413,7 +413,7 @@ class FlightCore:
                 self._release, order = decision, Release(decision.reason)
                 self._flown.end()
         exit_after = self._cfg.autopilot.exit_after
-        self._reports.trouble(trouble, self._sight.pose_age(now), exit_after)
+        self._reports.trouble(self._trouble(now), self._sight.pose_age(now), exit_after)
         self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
