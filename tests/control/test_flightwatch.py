@@ -136,6 +136,23 @@ def test_patience_with_each_kind_of_line(condition, seconds, is_over):
     assert patience.is_over(link, 10.0 + seconds) is is_over
 
 
+@pytest.mark.parametrize(
+    ("condition", "seconds", "is_kept"),
+    [
+        (LinkCondition.ONE_WAY, 1.9, True),
+        (LinkCondition.MUTE, 1.9, True),
+        (LinkCondition.MUTE, 2.2, False),
+        (LinkCondition.CLOSED, 0.1, False),
+    ],
+)
+def test_a_lease_that_sends_nothing_outlives_lost_link_tests_and_no_restart_of_the_board(condition, seconds, is_kept):
+    drive = Driver()
+    drive.take()
+    drive.core.feed(LinkVerdict(link_state(condition)), drive.now)
+    drive.run(seconds)
+    assert (drive.core.phase is Phase.LEASED) is is_kept
+
+
 def test_patience_begins_when_the_line_grows_bad_and_anew_after_it_was_good():
     patience = LinePatience(one_way=0.5)
     patience.lease_taken(1)

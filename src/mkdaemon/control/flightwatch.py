@@ -50,7 +50,8 @@ class FlightWatch:
         if lease.epoch != self._epoch:
             # What an earlier flight found must not end this one: the battery may be another.
             self._epoch, self._has_landed, self.battery = lease.epoch, False, BatteryWatch(self._facts)
-        if link is not None and self._patience.is_over(link, now):
+        is_idle = self._authority.phase is Phase.LEASED
+        if link is not None and self._patience.is_over(link, now, is_idle=is_idle):
             self._authority.end(Trigger.LINK_LOST, cause=f"{link.condition.value}: {link.reason}")
         elif self._facts.is_receiver_lost(now):
             self._authority.end(Trigger.RECEIVER_LOST)

@@ -15,6 +15,10 @@ _PATIENCE: Final = {
 }
 """How long a client keeps its lease on such a line [s]. Silence is reported after 0.35 s; a radio that drops a burst of
 packets and is heard again within half a second has lost no aircraft."""
+IDLE_PATIENCE: Final = 2.0
+"""The same while the lease sends nothing, for a line that has a port [s]. Without stick frames only link tests prove
+the line, and a radio that loses 15 % each way loses five of them in a row now and then. A board that restarts is silent
+for 4.7 s: docs/firmware-notes, "Timing"."""
 
 
 class LinePatience:
@@ -45,8 +49,13 @@ class LinePatience:
         elif self._bad_since is None:
             self._bad_since = now
 
-    def is_over(self, link: LinkState, now: float) -> bool:
-        """Whether the lease must end because of the line."""
+    def is_over(self, link: LinkState, now: float, *, is_idle: bool = False) -> bool:
+        """Whether the lease must end because of the line; `is_idle`: it sends nothing."""
         if link.openings != self._openings:
             return True
-        return self._bad_since is not None and now - self._bad_since >= self._patience[link.condition]
+        if self._bad_since is None:
+            return False
+        patience = self._patience[link.condition]
+        if is_idle and patience:
+            patience = max(patience, IDLE_PATIENCE)
+        return now - self._bad_since >= patience
