@@ -21,6 +21,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+import cv2
 import numpy as np
 import structlog
 from pydantic import BaseModel
@@ -28,6 +29,7 @@ from pydantic import BaseModel
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.traffic import RawFrame
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.pose.projection import Projection
@@ -73,6 +75,7 @@ class Row:
         touch_cm: distance from the middle of the target at the end.
         attitude_hole: longest time in the air without an attitude [s].
         pose_hole: longest time in the air without a pose while a tag was wholly in view [s].
+        silence: longest time in the air in which no frame arrived at all [s]: so long the radio lost every packet.
         seconds: of the flight.
         processor: time that it took to compute [s].
     """
@@ -84,6 +87,7 @@ class Row:
     touch_cm: float
     attitude_hole: float
     pose_hole: float
+    silence: float
     seconds: float
     processor: float
 
@@ -95,6 +99,7 @@ class Watch:
     Attributes:
         attitudes: arrivals in the air [s].
         poses: exposures that gave a pose [s].
+        frames: arrivals of any frame of the board [s].
         looks: time, whether it is in the air, whether a tag is wholly in view.
         farthest: distance from the target in the air [m].
         reason: of the first release.
@@ -102,6 +107,7 @@ class Watch:
 
     attitudes: list[float] = field(default_factory=list)
     poses: list[float] = field(default_factory=list)
+    frames: list[float] = field(default_factory=list)
     looks: list[tuple[float, bool, bool]] = field(default_factory=list)
     farthest: float = 0.0
     reason: str = ""
@@ -118,6 +124,8 @@ class Watch:
                 self.attitudes.append(value.stamp.monotonic)
             elif isinstance(value, VisionPose):
                 self.poses.append(value.stamp.monotonic)
+            elif isinstance(value, RawFrame) and suffix == "raw/rx":
+                self.frames.append(value.stamp.monotonic)
             elif isinstance(value, ControlStatus) and value.phase.value == "releasing" and not self.reason:
                 self.reason = value.reason
 
@@ -183,6 +191,7 @@ def fly(seed: int, loss: float | None, wind: str, fps: float) -> Row:
         touch_cm=round(100 * touch, 1) if math.isfinite(touch) else -1.0,
         attitude_hole=round(watch.hole(watch.attitudes, ends, in_view=False), 2),
         pose_hole=round(watch.hole(watch.poses, ends, in_view=True), 2),
+        silence=round(watch.hole(watch.frames, ends, in_view=False), 2),
         seconds=round(record.moments[-1].at, 1) if record.moments else 0.0,
         processor=round(time.process_time() - began, 1),
     )
@@ -192,7 +201,8 @@ def flights(todo: list[tuple[int, float | None]], jobs: int, wind: str, fps: flo
     """Fly in processes of their own, in the order in which they end."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
         os.environ[name] = "1"
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, spawn, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
         for done in as_completed([pool.submit(fly, seed, loss, wind, fps) for seed, loss in todo]):
             yield done.result()
 
@@ -205,7 +215,9 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         **counts,
         "attitude_hole_s": max((row.attitude_hole for row in rows), default=0.0),
         "pose_hole_s": max((row.pose_hole for row in rows), default=0.0),
+        "silence_s": max((row.silence for row in rows), default=0.0),
         "attitude_holes_too_long": sum(row.attitude_hole > LONGEST_ATTITUDE_HOLE for row in rows),
+        "radio_silences_too_long": sum(row.silence > LONGEST_ATTITUDE_HOLE for row in rows),
         "pose_holes_too_long": sum(row.pose_hole > LONGEST_POSE_HOLE for row in rows),
         "unfinished": [f"{row.seed}: {row.verdict.value}: {row.reason}" for row in rows if row.reason],
     }
@@ -247,7 +259,7 @@ def main(
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(row)) + "\n")
         left = (time.monotonic() - began) / count * (len(todo) - count)
-        words = f"{row.verdict.value} {row.reason} holes {row.attitude_hole:.2f} {row.pose_hole:.2f} s"
+        words = f"{row.verdict.value} {row.reason} holes {row.attitude_hole:.2f} {row.pose_hole:.2f} {row.silence:.2f} s"
         print(f"{count} of {len(todo)}, {left / 60:.0f} min left: {row.seed} {words}", file=sys.stderr, flush=True)
     by_loss = {
         share: [row for row in rows if (row.seed, row.loss) in set(wanted) and row.loss == share]
