@@ -259,7 +259,8 @@ def main(
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(row)) + "\n")
         left = (time.monotonic() - began) / count * (len(todo) - count)
-        words = f"{row.verdict.value} {row.reason} holes {row.attitude_hole:.2f} {row.pose_hole:.2f} {row.silence:.2f} s"
+        holes = f"holes {row.attitude_hole:.2f} {row.pose_hole:.2f} {row.silence:.2f} s"
+        words = f"{row.verdict.value} {row.reason} {holes}"
         print(f"{count} of {len(todo)}, {left / 60:.0f} min left: {row.seed} {words}", file=sys.stderr, flush=True)
     by_loss = {
         share: [row for row in rows if (row.seed, row.loss) in set(wanted) and row.loss == share]
