@@ -147,7 +147,7 @@ TRIGGERS: Final = (
     Trigger("somebody asks for an abort", aborted, 0.0),
     Trigger(ENDED, release_asked, 0.0),
     Trigger(ENDED, taken_over, 0.0),
-    Trigger(NO_DATA, line_silent, 0.5),
+    Trigger(NO_DATA, line_silent, 1.0),
     Trigger(NO_DATA, line_garbage, 0.5),
     Trigger(NO_DATA, unplugged, 0.0),
     Trigger(NO_DATA, replugged, 0.0),

@@ -31,6 +31,7 @@ from mkdaemon.control.events import (
 )
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
+from mkdaemon.control.patience import SILENCE
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
@@ -331,8 +332,8 @@ def test_released_out_of_place_changes_nothing(drive):
         (LinkCondition.DOWN, 0.0),
         (LinkCondition.ABSENT, 0.0),
         (LinkCondition.CLOSED, 0.0),
-        (LinkCondition.MUTE, 0.15),
-        (LinkCondition.GARBAGE, 0.15),
+        (LinkCondition.MUTE, SILENCE),
+        (LinkCondition.GARBAGE, SILENCE),
         (LinkCondition.ONE_WAY, CFG.lease.release_after),
     ],
 )

@@ -120,16 +120,16 @@ def test_a_receiver_that_is_lost_ends_a_flight_and_on_the_ground_nothing(is_flyi
         (LinkCondition.DOWN, 0.0, True),
         (LinkCondition.ABSENT, 0.0, True),
         (LinkCondition.CLOSED, 0.0, True),
-        (LinkCondition.MUTE, 0.14, False),
-        (LinkCondition.MUTE, 0.16, True),
-        (LinkCondition.GARBAGE, 0.14, False),
-        (LinkCondition.GARBAGE, 0.16, True),
-        (LinkCondition.ONE_WAY, 0.49, False),
-        (LinkCondition.ONE_WAY, 0.51, True),
+        (LinkCondition.MUTE, 0.64, False),
+        (LinkCondition.MUTE, 0.66, True),
+        (LinkCondition.GARBAGE, 0.64, False),
+        (LinkCondition.GARBAGE, 0.66, True),
+        (LinkCondition.ONE_WAY, 0.99, False),
+        (LinkCondition.ONE_WAY, 1.01, True),
     ],
 )
 def test_patience_with_each_kind_of_line(condition, seconds, is_over):
-    patience = LinePatience(one_way=0.5)
+    patience = LinePatience(one_way=1.0)
     patience.lease_taken(1)
     link = link_state(condition)
     patience.watch(link, 10.0)
@@ -159,11 +159,24 @@ def test_patience_begins_when_the_line_grows_bad_and_anew_after_it_was_good():
     bad, good = link_state(LinkCondition.ONE_WAY), link_state()
     patience.watch(bad, 10.0)
     patience.watch(bad, 10.4)
-    assert patience.is_over(bad, 10.5)
+    assert patience.is_over(bad, 10.51)
     patience.watch(good, 10.45)
     assert not patience.is_over(good, 20.0)
     patience.watch(bad, 20.0)
     assert not patience.is_over(bad, 20.4)
+
+
+def test_a_line_that_does_not_hear_us_and_then_falls_silent_has_the_patience_of_each():
+    patience = LinePatience(one_way=1.0)
+    patience.lease_taken(1)
+    deaf, mute = link_state(LinkCondition.ONE_WAY), link_state(LinkCondition.MUTE)
+    patience.watch(deaf, 10.0)
+    patience.watch(mute, 10.25)
+    assert not patience.is_over(mute, 10.85)
+    assert patience.is_over(mute, 10.91)
+    patience.watch(deaf, 10.6)
+    assert not patience.is_over(deaf, 10.95)
+    assert patience.is_over(deaf, 11.01)
 
 
 def test_another_opening_of_the_port_is_the_end_whatever_the_line_is_like():

@@ -219,6 +219,7 @@ def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not
         (sees(offset=1.5), False),
         (sees(clean=0.0), False),
         ({"compared": lambda: Match(0.062, 0.9)}, False),
+        ({"health": health(lost=24)}, False),
         (sees(age=0.3), True),
         (sees(sd=0.2), True),
         ({"unanswered": "the board reports the gate shut"}, True),

@@ -356,12 +356,14 @@ FLIGHT_ROWS: Final = (
         look=flown_target,
         rule=Rule.ALWAYS,
     ),
-    _check(
-        "link losses",
-        _NOT_LANDING,
-        f"more than {MOST_LOSS:g} % of the echoes are lost",
-        _losses,
-        Token.LINK_POOR,
+    _once(
+        _check(
+            "link losses",
+            _NOT_LANDING,
+            f"more than {MOST_LOSS:g} % of the echoes are lost",
+            _losses,
+            Token.LINK_POOR,
+        )
     ),
     _check(
         "height control",
