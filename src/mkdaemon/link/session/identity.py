@@ -59,10 +59,9 @@ class StandstillWatch:
         return Standstill(stopped, slept) if max(stopped, slept) > NOTICED else None
 
 
-GAP: Final = 0.55
-"""A silence longer than this may have been a reboot, or an exchange of the aircraft [s].
-
-So long after the last frame a lease has ended, too (`control.patience`): no flight ends because of this."""
+GAP: Final = 1.05
+"""A silence or a standstill of this program longer than this may have been a reboot, or an exchange of the aircraft,
+which takes longer by hand [s]. A lease has ended by then (`control.patience`): no flight ends because of this."""
 BOOT_TIME: Final = 8.0
 """Text so long after the first one belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
 _SHORTEST: Final = 8
@@ -118,10 +117,6 @@ class RebootWatch:
         """Whether the line has been silent under this verdict for so long, and not by our doing."""
         is_long = verdict.is_outage and now - verdict.silent_since > GAP
         return is_long and not self._peers.caused_silence(verdict.silent_since, now)
-
-
-SWAP_TIME: Final = 1.0
-"""This program stands still for less, and the boards are the same afterwards [s]: by hand an exchange takes longer."""
 
 
 class Identity:
@@ -210,7 +205,7 @@ class Identity:
         """This program did not run for a while; returns whether other boards may be there since."""
         if lost.slept > GAP:
             self.flight.machine_slept(lost.slept)
-        elif lost.stopped < SWAP_TIME:
+        elif lost.stopped <= GAP:
             return False
         self.forget(f"this program stood still for {max(lost.stopped, lost.slept):.1f} s", now)
         return True
