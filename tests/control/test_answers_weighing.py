@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.control.answers import AnswerWatch
+from mkdaemon.control.answers import REACH, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.stickresponse import STEP
 from mkdaemon.control.linear import discretise
@@ -275,6 +275,20 @@ def test_only_a_gate_that_is_opened_lets_begin_anew():
     watch.gate_reported(1.3, is_open=True)
     assert not watch.is_missing
     assert watch.missing_words(1.3) == ""
+
+
+def test_a_silence_of_the_boards_leaves_nothing_to_catch_up():
+    """Flown for ten minutes without an attitude, the first one used to compute all of them at once, in half a second."""
+    silent, told = AnswerWatch(MODEL), AnswerWatch(MODEL)
+    for k in range(3000):
+        now = 0.02 * k
+        for watch in (silent, told):
+            watch.sent(30.0 * math.sin(now), 10.0, now)
+        told.attitude_received(now, 0.0, 0.0, says_something=False)
+    assert now - silent._time < REACH + 2 * STEP
+    assert max(map(len, silent._commands)) < 30
+    silent.attitude_received(now, 0.0, 0.0, says_something=False)
+    assert silent.expected == pytest.approx(told.expected, abs=1e-12), "nothing of it is lost"
 
 
 def test_what_was_expected_long_ago_is_forgotten():

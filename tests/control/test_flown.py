@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control import flown
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import ByTarget
@@ -24,6 +27,7 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
+from tests.control.admission.situations import GOOD
 from tests.control.events import pose
 from tests.control.flying import Flying
 
@@ -46,22 +50,30 @@ class Rig:
         monkeypatch.setattr(ByTarget, "enter", lambda new, before, now: self._enter(new, before))
         monkeypatch.setattr(Level, "enter", lambda new, before, now: self._enter(new, before))
         sight = Sight(cfg.autopilot, -2.0)
-        self.flown = Flown(cfg, sight, MANOEUVRES, self._admit, lambda wanted, now: waits_for)
+        monkeypatch.setattr(flown, "refusal", self._refusal)
+        monkeypatch.setattr(flown, "waits_for", lambda wanted, situation: waits_for)
+        self.flown = Flown(cfg, sight, MANOEUVRES)
 
     def _enter(self, new, before):
         self.entered.append((type(new), type(before)))
         return ""
 
-    def _admit(self, wanted, before, now):
-        self.asked.append((wanted.concern.value, None if before is None else before.value))
+    def _refusal(self, wanted, situation):
+        self.asked.append((wanted.concern.value, None if situation.flown is None else situation.flown.value))
         return self.refusal
+
+    def step(self, setpoint, phase, now):
+        """Decide the sticks, in a situation that says what is flown."""
+        is_flown = phase.is_in_flight and phase is not Phase.UNANSWERED
+        found = replace(GOOD, now=now, flown=self.flown.concern if is_flown else None)
+        return self.flown.step(setpoint, phase, found)
 
     def fly(self, *phases_and_setpoints):
         """Begin with the first setpoint, then fly each in its phase."""
         setpoint = phases_and_setpoints[0][1]
-        self.flown.step(setpoint, Phase.LEASED, 0.0)
+        self.step(setpoint, Phase.LEASED, 0.0)
         for k, (phase, each) in enumerate(phases_and_setpoints):
-            self.flown.step(each, phase, 0.02 * (k + 1))
+            self.step(each, phase, 0.02 * (k + 1))
         return type(self.flown.current)
 
 
@@ -86,17 +98,17 @@ def test_flight_by_hand_keeps_no_place_and_is_one_for_admission(rig):
 def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(rig):
     rig.fly((Phase.FLYING, HOLD))
     first = rig.flown.current
-    rig.flown.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
+    rig.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
     assert rig.flown.current is first
-    rig.flown.step(LAND, Phase.FLYING, 1.1)
+    rig.step(LAND, Phase.FLYING, 1.1)
     assert type(rig.flown.current) is Land
     assert rig.entered[-1] == (Land, Hold)
 
 
 def test_before_the_flight_every_setpoint_is_begun_anew(rig):
-    rig.flown.step(HOLD, Phase.LEASED, 0.0)
+    rig.step(HOLD, Phase.LEASED, 0.0)
     first = rig.flown.current
-    rig.flown.step(HOLD, Phase.LEASED, 0.1)
+    rig.step(HOLD, Phase.LEASED, 0.1)
     assert rig.flown.current is not first
     assert rig.entered == [(Hold, type(None))] * 2
 
@@ -104,7 +116,7 @@ def test_before_the_flight_every_setpoint_is_begun_anew(rig):
 def test_a_low_battery_lands_once_whatever_is_streamed(rig):
     assert rig.fly((Phase.FLYING, HOLD), (Phase.LANDING, HOLD)) is Land
     landing = rig.flown.current
-    rig.flown.step(HOLD, Phase.LANDING, 1.0)
+    rig.step(HOLD, Phase.LANDING, 1.0)
     assert rig.flown.current is landing
     assert [new for new, _ in rig.entered].count(Land) == 1
 
@@ -112,7 +124,7 @@ def test_a_low_battery_lands_once_whatever_is_streamed(rig):
 def test_who_lands_already_goes_on_landing(rig):
     rig.fly((Phase.FLYING, LAND))
     landing = rig.flown.current
-    rig.flown.step(LAND, Phase.LANDING, 1.0)
+    rig.step(LAND, Phase.LANDING, 1.0)
     assert rig.flown.current is landing
 
 
@@ -120,7 +132,7 @@ def test_an_abort_holds_once(rig):
     assert rig.fly((Phase.FLYING, LAND), (Phase.ABORTED, LAND)) is Hold
     assert rig.entered[-1] == (Hold, Land)
     holding = rig.flown.current
-    rig.flown.step(LAND, Phase.ABORTED, 1.0)
+    rig.step(LAND, Phase.ABORTED, 1.0)
     assert rig.flown.current is holding
 
 
@@ -128,7 +140,7 @@ def test_an_abort_of_a_hold_goes_on_holding(rig):
     rig.fly((Phase.FLYING, HOLD))
     holding = rig.flown.current
     asked = len(rig.asked)
-    rig.flown.step(HOLD, Phase.ABORTED, 1.0)
+    rig.step(HOLD, Phase.ABORTED, 1.0)
     assert rig.flown.current is holding
     assert len(rig.asked) == asked
 
@@ -155,34 +167,31 @@ def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
 )
 def test_admission_hears_what_is_flown_in_flight_only(rig, phase, asked):
     rig.fly((Phase.FLYING, HOLD))
-    rig.flown.check(LAND, phase, 1.0)
-    assert rig.asked == [asked]
-    rig.refusal = refuse(Token.NO_GUIDANCE, name="x", known="y")
-    with pytest.raises(CommandRejectedError):
-        rig.flown.check(LAND, phase, 1.0)
+    wanted, before = rig.flown.change(LAND, phase)
+    assert (wanted.concern.value, None if before is None else before.value) == asked
 
 
 def test_a_setpoint_that_nothing_follows_is_refused_with_those_that_are():
     cfg = ControlConfig()
     rows = {StickSetpoint: MANOEUVRES[StickSetpoint]}
-    flown = Flown(cfg, Sight(cfg.autopilot, -2.0), rows, lambda *_: None, lambda *_: "")
+    none = Flown(cfg, Sight(cfg.autopilot, -2.0), rows)
     with pytest.raises(CommandRejectedError, match=r"setpoint/hold.*setpoint/stick") as caught:
-        flown.check(HOLD, Phase.FLYING, 1.0)
+        none.change(HOLD, Phase.FLYING)
     assert caught.value.token == "no_guidance"
 
 
 def test_what_waits_shows_its_stage_and_what_it_waits_for(monkeypatch):
-    waiting = Rig(monkeypatch, waits_for="a certain position").flown
+    waiting = Rig(monkeypatch, waits_for="a certain position")
     step = waiting.step(TAKE_OFF, Phase.LEASED, 0.0)
     assert (step.obstacle, step.stage, step.manoeuvre) == ("a certain position", TakeOffPhase.IDLE.value, "takeoff")
-    free = Rig(monkeypatch).flown
+    free = Rig(monkeypatch)
     assert free.step(TAKE_OFF, Phase.LEASED, 0.0).obstacle == ""
 
 
 def test_sticks_in_flight_are_those_of_the_newest_setpoint(rig):
     rig.fly((Phase.FLYING, STICK))
     newest = StickSetpoint(**BASE | {"sequence": 2}, **STICKS | {"pitch": 9.0})
-    step = rig.flown.step(newest, Phase.FLYING, 1.0)
+    step = rig.step(newest, Phase.FLYING, 1.0)
     assert isinstance(step, Step)
     assert step.sticks == Sticks(9.0, 2.0, 3.0, 4.0)
 

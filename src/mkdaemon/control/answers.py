@@ -130,6 +130,7 @@ class AnswerWatch:
         self._act(0, now, self._asked)
         if self._confirmed_at == -math.inf:  # a board that confirms nothing says nothing about its frames
             self._act(1, now, self._asked)
+        self._advance(now - REACH)  # no report of an earlier moment comes: a silence leaves nothing to catch up
 
     def frame_written(self, number: int, now: float) -> None:
         """Take that the newest sticks left now [s], under the number by which they are confirmed."""

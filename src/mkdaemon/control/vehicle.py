@@ -185,14 +185,6 @@ class VehicleFacts:
         """Its battery; None where no message has said so lately."""
         return self._battery[0] if self._battery is not None and now - self._battery[1] <= FRESH else None
 
-    def is_receiver_lost(self, now: float) -> bool:
-        """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
-        flight = self.flight(now)
-        if flight is not None and flight.emergency_landing is not None:
-            return flight.emergency_landing
-        pilot = self.pilot(now)
-        return pilot is not None and not pilot.has_signal
-
     def throttle_in_use(self, low_cell: float | None = None) -> ThrottleReport | None:
         """What the FlightCtrl last said of its throttle; None where it does not.
 

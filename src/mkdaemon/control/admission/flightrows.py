@@ -46,7 +46,6 @@ from mkdaemon.control.admission.sightlooks import (
     target,
 )
 from mkdaemon.control.admission.situation import ASIDE, Situation
-from mkdaemon.control.batterywatch import low_voltage
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -197,7 +196,7 @@ def _battery(now: Situation) -> Verdict:
     if battery is None:
         return unknown("nobody says how full it is")
     low = battery.is_low or (flight is not None and flight.battery_low)
-    if low or battery.voltage < low_voltage(now.active_set, now.cells):
+    if low or battery.voltage < now.active_set.low_voltage(now.cells):
         return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
     return passed(f"{battery.voltage:.1f} V")
 
