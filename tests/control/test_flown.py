@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control import flown
+from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import ByTarget
@@ -15,6 +17,7 @@ from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
+from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
 from mkdaemon.control.sight import Sight
@@ -204,6 +207,37 @@ def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():
     assert flying.flown.error.goal == pytest.approx((0.0, 0.0, 2.0), abs=0.05)
     flying.step(STICK, 1.04, is_flying=True)
     assert flying.flown.error is None
+
+
+@pytest.mark.parametrize(("setpoint", "is_bounded"), [(HOLD, True), (STICK, False)])
+def test_an_aircraft_that_may_not_answer_is_asked_for_twelve_degrees_at_most(setpoint, is_bounded, monkeypatch):
+    """A shut gate that no board reports leaves no more than this when it is opened: 41 to 49 counts before."""
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(setpoint, 1.0)
+    monkeypatch.setattr(Hold, "step", lambda hold, now, *, is_flying: Step(Sticks(-30.0, 40.0, 5.0, 6.0), "hold"))
+    monkeypatch.setattr(Stick, "step", lambda stick, now, *, is_flying: Step(Sticks(-30.0, 40.0, 5.0, 6.0), "stick"))
+    assert flying.step(setpoint, 1.02, is_flying=True).sticks == Sticks(-30.0, 40.0, 5.0, 6.0)
+    monkeypatch.setattr(AnswerWatch, "is_doubted", True)
+    found = flying.step(setpoint, 1.04, is_flying=True).sticks
+    most = math.radians(12.0) / flying.sight.model.rad_per_count
+    wanted = Sticks(-0.6 * most, 0.8 * most, 5.0, 6.0) if is_bounded else Sticks(-30.0, 40.0, 5.0, 6.0)
+    assert found == pytest.approx(wanted)
+
+
+def test_a_stage_that_lasts_longer_than_it_may_is_late_until_another_begins_or_it_is_done(monkeypatch):
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(HOLD, 1.0)
+    wanted = Step(Sticks(0.0, 0.0, 0.0, 6.0), "hold", stage="waits", longest=2.0)
+    monkeypatch.setattr(Hold, "step", lambda hold, now, *, is_flying: wanted)
+    late = [flying.step(HOLD, at, is_flying=True).is_late for at in (1.1, 3.0, 3.2)]
+    wanted = replace(wanted, stage="waits longer")
+    late += [flying.step(HOLD, at, is_flying=True).is_late for at in (3.3, 5.2, 5.4)]
+    wanted = replace(wanted, is_done=True)
+    late += [flying.step(HOLD, 5.5, is_flying=True).is_late]
+    wanted = replace(wanted, stage="", is_done=False)
+    assert [*late, flying.step(HOLD, 99.0, is_flying=True).is_late] == [False, False, True] * 2 + [False, False]
 
 
 def unanswered(*, seen_at=0.0, setpoint=HOLD):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.admission import Concern, NewManoeuvre, Situation, refusal, waits_for
+from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
@@ -17,6 +20,10 @@ from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
+
+DOUBTED: Final = math.radians(12.0)
+"""Largest tilt asked of an aircraft that may not answer [rad]: it shows whether it does, and a gate that is opened lets
+no more through."""
 
 
 class Flown:
@@ -43,6 +50,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
+        self._stage, self._stage_since = "", 0.0
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -99,12 +107,20 @@ class Flown:
         else:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
-            step = self._fly(setpoint, before, phase, situation)
+            step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
+            if self.is_by_target and self._sight.answer.is_doubted:
+                step = replace(step, sticks=_gentle(step.sticks, DOUBTED / self._sight.model.rad_per_count))
         self.error, self.may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)
         return step
+
+    def _timed(self, step: Step, now: float) -> Step:
+        """The same, late where its stage has lasted longer than it may."""
+        if step.stage != self._stage or step.is_done or not step.stage:
+            self._stage, self._stage_since = step.stage, now
+        return replace(step, is_late=now - self._stage_since > step.longest) if step.stage else step
 
     def _wait(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
@@ -168,7 +184,7 @@ class Flown:
         self._sight.answer.forget()
         self._sight.named = ""
         self.current = self._left = None
-        self.may_touch = False
+        self._stage, self.may_touch = "", False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
         return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
@@ -188,3 +204,9 @@ class Flown:
             after = Level(self._sight)
         after.enter(before, situation.now)
         self.current = after
+
+
+def _gentle(sticks: Sticks, most: float) -> Sticks:
+    """The same with no more tilt [stick], the same way."""
+    share = min(1.0, most / max(math.hypot(sticks.pitch, sticks.roll), 1e-9))
+    return sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)

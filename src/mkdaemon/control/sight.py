@@ -75,6 +75,7 @@ class Sight:
         self._by_line = self.model
         self._cfg = cfg
         self._last_view: TargetView | None = None
+        self._apart = 0.0  # between the two newest images [s]
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since = math.inf
 
@@ -178,6 +179,7 @@ class Sight:
             if not known.innovation <= self._cfg.clean_innovation:
                 self._clean_since = view.at
         if self._last_view is None or view.at >= self._last_view.at:
+            self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
             self._last_view = view
         return before if is_other else ""
 
@@ -240,7 +242,7 @@ class Sight:
             speed=math.hypot(*estimate.velocity.tolist()),
             offset=float(np.hypot(*estimate.position[:2])),
             height=float(estimate.position[2]),
-            sd=float(estimate.position_sd.max()),
+            sd=math.hypot(float(estimate.position_sd.max()), self._apart * self.estimator.velocity_sd),
             clean=now - self._clean_since,
         )
 

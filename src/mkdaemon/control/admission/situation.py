@@ -65,7 +65,7 @@ class Entry:
         speed: against the target, up and down included [m/s].
         offset: from the middle of the target, over ground [m].
         height: above the target [m].
-        sd: standard deviation of the worst known axis of the position [m].
+        sd: standard deviation of the worst known axis of the position, by the time the next image comes [m].
         clean: how long images have agreed with the model [s].
     """
 
