@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import refusal, waits_for
+from mkdaemon.control.admission import refusal
 from mkdaemon.control.estimator.model import H, P
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
@@ -23,28 +23,29 @@ def placed(estimate, position):
 
 
 class Flying:
-    """A sight, and what is flown by it; admission decides, or `refusal`."""
+    """A sight, and what is flown by it."""
 
     def __init__(self, cfg=None, rows=MANOEUVRES) -> None:
         self.cfg = cfg or ControlConfig()
         self.sight = Sight(self.cfg.autopilot, -2.0)
         self.facts = VehicleMemory()
-        self.refusal = None
-        self.asked = []
-        self.flown = Flown(self.cfg, self.sight, rows, self._admit, self._waits_for)
+        self.flown = Flown(self.cfg, self.sight, rows)
         self._preflight = Preflight(self.cfg, self.facts)
         self._preflight.compute_loop()
 
-    def _admit(self, wanted, before, now):
-        self.asked.append(wanted.concern)
-        return self.refusal or refusal(wanted, self._situation(before, now))
-
-    def _waits_for(self, wanted, now):
-        return waits_for(wanted, self._situation(None, now))
+    def admit(self, setpoint, phase, now):
+        """Ask admission as the core does."""
+        change = self.flown.change(setpoint, phase)
+        if change is not None:
+            wanted, before = change
+            error = refusal(wanted, self._situation(before, now))
+            if error is not None:
+                raise error
+            self.flown.admitted(wanted)
 
     def _situation(self, flown, now):
         sight = self.sight
-        found = {"seen": lambda: sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
+        found = {"entry": sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
         found["in_sight"] = sight.in_sight(now)
         found["is_touching"] = self.flown.may_touch
         found["unanswered"] = sight.answer.missing_words(now)
@@ -56,4 +57,5 @@ class Flying:
 
     def step(self, setpoint, now, *, is_flying=False, phase=Phase.FLYING):
         """What is wanted for a setpoint."""
-        return self.flown.step(setpoint, phase if is_flying else Phase.LEASED, now)
+        flown = self.flown.concern if is_flying and phase is not Phase.UNANSWERED else None
+        return self.flown.step(setpoint, phase if is_flying else Phase.LEASED, self._situation(flown, now))

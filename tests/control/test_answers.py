@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -34,12 +35,13 @@ class Gated(CoreRig):
     Attributes:
         tells: the board reports the gate.
         abort_at: somebody aborts [s].
+        opened: when the pilot opens the gate again [s].
     """
 
-    tells, abort_at, kind = False, math.inf, HoldSetpoint
+    tells, abort_at, kind, opened = False, math.inf, HoldSetpoint, OPENED
 
     def _sticks(self):
-        if not SHUT <= self._world.now < OPENED:
+        if not SHUT <= self._world.now < self.opened:
             return super()._sticks()
         pilot = self._world.pilot
         if not isinstance(pilot.program, HandFlight):
@@ -51,7 +53,7 @@ class Gated(CoreRig):
 
     def _control(self, at):
         if self.tells:
-            is_open = not SHUT <= at < OPENED
+            is_open = not SHUT <= at < self.opened
             said = {"rc_quality": 1.0, "has_signal": True, "throttle": None, "sticks": None, "is_gate_open": is_open}
             self.core.feed(StateValue(Pilot(stamp=stamp(at), source="fc/debug", **said)), at)
         if at >= self.abort_at:
@@ -94,15 +96,28 @@ class Leaning(Gated):
 
 
 class Aside(HandFlight):
-    """A pilot who carries the aircraft 0.7 m east of the target, and leans against the wind there."""
+    """A pilot who carries the aircraft to a place, and leans against the wind there."""
 
-    def __init__(self, world):
+    def __init__(self, world, place=(0.7, 0.0)):
         super().__init__(height=2.0, flying=True)
-        self._world = world
+        self._world, self._place = world, place
 
     def path(self, t):
         east, north = self._world.truth.position_enu[:2]
-        return (0.7 - float(east), -float(north)), (0.0, 0.0)
+        return (self._place[0] - float(east), self._place[1] - float(north)), (0.0, 0.0)
+
+
+class Holding(Gated):
+    """The same with a pilot who holds the aircraft where it is for five seconds, which looks like an answer."""
+
+    opened = 8.0
+
+    def _sticks(self):
+        pilot = self._world.pilot
+        if self._world.now >= SHUT and not isinstance(pilot.program, Aside):
+            east, north = (float(each) for each in self._world.truth.position_enu[:2])
+            pilot.program = Aside(self._world, (east, north))
+        return super()._sticks()
 
 
 def flight(seconds=9.0):
@@ -127,6 +142,13 @@ def test_a_shut_gate_is_noticed_told_and_nothing_winds_up(silent):
     assert silent.sticks(OPENED - 0.1, OPENED) <= 30
     warnings = [action.text for _, action in silent.actions if isinstance(action, Warn)]
     assert any("does not answer its sticks" in text and "opens the gate" in text for text in warnings)
+
+
+def test_a_gate_that_is_opened_while_nobody_knows_that_it_was_shut_lets_no_large_stick_through():
+    rig = Holding(replace(flight(10.0), seed=2))
+    assert rig.fly().lost == ""
+    assert rig.sticks(7.0, rig.opened) <= 30, "43 before"
+    assert rig.phase_at(9.9) is Phase.FLYING
 
 
 def test_nothing_is_learnt_from_sticks_that_do_not_act(silent):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.control.answers import AnswerWatch
+from mkdaemon.control.answers import REACH, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.stickresponse import STEP
 from mkdaemon.control.linear import discretise
@@ -135,6 +135,24 @@ def test_what_answers_is_sure_at_a_likelihood_of_2_and_no_more_of_it_is_kept():
     watch, _, _ = swinging(lambda asked, now: asked, seconds=2.0)
     assert watch.evidence == -2.0
     assert watch.is_sure
+
+
+def test_an_answer_is_doubted_once_it_is_not_sure_any_more_and_not_before_it_was():
+    watch, _, _ = swinging(lambda asked, now: asked, seconds=3.0, size=30.0)
+    assert not watch.is_doubted
+    for k in range(100):
+        now, was = 3.0 + 0.02 * k, watch.evidence
+        watch.sent(30.0 * math.sin(6.0 * now), 30.0 * math.cos(4.0 * now), now)
+        watch.attitude_received(now, 0.0, 0.0, says_something=True)
+        if watch.is_missing:
+            break
+        assert watch.is_doubted is (watch.evidence > -1.0)
+    assert -1.0 < was < 4.0
+    watch.forget()
+    assert watch.is_doubted, "it came back, and has shown nothing since"
+    undecided, _, _ = swinging(lambda asked, now: 0.24 * asked, seconds=0.5, size=30.0)
+    assert undecided.evidence > -1.0
+    assert not undecided.is_doubted
 
 
 def test_what_does_not_answer_is_never_sure():
@@ -275,6 +293,20 @@ def test_only_a_gate_that_is_opened_lets_begin_anew():
     watch.gate_reported(1.3, is_open=True)
     assert not watch.is_missing
     assert watch.missing_words(1.3) == ""
+
+
+def test_a_silence_of_the_boards_leaves_nothing_to_catch_up():
+    """After ten minutes without an attitude, the first one used to compute all of them at once."""
+    silent, told = AnswerWatch(MODEL), AnswerWatch(MODEL)
+    for k in range(3000):
+        now = 0.02 * k
+        for watch in (silent, told):
+            watch.sent(30.0 * math.sin(now), 10.0, now)
+        told.attitude_received(now, 0.0, 0.0, says_something=False)
+    assert now - silent._time < REACH + 2 * STEP
+    assert max(map(len, silent._commands)) < 30
+    silent.attitude_received(now, 0.0, 0.0, says_something=False)
+    assert silent.expected == pytest.approx(told.expected, abs=1e-12), "nothing of it is lost"
 
 
 def test_what_was_expected_long_ago_is_forgotten():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, ReleaseOrder
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -37,7 +37,13 @@ SIGNED = signed(SECRET, "setpoint/stick", b"")
 
 
 def authority(first_epoch):
-    return Authority(CFG, first_epoch=first_epoch, guide=follow)
+    return Authority(CFG, first_epoch=first_epoch)
+
+
+def decide(authority, now):
+    """Let an authority decide by the sticks of its newest setpoint, as the core does."""
+    newest = authority.newest
+    return authority.tick(None if newest is None else follow(newest, authority.phase, now), now)
 
 
 class Cockpit:
@@ -63,8 +69,8 @@ class Cockpit:
     def pass_time(self, seconds):
         """Ticks without setpoints."""
         for _ in range(round(seconds / TICK)):
-            action = self.authority.tick(self.now)
-            if not isinstance(action, SendNothing):
+            action = decide(self.authority, self.now)
+            if action is not None:
                 self.actions.append((self.now, action))
             self.now += TICK
 
@@ -203,7 +209,7 @@ def test_a_sequence_that_jumps_is_refused_and_not_believed(cockpit):
 
 
 def test_only_the_grant_shows_the_secret_and_every_lease_has_another():
-    authority = Authority(CFG, first_epoch=1, guide=follow)
+    authority = Authority(CFG, first_epoch=1)
     first = authority.take("alice", "of the first", 0.0)
     second = authority.take("bob", "of the second", 0.0)
     assert (first.secret, second.secret) == ("of the first", "of the second")
@@ -406,10 +412,10 @@ def test_the_next_deadline_is_that_of_the_phase():
     assert held.deadline() is None
     for step in range(1, 201):
         offer(held, setpoint(epoch, step, ttl=0.2), step * TICK, epoch)
-        held.tick(step * TICK)
+        decide(held, step * TICK)
     last = 200 * TICK
     assert held.deadline() == pytest.approx(last + 0.2)
-    held.tick(last + 0.201)
+    decide(held, last + 0.201)
     assert held.deadline() == pytest.approx(last + CFG.lease.release_after)
-    held.tick(last + CFG.lease.release_after + 0.001)
+    decide(held, last + CFG.lease.release_after + 0.001)
     assert held.deadline() is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, Lease, ReleaseOrder, SendNothing
+from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, Lease, ReleaseOrder
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.manoeuvre import Step, ended
 from mkdaemon.control.modes import Trigger
@@ -117,18 +117,21 @@ def test_setpoints_alone_break_the_silence_in_flight():
 
 
 class Desk:
-    """An authority whose guide says what the test wants."""
+    """An authority that decides by what the test wants."""
 
     def __init__(self):
         self.step = Step(Sticks(0.0, 0.0, 0.0, 10.0), "hold", stage="holds", is_done=True)
         self.asked = []
-        self.authority = Authority(CFG, first_epoch=7, guide=self._guide)
+        self.authority = Authority(CFG, first_epoch=7)
         self.authority.take("alice", "secret", 10.0)
         self.now, self.sequence = 10.0, 0
 
-    def _guide(self, newest, phase, now):
-        self.asked.append((newest.sequence, phase, now))
-        return self.step
+    def tick(self, now):
+        """Decide by what the test wants, where a setpoint is to be decided by."""
+        newest = self.authority.newest
+        if newest is not None:
+            self.asked.append((newest.sequence, self.authority.phase))
+        return self.authority.tick(None if newest is None else self.step, now)
 
     def send(self):
         self.sequence += 1
@@ -138,7 +141,7 @@ class Desk:
     def fly(self):
         for _ in range(12):
             self.send()
-            decision = self.authority.tick(self.now)
+            decision = self.tick(self.now)
             self.now = round(self.now + 0.1, 6)
         assert isinstance(decision, Fly)
         return self
@@ -147,9 +150,9 @@ class Desk:
 def test_sticks_carry_the_age_the_life_the_lease_and_the_number_of_their_setpoint():
     desk = Desk().fly()
     desk.send()
-    decision = desk.authority.tick(desk.now + 0.05)
+    decision = desk.tick(desk.now + 0.05)
     assert decision == Fly(desk.step.sticks, pytest.approx(0.05), 0.3, 7, 13)
-    assert desk.asked[-1] == (13, Phase.FLYING, desk.now + 0.05)
+    assert desk.asked[-1] == (13, Phase.FLYING)
 
 
 def test_what_is_flown_is_shown_while_its_sticks_are_sent():
@@ -158,15 +161,15 @@ def test_what_is_flown_is_shown_while_its_sticks_are_sent():
     desk.fly()
     assert desk.authority.progress == Progress("hold", "holds", True)
     desk.authority.end(Trigger.RELEASE_REQUESTED, cause="asked")
-    desk.authority.tick(desk.now)
-    desk.authority.tick(desk.now)
+    desk.tick(desk.now)
+    desk.tick(desk.now)
     assert desk.authority.progress is None
 
 
 def test_before_the_flight_nothing_is_flown_and_nothing_is_shown():
     desk = Desk()
     desk.send()
-    assert isinstance(desk.authority.tick(desk.now), SendNothing)
+    assert desk.tick(desk.now) is None
     assert desk.authority.progress is None
     assert desk.authority.phase is Phase.LEASED
 
@@ -177,7 +180,7 @@ def test_a_manoeuvre_that_ends_by_itself_releases_and_what_was_flown_stays_shown
     words = {"target": "pad", "age": 3.0}
     desk.step = Step(desk.step.sticks, "hold", end=ended(outcome, **words))
     desk.send()
-    decision = desk.authority.tick(desk.now)
+    decision = desk.tick(desk.now)
     assert decision == ReleaseOrder(ended(outcome, **words).words, "alice", asked)
     assert desk.authority.outcome is outcome
     assert desk.authority.progress == Progress("hold", "holds", True)
@@ -192,7 +195,7 @@ def test_an_end_before_the_flight_ends_nothing():
     desk.step = Step(desk.step.sticks, "hold", obstacle="no target", end=ended(Outcome.NO_TARGET))
     for _ in range(20):
         desk.send()
-        assert isinstance(desk.authority.tick(desk.now), SendNothing)
+        assert desk.tick(desk.now) is None
         desk.now += 0.1
     assert desk.authority.reason == "alice streams; no target"
     assert desk.authority.outcome is None
@@ -202,7 +205,7 @@ def test_an_end_before_the_flight_ends_nothing():
 def test_silence_in_flight_is_told_with_its_length(quiet, ends):
     desk = Desk().fly()
     desk.send()
-    decision = desk.authority.tick(desk.now + quiet)
+    decision = desk.tick(desk.now + quiet)
     assert isinstance(decision, ReleaseOrder) is ends
     assert not ends or decision == ReleaseOrder("no setpoint from alice for 1.00 s", "alice", False)
     assert (desk.authority.lease(desk.now) is None) is ends
@@ -212,20 +215,20 @@ def test_a_low_battery_lands_with_the_lease_or_releases_without_a_target():
     for can_land in (True, False):
         desk = Desk().fly()
         desk.send()
-        desk.authority.battery_low("it is low.", can_land=can_land)
-        decision = desk.authority.tick(desk.now)
+        desk.authority.end(Trigger.BATTERY_LOW, cause="it is low.", can_land=can_land)
+        decision = desk.tick(desk.now)
         assert isinstance(decision, Fly if can_land else ReleaseOrder)
         assert desk.authority.phase is (Phase.LANDING if can_land else Phase.RELEASING)
         assert desk.authority.reason.startswith("it is low. ")
     desk = Desk()
-    desk.authority.battery_low("it is low.", can_land=True)
+    desk.authority.end(Trigger.BATTERY_LOW, cause="it is low.", can_land=True)
     assert desk.authority.phase is Phase.LEASED, "on the ground it ends nothing"
 
 
 def test_after_a_release_who_took_the_lease_meanwhile_has_its_whole_life():
     desk = Desk().fly()
     desk.authority.take("bob", "other", desk.now)
-    assert isinstance(desk.authority.tick(desk.now), ReleaseOrder)
+    assert isinstance(desk.tick(desk.now), ReleaseOrder)
     assert desk.authority.holder_key.secret == "other"
     desk.authority.released(desk.now + 4.0)
     assert desk.authority.phase is Phase.LEASED
@@ -240,7 +243,7 @@ def test_the_deadline_is_when_silence_changes_what_is_sent():
     desk.fly()
     arrived = desk.now - 0.1
     assert desk.authority.deadline() == pytest.approx(arrived + 0.3)
-    desk.authority.tick(arrived + 0.5)
+    desk.tick(arrived + 0.5)
     assert desk.authority.phase is Phase.STALE
     assert desk.authority.deadline() == pytest.approx(arrived + CFG.lease.release_after)
 
@@ -259,10 +262,10 @@ def test_refusals_are_counted_whoever_sent_what_was_refused():
 def test_a_release_that_is_asked_for_again_is_not_over_with_the_first():
     desk = Desk().fly()
     desk.authority.end(Trigger.RELEASE_REQUESTED, cause="first")
-    desk.authority.tick(desk.now)
+    desk.tick(desk.now)
     desk.authority.end(Trigger.RELEASE_REQUESTED, cause="second")
     desk.authority.released(desk.now)
     assert desk.authority.phase is Phase.RELEASING, "the second has not been sent yet"
-    assert desk.authority.tick(desk.now) == ReleaseOrder("second", "", True)
+    assert desk.tick(desk.now) == ReleaseOrder("second", "", True)
     desk.authority.released(desk.now)
     assert desk.authority.phase is Phase.FREE

@@ -11,7 +11,7 @@ from mkdaemon.control.authority import Fly, ReleaseOrder
 from mkdaemon.control.modes import Trigger
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
-from tests.control.test_authority import CFG, SECRET, TICK, authority, offer, setpoint
+from tests.control.test_authority import CFG, SECRET, TICK, authority, decide, offer, setpoint
 
 
 class Race(RuleBasedStateMachine):
@@ -74,7 +74,7 @@ class Race(RuleBasedStateMachine):
 
     def tick(self):
         held = self.authority.lease(self.now)
-        action = self.authority.tick(self.now)
+        action = decide(self.authority, self.now)
         if isinstance(action, ReleaseOrder):
             self.releasing = True
         if isinstance(action, Fly):

@@ -17,6 +17,7 @@ from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
 from mksim.config import WindClass
+from tests.control.admission.situations import situation_of
 from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2
@@ -28,14 +29,19 @@ def battery(voltage, *, is_low=False, at=0.0):
     return Battery(stamp=stamp(at), source="lab", voltage=voltage, current=None, used_mah=None, is_low=is_low)
 
 
+def told(facts, found, now):
+    """The situation of what was told, with an active set."""
+    return replace(situation_of(facts, now), active_set=found)
+
+
 def watched(*reports):
     """A watch that saw reports, each a voltage and when [V, s], of four cells."""
     facts = VehicleMemory()
     facts.state_received(battery(16.8), -1.0)
-    watch = BatteryWatch(facts)
+    watch = BatteryWatch()
     for voltage, at in reports:
         facts.state_received(battery(voltage), at)
-        watch.look(SET, at)
+        watch.look(told(facts, SET, at))
     return watch
 
 
@@ -60,12 +66,12 @@ def test_a_little_more_voltage_is_not_yet_the_end_of_it():
 
 def test_the_boards_own_alarm_counts_where_the_set_is_not_known():
     facts = VehicleMemory()
-    watch = BatteryWatch(facts)
-    watch.look(UNREAD, 0.0)
+    watch = BatteryWatch()
+    watch.look(told(facts, UNREAD, 0.0))
     assert watch.warning is None, "nobody says how full it is"
     facts.state_received(battery(12.0), 0.0)
     facts.state_received(flight(is_flying=True).model_copy(update={"battery_low": True}), 0.0)
-    watch.look(UNREAD, 0.0)
+    watch.look(told(facts, UNREAD, 0.0))
     assert watch.warning is not None
 
 
@@ -191,11 +197,11 @@ def test_a_voltage_under_load_makes_no_count_certain():
 
 def test_an_empty_battery_of_four_known_cells_is_low_at_the_voltage_of_four():
     facts = at_rest(12.7, known=4)
-    watch = BatteryWatch(facts)
-    watch.look(SET, 1.1)
+    watch = BatteryWatch()
+    watch.look(told(facts, SET, 1.1))
     assert watch.warning is not None, "2.9 V a cell under load used to be flown without a word"
-    unknown = BatteryWatch(at_rest(12.7))
-    unknown.look(SET, 1.1)
+    unknown = BatteryWatch()
+    unknown.look(told(at_rest(12.7), SET, 1.1))
     assert unknown.warning is None
 
 

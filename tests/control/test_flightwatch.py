@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.events import LinkVerdict, PoseSeen, StateValue
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
+from mkdaemon.control.modes import Trigger
 from mkdaemon.control.patience import LinePatience
-from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, StickSetpoint
 from mkdaemon.telemetry.state import GpsMode
+from tests.control.admission.situations import GOOD
 from tests.control.events import PERIOD, Driver, flight, link_state, pose
 
 
@@ -96,11 +98,9 @@ def test_a_line_that_is_gone_ends_the_lease_with_what_the_link_says(condition, r
 
 
 def test_a_line_nobody_has_judged_ends_no_lease():
-    drive = Driver(link=None)
-    facts = VehicleMemory()
-    watch = FlightWatch(drive.core._authority, facts, LinePatience(one_way=0.5), lambda now: False)
-    watch.look(UNREAD, 1.0)
-    assert drive.releases == []
+    held = replace(GOOD, holder="alice", phase=Phase.LEASED)
+    assert FlightWatch(one_way=0.5).look(replace(held, link=None), None) is None
+    assert FlightWatch(one_way=0.5).look(replace(held, link=link_state(openings=7)), None).trigger is Trigger.LINK_LOST
 
 
 @pytest.mark.parametrize("is_flying", [True, False])

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control import flown
+from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import ByTarget
@@ -12,6 +17,7 @@ from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
+from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
 from mkdaemon.control.sight import Sight
@@ -24,6 +30,7 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
+from tests.control.admission.situations import GOOD
 from tests.control.events import pose
 from tests.control.flying import Flying
 
@@ -46,22 +53,30 @@ class Rig:
         monkeypatch.setattr(ByTarget, "enter", lambda new, before, now: self._enter(new, before))
         monkeypatch.setattr(Level, "enter", lambda new, before, now: self._enter(new, before))
         sight = Sight(cfg.autopilot, -2.0)
-        self.flown = Flown(cfg, sight, MANOEUVRES, self._admit, lambda wanted, now: waits_for)
+        monkeypatch.setattr(flown, "refusal", self._refusal)
+        monkeypatch.setattr(flown, "waits_for", lambda wanted, situation: waits_for)
+        self.flown = Flown(cfg, sight, MANOEUVRES)
 
     def _enter(self, new, before):
         self.entered.append((type(new), type(before)))
         return ""
 
-    def _admit(self, wanted, before, now):
-        self.asked.append((wanted.concern.value, None if before is None else before.value))
+    def _refusal(self, wanted, situation):
+        self.asked.append((wanted.concern.value, None if situation.flown is None else situation.flown.value))
         return self.refusal
+
+    def step(self, setpoint, phase, now):
+        """Decide the sticks, in a situation that says what is flown."""
+        is_flown = phase.is_in_flight and phase is not Phase.UNANSWERED
+        found = replace(GOOD, now=now, flown=self.flown.concern if is_flown else None)
+        return self.flown.step(setpoint, phase, found)
 
     def fly(self, *phases_and_setpoints):
         """Begin with the first setpoint, then fly each in its phase."""
         setpoint = phases_and_setpoints[0][1]
-        self.flown.step(setpoint, Phase.LEASED, 0.0)
+        self.step(setpoint, Phase.LEASED, 0.0)
         for k, (phase, each) in enumerate(phases_and_setpoints):
-            self.flown.step(each, phase, 0.02 * (k + 1))
+            self.step(each, phase, 0.02 * (k + 1))
         return type(self.flown.current)
 
 
@@ -86,17 +101,17 @@ def test_flight_by_hand_keeps_no_place_and_is_one_for_admission(rig):
 def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(rig):
     rig.fly((Phase.FLYING, HOLD))
     first = rig.flown.current
-    rig.flown.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
+    rig.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
     assert rig.flown.current is first
-    rig.flown.step(LAND, Phase.FLYING, 1.1)
+    rig.step(LAND, Phase.FLYING, 1.1)
     assert type(rig.flown.current) is Land
     assert rig.entered[-1] == (Land, Hold)
 
 
 def test_before_the_flight_every_setpoint_is_begun_anew(rig):
-    rig.flown.step(HOLD, Phase.LEASED, 0.0)
+    rig.step(HOLD, Phase.LEASED, 0.0)
     first = rig.flown.current
-    rig.flown.step(HOLD, Phase.LEASED, 0.1)
+    rig.step(HOLD, Phase.LEASED, 0.1)
     assert rig.flown.current is not first
     assert rig.entered == [(Hold, type(None))] * 2
 
@@ -104,7 +119,7 @@ def test_before_the_flight_every_setpoint_is_begun_anew(rig):
 def test_a_low_battery_lands_once_whatever_is_streamed(rig):
     assert rig.fly((Phase.FLYING, HOLD), (Phase.LANDING, HOLD)) is Land
     landing = rig.flown.current
-    rig.flown.step(HOLD, Phase.LANDING, 1.0)
+    rig.step(HOLD, Phase.LANDING, 1.0)
     assert rig.flown.current is landing
     assert [new for new, _ in rig.entered].count(Land) == 1
 
@@ -112,7 +127,7 @@ def test_a_low_battery_lands_once_whatever_is_streamed(rig):
 def test_who_lands_already_goes_on_landing(rig):
     rig.fly((Phase.FLYING, LAND))
     landing = rig.flown.current
-    rig.flown.step(LAND, Phase.LANDING, 1.0)
+    rig.step(LAND, Phase.LANDING, 1.0)
     assert rig.flown.current is landing
 
 
@@ -120,7 +135,7 @@ def test_an_abort_holds_once(rig):
     assert rig.fly((Phase.FLYING, LAND), (Phase.ABORTED, LAND)) is Hold
     assert rig.entered[-1] == (Hold, Land)
     holding = rig.flown.current
-    rig.flown.step(LAND, Phase.ABORTED, 1.0)
+    rig.step(LAND, Phase.ABORTED, 1.0)
     assert rig.flown.current is holding
 
 
@@ -128,7 +143,7 @@ def test_an_abort_of_a_hold_goes_on_holding(rig):
     rig.fly((Phase.FLYING, HOLD))
     holding = rig.flown.current
     asked = len(rig.asked)
-    rig.flown.step(HOLD, Phase.ABORTED, 1.0)
+    rig.step(HOLD, Phase.ABORTED, 1.0)
     assert rig.flown.current is holding
     assert len(rig.asked) == asked
 
@@ -155,34 +170,31 @@ def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
 )
 def test_admission_hears_what_is_flown_in_flight_only(rig, phase, asked):
     rig.fly((Phase.FLYING, HOLD))
-    rig.flown.check(LAND, phase, 1.0)
-    assert rig.asked == [asked]
-    rig.refusal = refuse(Token.NO_GUIDANCE, name="x", known="y")
-    with pytest.raises(CommandRejectedError):
-        rig.flown.check(LAND, phase, 1.0)
+    wanted, before = rig.flown.change(LAND, phase)
+    assert (wanted.concern.value, None if before is None else before.value) == asked
 
 
 def test_a_setpoint_that_nothing_follows_is_refused_with_those_that_are():
     cfg = ControlConfig()
     rows = {StickSetpoint: MANOEUVRES[StickSetpoint]}
-    flown = Flown(cfg, Sight(cfg.autopilot, -2.0), rows, lambda *_: None, lambda *_: "")
+    none = Flown(cfg, Sight(cfg.autopilot, -2.0), rows)
     with pytest.raises(CommandRejectedError, match=r"setpoint/hold.*setpoint/stick") as caught:
-        flown.check(HOLD, Phase.FLYING, 1.0)
+        none.change(HOLD, Phase.FLYING)
     assert caught.value.token == "no_guidance"
 
 
 def test_what_waits_shows_its_stage_and_what_it_waits_for(monkeypatch):
-    waiting = Rig(monkeypatch, waits_for="a certain position").flown
+    waiting = Rig(monkeypatch, waits_for="a certain position")
     step = waiting.step(TAKE_OFF, Phase.LEASED, 0.0)
     assert (step.obstacle, step.stage, step.manoeuvre) == ("a certain position", TakeOffPhase.IDLE.value, "takeoff")
-    free = Rig(monkeypatch).flown
+    free = Rig(monkeypatch)
     assert free.step(TAKE_OFF, Phase.LEASED, 0.0).obstacle == ""
 
 
 def test_sticks_in_flight_are_those_of_the_newest_setpoint(rig):
     rig.fly((Phase.FLYING, STICK))
     newest = StickSetpoint(**BASE | {"sequence": 2}, **STICKS | {"pitch": 9.0})
-    step = rig.flown.step(newest, Phase.FLYING, 1.0)
+    step = rig.step(newest, Phase.FLYING, 1.0)
     assert isinstance(step, Step)
     assert step.sticks == Sticks(9.0, 2.0, 3.0, 4.0)
 
@@ -195,6 +207,37 @@ def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():
     assert flying.flown.error.goal == pytest.approx((0.0, 0.0, 2.0), abs=0.05)
     flying.step(STICK, 1.04, is_flying=True)
     assert flying.flown.error is None
+
+
+@pytest.mark.parametrize(("setpoint", "is_bounded"), [(HOLD, True), (STICK, False)])
+def test_an_aircraft_that_may_not_answer_is_asked_for_twelve_degrees_at_most(setpoint, is_bounded, monkeypatch):
+    """A shut gate that no board reports leaves no more than this when it is opened: 41 to 49 counts before."""
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(setpoint, 1.0)
+    monkeypatch.setattr(Hold, "step", lambda hold, now, *, is_flying: Step(Sticks(-30.0, 40.0, 5.0, 6.0), "hold"))
+    monkeypatch.setattr(Stick, "step", lambda stick, now, *, is_flying: Step(Sticks(-30.0, 40.0, 5.0, 6.0), "stick"))
+    assert flying.step(setpoint, 1.02, is_flying=True).sticks == Sticks(-30.0, 40.0, 5.0, 6.0)
+    monkeypatch.setattr(AnswerWatch, "is_doubted", True)
+    found = flying.step(setpoint, 1.04, is_flying=True).sticks
+    most = math.radians(12.0) / flying.sight.model.rad_per_count
+    wanted = Sticks(-0.6 * most, 0.8 * most, 5.0, 6.0) if is_bounded else Sticks(-30.0, 40.0, 5.0, 6.0)
+    assert found == pytest.approx(wanted)
+
+
+def test_a_stage_that_lasts_longer_than_it_may_is_late_until_another_begins_or_it_is_done(monkeypatch):
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(HOLD, 1.0)
+    wanted = Step(Sticks(0.0, 0.0, 0.0, 6.0), "hold", stage="waits", longest=2.0)
+    monkeypatch.setattr(Hold, "step", lambda hold, now, *, is_flying: wanted)
+    late = [flying.step(HOLD, at, is_flying=True).is_late for at in (1.1, 3.0, 3.2)]
+    wanted = replace(wanted, stage="waits longer")
+    late += [flying.step(HOLD, at, is_flying=True).is_late for at in (3.3, 5.2, 5.4)]
+    wanted = replace(wanted, is_done=True)
+    late += [flying.step(HOLD, 5.5, is_flying=True).is_late]
+    wanted = replace(wanted, stage="", is_done=False)
+    assert [*late, flying.step(HOLD, 99.0, is_flying=True).is_late] == [False, False, True] * 2 + [False, False]
 
 
 def unanswered(*, seen_at=0.0, setpoint=HOLD):

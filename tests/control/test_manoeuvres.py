@@ -113,7 +113,7 @@ def test_who_flies_by_stick_does_not_take_off_in_the_air():
     flying = Flying()
     flying.step(StickSetpoint(**BASE, pitch=0, roll=0, yaw=0, throttle=5), 4.9)
     with pytest.raises(CommandRejectedError) as refusal:
-        flying.flown.check(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
+        flying.admit(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
     assert refusal.value.token == Token.NOT_ON_GROUND
     assert "a take-off begins on the ground" in refusal.value.reason
 

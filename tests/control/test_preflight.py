@@ -189,12 +189,14 @@ def test_stamps_are_compared_at_once_and_again_after_half_a_second(monkeypatch):
     known = {
         "lease": None,
         "flown": None,
-        "seen": lambda: None,
+        "entry": None,
         "in_sight": (),
         "is_touching": False,
         "unanswered": "",
         "hover_gas": 125.0,
         "target_age": None,
     }
-    lags = [before.situation(at, phase=Phase.FREE, **known).stamps.lag for at in (5.0, 5.4, 5.5, 5.9, 6.0)]
+    assert before.situation(5.0, phase=Phase.FREE, **known).stamps is None, "nothing was compared yet"
+    lags = [before.compare(at).lag for at in (5.0, 5.4, 5.5, 5.9, 6.0)]
+    assert before.situation(7.0, phase=Phase.FREE, **known).stamps.lag == 6.0
     assert lags == [5.0, 5.0, 5.5, 5.5, 6.0]

@@ -41,8 +41,8 @@ def believed(**fields):
 )
 def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_numbers(fields, words):
     facts = VehicleFacts()
-    authority = Authority(CFG, first_epoch=1, guide=lambda setpoint, now, is_flying: None)
-    reports = Reports(authority, StickOutput(CFG, facts), facts, lambda now: None)
+    authority = Authority(CFG, first_epoch=1)
+    reports = Reports(authority, StickOutput(CFG, facts), facts)
     for value in (believed(), believed(stick_gain=1.04), believed(**fields), believed(**fields)):
         reports.estimate(value, None)
     [warning] = [action for action in reports.take() if isinstance(action, Warn)]
@@ -51,8 +51,8 @@ def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_n
 
 def test_heights_that_the_barometer_contradicts_are_told_once_with_their_scale():
     facts = VehicleMemory()
-    authority = Authority(CFG, first_epoch=1, guide=lambda setpoint, now, is_flying: None)
-    reports = Reports(authority, StickOutput(CFG, facts), facts, lambda now: None)
+    authority = Authority(CFG, first_epoch=1)
+    reports = Reports(authority, StickOutput(CFG, facts), facts)
     for odds in (0.0, 1.9, 2.1, 5.0, 5.0):
         facts.eye_reported(eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=odds),)))
         reports.eyes_reported()
@@ -66,16 +66,16 @@ class Told:
 
     def __init__(self):
         facts = VehicleFacts()
-        self.authority = Authority(CFG, first_epoch=1, guide=lambda setpoint, now, is_flying: None)
+        self.authority = Authority(CFG, first_epoch=1)
         self.output = StickOutput(CFG, facts)
-        self.reports = Reports(self.authority, self.output, facts, lambda now: 0.25)
+        self.reports = Reports(self.authority, self.output, facts)
 
     def words(self):
         """Warnings since the last call."""
         return [action.text for action in self.reports.take() if isinstance(action, Warn)]
 
     def status(self, now, battery=None):
-        self.reports.status("v2", battery, now)
+        self.reports.status("v2", battery, 0.25, now)
         return [action for action in self.reports.take() if isinstance(action, PublishStatus)]
 
 
@@ -169,7 +169,7 @@ def test_a_low_battery_is_told_when_it_begins_to_be_low(told):
     low = refuse(Token.BATTERY_LOW, voltage=12.0)
     words = []
     for k, battery in enumerate((None, low, low, None, low)):
-        told.reports.status("v2", battery, 0.1 * k)
+        told.reports.status("v2", battery, 0.25, 0.1 * k)
         words.append(told.words())
     assert words == [[], ["the battery is low: 12.0 V. Land, and change it."], [], [], words[1]]
 
@@ -178,18 +178,18 @@ def test_a_throttle_that_caps_ours_is_told_when_it_begins_and_shown_in_flight_on
     told.output.lid.pilots_throttle = -14.0
     assert told.status(0.0)[0].pilots_throttle is None
     told.authority.phase = Phase.FLYING
-    told.reports.status("v2", None, 0.1)
+    told.reports.status("v2", None, 0.25, 0.1)
     actions = told.reports.take()
     [warning] = [action for action in actions if isinstance(action, Warn)]
     assert "(-14) caps ours" in warning.text
     [status] = [action for action in actions if isinstance(action, PublishStatus)]
     assert (status.pilots_throttle, status.hands) == (-14.0, CAPPED)
-    told.reports.status("v2", None, 0.2)
+    told.reports.status("v2", None, 0.25, 0.2)
     assert told.words() == []
     told.output.lid.pilots_throttle = None
     assert told.status(0.3)[0].pilots_throttle is None, "told at once, too"
     told.output.lid.pilots_throttle = -14.0
-    told.reports.status("v2", None, 0.4)
+    told.reports.status("v2", None, 0.25, 0.4)
     assert len(told.words()) == 1
 
 

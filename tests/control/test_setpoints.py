@@ -95,7 +95,7 @@ def test_stick_setpoints_are_their_own_sticks():
 @pytest.mark.parametrize("kind", [kind for kind in SETPOINTS if kind not in STICKS_ALONE])
 def test_a_kind_without_guidance_is_refused_with_what_to_do(kind):
     with pytest.raises(CommandRejectedError) as caught:
-        Flying(rows=STICKS_ALONE).flown.check(example(kind), Phase.LEASED, 0.0)
+        Flying(rows=STICKS_ALONE).admit(example(kind), Phase.LEASED, 0.0)
     assert caught.value.token == "no_guidance"
     assert kind.suffix in caught.value.reason
     assert "setpoint/stick" in caught.value.reason

@@ -135,6 +135,16 @@ def test_entry_looks_at_speed_with_climb_offset_over_the_ground_the_least_certai
     assert entry.clean == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize(("apart", "is_certain"), [(0.03, True), (0.33, True), (0.6, False), (1.0, False)])
+def test_place_is_as_certain_as_it_will_be_when_the_next_image_comes(apart, is_certain):
+    """By two images a second a flight began: seconds later the target was out of view, and it was released."""
+    sight = Sight(CFG, HOVER)
+    for k in range(round(4.0 / apart) + 1):
+        see(sight, view(10.0 + apart * k))
+        sight.estimator.advance(10.0 + apart * (k + 0.9))
+    assert bool(sight.entry(10.0 + apart * k + 0.05).sd <= CFG.entry_sd) is is_certain
+
+
 def test_images_are_clean_since_the_last_one_that_disagreed(sight):
     for k in range(1, 5):
         see(sight, view(10.0 + 0.1 * k))

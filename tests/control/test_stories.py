@@ -361,6 +361,25 @@ def test_a_take_off_by_whatever_is_below_looks_at_nothing_that_lies_aside_while_
     assert (story.status.stage, story.core._sight.target) == ("climbs", "pad")
 
 
+def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
+    """Wind, late images or the pilot's throttle kept a take-off in `climbs` for ever."""
+    story = Story()
+    story.tell(MotorsReported(True))
+    story.streams(TakeOffSetpoint, 1.5, height=1.0)
+    for height in (0.20, 0.21, 0.24):
+        story.see(height)
+        story.streams(TakeOffSetpoint, PERIOD, height=1.0)
+    story.height = 0.6
+    longest = 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb
+    story.streams(TakeOffSetpoint, longest - 0.5, height=1.0)
+    assert (story.core.phase, story.status.stage) == (Phase.FLYING, "climbs")
+    story.streams(TakeOffSetpoint, 1.0, height=1.0)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
+    assert story.status.reason == 'aborted: "climbs" takes too long'
+    story.streams(LandSetpoint, 0.5, after_abort=1)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
+
+
 def test_of_two_targets_in_sight_one_is_named_and_a_low_battery_lands_on_the_one_that_is_flown_by():
     story = Story(2.0)
 

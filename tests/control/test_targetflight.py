@@ -60,7 +60,7 @@ def position(frame=SetpointFrame.PAD, **fields):
 
 def test_a_position_at_home_is_refused_with_the_frames_there_are():
     with pytest.raises(CommandRejectedError) as refusal:
-        Flying().flown.check(position(SetpointFrame.HOME), Phase.LEASED, 0.0)
+        Flying().admit(position(SetpointFrame.HOME), Phase.LEASED, 0.0)
     assert refusal.value.token == Token.NO_FRAME
     assert "pad" in refusal.value.fix
 
@@ -70,7 +70,7 @@ def test_a_position_at_home_is_refused_with_the_frames_there_are():
 )
 def test_without_a_target_nothing_is_followed(setpoint):
     with pytest.raises(CommandRejectedError) as refusal:
-        Flying().flown.check(setpoint, Phase.LEASED, 0.0)
+        Flying().admit(setpoint, Phase.LEASED, 0.0)
     assert refusal.value.token == Token.NO_ESTIMATE
 
 
@@ -78,7 +78,7 @@ def test_an_attitude_becomes_counts_of_this_aircraft():
     flying = Flying()
     flying.sight.model_known(replace(AircraftModel(), rad_per_count=0.01))
     setpoint = AttitudeSetpoint(**BASE, roll=0.1, pitch=-0.2, yaw_rate=0.0, thrust=1.0)
-    flying.flown.check(setpoint, Phase.LEASED, 0.0)
+    flying.admit(setpoint, Phase.LEASED, 0.0)
     guided = flying.step(setpoint, 0.0)
     assert (guided.sticks.roll, guided.sticks.pitch) == pytest.approx((10.0, -20.0))
     assert guided.sticks.throttle == pytest.approx(-2.0)

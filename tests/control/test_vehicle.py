@@ -9,6 +9,7 @@ from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Battery, Gps, GpsFix, Position
 from mkdaemon.telemetry.vision import PoseRefused, VisionStats
+from tests.control.admission.situations import situation_of
 from tests.control.events import STAMP, flight, link_state, pilot
 
 
@@ -172,12 +173,12 @@ def test_who_does_not_tell_of_his_throttle_tells_nothing():
 )
 def test_the_receiver_is_lost_by_what_the_flight_says_or_else_the_receiver(emergency, has_signal, is_lost):
     facts = VehicleMemory()
-    assert not facts.is_receiver_lost(10.0)
+    assert not situation_of(facts, 10.0).is_receiver_lost
     facts.state_received(flight(is_flying=True).model_copy(update={"emergency_landing": emergency}), 10.0)
     if has_signal is not None:
         facts.state_received(pilot(0.0).model_copy(update={"has_signal": has_signal}), 10.0)
-    assert facts.is_receiver_lost(10.0) is is_lost
-    assert not facts.is_receiver_lost(12.1)
+    assert situation_of(facts, 10.0).is_receiver_lost is is_lost
+    assert not situation_of(facts, 12.1).is_receiver_lost
 
 
 def test_what_else_is_told_is_kept():

@@ -7,7 +7,7 @@ from typing import Any
 
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.control import Cause, ErrorValue, EstimateValue, LeaseState, Outcome, Phase
+from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, StatusValue
 from mkdaemon.telemetry.navi import NaviFlight
 
 
@@ -41,32 +41,8 @@ class Release:
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class PublishStatus:
-    """Publish `control/status`; fields as in `ControlStatus`."""
-
-    phase: Phase
-    reason: str
-    causes: tuple[Cause, ...]
-    trouble: str
-    releases_in: float | None
-    lease: LeaseState | None
-    setpoint_age: float | None
-    refused: int
-    aborts: int
-    external_control: str | None
-    frames_handed_over: int
-    frames_sent: int
-    frames_dropped: int
-    frames_confirmed: int
-    pose_age: float | None
-    manoeuvre: str | None
-    stage: str
-    is_done: bool
-    outcome: Outcome | None
-    poses_refused: int
-    pilots_throttle: float | None
-    hands: str
+class PublishStatus(StatusValue):
+    """Publish `control/status`."""
 
 
 @dataclass(frozen=True, slots=True)

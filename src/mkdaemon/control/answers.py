@@ -92,6 +92,7 @@ class AnswerWatch:
     def _begin(self, now: float) -> None:
         """Begin a flight with the tilt that was reported last, which somebody else's sticks ask for."""
         self.forget()
+        self._is_judged = False
         self._written.clear()
         self._state = np.zeros((2, 2, len(self._g)))  # all frames or confirmed ones, axis
         self._state[..., 0] = self._state[..., 3] = self._seen
@@ -115,6 +116,11 @@ class AnswerWatch:
         """Whether it is decided that the sticks act."""
         return not self.is_missing and self.evidence <= -FORGIVEN
 
+    @property
+    def is_doubted(self) -> bool:
+        """Whether it may be that nothing answers any more; flights that answer come nowhere near it after 0.4 s."""
+        return self._is_judged and self.evidence > -FORGIVEN / 2.0
+
     def model_found(self, model: AircraftModel) -> None:
         """Go on with what is known by now of this aircraft and its line: the delays, the stick filter."""
         if model.stick_filter != self._model.stick_filter:
@@ -130,6 +136,7 @@ class AnswerWatch:
         self._act(0, now, self._asked)
         if self._confirmed_at == -math.inf:  # a board that confirms nothing says nothing about its frames
             self._act(1, now, self._asked)
+        self._advance(now - REACH)  # no report of an earlier moment comes: a silence leaves nothing to catch up
 
     def frame_written(self, number: int, now: float) -> None:
         """Take that the newest sticks left now [s], under the number by which they are confirmed."""
@@ -212,6 +219,7 @@ class AnswerWatch:
         evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=2)
         self._evidence = np.minimum(np.maximum(evidence, -FORGIVEN), SURE)
         self.is_missing = self.evidence >= SURE
+        self._is_judged = self._is_judged or self.is_missing or self.is_sure
         if self.is_missing:
             is_again = self._judged_at - self._back_at <= SOON
             self._owed = min(2.0 * self._owed, MOST_OWED) if is_again else SURE

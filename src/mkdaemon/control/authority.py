@@ -9,7 +9,6 @@ The lease and its stream of setpoints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from hmac import compare_digest
 from typing import Final
@@ -121,15 +120,6 @@ class Lease:
         return now - self.arrived <= 1.0 / cfg.engage_rate and self.arrived - self.since >= cfg.engage_after
 
 
-Guide = Callable[[Setpoint, Phase, float], Step]
-"""Turns the newest setpoint into sticks, in a phase, at a time [s]; in flight they are being sent."""
-
-
-@dataclass(frozen=True, slots=True)
-class SendNothing:
-    """Send nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Fly:
     """Send these sticks, through the limiter, which levels them when they are too old.
@@ -168,7 +158,8 @@ class ReleaseOrder:
     asked: bool
 
 
-Decision = SendNothing | Fly | ReleaseOrder
+Decision = Fly | ReleaseOrder | None
+"""What is sent now; None for nothing."""
 
 
 class Authority:
@@ -182,18 +173,16 @@ class Authority:
         outcome: how the last manoeuvre of the newest lease ended by itself; None while it has not.
     """
 
-    def __init__(self, cfg: ControlConfig, *, first_epoch: int, guide: Guide) -> None:
+    def __init__(self, cfg: ControlConfig, *, first_epoch: int) -> None:
         """Start with nobody flying.
 
         Args:
             cfg: times and bands.
             first_epoch: epoch of the first lease; must be above every epoch of an earlier run of the daemon, so that
                 nothing a client still streams from before is applied.
-            guide: turns a setpoint into sticks.
         """
         self._cfg = cfg
         self._next_epoch = first_epoch
-        self._guide = guide
         self._lease: Lease | None = None
         self._pending: ReleaseOrder | None = None
         self.phase = Phase.FREE
@@ -207,6 +196,11 @@ class Authority:
     def lease(self, now: float) -> LeaseState | None:
         """Return the present lease as the bus shows it; None for nobody."""
         return None if self._lease is None else self._lease.shown(now)
+
+    @property
+    def newest(self) -> Setpoint | None:
+        """The setpoint that the next tick is to decide by; None where it releases the aircraft, or none has come."""
+        return None if self._lease is None or self._pending is not None else self._lease.newest
 
     def setpoint_age(self, now: float) -> float | None:
         """Return the age of the setpoint in use [s]; None where there is none."""
@@ -264,16 +258,19 @@ class Authority:
         if self._lease is not None and self._lease.holder == holder:
             self.end(Trigger.CLIENT_GONE)
 
-    def end(self, event: Trigger, **words: str) -> None:
+    def end(self, event: Trigger, *, can_land: bool = False, **words: str) -> None:
         """End the lease, whoever holds it, and release the aircraft at the next tick, even if nobody holds the lease.
 
         Args:
             event: what happened; nothing is done in a phase for which the table has no row.
+            can_land: a target is in sight: where the table says so, the flight ends with a landing.
             words: what the reason of the row is filled in with.
         """
-        row = find_row(self.phase, event, Conditions(is_held=self._lease is not None))
-        if row is not None:
+        row = find_row(self.phase, event, Conditions(is_held=self._lease is not None, can_land=can_land))
+        if row is not None and row.reaction is Reaction.RELEASE:
             self._pending = self._release_order(row, **words)
+        elif row is not None:
+            self.phase, self.reason = row.target, self._reason(row, **words)
 
     def abort(self, cause: str) -> None:
         """Stop the manoeuvre; the lease goes on.
@@ -284,14 +281,6 @@ class Authority:
         if self._move(Trigger.ABORT_REQUESTED, cause=cause) is None and self.phase is not Phase.ABORTED:
             raise refuse(Token.NOTHING_FLOWN, phase=self.reason)
         self.aborts += 1
-
-    def battery_low(self, cause: str, *, can_land: bool) -> None:
-        """End the flight because the battery is low: with a landing where a target is in sight, else with a release."""
-        row = find_row(self.phase, Trigger.BATTERY_LOW, Conditions(can_land=can_land))
-        if row is not None and row.reaction is Reaction.RELEASE:
-            self._pending = self._release_order(row, cause=cause)
-        elif row is not None:
-            self.phase, self.reason = row.target, self._reason(row, cause=cause)
 
     def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
         """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
@@ -336,33 +325,33 @@ class Authority:
 
     # -- what happens ---------------------------------------------------------------------------------------------
 
-    def tick(self, now: float, why: str = "") -> Decision:
+    def tick(self, guided: Step | None, now: float, why: str = "") -> Decision:
         """Decide what is sent now. `ReleaseOrder` comes once; nothing is sent until `released` answers it.
 
         Args:
+            guided: what is flown for `newest`; None where there is none.
             now: [s].
             why: what led to the end of a manoeuvre that fails now, in words; it is added to the reason.
         """
+        is_in_flight = self.phase in IN_FLIGHT
+        if guided is not None and is_in_flight and guided.end is not None:
+            event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
+            self.end(event, cause="; ".join(filter(None, (guided.end.words, why if guided.end.is_failure else ""))))
+            self.outcome = guided.end.outcome
+        if guided is not None and guided.is_late and self.phase.is_streamed:
+            self.abort(f'"{guided.stage}" takes too long')
         if self._pending is not None:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
             return order
-        flown, self.progress = self.progress, None
-        lease = self._lease
+        self.progress, lease = None, self._lease
         if lease is None:
-            return SendNothing()
-        is_in_flight = self.phase in IN_FLIGHT
-        guided = None if lease.newest is None else self._guide(lease.newest, self.phase, now)
-        if guided is not None and is_in_flight and guided.end is not None:
-            event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
-            self.end(event, cause="; ".join(filter(None, (guided.end.words, why if guided.end.is_failure else ""))))
-            self.progress, self.outcome = flown, guided.end.outcome
-            return self.tick(now)
+            return None
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle
         row = self._move(Trigger.TICK, self._judge(lease, guided, now), **words)
         if row is None or row.reaction is Reaction.NOTHING:
-            return SendNothing()
+            return None
         if row.reaction is Reaction.RELEASE:
             self._lease = None
             return ReleaseOrder(self.reason, lease.holder, row.is_asked)

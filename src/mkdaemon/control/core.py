@@ -7,7 +7,7 @@ It has one door: `feed` takes events (see `events`), `tick` answers with actions
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import replace
 from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
@@ -22,10 +22,9 @@ from mkdaemon.control.admission import (
     is_ready,
     refusal,
     refusals,
-    waits_for,
 )
 from mkdaemon.control.answers import AnswerWatch
-from mkdaemon.control.authority import Authority, Fly, ReleaseOrder
+from mkdaemon.control.authority import Authority, Decision, Fly, ReleaseOrder
 from mkdaemon.control.causes import causes
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import ViewFault
@@ -69,7 +68,6 @@ from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
-from mkdaemon.control.patience import LinePatience
 from mkdaemon.control.preflight import Preflight
 from mkdaemon.control.reports import Reports
 from mkdaemon.control.sight import Sight, checked_view
@@ -107,12 +105,11 @@ class FlightCore:
         self._cfg = cfg
         facts = self._facts = VehicleMemory()
         self._sight = Sight(cfg.autopilot, cfg.limiter.hover_throttle)
-        self._flown = Flown(cfg, self._sight, rows, self._admit, self._waits_for)
-        self._authority = Authority(cfg, first_epoch=first_epoch, guide=self._flown.step)
+        self._flown = Flown(cfg, self._sight, rows)
+        self._authority = Authority(cfg, first_epoch=first_epoch)
         self._output = StickOutput(cfg, facts)
-        self._reports = Reports(self._authority, self._output, facts, self._sight.pose_age)
-        self._patience = LinePatience(one_way=cfg.lease.release_after)
-        self._watch = FlightWatch(self._authority, facts, self._patience, self._can_land)
+        self._reports = Reports(self._authority, self._output, facts)
+        self._watch = FlightWatch(one_way=cfg.lease.release_after)
         self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
@@ -166,7 +163,7 @@ class FlightCore:
     def _setpoint_accepted(self, event: SetpointAccepted, now: float) -> Reply:
         """Take a streamed setpoint; the newest of the present lease wins.
 
-        Refused as in `Authority.check_setpoint` and `Flown.check`. What is refused in flight changes nothing: a
+        Refused as in `Authority.check_setpoint` and `_admit`. What is refused in flight changes nothing: a
         manoeuvre that keeps its place is flown on, sticks and attitudes grow stale.
         """
         setpoint = event.setpoint
@@ -177,7 +174,7 @@ class FlightCore:
             is_of_lease = True
             self._sight.named = getattr(setpoint, "target", "")
             phase, resumes = self._authority.phase, self._authority.is_resumed_by(setpoint)
-            self._flown.check(setpoint, Phase.FLYING if phase is Phase.ABORTED and resumes else phase, now)
+            self._admit(setpoint, Phase.FLYING if phase is Phase.ABORTED and resumes else phase, now)
             is_first = lease.take_setpoint(setpoint, self._cfg.lease, now)
         except CommandRejectedError as error:
             if is_of_lease:
@@ -188,6 +185,20 @@ class FlightCore:
         if is_first:
             self._reports.first_setpoint(setpoint)
         return NOTED if self._pacing.is_by_images else DUE
+
+    def _admit(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
+        """Refuse a setpoint that cannot be followed, or may not be flown now.
+
+        Raises:
+            CommandRejectedError: `no_guidance`, or what admission says.
+        """
+        change = self._flown.change(setpoint, phase)
+        if change is not None:
+            wanted, before = change
+            error = refusal(wanted, replace(self._seen(self.situation(now)), flown=before))
+            if error is not None:
+                raise error
+            self._flown.admitted(wanted)
 
     def _setpoint_unsigned(self, event: SetpointUnsigned, now: float) -> Reply:
         """Refuse what the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
@@ -227,7 +238,7 @@ class FlightCore:
                 assert self._facts.link is not None
                 holder = request.holder or self._next_name()
                 granted = self._authority.take(holder, event.secret, now, ttl=request.ttl)
-                self._patience.lease_taken(self._facts.link.openings)
+                self._watch.lease_taken(self._facts.link.openings)
             case "renew":
                 granted = self._authority.renew(epoch, request.secret, now)
             case "release":
@@ -368,7 +379,7 @@ class FlightCore:
         """Every check before a flight; in flight nothing that takes long is computed anew."""
         if self.phase not in IN_FLIGHT:
             self._preflight.compute_loop()
-        found = findings(self.situation(now))
+        found = findings(replace(self.situation(now), stamps=self._preflight.compare(now)))
         return PreflightReport(is_ready=is_ready(found), findings=found)
 
     @property
@@ -378,8 +389,24 @@ class FlightCore:
 
     def situation(self, now: float) -> Situation:
         """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""
-        is_flown = self.phase in IN_FLIGHT and self.phase is not Phase.UNANSWERED
-        return self._situation(self._flown.concern if is_flown else None, now)
+        sight, is_flown = self._sight, self.phase in IN_FLIGHT and self.phase is not Phase.UNANSWERED
+        return self._preflight.situation(
+            now,
+            phase=self.phase,
+            lease=self._authority.lease(now),
+            flown=self._flown.concern if is_flown else None,
+            entry=None,
+            is_touching=self._flown.may_touch,
+            unanswered=sight.answer.missing_words(now),
+            hover_gas=sight.hover_gas,
+            target_age=sight.pose_age(now),
+            in_sight=sight.in_sight(now),
+        )
+
+    def _seen(self, situation: Situation) -> Situation:
+        """The same with what images show, for what is to begin: that costs a prediction, and milliseconds at times."""
+        now = situation.now
+        return replace(situation, entry=self._sight.entry(now), stamps=self._preflight.compare(now))
 
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop.
@@ -399,68 +426,65 @@ class FlightCore:
         """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""
         stood_still = self._pacing.tick(now) + slept
         order: Action | None = None
+        chain = self._causes(now)
         if self._release is None:
-            if stood_still > self._cfg.limiter.setpoint_ttl and self._authority.phase in IN_FLIGHT:
-                self._authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
-            self._watch.look(self._preflight.active_set, now)
-            before = self._authority.phase
-            trouble = self._trouble(now)
-            decision = self._authority.tick(now, "; ".join(cause.text for cause in trouble[1:]))
+            before, decision = self.phase, self._decide(stood_still, chain, now)
             self._reports.phase_changed()
             if isinstance(decision, Fly):
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
                 self._release, order = decision, Release(decision.reason)
                 self._flown.end()
-        exit_after = self._cfg.autopilot.exit_after
-        self._reports.trouble(self._trouble(now), self._sight.pose_age(now), exit_after)
-        self._reports.status(self._preflight.line.layout, self._watch.battery.warning, now)
+        pose_age, exit_after = self._sight.pose_age(now), self._cfg.autopilot.exit_after
+        self._reports.trouble(chain if self._needs_pose else (), pose_age, exit_after)
+        self._reports.status(self._preflight.line.layout, self._watch.battery.warning, pose_age, now)
         self._pacing.sends(is_flying=self._authority.phase in IN_FLIGHT, is_by_images=self._is_by_images(now))
         return ([] if order is None else [order]) + self._reports.take()
+
+    def _decide(self, stood_still: float, chain: tuple[Cause, ...], now: float) -> Decision:
+        """From the situation to what is sent now [s].
+
+        Args:
+            stood_still: time since the last tick [s].
+            chain: why there is no pose; empty while there is one.
+            now: [s].
+        """
+        authority = self._authority
+        if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
+            authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
+        situation, setpoint = self.situation(now), authority.newest
+        if setpoint is not None and self._flown.asks(situation):
+            situation = self._seen(situation)
+        ending = self._watch.look(situation, self._flown.concern)
+        if ending is not None:
+            authority.end(ending.trigger, cause=ending.cause, can_land=self._can_land(self._seen(situation)))
+            setpoint = authority.newest
+        why = "; ".join(cause.text for cause in chain[1:]) if self._needs_pose else ""
+        step = None if setpoint is None else self._flown.step(setpoint, authority.phase, situation)
+        return authority.tick(step, now, why)
 
     def _is_by_images(self, now: float) -> bool:
         """Whether the sticks of this tick followed from what images show."""
         current = self._flown.current
         return current is not None and current.is_by_target and current.stepped_at == now
 
-    def _trouble(self, now: float) -> tuple[Cause, ...]:
-        """Why a flight by the target has no pose; empty while it has one, or needs none."""
-        age = self._sight.pose_age(now)
-        needs_pose = self.phase in IN_FLIGHT and self._flown.is_by_target and not self._flown.may_touch
-        if not needs_pose or age is None or age <= TROUBLE_AFTER:
+    @property
+    def _needs_pose(self) -> bool:
+        """Whether what is flown goes by images of the target."""
+        return self.phase in IN_FLIGHT and self._flown.is_by_target and not self._flown.may_touch
+
+    def _causes(self, now: float) -> tuple[Cause, ...]:
+        """Why there is no pose; empty while there is one."""
+        age, attitude = self._sight.pose_age(now), self._sight.attitude
+        if age is None or age <= TROUBLE_AFTER:
             return ()
-        attitude = self._sight.attitude
         silent = None if attitude is None else now - attitude.stamp.monotonic
         return causes(self._facts, pose_age=age, attitude_age=silent, now=now)
 
-    def _situation(self, flown: Concern | None, now: float) -> Situation:
-        return self._preflight.situation(
-            now,
-            phase=self.phase,
-            lease=self._authority.lease(now),
-            flown=flown,
-            seen=partial(self._sight.entry, now),
-            is_touching=self._flown.may_touch,
-            unanswered=self._sight.answer.missing_words(now),
-            hover_gas=self._sight.hover_gas,
-            target_age=self._sight.pose_age(now),
-            in_sight=self._sight.in_sight(now),
-        )
-
-    def _admit(self, wanted: NewManoeuvre, before: Concern | None, now: float) -> CommandRejectedError | None:
-        """Why a manoeuvre may not begin after another one; None where it may."""
-        return refusal(wanted, self._situation(before, now))
-
-    def _waits_for(self, wanted: NewManoeuvre, now: float) -> str:
-        """What a flight waits for that would begin with a manoeuvre; empty for nothing."""
-        return waits_for(wanted, self._situation(None, now))
-
-    def _can_land(self, now: float) -> bool:
+    def _can_land(self, situation: Situation) -> bool:
         """Whether a battery that is low is landed with: it cannot wait until entry conditions are met."""
-        if not self._sight.is_fresh(now):
-            return False
-        found = refusals(NewManoeuvre(Concern.LAND, target=self._sight.target), self.situation(now))
-        return all(error.token == Token.NOT_READY for error in found)
+        found = refusals(NewManoeuvre(Concern.LAND, target=self._sight.target), situation)
+        return self._sight.is_fresh(situation.now) and all(error.token == Token.NOT_READY for error in found)
 
     def _fly(self, order: Fly, now: float, *, engaging: bool) -> SendSticks | None:
         """Make a stick frame; None where the line does not take it."""

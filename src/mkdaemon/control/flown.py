@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Final
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import Concern, NewManoeuvre
+from mkdaemon.control.admission import Concern, NewManoeuvre, Situation, refusal, waits_for
+from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
@@ -14,15 +17,13 @@ from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_
 from mkdaemon.control.manoeuvres.table import Row
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 
-Admit = Callable[[NewManoeuvre, Concern | None, float], CommandRejectedError | None]
-"""Says why a manoeuvre may not begin after another one (None on the ground), at a time [s]; see `admission.refusal`."""
-WaitsFor = Callable[[NewManoeuvre, float], str]
-"""Says what a flight waits for that would begin with a manoeuvre at a time [s]; see `admission.waits_for`."""
+DOUBTED: Final = math.radians(12.0)
+"""Largest tilt asked of an aircraft that may not answer [rad]: it shows whether it does, and a gate that is opened lets
+no more through."""
 
 
 class Flown:
@@ -34,52 +35,42 @@ class Flown:
         may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
-    def __init__(
-        self,
-        cfg: ControlConfig,
-        sight: Sight,
-        rows: Mapping[type[Setpoint], Row],
-        admit: Admit,
-        waits_for: WaitsFor,
-    ) -> None:
+    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Row]) -> None:
         """Fly nothing yet.
 
         Args:
             cfg: bands and limits.
             sight: the target that is followed.
             rows: every manoeuvre by its kind of setpoint.
-            admit: asked at every beginning and every change.
-            waits_for: asked before the flight.
         """
         self.current: Manoeuvre | None = None
         self.error: ErrorValue | None = None
         self.may_touch = False
         self._cfg, self._sight, self._rows = cfg, sight, rows
-        self._admit, self._waits_for = admit, waits_for
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
+        self._stage, self._stage_since = "", 0.0
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
-    def check(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
-        """Refuse a setpoint that cannot be followed, or may not be flown now.
+    def change(self, setpoint: Setpoint, phase: Phase) -> tuple[NewManoeuvre, Concern | None] | None:
+        """What a setpoint asks of admission: what begins, and after what; None where it flies on as it was admitted.
 
         Raises:
-            CommandRejectedError: `no_guidance`, or what admission says.
+            CommandRejectedError: `no_guidance`: it cannot be followed.
         """
         if type(setpoint) not in self._rows:
             known = ", ".join(sorted(each.suffix for each in self._rows))
             raise refuse(Token.NO_GUIDANCE, name=setpoint.suffix, known=known)
         wanted, before = NewManoeuvre.by(setpoint), self.concern if phase.is_streamed else None
         if before is wanted.concern and wanted == self._admitted:
-            return  # who flies on as he was admitted is asked nothing that could have changed
-        if phase.is_in_flight and not phase.is_streamed:
-            # It is not flown; it only has to be one that could be.
-            before = wanted.concern
-        refusal = self._admit(wanted, before, now)
-        if refusal is not None:
-            raise refusal
+            return None
+        # Where it is not flown it only has to be one that could be.
+        return wanted, wanted.concern if phase.is_in_flight and not phase.is_streamed else before
+
+    def admitted(self, wanted: NewManoeuvre) -> None:
+        """Take what admission let pass."""
         self._admitted = wanted
 
     @property
@@ -101,28 +92,37 @@ class Flown:
 
     # -- the tick -------------------------------------------------------------------------------------------------
 
-    def step(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
-        """Decide the sticks for the newest setpoint in a phase of authority at a time [s]."""
+    def asks(self, now: Situation) -> bool:
+        """Whether the next step asks admission: before a flight, at an abort, and without an answer to the sticks."""
+        is_aborted = now.phase is Phase.ABORTED is not self._phase
+        return now.phase not in IN_FLIGHT or now.phase is Phase.UNANSWERED or is_aborted or bool(now.unanswered)
+
+    def step(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
+        """Decide the sticks for the newest setpoint in a phase of authority, in a situation."""
         before, self._phase = self._phase, phase
         if phase not in IN_FLIGHT:
-            step = self._prepare(setpoint, now)
-        elif phase is Phase.UNANSWERED or self._is_unanswered(now):
-            step = self._wait(setpoint, phase, now)
+            step = self._prepare(setpoint, situation)
+        elif phase is Phase.UNANSWERED or (self.is_by_target and not self.may_touch and situation.unanswered):
+            step = self._wait(setpoint, phase, situation)
         else:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
-            step = self._fly(setpoint, before, phase, now)
+            step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
+            if self.is_by_target and self._sight.answer.is_doubted:
+                step = replace(step, sticks=_gentle(step.sticks, DOUBTED / self._sight.model.rad_per_count))
         self.error, self.may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)
         return step
 
-    def _is_unanswered(self, now: float) -> bool:
-        """Whether the aircraft, flown by the target and off the ground, does not answer its sticks."""
-        return self.is_by_target and not self.may_touch and bool(self._sight.answer.missing_words(now))
+    def _timed(self, step: Step, now: float) -> Step:
+        """The same, late where its stage has lasted longer than it may."""
+        if step.stage != self._stage or step.is_done or not step.stage:
+            self._stage, self._stage_since = step.stage, now
+        return replace(step, is_late=now - self._stage_since > step.longest) if step.stage else step
 
-    def _wait(self, setpoint: Setpoint, phase: Phase, now: float) -> Step:
+    def _wait(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
 
         Nothing that was learnt from sticks that did not act is kept.
@@ -130,7 +130,7 @@ class Flown:
         if self._left is None:
             self._left = self.current
             self._sight.leave_to_pilot(is_his=True)
-        after = self._resumed(setpoint, phase)
+        now, after = situation.now, self._resumed(setpoint, phase)
         wanted = NewManoeuvre.by(setpoint)
         if (after.is_by_target and phase is not Phase.UNANSWERED) or wanted.concern is Concern.TAKE_OFF:
             wanted = NewManoeuvre(Concern.HOLD, target=wanted.target)
@@ -138,7 +138,7 @@ class Flown:
         if goes_on:
             wanted = replace(wanted, is_resumed=True, target=wanted.target or self._sight.target)
         entered = after.enter(self._left if after.is_by_target else None, now)
-        obstacle = self._waits_for(wanted, now) or entered
+        obstacle = waits_for(wanted, replace(situation, flown=None)) or entered
         self.current, step = after, after.step(now, is_flying=False)
         age = self._sight.pose_age(now)
         is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
@@ -153,23 +153,24 @@ class Flown:
             return Land(self._sight, self._cfg.autopilot)
         return Hold(self._sight, self._cfg.autopilot) if phase is Phase.ABORTED else self._make(setpoint)
 
-    def _prepare(self, setpoint: Setpoint, now: float) -> Step:
+    def _prepare(self, setpoint: Setpoint, situation: Situation) -> Step:
         """What the flight would begin with, and what it waits for."""
         self.current = self._make(setpoint)
-        entered = self.current.enter(None, now)
-        obstacle = self._waits_for(NewManoeuvre.by(setpoint), now) or entered
-        step = self.current.step(now, is_flying=False)
+        entered = self.current.enter(None, situation.now)
+        obstacle = waits_for(NewManoeuvre.by(setpoint), situation) or entered
+        step = self.current.step(situation.now, is_flying=False)
         return replace(step, obstacle=obstacle) if obstacle else step
 
-    def _fly(self, setpoint: Setpoint, before: Phase | None, phase: Phase, now: float) -> Step:
+    def _fly(self, setpoint: Setpoint, before: Phase | None, phase: Phase, situation: Situation) -> Step:
         """Go on, or change to what setpoint and phase ask for."""
         assert self.current is not None
+        now = situation.now
         if phase is Phase.LANDING:
             if before is not Phase.LANDING and not isinstance(self.current, Land):
                 self._change(Land(self._sight, self._cfg.autopilot), now)
         elif phase is Phase.ABORTED:
             if before is not Phase.ABORTED:
-                self._abort(now)
+                self._abort(situation)
         elif setpoint.kind != self.current.kind:
             self._change(self._make(setpoint), now)
         else:
@@ -183,7 +184,7 @@ class Flown:
         self._sight.answer.forget()
         self._sight.named = ""
         self.current = self._left = None
-        self.may_touch = False
+        self._stage, self.may_touch = "", False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
         return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
@@ -192,14 +193,20 @@ class Flown:
         after.enter(self.current, now)
         self.current = after
 
-    def _abort(self, now: float) -> None:
+    def _abort(self, situation: Situation) -> None:
         """Let the manoeuvre become what an abort makes of it; a hold after a flight by hand is a beginning."""
         assert self.current is not None
-        before, after = self.current, self.current.abort(now)
+        before, after = self.current, self.current.abort(situation.now)
         if after is before:
             return
         hold = NewManoeuvre(Concern.HOLD, target=self._sight.target)
-        if isinstance(after, Hold) and self._admit(hold, self.concern, now) is not None:
+        if isinstance(after, Hold) and refusal(hold, situation) is not None:
             after = Level(self._sight)
-        after.enter(before, now)
+        after.enter(before, situation.now)
         self.current = after
+
+
+def _gentle(sticks: Sticks, most: float) -> Sticks:
+    """The same with no more tilt [stick], the same way."""
+    share = min(1.0, most / max(math.hypot(sticks.pitch, sticks.roll), 1e-9))
+    return sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)

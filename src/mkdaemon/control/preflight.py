@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
@@ -86,7 +85,7 @@ class Preflight:
         phase: Phase,
         lease: LeaseState | None,
         flown: Concern | None,
-        seen: Callable[[], Entry | None],
+        entry: Entry | None,
         is_touching: bool,
         unanswered: str,
         hover_gas: float,
@@ -126,17 +125,17 @@ class Preflight:
             contradicting=self._contradicting,
             target_age=target_age,
             in_sight=in_sight,
-            seen=seen,
+            entry=entry,
             is_touching=is_touching,
             unanswered=unanswered,
-            compared=partial(self._stamps, now),
+            stamps=self._match,
             free_disk=facts.free_disk,
             model=self._unknown,
             loop=None if loop is None else loop.refusal,
         )
 
-    def _stamps(self, now: float) -> Match | None:
-        """How camera and boards move together; compared anew after a while."""
+    def compare(self, now: float) -> Match | None:
+        """Compare how camera and boards move, now [s]; anew after a while."""
         if now - self._matched_at >= MATCHED_FOR:
             self._match, self._matched_at = self.motion.match(now, self._followed), now
         return self._match

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Final
 
 from mkdaemon.control.actions import (
@@ -53,16 +52,9 @@ REPORT_PERIOD: Final = 1.0
 class Reports:
     """Collects what the next tick hands out."""
 
-    def __init__(
-        self,
-        authority: Authority,
-        output: StickOutput,
-        facts: VehicleFacts,
-        pose_age: Callable[[float], float | None],
-    ) -> None:
+    def __init__(self, authority: Authority, output: StickOutput, facts: VehicleFacts) -> None:
         self._authority = authority
         self._output = output
-        self._pose_age = pose_age
         self._phase = authority.phase
         self._status: tuple[object, ...] | None = None
         self._status_at = self._unsent_at = float("-inf")
@@ -191,12 +183,15 @@ class Reports:
             self._waiting.append(ReportFailsafe(action, self._authority.reason))
         self._believed = None
 
-    def status(self, layout: str | None, battery: CommandRejectedError | None, now: float) -> None:
+    def status(
+        self, layout: str | None, battery: CommandRejectedError | None, pose_age: float | None, now: float
+    ) -> None:
         """Report the status, and the NaviCtrl's own flight, if they have changed or are due.
 
         Args:
             layout: of external control; None where there is none.
             battery: why the battery is low, and what to do; None while it is not.
+            pose_age: time since the newest pose [s]; None where there was none.
             now: [s].
         """
         self._report_battery(battery)
@@ -237,7 +232,7 @@ class Reports:
                 frames_sent=self._output.sent,
                 frames_dropped=self._output.dropped(is_flying=authority.phase in IN_FLIGHT),
                 frames_confirmed=self._output.confirmed,
-                pose_age=self._pose_age(now),
+                pose_age=pose_age,
                 manoeuvre=None if progress is None else progress.manoeuvre,
                 stage="" if progress is None else progress.stage,
                 is_done=progress is not None and progress.is_done,

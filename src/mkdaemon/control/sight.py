@@ -75,6 +75,7 @@ class Sight:
         self._by_line = self.model
         self._cfg = cfg
         self._last_view: TargetView | None = None
+        self._apart = 0.0  # between the two newest images [s]
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since = math.inf
 
@@ -178,6 +179,7 @@ class Sight:
             if not known.innovation <= self._cfg.clean_innovation:
                 self._clean_since = view.at
         if self._last_view is None or view.at >= self._last_view.at:
+            self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
             self._last_view = view
         return before if is_other else ""
 
@@ -230,10 +232,7 @@ class Sight:
         return () if self.estimator is None else self.estimator.contradicting
 
     def entry(self, now: float) -> Entry | None:
-        """Return what the conditions look at under which something begins to be flown by the target.
-
-        None without an estimate.
-        """
+        """Return what admission looks at before something is flown by the target; None without an estimate."""
         if self.estimator is None:
             return None
         estimate = self.estimator.estimate(now)
@@ -243,7 +242,7 @@ class Sight:
             speed=math.hypot(*estimate.velocity.tolist()),
             offset=float(np.hypot(*estimate.position[:2])),
             height=float(estimate.position[2]),
-            sd=float(estimate.position_sd.max()),
+            sd=math.hypot(float(estimate.position_sd.max()), self._apart * self.estimator.velocity_sd),
             clean=now - self._clean_since,
         )
 
@@ -252,33 +251,32 @@ class Sight:
 
         No camera sees a target from behind: who is believed there has come down, and the model knows no ground.
         """
-        value = None if self.estimator is None else estimate_value(self.target, self.estimator, now)
-        return value if value is not None and value.position[2] > 0.0 else None
-
-
-def estimate_value(target: str, estimator: Estimator, now: float) -> EstimateValue:
-    """What is believed now, as it is published."""
-    estimator.advance(now)
-    found, spread = estimator.estimate(now), estimator.motion_covariance
-    return EstimateValue(
-        target=target,
-        position=triple(found.position),
-        velocity=triple(found.velocity),
-        tilt=(float(found.tilt[0]), float(found.tilt[1])),
-        disturbance=(float(found.disturbance[0]), float(found.disturbance[1])),
-        yaw=found.yaw,
-        hover_throttle=found.hover_gas - GAS_CENTRE,
-        position_sd=triple(found.position_sd),
-        covariance=(triple(spread[0]), triple(spread[1]), triple(spread[2])),
-        image_age=found.age,
-        innovation=estimator.innovation,
-        caution=estimator.caution,
-        stick_gain=estimator.stick_gain,
-        stick_filter=estimator.model.stick_filter,
-        uplink=estimator.model.uplink,
-        attitude_age=estimator.model.attitude_age,
-        contradicting=estimator.contradicting,
-    )
+        estimator = self.estimator
+        if estimator is None:
+            return None
+        estimator.advance(now)
+        believed, spread = estimator.estimate(now), estimator.motion_covariance
+        if not believed.position[2] > 0.0:
+            return None
+        return EstimateValue(
+            target=self.target,
+            position=triple(believed.position),
+            velocity=triple(believed.velocity),
+            tilt=(float(believed.tilt[0]), float(believed.tilt[1])),
+            disturbance=(float(believed.disturbance[0]), float(believed.disturbance[1])),
+            yaw=believed.yaw,
+            hover_throttle=believed.hover_gas - GAS_CENTRE,
+            position_sd=triple(believed.position_sd),
+            covariance=(triple(spread[0]), triple(spread[1]), triple(spread[2])),
+            image_age=believed.age,
+            innovation=estimator.innovation,
+            caution=estimator.caution,
+            stick_gain=estimator.stick_gain,
+            stick_filter=estimator.model.stick_filter,
+            uplink=estimator.model.uplink,
+            attitude_age=estimator.model.attitude_age,
+            contradicting=estimator.contradicting,
+        )
 
 
 def checked_view(pose: VisionPose, now: float) -> TargetView | ViewFault:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.telemetry.base import Telemetry
@@ -33,9 +33,7 @@ REFUSALS_KEPT: Final = 256
 """Refused images that are kept: four seconds of two cameras at 30 Hz, longer than a flight goes on without a pose."""
 
 
-class _Motors(NamedTuple):
-    are_running: bool
-    at: float
+_State = TypeVar("_State", bound=Telemetry)
 
 
 class ThrottleReport(NamedTuple):
@@ -58,42 +56,32 @@ class ThrottleReport(NamedTuple):
 
 
 class VehicleFacts:
-    """What was told last, each with the time it arrived; who reads it changes nothing."""
+    """What was told last, each with the time it arrived; who reads it changes nothing.
+
+    Attributes:
+        link: the latest verdict on the line; None before the first.
+        health: the latest measurements of the line; None before the first.
+        is_fc_lost: the NaviCtrl says that it does not hear its FlightCtrl.
+        certain_cells: cells that the voltage at rest has shown beyond doubt; None where it has not.
+        highest_voltage: of the battery since the port was opened [V].
+        list_changed_at: when the daemon last changed the NaviCtrl's list [s].
+        free_disk: where flights are recorded [bytes]; None where nothing has looked.
+    """
 
     def __init__(self) -> None:
         """Begin with nothing known."""
-        self._link: LinkState | None = None
-        self._is_fc_lost = False
-        self._health: LinkHealth | None = None
+        self.link: LinkState | None = None
+        self.health: LinkHealth | None = None
+        self.is_fc_lost = False
+        self.certain_cells: int | None = None
+        self.highest_voltage = 0.0
+        self.list_changed_at = self._tested_at = float("-inf")
+        self.free_disk: float | None = None
         self._eyes: dict[str, VisionStats] = {}
         self._refused: deque[PoseRefused] = deque(maxlen=REFUSALS_KEPT)
-        self._highest_voltage = 0.0
         self._known_cells: int | None = None
-        self._certain_cells: int | None = None
-        self._list_changed_at = float("-inf")
-        self._free_disk: float | None = None
-        self._motors: _Motors | None = None
-        self._battery: tuple[Battery, float] | None = None
-        self._flight: tuple[Flight, float] | None = None
-        self._pilot: tuple[Pilot, float] | None = None
-        self._position: tuple[Position, float] | None = None
-        self._gps: tuple[Gps, float] | None = None
-        self._tested_at: float | None = None
-
-    @property
-    def link(self) -> LinkState | None:
-        """The latest verdict on the line; None before the first."""
-        return self._link
-
-    @property
-    def is_fc_lost(self) -> bool:
-        """Whether the NaviCtrl says that it does not hear its FlightCtrl."""
-        return self._is_fc_lost
-
-    @property
-    def health(self) -> LinkHealth | None:
-        """The latest measurements of the line; None before the first."""
-        return self._health
+        self._motors: tuple[bool, float] | None = None
+        self._states: dict[type[Telemetry], tuple[Telemetry, float]] = {}
 
     @property
     def eyes(self) -> tuple[VisionStats, ...]:
@@ -112,38 +100,18 @@ class VehicleFacts:
         The voltage alone counts them as the FlightCtrl does: a battery of four cells that rests at 12.8 V is counted as
         one of three.
         """
-        if self._highest_voltage <= 0.0:
+        if self.highest_voltage <= 0.0:
             return self._known_cells
-        return max(self._known_cells or 0, 1 + int(self._highest_voltage / HIGHEST_CELL))
+        return max(self._known_cells or 0, 1 + int(self.highest_voltage / HIGHEST_CELL))
 
     @property
     def are_cells_doubtful(self) -> bool:
         """Whether the battery may have a cell more than its voltage shows, and nothing else says how many it has."""
-        return self._known_cells is None and self._certain_cells is None and self.cells is not None
-
-    @property
-    def certain_cells(self) -> int | None:
-        """Cells that the voltage at rest has shown beyond doubt; None where it has not."""
-        return self._certain_cells
-
-    @property
-    def highest_voltage(self) -> float:
-        """Of the battery since the port was opened [V]."""
-        return self._highest_voltage
-
-    @property
-    def list_changed_at(self) -> float:
-        """When the daemon last changed the NaviCtrl's list [s]."""
-        return self._list_changed_at
-
-    @property
-    def free_disk(self) -> float | None:
-        """Where flights are recorded [bytes]; None where nobody has looked."""
-        return self._free_disk
+        return self._known_cells is None and self.certain_cells is None and self.cells is not None
 
     def limit_line(self, line: ControlLine) -> ControlLine:
         """What the line can take, as far as the FlightCtrl can be there to obey."""
-        return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self._is_fc_lost else line
+        return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
         """Whether motors run; None where no message has said so lately.
@@ -152,17 +120,22 @@ class VehicleFacts:
             now: [s].
             within: how old that message may be [s].
         """
-        if self._motors is None or now - self._motors.at > within:
+        if self._motors is None or now - self._motors[1] > within:
             return None
-        return self._motors.are_running
+        return self._motors[0]
 
     def is_testing_motors(self, now: float) -> bool:
         """Whether motors that turn may turn because of a motor test."""
-        return self._tested_at is not None and now - self._tested_at <= MOTOR_TEST
+        return now - self._tested_at <= MOTOR_TEST
+
+    def _newest(self, kind: type[_State], now: float) -> _State | None:
+        """The newest value of a kind; None where no message has given one lately."""
+        value, at = self._states.get(kind, (None, now))
+        return value if isinstance(value, kind) and now - at <= FRESH else None
 
     def flight(self, now: float) -> Flight | None:
         """What the aircraft does; None where no message has said so lately."""
-        return self._flight[0] if self._flight is not None and now - self._flight[1] <= FRESH else None
+        return self._newest(Flight, now)
 
     def is_flying(self, now: float) -> bool | None:
         """Whether it is in the air; None where no message has said so lately."""
@@ -171,27 +144,19 @@ class VehicleFacts:
 
     def position(self, now: float) -> Position | None:
         """Where it is by GPS; None where no message has said so lately."""
-        return self._position[0] if self._position is not None and now - self._position[1] <= FRESH else None
+        return self._newest(Position, now)
 
     def gps(self, now: float) -> Gps | None:
         """Its reception of satellites; None where no message has said so lately."""
-        return self._gps[0] if self._gps is not None and now - self._gps[1] <= FRESH else None
+        return self._newest(Gps, now)
 
     def pilot(self, now: float) -> Pilot | None:
         """What reaches the aircraft from the pilot; None where no message has said so lately."""
-        return self._pilot[0] if self._pilot is not None and now - self._pilot[1] <= FRESH else None
+        return self._newest(Pilot, now)
 
     def battery(self, now: float) -> Battery | None:
         """Its battery; None where no message has said so lately."""
-        return self._battery[0] if self._battery is not None and now - self._battery[1] <= FRESH else None
-
-    def is_receiver_lost(self, now: float) -> bool:
-        """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
-        flight = self.flight(now)
-        if flight is not None and flight.emergency_landing is not None:
-            return flight.emergency_landing
-        pilot = self.pilot(now)
-        return pilot is not None and not pilot.has_signal
+        return self._newest(Battery, now)
 
     def throttle_in_use(self, low_cell: float | None = None) -> ThrottleReport | None:
         """What the FlightCtrl last said of its throttle; None where it does not.
@@ -201,15 +166,15 @@ class VehicleFacts:
         Args:
             low_cell: that voltage for a cell, by the active set [V]; None for the factory's.
         """
-        if self._pilot is None or self._pilot[0].throttle_in_use is None:
+        pilot, at = self._states.get(Pilot, (None, 0.0))
+        if not isinstance(pilot, Pilot) or pilot.throttle_in_use is None:
             return None
-        (pilot, at), voltage = self._pilot, self._pilot[0].compensated_at
+        voltage = pilot.compensated_at
         share = None
         if voltage is not None and LEAST_BATTERY <= voltage <= MOST_BATTERY:
             # The FlightCtrl compensates by the cells that it counts itself, whatever is known here.
-            cells = 1 + int(max(voltage, self._highest_voltage) / HIGHEST_CELL)
+            cells = 1 + int(max(voltage, self.highest_voltage) / HIGHEST_CELL)
             share = min(1.0, cells * (low_cell or FACTORY_LOW_CELL) / voltage)
-        assert pilot.throttle_in_use is not None
         return ThrottleReport(pilot.throttle_in_use, at, share)
 
     def pilot_throttle(self, now: float) -> float | None:
@@ -223,13 +188,13 @@ class VehicleMemory(VehicleFacts):
 
     def motors_reported(self, are_running: bool, at: float) -> None:
         """Take what a message says about the motors."""
-        self._motors = _Motors(are_running, at)
+        self._motors = are_running, at
 
     def flightctrl_reported(self, *, is_lost: bool) -> None:
         """Note whether the NaviCtrl hears its FlightCtrl; while it does not, what it shows of it is old."""
         if is_lost:
             self._forget()
-        self._is_fc_lost = is_lost
+        self.is_fc_lost = is_lost
 
     def motor_test_sent(self, at: float) -> None:
         """Note that motors are about to turn because a client tests them."""
@@ -237,7 +202,7 @@ class VehicleMemory(VehicleFacts):
 
     def list_changed(self, at: float) -> None:
         """Note that the daemon changed the NaviCtrl's list."""
-        self._list_changed_at = at
+        self.list_changed_at = at
 
     def eye_reported(self, stats: VisionStats) -> None:
         """Take what a camera says of itself."""
@@ -249,38 +214,27 @@ class VehicleMemory(VehicleFacts):
 
     def disk_measured(self, free: float | None) -> None:
         """Note how much can be recorded [bytes]."""
-        self._free_disk = free
+        self.free_disk = free
 
     def link_measured(self, health: LinkHealth) -> None:
         """Take the measurements of the line."""
-        self._health = health
+        self.health = health
 
     def state_received(self, value: Telemetry, at: float) -> None:
-        """Take a state value; kinds that decide nothing are ignored."""
-        match value:
-            case Flight():
-                self._flight = (value, at)
-            case Pilot():
-                self._pilot = (value, at)
-            case Position():
-                self._position = (value, at)
-            case Gps():
-                self._gps = (value, at)
-            case Battery():
-                self._battery = (value, at)
-                self._highest_voltage = max(self._highest_voltage, value.voltage)
-                self._count_cells(value.voltage, at)
-            case _:
-                pass
+        """Take a state value; kinds that decide nothing are not asked for."""
+        self._states[type(value)] = value, at
+        if isinstance(value, Battery):
+            self.highest_voltage = max(self.highest_voltage, value.voltage)
+            self._count_cells(value.voltage, at)
 
     def link_changed(self, state: LinkState) -> None:
         """Take a verdict on the line; what was said through an earlier opening of the port is forgotten."""
-        if self._link is not None and self._link.openings != state.openings:
+        if self.link is not None and self.link.openings != state.openings:
             self._forget()
-            self._is_fc_lost = False
-            self._highest_voltage = 0.0
-            self._certain_cells = None
-        self._link = state
+            self.is_fc_lost = False
+            self.highest_voltage = 0.0
+            self.certain_cells = None
+        self.link = state
 
     def cells_known(self, cells: int) -> None:
         """Take how many cells the battery has, as configured or remembered."""
@@ -290,7 +244,8 @@ class VehicleMemory(VehicleFacts):
         """Count the cells at rest: they are certain where one more would have to be damaged."""
         cells = self.cells
         if cells is not None and self.motors_running(at) is False and voltage < EMPTY_CELL * (cells + 1):
-            self._certain_cells = cells
+            self.certain_cells = cells
 
     def _forget(self) -> None:
-        self._motors = self._flight = self._pilot = self._position = self._gps = self._battery = None
+        self._motors = None
+        self._states.clear()

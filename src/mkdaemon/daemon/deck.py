@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from mkdaemon.bus.codec import Payload, check_command, decode_map
@@ -171,8 +170,7 @@ class Deck:
         bus, stamp = self._bus, self._clock.stamp(now)
         match action:
             case PublishStatus():
-                shown = {field.name: getattr(action, field.name) for field in fields(action)}
-                bus.publish("control/status", ControlStatus(stamp=stamp, **shown))
+                bus.publish("control/status", ControlStatus(stamp=stamp, **action.__dict__))
             case PublishEstimate():
                 bus.publish("control/estimate", ControlEstimate(stamp=stamp, **action.value.__dict__))
             case PublishNavi():

@@ -289,12 +289,8 @@ class HolderGrant(LeaseGrant):
     """A setpoint may say when it was sent (see Flying by sticks); an older daemon takes no such attachment."""
 
 
-class ControlStatus(Stamped):
-    """Authority and what it does: `control/status`, on every change and once a second.
-
-    What is new with every stick frame is published with it, and only counted here: sticks, the setpoint's age and the
-    frame's number in `control/output`, state and age of the image in `control/estimate`, the rest in `control/error`.
-    """
+class StatusValue(Telemetry):
+    """Authority and what it does."""
 
     phase: Phase
     """Where authority stands."""
@@ -341,6 +337,14 @@ class ControlStatus(Stamped):
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""
+
+
+class ControlStatus(StatusValue, Stamped):
+    """Authority and what it does: `control/status`, on every change and once a second.
+
+    What is new with every stick frame is published with it, and only counted here: sticks, the setpoint's age and the
+    frame's number in `control/output`, state and age of the image in `control/estimate`, the rest in `control/error`.
+    """
 
 
 class EstimateValue(Telemetry):

@@ -80,21 +80,21 @@ GOOD = Situation(
     contradicting=(),
     target_age=0.1,
     in_sight=("pad",),
-    seen=lambda: ENTRY,
-    compared=lambda: Match(0.01, 0.95),
+    entry=ENTRY,
+    stamps=Match(0.01, 0.95),
     free_disk=5e9,
     model=None,
     loop=None,
 )
 
 
-BLIND = {"seen": lambda: None}
+BLIND = {"entry": None}
 """What changes where there is no estimate."""
 
 
 def sees(**change):
     """What changes where the estimate says something else."""
-    return {"seen": lambda: replace(ENTRY, **change)}
+    return {"entry": replace(ENTRY, **change)}
 
 
 def situation_of(facts, now, phase=Phase.FREE):
@@ -109,4 +109,7 @@ def situation_of(facts, now, phase=Phase.FREE):
         flight=facts.flight(now),
         position=facts.position(now),
         gps=facts.gps(now),
+        pilot=facts.pilot(now),
+        battery=facts.battery(now),
+        cells=facts.cells,
     )

@@ -243,6 +243,19 @@ def test_of_a_long_silence_one_second_is_computed():
     assert found._expected[-1][0][0] == pytest.approx(held_for(1.9), rel=0.01)
 
 
+def test_a_silence_of_the_boards_leaves_nothing_to_catch_up():
+    silent, told = StickResponse(MODEL, 0.0), StickResponse(MODEL, 0.0)
+    for k in range(600):
+        at = 0.02 * k
+        for found in (silent, told):
+            found.sent(at, np.array([0.1 * math.sin(at), 0.05]))
+        told.attitude_received(at, np.zeros(2))
+    assert at - silent._time < 0.4
+    assert len(silent._commands) < 30
+    silent.attitude_received(at, np.zeros(2))
+    assert silent._expected[-1] == pytest.approx(told._expected[-1], abs=1e-12), "nothing of it is lost"
+
+
 @pytest.mark.parametrize(("after", "is_compared"), [(0.028, False), (0.032, True), (0.3, True), (0.35, False)])
 def test_a_report_is_compared_with_all_delays_once_the_sticks_are_known_and_while_it_may_be_late(after, is_compared):
     """The line may be 30 ms faster than it is believed to be, and 60 ms slower: as late are the hypotheses."""

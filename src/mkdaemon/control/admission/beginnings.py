@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import ClassVar, Final
 
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
 from mkdaemon.telemetry.mission import MissionPoint
@@ -62,10 +62,7 @@ class TakeLease:
     path_delay: float | None = None
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.LEASE
+    concern: ClassVar = Concern.LEASE
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +81,7 @@ class NewManoeuvre:
     target: str = ""
     is_resumed: bool = False
 
-    @property
-    def is_early(self) -> bool:
-        """Whether something is yet to be read."""
-        return False
+    is_early: ClassVar = False
 
     @classmethod
     def by(cls, setpoint: Setpoint) -> NewManoeuvre:
@@ -130,10 +124,7 @@ class BoardRequest:
     is_step: bool = False
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.REQUEST
+    concern: ClassVar = Concern.REQUEST
 
     @property
     def title(self) -> str:
@@ -167,10 +158,7 @@ class Procedure:
     unconfirmed: str = ""
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.PROCEDURE
+    concern: ClassVar = Concern.PROCEDURE
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +174,7 @@ class Upload:
     allow_unusual: bool = False
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.UPLOAD
+    concern: ClassVar = Concern.UPLOAD
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,10 +183,7 @@ class StartRoute:
 
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.ROUTE
+    concern: ClassVar = Concern.ROUTE
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,10 +197,7 @@ class NaviGoto:
     up: float
     is_early: bool = False
 
-    @property
-    def concern(self) -> Concern:
-        """What begins."""
-        return Concern.NAVI_GOTO
+    concern: ClassVar = Concern.NAVI_GOTO
 
 
 Beginning = TakeLease | NewManoeuvre | BoardRequest | Procedure | Upload | StartRoute | NaviGoto

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.control.admission.beginnings import BoardRequest, Concern, Procedure, TakeLease
-from mkdaemon.control.admission.row import Row, Verdict, passed, stands, when
+from mkdaemon.control.admission.row import Rows, Verdict, passed, stands, when
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -19,16 +19,39 @@ from mkdaemon.telemetry.refusals import Token, refuse
 LONGEST_BEEP: Final = 2.5
 """A FlightCtrl may be made deaf for so long by its buzzer [s]; what the link expects of it."""
 
+_REQUEST: Final = (Concern.REQUEST,)
+_PROCEDURE: Final = (Concern.PROCEDURE,)
+_BOTH: Final = (Concern.REQUEST, Concern.PROCEDURE)
+_ALL: Final = (Concern.LEASE, Concern.REQUEST, Concern.PROCEDURE)
 
-# -- what keeps the boards busy -----------------------------------------------------------------------------------
+BUSY_ROWS: Final = Rows()
+"""What keeps the boards busy."""
+REQUEST_ROWS: Final = Rows()
+"""What stands in the way of a request to a board."""
+PROCEDURE_ROWS: Final = Rows()
+"""What stands in the way of a procedure."""
 
 
+@BUSY_ROWS.row(
+    "confirmed procedure",
+    _PROCEDURE,
+    "it writes to a board, and the request does not say `confirm`",
+    Token.NOT_CONFIRMED,
+    is_early=True,
+)
 def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
     if not wanted.unconfirmed:
         return passed()
     return stands(refuse(Token.NOT_CONFIRMED, name=f"do/{wanted.verb}", detail=wanted.unconfirmed, confirm=True))
 
 
+@BUSY_ROWS.row(
+    "stick frames",
+    _BOTH,
+    "it keeps stick frames from the aircraft, or excludes flying, and somebody holds the lease or takes it",
+    Token.FLYING,
+    is_early=True,
+)
 def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
     """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
     is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow and wanted.is_disturbing)
@@ -39,6 +62,14 @@ def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
     return stands(refuse(Token.FLYING, name=name, phase=phase.value))
 
 
+@BUSY_ROWS.row(
+    "live set",
+    _ALL,
+    "a live set must be proven first: before a lease, before a dangerous request to the FlightCtrl, and "
+    "before a procedure that relies on it",
+    Token.LIVE_SET_OWED,
+    is_early=True,
+)
 def _owed(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Verdict:
     owed = now.work.owed
     match wanted:
@@ -53,6 +84,13 @@ def _owed(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Verdi
     return stands(refuse(Token.LIVE_SET_OWED, name=name, slot=owed.slot, verb=owed.verb, detail=owed.detail))
 
 
+@BUSY_ROWS.row(
+    "procedure under way",
+    _ALL,
+    "a procedure is under way; a lease waits only for one that excludes flying, and a harmless request for none",
+    Token.BUSY,
+    is_early=True,
+)
 def _running(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Verdict:
     running = now.work.running
     match wanted:
@@ -68,18 +106,23 @@ def _running(now: Situation, wanted: TakeLease | BoardRequest | Procedure) -> Ve
     return stands(refuse(Token.BUSY, detail=f"{running.verb}{who} is under way ({running.id})"))
 
 
-# -- requests to a board ------------------------------------------------------------------------------------------
-
-
+@REQUEST_ROWS.row("known request", _REQUEST, "this firmware does not know it", Token.UNSUPPORTED)
 def _known_request(now: Situation, wanted: BoardRequest) -> Verdict:
     refusal = refuse(Token.UNSUPPORTED, name=wanted.title, detail=wanted.unsupported)
     return when(refusal if wanted.unsupported else None)
 
 
+@REQUEST_ROWS.row(
+    "writable aircraft",
+    _REQUEST,
+    "it is dangerous, or writes settings, and the firmware is not known well enough",
+    Token.READ_ONLY,
+)
 def _writable(now: Situation, wanted: BoardRequest) -> Verdict:
     return when(refuse(Token.READ_ONLY, detail=wanted.read_only) if wanted.read_only else None)
 
 
+@REQUEST_ROWS.row("never sent", _REQUEST, "it is never sent", Token.NEVER)
 def _never(now: Situation, wanted: BoardRequest) -> Verdict:
     danger = wanted.danger
     if danger is None or not danger.never:
@@ -87,6 +130,7 @@ def _never(now: Situation, wanted: BoardRequest) -> Verdict:
     return stands(refuse(Token.NEVER, name=wanted.title, detail=danger.never, instead=danger.instead))
 
 
+@REQUEST_ROWS.row("enabled", _REQUEST, "the configuration does not turn it on", Token.NOT_ENABLED)
 def _enabled(now: Situation, wanted: BoardRequest) -> Verdict:
     danger = wanted.danger
     if danger is None or danger.switch is None or danger.switch in wanted.switches:
@@ -94,6 +138,14 @@ def _enabled(now: Situation, wanted: BoardRequest) -> Verdict:
     return stands(refuse(Token.NOT_ENABLED, name=wanted.title, detail=danger.effect, option=danger.switch.value))
 
 
+@REQUEST_ROWS.row(
+    "motors that stand still",
+    _REQUEST,
+    "it needs motors that stand still, and they run, or nobody has told lately whether they do",
+    Token.MOTORS_RUNNING,
+    Token.MOTORS_UNKNOWN,
+    Token.LINK_DOWN,
+)
 def _stopped(now: Situation, wanted: BoardRequest) -> Verdict:
     danger, running = wanted.danger, _running_motors(now, wanted)
     if danger is None or not danger.stopped or running is False:
@@ -103,6 +155,12 @@ def _stopped(now: Situation, wanted: BoardRequest) -> Verdict:
     return stands(refuse(Token.MOTORS_RUNNING, detail=f"{wanted.title} needs them stopped: {danger.effect}"))
 
 
+@REQUEST_ROWS.row(
+    "confirmed request",
+    _REQUEST,
+    "it must be confirmed, always or with motors that may run, and does not say `confirm`",
+    Token.NOT_CONFIRMED,
+)
 def _confirmed(now: Situation, wanted: BoardRequest) -> Verdict:
     danger = wanted.danger
     if danger is None or wanted.is_confirmed or danger.confirm is Confirm.NO:
@@ -112,11 +170,20 @@ def _confirmed(now: Situation, wanted: BoardRequest) -> Verdict:
     return stands(refuse(Token.NOT_CONFIRMED, name=wanted.title, detail=danger.effect, confirm=True))
 
 
+@REQUEST_ROWS.row(
+    "buzzer", _REQUEST, f"it would make the FlightCtrl deaf for more than {LONGEST_BEEP:g} s", Token.DEAF_TOO_LONG
+)
 def _deaf(now: Situation, wanted: BoardRequest) -> Verdict:
     refusal = refuse(Token.DEAF_TOO_LONG, seconds=wanted.deaf_time, limit=LONGEST_BEEP)
     return when(refusal if wanted.deaf_time > LONGEST_BEEP else None)
 
 
+@REQUEST_ROWS.row(
+    "proven board",
+    _REQUEST,
+    "it needs a proven board, and the last version reply came from another one",
+    Token.BOARD_UNPROVEN,
+)
 def _proven(now: Situation, wanted: BoardRequest) -> Verdict:
     if wanted.danger is None or not wanted.danger.proven or not wanted.unproven:
         return passed()
@@ -137,9 +204,15 @@ def _silent_line(now: Situation) -> CommandRejectedError | None:
     return refuse(Token.LINK_DOWN, state=condition.value, detail="" if now.link is None else now.link.reason)
 
 
-# -- procedures ---------------------------------------------------------------------------------------------------
-
-
+@PROCEDURE_ROWS.row(
+    "motors for a procedure",
+    _PROCEDURE,
+    "it excludes flying, and motors run, or nobody has told lately whether they do",
+    Token.IN_FLIGHT_NEEDED,
+    Token.MOTORS_RUNNING,
+    Token.MOTORS_UNKNOWN,
+    Token.LINK_DOWN,
+)
 def _standing(now: Situation, wanted: Procedure) -> Verdict:
     """A procedure that excludes flying begins with motors that are known to stand still."""
     running, name = now.motors_running, f"do/{wanted.verb}"
@@ -154,112 +227,3 @@ def _standing(now: Situation, wanted: Procedure) -> Verdict:
     if running:
         return stands(refuse(Token.MOTORS_RUNNING, detail=detail))
     return stands(refuse(Token.MOTORS_UNKNOWN, detail=detail))
-
-
-_REQUEST: Final = (Concern.REQUEST,)
-_PROCEDURE: Final = (Concern.PROCEDURE,)
-_BOTH: Final = (Concern.REQUEST, Concern.PROCEDURE)
-_ALL: Final = (Concern.LEASE, Concern.REQUEST, Concern.PROCEDURE)
-
-BUSY_ROWS: Final = (
-    Row(
-        name="confirmed procedure",
-        concerns=_PROCEDURE,
-        stands="it writes to a board, and the request does not say `confirm`",
-        tokens=(Token.NOT_CONFIRMED,),
-        look=_unconfirmed,
-        is_early=True,
-    ),
-    Row(
-        name="stick frames",
-        concerns=_BOTH,
-        stands="it keeps stick frames from the aircraft, or excludes flying, and somebody holds the lease or takes it",
-        tokens=(Token.FLYING,),
-        look=_stick_frames,
-        is_early=True,
-    ),
-    Row(
-        name="live set",
-        concerns=_ALL,
-        stands="a live set must be proven first: before a lease, before a dangerous request to the FlightCtrl, and "
-        "before a procedure that relies on it",
-        tokens=(Token.LIVE_SET_OWED,),
-        look=_owed,
-        is_early=True,
-    ),
-    Row(
-        name="procedure under way",
-        concerns=_ALL,
-        stands="a procedure is under way; a lease waits only for one that excludes flying, and a harmless request for "
-        "none",
-        tokens=(Token.BUSY,),
-        look=_running,
-        is_early=True,
-    ),
-)
-"""What keeps the boards busy."""
-
-REQUEST_ROWS: Final = (
-    Row(
-        name="known request",
-        concerns=_REQUEST,
-        stands="this firmware does not know it",
-        tokens=(Token.UNSUPPORTED,),
-        look=_known_request,
-    ),
-    Row(
-        name="writable aircraft",
-        concerns=_REQUEST,
-        stands="it is dangerous, or writes settings, and the firmware is not known well enough",
-        tokens=(Token.READ_ONLY,),
-        look=_writable,
-    ),
-    Row(name="never sent", concerns=_REQUEST, stands="it is never sent", tokens=(Token.NEVER,), look=_never),
-    Row(
-        name="enabled",
-        concerns=_REQUEST,
-        stands="the configuration does not turn it on",
-        tokens=(Token.NOT_ENABLED,),
-        look=_enabled,
-    ),
-    Row(
-        name="motors that stand still",
-        concerns=_REQUEST,
-        stands="it needs motors that stand still, and they run, or nobody has told lately whether they do",
-        tokens=(Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
-        look=_stopped,
-    ),
-    Row(
-        name="confirmed request",
-        concerns=_REQUEST,
-        stands="it must be confirmed, always or with motors that may run, and does not say `confirm`",
-        tokens=(Token.NOT_CONFIRMED,),
-        look=_confirmed,
-    ),
-    Row(
-        name="buzzer",
-        concerns=_REQUEST,
-        stands=f"it would make the FlightCtrl deaf for more than {LONGEST_BEEP:g} s",
-        tokens=(Token.DEAF_TOO_LONG,),
-        look=_deaf,
-    ),
-    Row(
-        name="proven board",
-        concerns=_REQUEST,
-        stands="it needs a proven board, and the last version reply came from another one",
-        tokens=(Token.BOARD_UNPROVEN,),
-        look=_proven,
-    ),
-)
-"""What stands in the way of a request to a board."""
-
-PROCEDURE_ROWS: Final = (
-    Row(
-        name="motors for a procedure",
-        concerns=_PROCEDURE,
-        stands="it excludes flying, and motors run, or nobody has told lately whether they do",
-        tokens=(Token.IN_FLIGHT_NEEDED, Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
-        look=_standing,
-    ),
-)
-"""What stands in the way of a procedure."""

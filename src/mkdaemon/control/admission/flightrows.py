@@ -6,47 +6,14 @@ Source of the rules: docs/flying.md, "Before the first flight"; docs/safety.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Final
 
 from mkdaemon.control.activeset import OPEN_ABOVE, GateKind
-from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern, TakeLease
-from mkdaemon.control.admission.manoeuvrelooks import (
-    CARRIES,
-    STANDS,
-    answer,
-    board_listens,
-    certain,
-    clean,
-    estimate,
-    feet_down,
-    flown_target,
-    frame,
-    fresh_image,
-    in_air,
-    motors_run,
-    named_target,
-    near,
-    off_ground,
-    on_ground,
-    one_target,
-    slow,
-    throttle_low,
-)
-from mkdaemon.control.admission.row import Look, Row, Rule, Verdict, at, passed, stands, unknown, when
-from mkdaemon.control.admission.sightlooks import (
-    LATEST_IMAGES,
-    STAMP_LIMIT,
-    agreement,
-    camera,
-    heights,
-    lateness,
-    stamps,
-    target,
-)
-from mkdaemon.control.admission.situation import ASIDE, Situation
-from mkdaemon.control.batterywatch import low_voltage
+from mkdaemon.control.admission.beginnings import BY_TARGET, Concern, TakeLease
+from mkdaemon.control.admission.manoeuvrelooks import BEGIN_ROWS, NEED_ROWS
+from mkdaemon.control.admission.row import Rows, Rule, Verdict, passed, stands, unknown, when
+from mkdaemon.control.admission.sightlooks import SIGHT_ROWS
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -66,11 +33,39 @@ LOWEST_EMERGENCY: Final = 0.7
 LEAST_DISK: Final = 200e6
 """Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
 
+_LEASE: Final = (Concern.LEASE,)
+_NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
 
+LEASE_ROWS: Final = Rows()
+"""What stands in the way of the lease; what keeps the boards busy does, too: see `boardrows`."""
+CHECK_ROWS: Final = Rows()
+"""What stands in the way of a manoeuvre by the target: the aircraft, its settings, this computer."""
+
+
+@LEASE_ROWS.row(
+    "way to the client",
+    _LEASE,
+    "the way to the client and back takes longer than `control.lease.max_path_delay`, or nobody knows",
+    Token.SLOW_PATH,
+    is_early=True,
+)
+def _path(now: Situation, wanted: TakeLease) -> Verdict:
+    """Every time of the ladder counts from a setpoint's arrival; who sent it sees all of them later by this delay."""
+    delay, limit = wanted.path_delay, now.cfg.lease.max_path_delay
+    if delay is None or delay <= limit:
+        return passed()
+    took = f"takes {delay:.2f} s" if math.isfinite(delay) else "is unknown"
+    return stands(refuse(Token.SLOW_PATH, took=took, limit=limit))
+
+
+@LEASE_ROWS.check("guard", _LEASE, "the guard process is gone", Token.GUARD_DEAD)
 def _guard(now: Situation) -> Verdict:
     return passed("it runs") if now.has_guard else stands(refuse(Token.GUARD_DEAD))
 
 
+@LEASE_ROWS.check(
+    "firmware and layout", _LEASE, "the firmware is unknown, or has no external control", Token.NO_CONTROL
+)
 def _firmware(now: Situation) -> Verdict:
     line = now.line
     if line.layout is None:
@@ -79,6 +74,7 @@ def _firmware(now: Situation) -> Verdict:
     return passed(f"{words or 'known'}; external control {line.layout}")
 
 
+@LEASE_ROWS.check("link", _LEASE, "the link is not up or degraded", Token.LINK_DOWN)
 def _link(now: Situation) -> Verdict:
     link = now.link
     if link is None or not link.condition.is_usable:
@@ -87,6 +83,13 @@ def _link(now: Situation) -> Verdict:
     return passed(f"{link.condition.value}: {link.reason}")
 
 
+@CHECK_ROWS.check(
+    "link losses",
+    _NOT_LANDING,
+    f"more than {MOST_LOSS:g} % of the echoes are lost",
+    Token.LINK_POOR,
+    is_asked_again=False,
+)
 def _losses(now: Situation) -> Verdict:
     echo = None if now.health is None else now.health.echo
     if echo is None or not echo.sent:
@@ -96,6 +99,14 @@ def _losses(now: Situation) -> Verdict:
     return passed(f"{echo.loss_percent:.0f} % of {echo.sent} echoes lost")
 
 
+@LEASE_ROWS.check(
+    "gate",
+    _LEASE,
+    "ExternalControl of the active set is 128 or less, or a constant that `control.lease.allow_constant_gate` does "
+    "not accept",
+    Token.GATE_SHUT,
+    Token.GATE_CONSTANT,
+)
 def _gate(now: Situation) -> Verdict:
     gate = now.active_set.gate
     if gate.kind is GateKind.UNKNOWN:
@@ -109,6 +120,12 @@ def _gate(now: Situation) -> Verdict:
     return passed(f"the constant {gate.value}, which the operator has accepted")
 
 
+@LEASE_ROWS.check(
+    "gate and height control",
+    _LEASE,
+    "the switch of the gate also turns height control on",
+    Token.GATE_SWITCHES_ALTITUDE,
+)
 def _gate_alone(now: Situation) -> Verdict:
     channel = now.active_set.gate.altitude_channel
     if channel is not None:
@@ -116,6 +133,9 @@ def _gate_alone(now: Situation) -> Verdict:
     return passed("it switches nothing else") if now.active_set.is_known else unknown("it cannot be read from here")
 
 
+@CHECK_ROWS.check(
+    "height control", BY_TARGET, "height control is on, or the active set allows it", Token.HEIGHT_CONTROL
+)
 def _height_control(now: Situation) -> Verdict:
     flight = now.flight
     if flight is not None and flight.altitude_control:
@@ -125,6 +145,7 @@ def _height_control(now: Situation) -> Verdict:
     return passed("off (GlobalConfig bit 0)") if now.active_set.is_known else unknown("it cannot be read from here")
 
 
+@CHECK_ROWS.check("GPS switch", BY_TARGET, "the pilot's GPS switch is not at free", Token.GPS_STEERS)
 def _gps_switch(now: Situation) -> Verdict:
     flight = now.flight
     if flight is None or flight.gps_mode is GpsMode.UNKNOWN:
@@ -134,6 +155,12 @@ def _gps_switch(now: Situation) -> Verdict:
     return passed("at free: the NaviCtrl does not steer")
 
 
+@CHECK_ROWS.check(
+    "emergency throttle",
+    _NOT_LANDING,
+    f"NotGas is more than {100 * HIGHEST_EMERGENCY:g} % of the hover throttle",
+    Token.EMERGENCY_CLIMBS,
+)
 def _emergency(now: Situation) -> Verdict:
     throttle, hover = now.active_set.emergency_throttle, now.hover_gas
     if not now.active_set.is_known or throttle is None:
@@ -143,6 +170,13 @@ def _emergency(now: Situation) -> Verdict:
     return passed(f"NotGas {throttle} is below hover, about {hover:.0f}")
 
 
+@CHECK_ROWS.check(
+    "emergency descent",
+    _NOT_LANDING,
+    f"NotGas is less than {100 * LOWEST_EMERGENCY:g} % of the hover throttle, or NotGasZeit is 0",
+    Token.EMERGENCY_FALLS,
+    rule=Rule.ADVICE,
+)
 def _emergency_gentle(now: Situation) -> Verdict:
     found, hover = now.active_set, now.hover_gas
     if not found.is_known or found.emergency_throttle is None:
@@ -161,6 +195,13 @@ def _emergency_gentle(now: Situation) -> Verdict:
     return passed(f"{share:.0f} % of the weight are carried")
 
 
+@CHECK_ROWS.check(
+    "aircraft model",
+    BY_TARGET,
+    "a gain of the active set is on a potentiometer, or zero",
+    Token.GAIN_ON_POTI,
+    Token.GAIN_ZERO,
+)
 def _model(now: Situation) -> Verdict:
     model = now.model
     if model is None:
@@ -174,6 +215,12 @@ def _model(now: Situation) -> Verdict:
             return unknown("its set cannot be read from here: it is flown as one with set 3 as the factory ships it")
 
 
+@CHECK_ROWS.check(
+    "control loop",
+    BY_TARGET,
+    "the loop with the configured limits is not safe on the model of this aircraft",
+    Token.LOOP_UNSTABLE,
+)
 def _loop(now: Situation) -> Verdict:
     if now.loop is not None:
         # A new one: whoever raises it would hang the way it went to one that is kept.
@@ -181,6 +228,12 @@ def _loop(now: Situation) -> Verdict:
     return passed("stable on the model of this aircraft, with the configured limits")
 
 
+@CHECK_ROWS.check(
+    "receiver",
+    _NOT_LANDING,
+    f"the receiver quality is below {100 * LEAST_QUALITY:g} %, or the FlightCtrl lands by itself",
+    Token.RECEIVER_WEAK,
+)
 def _receiver(now: Situation) -> Verdict:
     limit = 100.0 * LEAST_QUALITY
     if now.flight is not None and now.flight.emergency_landing:
@@ -192,16 +245,29 @@ def _receiver(now: Situation) -> Verdict:
     return passed(f"{100.0 * now.pilot.rc_quality:.0f} %")
 
 
+@CHECK_ROWS.check(
+    "battery",
+    _NOT_LANDING,
+    "the board says that it is low, or a cell is below the voltage of the active set",
+    Token.BATTERY_LOW,
+)
 def _battery(now: Situation) -> Verdict:
     battery, flight = now.battery, now.flight
     if battery is None:
         return unknown("nobody says how full it is")
     low = battery.is_low or (flight is not None and flight.battery_low)
-    if low or battery.voltage < low_voltage(now.active_set, now.cells):
+    if low or battery.voltage < now.active_set.low_voltage(now.cells):
         return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
     return passed(f"{battery.voltage:.1f} V")
 
 
+@CHECK_ROWS.check(
+    "battery cells",
+    _NOT_LANDING,
+    "the battery may have one cell more than its voltage shows, and the configuration does not say how many",
+    Token.CELLS_DOUBTFUL,
+    rule=Rule.ADVICE,
+)
 def _cells(now: Situation) -> Verdict:
     if now.battery is None or now.cells is None:
         return unknown("no battery voltage is reported")
@@ -212,6 +278,9 @@ def _cells(now: Situation) -> Verdict:
     return passed(f"{now.cells} cells")
 
 
+@CHECK_ROWS.check(
+    "disk", _NOT_LANDING, f"less than {LEAST_DISK / 1e6:g} MB are free where flights are recorded", Token.DISK_FULL
+)
 def _disk(now: Situation) -> Verdict:
     if now.free_disk is None:
         return unknown("nobody looked")
@@ -220,325 +289,20 @@ def _disk(now: Situation) -> Verdict:
     return passed(f"{now.free_disk / 1e9:.1f} GB free")
 
 
-# -- the lease ----------------------------------------------------------------------------------------------------
-
-
-def _path(now: Situation, wanted: TakeLease) -> Verdict:
-    """Every time of the ladder counts from a setpoint's arrival; who sent it sees all of them later by this delay."""
-    delay, limit = wanted.path_delay, now.cfg.lease.max_path_delay
-    if delay is None or delay <= limit:
-        return passed()
-    took = f"takes {delay:.2f} s" if math.isfinite(delay) else "is unknown"
-    return stands(refuse(Token.SLOW_PATH, took=took, limit=limit))
-
-
+@LEASE_ROWS.row(
+    "holder", _LEASE, "another client holds the lease, and the request does not say `force`", Token.LEASE_HELD
+)
 def _holder(now: Situation, wanted: TakeLease) -> Verdict:
     if not now.holder or now.lease_left <= 0 or wanted.force:
         return passed()
     return stands(refuse(Token.LEASE_HELD, holder=now.holder, left=now.lease_left))
 
 
-def _released(now: Situation) -> Verdict:
+@LEASE_ROWS.row("release under way", _LEASE, "a release is under way and nobody holds the lease", Token.BUSY)
+def _released(now: Situation, wanted: object) -> Verdict:
     is_releasing = not now.holder and now.phase is Phase.RELEASING
     return when(refuse(Token.BUSY, detail="a release is under way") if is_releasing else None)
 
 
-def _check(
-    name: str,
-    concerns: tuple[Concern, ...],
-    stands: str,
-    look: Callable[[Situation], Verdict],
-    *tokens: Token,
-    rule: Rule = Rule.BEGINNING,
-) -> Row:
-    """A check before a flight, as `mkctl preflight` shows it."""
-    return Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=at(look), rule=rule, is_shown=True)
-
-
-def _entry(name: str, stands: str, look: Look, *, rule: Rule = Rule.ENTRY, concerns: tuple[Concern, ...]) -> Row:
-    """A condition that the stream waits for."""
-    return Row(name=name, concerns=concerns, stands=stands, tokens=(Token.NOT_READY,), look=look, rule=rule)
-
-
-def _once(row: Row) -> Row:
-    """A row that nobody asks when a flight goes on whose sticks had no answer.
-
-    Where a pilot flew meanwhile the aircraft is as he left it, and what is compared with sticks says nothing.
-    """
-    return replace(row, is_asked_again=False)
-
-
-_LEASE: Final = (Concern.LEASE,)
-_NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
-_IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
-_TAKE_OFF: Final = (Concern.TAKE_OFF,)
-
-LEASE_ROWS: Final = (
-    Row(
-        name="way to the client",
-        concerns=_LEASE,
-        stands="the way to the client and back takes longer than `control.lease.max_path_delay`, or nobody knows",
-        tokens=(Token.SLOW_PATH,),
-        look=_path,
-        is_early=True,
-    ),
-    _check("guard", _LEASE, "the guard process is gone", _guard, Token.GUARD_DEAD),
-    _check(
-        "firmware and layout",
-        _LEASE,
-        "the firmware is unknown, or has no external control",
-        _firmware,
-        Token.NO_CONTROL,
-    ),
-    _check("link", _LEASE, "the link is not up or degraded", _link, Token.LINK_DOWN),
-    _check(
-        "gate",
-        _LEASE,
-        "ExternalControl of the active set is 128 or less, or a constant that `control.lease.allow_constant_gate` does "
-        "not accept",
-        _gate,
-        Token.GATE_SHUT,
-        Token.GATE_CONSTANT,
-    ),
-    _check(
-        "gate and height control",
-        _LEASE,
-        "the switch of the gate also turns height control on",
-        _gate_alone,
-        Token.GATE_SWITCHES_ALTITUDE,
-    ),
-    Row(
-        name="holder",
-        concerns=_LEASE,
-        stands="another client holds the lease, and the request does not say `force`",
-        tokens=(Token.LEASE_HELD,),
-        look=_holder,
-    ),
-    Row(
-        name="release under way",
-        concerns=_LEASE,
-        stands="a release is under way and nobody holds the lease",
-        tokens=(Token.BUSY,),
-        look=at(_released),
-    ),
-)
-"""What stands in the way of the lease; what keeps the boards busy does, too: see `boardrows`."""
-
-FLIGHT_ROWS: Final = (
-    Row(
-        name="frame",
-        concerns=(Concern.VELOCITY, Concern.POSITION),
-        stands="it is given in frame home",
-        tokens=(Token.NO_FRAME,),
-        look=frame,
-        rule=Rule.ALWAYS,
-    ),
-    Row(
-        name="estimate",
-        concerns=_IN_SIGHT,
-        stands="no camera has seen a target yet",
-        tokens=(Token.NO_ESTIMATE,),
-        look=estimate,
-        rule=Rule.ALWAYS,
-    ),
-    Row(
-        name="one target",
-        concerns=BY_TARGET,
-        stands=f"it names no target, and two are in sight, or the one of a take-off is more than {ASIDE:g} m aside",
-        tokens=(Token.TARGET_UNCLEAR,),
-        look=one_target,
-    ),
-    Row(
-        name="target that is flown by",
-        concerns=BY_TARGET,
-        stands="it names another target than the one that is flown by",
-        tokens=(Token.TARGET_UNCLEAR,),
-        look=flown_target,
-        rule=Rule.ALWAYS,
-    ),
-    _once(
-        _check(
-            "link losses",
-            _NOT_LANDING,
-            f"more than {MOST_LOSS:g} % of the echoes are lost",
-            _losses,
-            Token.LINK_POOR,
-        )
-    ),
-    _check(
-        "height control",
-        BY_TARGET,
-        "height control is on, or the active set allows it",
-        _height_control,
-        Token.HEIGHT_CONTROL,
-    ),
-    _check("GPS switch", BY_TARGET, "the pilot's GPS switch is not at free", _gps_switch, Token.GPS_STEERS),
-    _check(
-        "emergency throttle",
-        _NOT_LANDING,
-        f"NotGas is more than {100 * HIGHEST_EMERGENCY:g} % of the hover throttle",
-        _emergency,
-        Token.EMERGENCY_CLIMBS,
-    ),
-    Row(
-        name="emergency descent",
-        concerns=_NOT_LANDING,
-        stands=f"NotGas is less than {100 * LOWEST_EMERGENCY:g} % of the hover throttle, or NotGasZeit is 0",
-        tokens=(Token.EMERGENCY_FALLS,),
-        look=at(_emergency_gentle),
-        rule=Rule.ADVICE,
-        is_shown=True,
-    ),
-    _check(
-        "aircraft model",
-        BY_TARGET,
-        "a gain of the active set is on a potentiometer, or zero",
-        _model,
-        Token.GAIN_ON_POTI,
-        Token.GAIN_ZERO,
-    ),
-    _check(
-        "control loop",
-        BY_TARGET,
-        "the loop with the configured limits is not safe on the model of this aircraft",
-        _loop,
-        Token.LOOP_UNSTABLE,
-    ),
-    _check(
-        "receiver",
-        _NOT_LANDING,
-        f"the receiver quality is below {100 * LEAST_QUALITY:g} %, or the FlightCtrl lands by itself",
-        _receiver,
-        Token.RECEIVER_WEAK,
-    ),
-    _check(
-        "battery",
-        _NOT_LANDING,
-        "the board says that it is low, or a cell is below the voltage of the active set",
-        _battery,
-        Token.BATTERY_LOW,
-    ),
-    _check(
-        "battery cells",
-        _NOT_LANDING,
-        "the battery may have one cell more than its voltage shows, and the configuration does not say how many",
-        _cells,
-        Token.CELLS_DOUBTFUL,
-        rule=Rule.ADVICE,
-    ),
-    _check(
-        "camera",
-        BY_TARGET,
-        "every camera is still being opened, gone, silent or not calibrated",
-        camera,
-        Token.CAMERA_UNFIT,
-        Token.CAMERA_OPENING,
-    ),
-    _check(
-        "agreement of cameras",
-        BY_TARGET,
-        "a camera contradicts the others",
-        agreement,
-        Token.CAMERAS_CONTRADICT,
-    ),
-    _check(
-        "scale of heights",
-        BY_TARGET,
-        "the barometer contradicts the heights that images show, and it is no accident",
-        heights,
-        Token.HEIGHTS_CONTRADICTED,
-    ),
-    _check(
-        "age of images",
-        BY_TARGET,
-        f"half of the images are older than {LATEST_IMAGES:g} ms when they have been looked at",
-        lateness,
-        Token.IMAGES_LATE,
-    ),
-    _check("target", BY_TARGET, "never; it says when the target was last in sight", target),
-    _once(
-        _check(
-            "time stamps",
-            BY_TARGET,
-            f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
-            stamps,
-            Token.CAMERA_TURNED,
-            Token.STAMPS_OFF,
-        )
-    ),
-    _check(
-        "disk",
-        _NOT_LANDING,
-        f"less than {LEAST_DISK / 1e6:g} MB are free where flights are recorded",
-        _disk,
-        Token.DISK_FULL,
-    ),
-    Row(
-        name="take-off from the ground",
-        concerns=_TAKE_OFF,
-        stands="sticks or attitudes of a client are being flown",
-        tokens=(Token.NOT_ON_GROUND,),
-        look=at(on_ground),
-    ),
-    _entry(
-        "board that listens",
-        "a board works on a request and does not listen",
-        board_listens,
-        rule=Rule.WAITS,
-        concerns=MANOEUVRES,
-    ),
-    Row(
-        name="answer to the sticks",
-        concerns=BY_TARGET,
-        stands="a board reports the gate shut, or the aircraft that is flown does not answer its sticks",
-        tokens=(Token.NO_ANSWER,),
-        look=answer,
-        rule=Rule.WAITS,
-    ),
-    Row(
-        name="ground contact",
-        concerns=BY_TARGET,
-        stands="a take-off that no image has shown off the ground is flown, or the last centimetres of a landing",
-        tokens=(Token.NOT_FLYING,),
-        look=off_ground,
-        rule=Rule.ALWAYS,
-    ),
-    Row(
-        name="flying aircraft",
-        concerns=_IN_SIGHT,
-        stands=f"motors stand still, the board says that it does not fly, or its feet are no more than "
-        f"{100 * STANDS:g} cm above the target",
-        tokens=(Token.NOT_FLYING,),
-        look=in_air,
-        rule=Rule.ENTRY,
-    ),
-    _entry("named target", "it names another target than the one in sight", named_target, concerns=_IN_SIGHT),
-    _entry("fresh image", "the newest image is older than `entry_age`", fresh_image, concerns=_IN_SIGHT),
-    _once(_entry("speed", "it moves faster than `entry_speed` against the target", slow, concerns=_IN_SIGHT)),
-    _once(_entry("offset", "it is more than `entry_offset` of its height beside the target", near, concerns=_IN_SIGHT)),
-    _entry("certainty", "the standard deviation of its position is above `entry_sd`", certain, concerns=_IN_SIGHT),
-    _once(
-        _entry(
-            "clean images",
-            "images have agreed with the model for less than `entry_clean`",
-            clean,
-            concerns=_IN_SIGHT,
-        )
-    ),
-    _entry("running motors", "motors stand still", motors_run, rule=Rule.WAITS, concerns=_TAKE_OFF),
-    _entry(
-        "feet on the ground",
-        f"its feet are more than {100 * STANDS:g} cm above the target",
-        feet_down,
-        rule=Rule.WAITS,
-        concerns=_TAKE_OFF,
-    ),
-    _entry(
-        "throttle at its lowest",
-        f"it flies with more than {100 * CARRIES:g} % of the hover throttle",
-        throttle_low,
-        rule=Rule.WAITS,
-        concerns=_TAKE_OFF,
-    ),
-)
-"""What stands in the way of a manoeuvre. `entry_...` are options of `control.autopilot`."""
+FLIGHT_ROWS: Final = (*NEED_ROWS, *CHECK_ROWS, *SIGHT_ROWS, *BEGIN_ROWS)
+"""What stands in the way of a manoeuvre, in the order in which the first one is named."""

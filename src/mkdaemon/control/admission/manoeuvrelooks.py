@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.control.admission.beginnings import BY_HAND, Concern, NewManoeuvre
-from mkdaemon.control.admission.row import Verdict, passed, stands, when
+from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre
+from mkdaemon.control.admission.row import Rows, Rule, Verdict, passed, stands, when
 from mkdaemon.control.admission.situation import ASIDE, Entry, Situation
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.telemetry.control import Obstacle
@@ -18,14 +18,19 @@ STANDS: Final = 0.15
 CARRIES: Final = 0.6
 """Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
 
+_IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
+_TAKE_OFF: Final = (Concern.TAKE_OFF,)
 
-def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Who lands has no estimate once he stands, and goes on landing."""
-    if now.flown is wanted.concern or now.entry is not None:
-        return passed()
-    return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
+NEED_ROWS: Final = Rows()
+"""Without which a manoeuvre is not even looked at. `entry_...` are options of `control.autopilot`."""
+BEGIN_ROWS: Final = Rows()
+"""What it begins with. Where a flight goes on whose sticks had no answer, a pilot flew meanwhile: the aircraft is as he
+left it, and what is compared with sticks says nothing."""
 
 
+@NEED_ROWS.row(
+    "frame", (Concern.VELOCITY, Concern.POSITION), "it is given in frame home", Token.NO_FRAME, rule=Rule.ALWAYS
+)
 def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Nothing is flown in frame home."""
     if wanted.frame is not SetpointFrame.HOME:
@@ -33,6 +38,20 @@ def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
 
 
+@NEED_ROWS.row("estimate", _IN_SIGHT, "no camera has seen a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS)
+def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Who lands has no estimate once he stands, and goes on landing."""
+    if now.flown is wanted.concern or now.entry is not None:
+        return passed()
+    return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
+
+
+@NEED_ROWS.row(
+    "one target",
+    BY_TARGET,
+    f"it names no target, and two are in sight, or the one of a take-off is more than {ASIDE:g} m aside",
+    Token.TARGET_UNCLEAR,
+)
 def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Whoever names no target means the one that is flown by, else the one in sight, or below."""
     if wanted.target or (now.flown is not None and now.flown.is_by_target):
@@ -48,6 +67,13 @@ def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return passed()
 
 
+@NEED_ROWS.row(
+    "target that is flown by",
+    BY_TARGET,
+    "it names another target than the one that is flown by",
+    Token.TARGET_UNCLEAR,
+    rule=Rule.ALWAYS,
+)
 def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """In flight by a target no other one takes its place."""
     if not wanted.target or now.flown is None or not now.flown.is_by_target or now.entry is None:
@@ -58,30 +84,29 @@ def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=now.entry.target, detail=detail))
 
 
-def named_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """A target that is named must be the one in sight."""
-    entry = now.entry
-    if entry is None or wanted.target in ("", entry.target):
-        return passed()
-    return _waiting(wanted, f"an image of {wanted.target}: {entry.target} is in sight")
-
-
-def on_ground(now: Situation) -> Verdict:
+@BEGIN_ROWS.row(
+    "take-off from the ground", _TAKE_OFF, "sticks or attitudes of a client are being flown", Token.NOT_ON_GROUND
+)
+def on_ground(now: Situation, wanted: object) -> Verdict:
     """A take-off begins on the ground, where nobody flies by hand."""
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
 
-def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
-    """Say what a manoeuvre waits for; the words stand after "waiting for"."""
-    refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
-    return Verdict(CheckState.STANDS, detail, refusal)
-
-
+@BEGIN_ROWS.row(
+    "board that listens", MANOEUVRES, "a board works on a request and does not listen", Token.NOT_READY, rule=Rule.WAITS
+)
 def board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
     return _waiting(wanted, now.line.reason) if now.line.obstacle is Obstacle.DEAF else passed()
 
 
+@BEGIN_ROWS.row(
+    "answer to the sticks",
+    BY_TARGET,
+    "a board reports the gate shut, or the aircraft that is flown does not answer its sticks",
+    Token.NO_ANSWER,
+    rule=Rule.WAITS,
+)
 def answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Begin no flight whose sticks would not act: they would wind up until the gate is opened."""
     if not now.unanswered:
@@ -90,54 +115,28 @@ def answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return Verdict(CheckState.STANDS, f"an answer to the sticks: {now.unanswered}", refusal)
 
 
-def fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """The newest image must be young."""
-    entry = now.entry
-    if entry is None or entry.age <= now.cfg.autopilot.entry_age:
+@BEGIN_ROWS.row(
+    "ground contact",
+    BY_TARGET,
+    "a take-off that no image has shown off the ground is flown, or the last centimetres of a landing",
+    Token.NOT_FLYING,
+    rule=Rule.ALWAYS,
+)
+def off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off or landing that touches the ground ends by itself, by an abort or by a release."""
+    if now.flown is None or now.flown is wanted.concern or not now.is_touching:
         return passed()
-    return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
+    return _grounded(wanted, f"its {now.flown} has not left the ground, or is about to touch it")
 
 
-def slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """The aircraft must hover."""
-    entry = now.entry
-    if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
-        return passed()
-    return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
-
-
-def near(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """The aircraft must be over the target."""
-    entry = now.entry
-    if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
-        return passed()
-    where = f"it is {entry.offset:.1f} m beside its middle, {entry.height:.1f} m up"
-    return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
-
-
-def certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Its position must be known."""
-    entry = now.entry
-    if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
-        return passed()
-    return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
-
-
-def clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Images must have agreed with the model for a while."""
-    entry = now.entry
-    if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
-        return passed()
-    return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
-
-
-def motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """A take-off needs motors that the pilot has started."""
-    if now.motors_running is not False:
-        return passed()
-    return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
-
-
+@BEGIN_ROWS.row(
+    "flying aircraft",
+    _IN_SIGHT,
+    f"motors stand still, the board says that it does not fly, or its feet are no more than "
+    f"{100 * STANDS:g} cm above the target",
+    Token.NOT_FLYING,
+    rule=Rule.ENTRY,
+)
 def in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Nothing that integrates begins while the aircraft stands or is held by hand: its throttle would wind up."""
     entry = now.entry
@@ -152,23 +151,107 @@ def in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return _grounded(wanted, detail)
 
 
-def off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """A take-off or landing that touches the ground ends by itself, by an abort or by a release."""
-    if now.flown is None or now.flown is wanted.concern or not now.is_touching:
+@BEGIN_ROWS.row(
+    "named target", _IN_SIGHT, "it names another target than the one in sight", Token.NOT_READY, rule=Rule.ENTRY
+)
+def named_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A target that is named must be the one in sight."""
+    entry = now.entry
+    if entry is None or wanted.target in ("", entry.target):
         return passed()
-    return _grounded(wanted, f"its {now.flown} has not left the ground, or is about to touch it")
+    return _waiting(wanted, f"an image of {wanted.target}: {entry.target} is in sight")
 
 
-def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
-    refusal = refuse(Token.NOT_FLYING, name=f"setpoint/{wanted.concern}", detail=detail)
-    return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
+@BEGIN_ROWS.row(
+    "fresh image", _IN_SIGHT, "the newest image is older than `entry_age`", Token.NOT_READY, rule=Rule.ENTRY
+)
+def fresh_image(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The newest image must be young."""
+    entry = now.entry
+    if entry is None or entry.age <= now.cfg.autopilot.entry_age:
+        return passed()
+    return _waiting(wanted, f"a fresh image of {entry.target}: the last is {entry.age:.2f} s old")
 
 
-def _feet(now: Situation, entry: Entry) -> float:
-    """Height of the feet above the target [m]."""
-    return entry.height - now.cfg.autopilot.stand_height
+@BEGIN_ROWS.row(
+    "speed",
+    _IN_SIGHT,
+    "it moves faster than `entry_speed` against the target",
+    Token.NOT_READY,
+    rule=Rule.ENTRY,
+    is_asked_again=False,
+)
+def slow(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The aircraft must hover."""
+    entry = now.entry
+    if entry is None or entry.speed <= now.cfg.autopilot.entry_speed:
+        return passed()
+    return _waiting(wanted, f"a slower aircraft: it moves at {entry.speed:.1f} m/s over {entry.target}")
 
 
+@BEGIN_ROWS.row(
+    "offset",
+    _IN_SIGHT,
+    "it is more than `entry_offset` of its height beside the target",
+    Token.NOT_READY,
+    rule=Rule.ENTRY,
+    is_asked_again=False,
+)
+def near(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """The aircraft must be over the target."""
+    entry = now.entry
+    if entry is None or entry.offset <= now.cfg.autopilot.entry_offset * entry.height:
+        return passed()
+    where = f"it is {entry.offset:.1f} m beside its middle, {entry.height:.1f} m up"
+    return _waiting(wanted, f"a place nearer over {entry.target}: {where}")
+
+
+@BEGIN_ROWS.row(
+    "certainty",
+    _IN_SIGHT,
+    "the standard deviation of its position is above `entry_sd`",
+    Token.NOT_READY,
+    rule=Rule.ENTRY,
+)
+def certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Its position must be known."""
+    entry = now.entry
+    if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
+        return passed()
+    return _waiting(wanted, f"a certain position: its standard deviation is {100 * entry.sd:.0f} cm")
+
+
+@BEGIN_ROWS.row(
+    "clean images",
+    _IN_SIGHT,
+    "images have agreed with the model for less than `entry_clean`",
+    Token.NOT_READY,
+    rule=Rule.ENTRY,
+    is_asked_again=False,
+)
+def clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Images must have agreed with the model for a while."""
+    entry = now.entry
+    if entry is None or entry.clean >= now.cfg.autopilot.entry_clean:
+        return passed()
+    return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
+
+
+@BEGIN_ROWS.row("running motors", _TAKE_OFF, "motors stand still", Token.NOT_READY, rule=Rule.WAITS)
+def motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A take-off needs motors that the pilot has started."""
+    if now.motors_running is not False:
+        return passed()
+    return _waiting(wanted, "running motors: the pilot starts them, throttle at its lowest")
+
+
+@BEGIN_ROWS.row(
+    "feet on the ground",
+    _TAKE_OFF,
+    f"its feet are more than {100 * STANDS:g} cm above the target",
+    Token.NOT_READY,
+    rule=Rule.WAITS,
+)
 def feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A take-off begins with the lowest throttle, which would drop an aircraft that a pilot holds in the air."""
     entry = now.entry
@@ -179,6 +262,13 @@ def feet_down(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return _waiting(wanted, f"an aircraft on the ground: its feet are {_feet(now, entry):.1f} m above the target")
 
 
+@BEGIN_ROWS.row(
+    "throttle at its lowest",
+    _TAKE_OFF,
+    f"it flies with more than {100 * CARRIES:g} % of the hover throttle",
+    Token.NOT_READY,
+    rule=Rule.WAITS,
+)
 def throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """The pilot's throttle must not carry the aircraft."""
     gas = now.gas_in_use
@@ -186,3 +276,19 @@ def throttle_low(now: Situation, wanted: NewManoeuvre) -> Verdict:
         return passed()
     found = f"it is at {gas - GAS_CENTRE:+.0f}, which may carry the aircraft"
     return _waiting(wanted, f"the pilot's throttle at its lowest: {found}")
+
+
+def _waiting(wanted: NewManoeuvre, detail: str) -> Verdict:
+    """Say what a manoeuvre waits for; the words stand after "waiting for"."""
+    refusal = refuse(Token.NOT_READY, name=wanted.concern.value, detail=detail)
+    return Verdict(CheckState.STANDS, detail, refusal)
+
+
+def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
+    refusal = refuse(Token.NOT_FLYING, name=f"setpoint/{wanted.concern}", detail=detail)
+    return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
+
+
+def _feet(now: Situation, entry: Entry) -> float:
+    """Height of the feet above the target [m]."""
+    return entry.height - now.cfg.autopilot.stand_height

@@ -6,7 +6,7 @@ import math
 from typing import Final, NamedTuple
 
 from mkdaemon.control.admission.beginnings import Concern, NaviGoto, StartRoute, Upload
-from mkdaemon.control.admission.row import Row, Verdict, passed, stands
+from mkdaemon.control.admission.row import Rows, Verdict, passed, stands
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.telemetry.mission import MissionPoint, PointKind
@@ -19,6 +19,11 @@ HIGH: Final = 500.0
 """The same of a point above the start [m]."""
 LEAST_SATELLITES: Final = 6
 """With fewer no target is taken: what NaviCtrls ask for from the factory, docs/protocol.md, NaviGpsMinSat."""
+
+_NAVI_GOTO: Final = (Concern.NAVI_GOTO,)
+
+NAVI_ROWS: Final = Rows()
+"""What stands in the way of points, routes and places."""
 
 
 class Place(NamedTuple):
@@ -34,6 +39,13 @@ class Place(NamedTuple):
         return math.hypot(east, north)
 
 
+@NAVI_ROWS.row(
+    "places",
+    (Concern.UPLOAD,),
+    f"a point is more than {FAR / 1000:g} km away, below the start, or more than {HIGH:g} m above it, and "
+    "the request does not say `allow_unusual`",
+    Token.POINT_UNUSUAL,
+)
 def _usual(now: Situation, wanted: Upload) -> Verdict:
     """Refuse points that nobody means; without a position of the aircraft the first point stands for it."""
     if wanted.allow_unusual:
@@ -59,6 +71,12 @@ def _mistake(point: MissionPoint, origin: Place, of: str) -> str:
     return f"lies {point.altitude:g} m above the start" if point.altitude > HIGH else ""
 
 
+@NAVI_ROWS.row(
+    "aircraft in the air",
+    (Concern.ROUTE, Concern.NAVI_GOTO),
+    "it stands, or nobody has told lately whether it flies",
+    Token.ROUTE_ON_GROUND,
+)
 def _in_flight(now: Situation, wanted: StartRoute | NaviGoto) -> Verdict:
     if now.flight is not None and now.flight.is_flying:
         return passed()
@@ -67,6 +85,7 @@ def _in_flight(now: Situation, wanted: StartRoute | NaviGoto) -> Verdict:
     return stands(refuse(Token.ROUTE_ON_GROUND, detail=detail))
 
 
+@NAVI_ROWS.row("no route under way", (Concern.ROUTE,), "it flies a route already", Token.ROUTE_ACTIVE)
 def _no_route(now: Situation, wanted: StartRoute) -> Verdict:
     flight = now.flight
     if flight is None or not flight.waypoint_index:
@@ -74,11 +93,18 @@ def _no_route(now: Situation, wanted: StartRoute) -> Verdict:
     return stands(refuse(Token.ROUTE_ACTIVE, index=flight.waypoint_index, count=flight.waypoint_count or 0))
 
 
+@NAVI_ROWS.row("switch at home", _NAVI_GOTO, "the pilot's GPS switch is at coming home", Token.SWITCH_AT_HOME)
 def _not_coming_home(now: Situation, wanted: NaviGoto) -> Verdict:
     is_coming = now.flight is not None and now.flight.gps_mode is GpsMode.COME_HOME
     return stands(refuse(Token.SWITCH_AT_HOME)) if is_coming else passed()
 
 
+@NAVI_ROWS.row(
+    "position by GPS",
+    _NAVI_GOTO,
+    f"it has none, fewer than {LEAST_SATELLITES} satellites, or does not know home",
+    Token.POSITION_POOR,
+)
 def _position(now: Situation, wanted: NaviGoto) -> Verdict:
     position, gps = now.position, now.gps
     if position is None or (gps is not None and gps.fix is GpsFix.NONE):
@@ -90,58 +116,11 @@ def _position(now: Situation, wanted: NaviGoto) -> Verdict:
     return passed()
 
 
+@NAVI_ROWS.row(
+    "height of the place", _NAVI_GOTO, f"it lies below the start, or more than {HIGH:g} m above it", Token.POINT_UNUSUAL
+)
 def _height(now: Situation, wanted: NaviGoto) -> Verdict:
     if 0.0 <= wanted.up <= HIGH:
         return passed()
     detail = f"lies {wanted.up:g} m above the start, not 0 to {HIGH:g}"
     return stands(refuse(Token.POINT_UNUSUAL, number=1, detail=detail))
-
-
-_NAVI_GOTO: Final = (Concern.NAVI_GOTO,)
-
-NAVI_ROWS: Final = (
-    Row(
-        name="places",
-        concerns=(Concern.UPLOAD,),
-        stands=f"a point is more than {FAR / 1000:g} km away, below the start, or more than {HIGH:g} m above it, and "
-        "the request does not say `allow_unusual`",
-        tokens=(Token.POINT_UNUSUAL,),
-        look=_usual,
-    ),
-    Row(
-        name="aircraft in the air",
-        concerns=(Concern.ROUTE, Concern.NAVI_GOTO),
-        stands="it stands, or nobody has told lately whether it flies",
-        tokens=(Token.ROUTE_ON_GROUND,),
-        look=_in_flight,
-    ),
-    Row(
-        name="no route under way",
-        concerns=(Concern.ROUTE,),
-        stands="it flies a route already",
-        tokens=(Token.ROUTE_ACTIVE,),
-        look=_no_route,
-    ),
-    Row(
-        name="switch at home",
-        concerns=_NAVI_GOTO,
-        stands="the pilot's GPS switch is at coming home",
-        tokens=(Token.SWITCH_AT_HOME,),
-        look=_not_coming_home,
-    ),
-    Row(
-        name="position by GPS",
-        concerns=_NAVI_GOTO,
-        stands=f"it has none, fewer than {LEAST_SATELLITES} satellites, or does not know home",
-        tokens=(Token.POSITION_POOR,),
-        look=_position,
-    ),
-    Row(
-        name="height of the place",
-        concerns=_NAVI_GOTO,
-        stands=f"it lies below the start, or more than {HIGH:g} m above it",
-        tokens=(Token.POINT_UNUSUAL,),
-        look=_height,
-    ),
-)
-"""What stands in the way of points, routes and places."""

@@ -121,10 +121,31 @@ class Row:
         return Blocks.LEASE if Concern.LEASE in self.concerns else Blocks.AUTONOMY
 
 
-def at(look: Callable[[Situation], Verdict]) -> Look:
-    """A look at the situation alone, whatever is to begin."""
+Check = Callable[[Situation], Verdict]
+"""Looks at the situation alone."""
 
-    def look_at(situation: Situation, beginning: object) -> Verdict:
-        return look(situation)
 
-    return look_at
+class Rows(list[Row]):
+    """Rows in the order in which they are declared, each at its look."""
+
+    def row(
+        self, name: str, concerns: tuple[Concern, ...], stands: str, *tokens: Token, **more: Any
+    ) -> Callable[[Look], Look]:
+        """Declare the row of a look; `more` are other fields of `Row`."""
+
+        def declare(look: Look) -> Look:
+            self.append(Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=look, **more))
+            return look
+
+        return declare
+
+    def check(
+        self, name: str, concerns: tuple[Concern, ...], stands: str, *tokens: Token, **more: Any
+    ) -> Callable[[Check], Check]:
+        """The same of a check before a flight, as `mkctl preflight` shows it."""
+
+        def declare(look: Check) -> Check:
+            self.row(name, concerns, stands, *tokens, is_shown=True, **more)(lambda now, beginning: look(now))
+            return look
+
+        return declare

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.control.admission.row import Verdict, passed, stands, unknown
+from mkdaemon.control.admission.beginnings import BY_TARGET
+from mkdaemon.control.admission.row import Rows, Verdict, passed, stands, unknown
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.heights import heights_found
 from mkdaemon.control.motionmatch import ALIKE
@@ -22,7 +23,17 @@ LATEST_IMAGES: Final = 500.0
 0.6 s old; of 0.9 s, which the estimator's history no longer holds, they climbed to 12 m."""
 _UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
 
+SIGHT_ROWS: Final = Rows()
+"""What stands in the way of a manoeuvre by the target: what its cameras show."""
 
+
+@SIGHT_ROWS.check(
+    "camera",
+    BY_TARGET,
+    "every camera is still being opened, gone, silent or not calibrated",
+    Token.CAMERA_UNFIT,
+    Token.CAMERA_OPENING,
+)
 def camera(now: Situation) -> Verdict:
     """Whether a camera can be flown by."""
     if not now.eyes:
@@ -47,6 +58,7 @@ def _unfit(stats: VisionStats, now: float) -> str:
     return "" if stats.state is EyeState.OK else f"{stats.state.value}: {stats.reason}"
 
 
+@SIGHT_ROWS.check("agreement of cameras", BY_TARGET, "a camera contradicts the others", Token.CAMERAS_CONTRADICT)
 def agreement(now: Situation) -> Verdict:
     """Whether the cameras agree."""
     if now.contradicting:
@@ -54,6 +66,12 @@ def agreement(now: Situation) -> Verdict:
     return passed("no camera contradicts another")
 
 
+@SIGHT_ROWS.check(
+    "scale of heights",
+    BY_TARGET,
+    "the barometer contradicts the heights that images show, and it is no accident",
+    Token.HEIGHTS_CONTRADICTED,
+)
 def heights(now: Situation) -> Verdict:
     """Whether the barometer agrees with the heights that images show."""
     found = heights_found(now.eyes)
@@ -64,6 +82,12 @@ def heights(now: Situation) -> Verdict:
     return unknown(f"watch it: {found.refusal.reason}") if found.odds >= HEIGHTS_LIKELY else passed(found.words)
 
 
+@SIGHT_ROWS.check(
+    "age of images",
+    BY_TARGET,
+    f"half of the images are older than {LATEST_IMAGES:g} ms when they have been looked at",
+    Token.IMAGES_LATE,
+)
 def lateness(now: Situation) -> Verdict:
     """How old images are when they have been looked at."""
     if not now.eyes:
@@ -77,6 +101,7 @@ def lateness(now: Situation) -> Verdict:
     return passed(f"half of them are looked at within {best.latency_p50_ms:.0f} ms of their exposure")
 
 
+@SIGHT_ROWS.check("target", BY_TARGET, "never; it says when the target was last in sight")
 def target(now: Situation) -> Verdict:
     """When the target was last in sight."""
     age = now.target_age
@@ -85,6 +110,14 @@ def target(now: Situation) -> Verdict:
     return passed("in sight") if age <= 1.0 else unknown(f"the last image of it is {age:.0f} s old")
 
 
+@SIGHT_ROWS.check(
+    "time stamps",
+    BY_TARGET,
+    f"camera and boards move more than {1000 * STAMP_LIMIT:g} ms apart, or against each other",
+    Token.CAMERA_TURNED,
+    Token.STAMPS_OFF,
+    is_asked_again=False,
+)
 def stamps(now: Situation) -> Verdict:
     """Whether camera and boards tell of the same motion at the same time."""
     match = now.stamps

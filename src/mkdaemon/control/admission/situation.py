@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import ActiveSet
@@ -67,7 +65,7 @@ class Entry:
         speed: against the target, up and down included [m/s].
         offset: from the middle of the target, over ground [m].
         height: above the target [m].
-        sd: standard deviation of the worst known axis of the position [m].
+        sd: standard deviation of the worst known axis of the position, by the time the next image comes [m].
         clean: how long images have agreed with the model [s].
     """
 
@@ -80,7 +78,7 @@ class Entry:
     clean: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
     """All that admission looks at; nothing has a default, so that nothing passes because it was forgotten.
 
@@ -112,10 +110,10 @@ class Situation:
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
         in_sight: names of all targets that images have shown lately.
-        seen: computes `entry`: most conditions do not ask for it, and it costs a prediction of the estimate.
+        entry: what the estimate says; None where there is none, or no manoeuvre can begin.
         is_touching: what is flown may touch the ground: a take-off not yet seen to fly, the end of a landing.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
-        compared: computes `stamps`, in a millisecond.
+        stamps: whether camera and boards tell of the same motion; None where nothing moved, or nothing was compared.
         free_disk: where the recorder writes [bytes]; None where nobody looked.
         model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
@@ -148,23 +146,20 @@ class Situation:
     contradicting: tuple[str, ...]
     target_age: float | None
     in_sight: tuple[str, ...]
-    seen: Callable[[], Entry | None]
+    entry: Entry | None
     is_touching: bool
     unanswered: str
-    compared: Callable[[], Match | None]
+    stamps: Match | None
     free_disk: float | None
     model: ModelUnknown | None
     loop: CommandRejectedError | None
 
-    @cached_property
-    def entry(self) -> Entry | None:
-        """What the estimate says; None where there is no estimate."""
-        return self.seen()
-
-    @cached_property
-    def stamps(self) -> Match | None:
-        """Whether camera and boards tell of the same motion; None where nothing moved."""
-        return self.compared()
+    @property
+    def is_receiver_lost(self) -> bool:
+        """Whether the FlightCtrl is known to fly without the pilot's transmitter."""
+        if self.flight is not None and self.flight.emergency_landing is not None:
+            return self.flight.emergency_landing
+        return self.pilot is not None and not self.pilot.has_signal
 
     @property
     def is_free(self) -> bool:

@@ -115,6 +115,7 @@ class StickResponse:
         """Take sticks and when they act as far as is believed of the line: pitch and roll (2,), by the model [rad]."""
         self._first_at = min(self._first_at, acts_at)
         self._commands.append((acts_at, tilt))
+        self._advance(acts_at - REACH + LAGS[0])  # of no earlier moment is asked: a silence leaves nothing to catch up
 
     def attitude_received(self, at: float, tilt: Array) -> None:
         """Take what the boards reported of a moment, as far as is believed of the line: pitch and roll (2,) [rad].

@@ -112,7 +112,7 @@ class ByTarget(ABC):
             return self._level(estimate.hover_gas, end)
         over = self._inside_fence(np.array([0.0, 0.0, SEARCH_RISE * self._lost_at_height]))
         sticks = floating(autopilot.sticks(Goal(position=over), now, step))
-        return Step(sticks, self.kind, obstacle=_NO_TARGET, stage=SEARCHES)
+        return Step(sticks, self.kind, obstacle=_NO_TARGET, stage=SEARCHES, longest=self._cfg.exit_after)
 
     def _found(self, height: float) -> None:
         """Take that a search has found the target, seen from a height [m]."""

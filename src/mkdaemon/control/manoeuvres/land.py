@@ -18,7 +18,7 @@ ground, there is a time by which it has come down. Source of the cushion: I. Che
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, Final
 
@@ -219,6 +219,12 @@ class Landing:
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
 
+    @property
+    def longest(self) -> float:
+        """How long its stage may last [s]: until every condition is so wide that it commits, and the way down."""
+        limits = self._limits
+        return limits.patience + LONGEST_WAIT + self._height / limits.slow_sink
+
     def approach_again(self, height: float) -> None:
         """Begin the approach once more at a height above the target [m]."""
         self.phase, self._height = LandingPhase.APPROACH, height
@@ -332,6 +338,6 @@ class Land(ByTarget):
         self._sight.hover_gas = estimate.hover_gas
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
             may_touch = landing.phase is LandingPhase.COMMIT
-            return Step(sticks, self.kind, stage=stage, error=error, may_touch=may_touch)
-        level = level_at(estimate.hover_gas)
-        return Step(level, self.kind, stage=stage, end=self._lost_sight(estimate), error=error, is_level=True)
+            return Step(sticks, self.kind, stage=stage, longest=landing.longest, error=error, may_touch=may_touch)
+        level = Step(level_at(estimate.hover_gas), self.kind, stage=stage, longest=landing.longest, is_level=True)
+        return replace(level, end=self._lost_sight(estimate), error=error)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, Final
 
@@ -35,6 +35,12 @@ STRAIGHT_UP: Final = 0.8
 OLDEST: Final = 0.6
 """An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
 
+LONGEST_RAMP: Final = 5.0
+"""Throttle rises, fails and is cut within this time [s]."""
+LONGEST_ARRIVAL: Final = 15.0
+"""And twice the time of the way up is what a climb may take [s]: wind, late images or the pilot's throttle may keep it
+from arriving for ever."""
+
 
 class TakeOffPhase(StrEnum):
     """Where a take-off stands; the value is what is shown."""
@@ -44,7 +50,7 @@ class TakeOffPhase(StrEnum):
     RAMP = "throttle rises"
     """Level, more and more throttle, until images show the aircraft off the ground."""
     CLIMB = "climbs"
-    """The autopilot flies to the height asked for."""
+    """The autopilot flies to the height asked for; where it takes too long, it is aborted and holds where it is."""
     REACHED = "at height"
     """It holds there."""
     FAILED = "failed"
@@ -233,7 +239,8 @@ class TakeOffFlight(ByTarget):
         tilt = 0.0 if attitude is None else max(abs(attitude.pitch), abs(attitude.roll))
         sticks = level_at(take_off.gas(now, step, tilt))
         end = ended(take_off.failure) if take_off.is_over and take_off.failure is not None else None
-        return Step(sticks, self.kind, stage=take_off.phase.value, end=end, stands=take_off.stands, may_touch=True)
+        shown = Step(sticks, self.kind, stage=take_off.phase.value, longest=self._cfg.takeoff_ready + LONGEST_RAMP)
+        return replace(shown, end=end, stands=take_off.stands, may_touch=True)
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold; a take-off that no image has shown off the ground ends with a release."""
@@ -253,4 +260,5 @@ class TakeOffFlight(ByTarget):
         if float(here[2]) < STRAIGHT_UP and take_off.phase is TakeOffPhase.CLIMB:
             goal = Goal(position=np.array([*(autopilot.reference.position), height]))
         sticks, is_done = floating(autopilot.sticks(goal, now, step)), take_off.phase is TakeOffPhase.REACHED
-        return Step(sticks, self.kind, stage=take_off.phase.value, is_done=is_done, error=error)
+        longest = LONGEST_ARRIVAL + 2.0 * height / self._cfg.max_climb
+        return Step(sticks, self.kind, stage=take_off.phase.value, longest=longest, is_done=is_done, error=error)
