@@ -19,6 +19,8 @@ import zenoh
 from mkdaemon.bus.keys import Use, roots
 from mkdaemon.bus.session import session_config
 
+BEGINS: Final = "begins"
+"""First line on standard output: everything is loaded and connected."""
 BIG: Final = 10_000_000
 """Length of a big message [bytes]."""
 LONG: Final = 900_000
@@ -58,12 +60,12 @@ class Flood(StrEnum):
 
 
 def main() -> None:
-    """Attack until the time is over; the last line on standard output is how often a second."""
+    """Attack for a time: standard output has a line when it begins, then how often a second."""
     kind, endpoint, vehicle, seconds = Flood(sys.argv[1]), sys.argv[2], sys.argv[3], float(sys.argv[4])
-    end = time.monotonic() + seconds
     if kind is Flood.SILENT:
         host, _, port = endpoint.removeprefix("tcp/").partition(":")
         sockets = [socket.create_connection((host, int(port))) for _ in range(SILENT)]
+        print(BEGINS, flush=True)
         time.sleep(seconds)
         print(len(sockets), flush=True)
         return
@@ -73,10 +75,11 @@ def main() -> None:
         for one in sessions:
             one.declare_subscriber(f"mk/{vehicle}/**", lambda sample: None)
         time.sleep(0.5)
-        print(len(sessions), flush=True)
+        print(BEGINS, len(sessions), sep="\n", flush=True)
         os.kill(os.getpid(), signal.SIGSTOP)  # whoever started it ends it
     strike = _striker(kind, session, vehicle)
-    count = 0
+    print(BEGINS, flush=True)
+    count, end = 0, time.monotonic() + seconds
     while time.monotonic() < end:
         count += strike()
     with suppress(BrokenPipeError):

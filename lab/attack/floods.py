@@ -121,10 +121,10 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
             pilot.sticks |= {"pitch": 40.0}
             await asyncio.sleep(0.5)
             favour_threads()
-            simulation.heard.clear()
-            written, began = len(daemon.errors), time.monotonic()
             is_kept = True
             async with _attacked(kind, daemon.endpoint) as attackers:
+                written, began = len(daemon.errors), time.monotonic()
+                simulation.heard.clear()
                 while time.monotonic() - began < SECONDS:
                     await asyncio.sleep(0.02)
                     is_kept &= simulation.is_controlled
@@ -162,13 +162,19 @@ def _name(kind: Flood, *, dies: bool) -> str:
 
 @asynccontextmanager
 async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[asyncio.subprocess.Process]]:
-    """Attackers for as long as the context lasts, and a little longer."""
+    """Attackers that have begun, for as long as the context lasts and a little longer.
+
+    On a busy machine they take seconds to load: a flight that did not wait for them was hardly attacked.
+    """
     words = ("-m", "lab.attack.attackers", kind.value, endpoint, VEHICLE, str(SECONDS + 2.0))
     attackers = [
         await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
         for _ in range(ATTACKERS)
     ]
     try:
+        for one in attackers:
+            assert one.stdout is not None
+            await one.stdout.readline()
         yield attackers
     finally:
         for one in attackers:

@@ -20,6 +20,7 @@ from mkdaemon.bus.codec import Payload, TooLong
 from mkdaemon.bus.floods import (
     ALL_OTHERS,
     LONGEST_MESSAGE,
+    PLAIN_RATE,
     QUERY_RATES,
     STRANGER_RATE,
     QueryBudgets,
@@ -359,7 +360,7 @@ async def test_what_was_shed_has_names_of_ours(bus_of_one_second):
 
 
 def test_connections_leave_files_for_the_port():
-    settings = flood_settings("t1", ("setpoint/stick",))
+    settings = flood_settings("t1", ("setpoint/stick",), ("state",))
     assert settings["transport/unicast/accept_pending"] + settings["transport/unicast/max_sessions"] < 700
 
 
@@ -407,6 +408,43 @@ async def test_long_setpoints_and_requests_are_refused_by_their_length_and_cost_
     assert taken == [TooLong(len(long), 512), b"small"]
     assert heard == [TooLong(len(big), 4096), bytes(5000)]
     assert used < 0.2
+
+
+@pytest.mark.parametrize("where", ["mk/t1/setpoint/stick", "mk/t1/setpoint/*", "mk/*/setpoint/stick", "mk/t1/**", "**"])
+async def test_beside_a_reader_a_strangers_flood_ends_in_the_daemons_zenoh(bus, where):
+    _, endpoint = bus
+    heard: list[str] = []
+    with client(endpoint) as reader, client(endpoint) as stranger:
+        reader.declare_subscriber("mk/**", lambda sample: heard.append(str(sample.key_expr)))
+        await asyncio.sleep(0.2)
+
+        def flood() -> float:
+            began = time.monotonic()
+            for _ in range(2000):
+                stranger.put(where, b"x")
+            stranger.put("mk/t1/sim/truth", b"the end")  # a key of clients: it comes behind them on the same way
+            return time.monotonic() - began
+
+        took = await asyncio.to_thread(flood)
+        await wait_until(lambda: "mk/t1/sim/truth" in heard)
+    assert len(heard) - 1 <= 2 + PLAIN_RATE * (took + 1.0)
+
+
+@pytest.mark.parametrize("where", ["mk/t1/state/battery", "mk/t1/tf", "mk/t1/*/battery", "mk/t1/rx/fc/version"])
+async def test_what_a_stranger_puts_to_a_key_of_the_daemon_reaches_no_client(bus, where):
+    opened, endpoint = bus
+    heard: list[bytes] = []
+    with client(endpoint) as reader, client(endpoint) as stranger:
+        reader.declare_subscriber("mk/**", lambda sample: heard.append(sample.payload.to_bytes()))
+        await asyncio.sleep(0.2)
+        stranger.put(where, b"forged")
+        stranger.delete(where)
+        stranger.put("mk/t1/sim/truth", b"a client's own")
+        await wait_until(lambda: b"a client's own" in heard)
+        opened.publish("state/battery", BATTERY)
+        await wait_until(lambda: len(heard) > 1)
+    assert heard[0] == b"a client's own"
+    assert msgpack.unpackb(heard[1])["voltage"] == BATTERY.voltage
 
 
 async def test_clients_are_seen_coming_and_going(bus):

@@ -113,7 +113,10 @@ class Bus:
             connect=cfg.connect,
             zenoh_file=cfg.zenoh_file,
             lease=cfg.lease,
-            more={**flood_settings(vehicle, kinds, takes_images=takes_images), "gateway": NEIGHBOURS},
+            more={
+                **flood_settings(vehicle, kinds, roots(Use.PUBLISHED), takes_images=takes_images),
+                "gateway": NEIGHBOURS,
+            },
         )
         extend_access(config, vehicle, root, private_images)
         reachable = check_exposure(config, allow_open=cfg.allow_open)
