@@ -20,6 +20,7 @@ from mkdaemon.cli.mkctl.log import info
 from mkdaemon.cli.mkctl.settings import compare
 from mkdaemon.cli.mkctl.sim_fault import faults
 from mkdaemon.cli.mkctl.status import render
+from mkdaemon.client.verdict import STANDS_ON, verdict_of
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
 from mkdaemon.record.entry import Kind, unpacked
@@ -84,7 +85,11 @@ def _status(recording: str, key: str, word: str) -> str:
         raise ValueError(msg)
     screen = {suffix: {**fields, "age": now - seen} for suffix, (seen, fields) in known.items()}
     with _typed("mkctl status --vehicle t") as lines:
-        Console(width=_COLUMNS).print(render("t", screen))
+        known_kinds = {
+            suffix: kind.model_validate(screen[suffix]) for suffix, kind in STANDS_ON.items() if suffix in screen
+        }
+        worst, _ = verdict_of(*map(known_kinds.get, STANDS_ON))
+        Console(width=_COLUMNS).print(render("t", screen, worst))
     return _screen(lines)
 
 

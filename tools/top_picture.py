@@ -28,7 +28,10 @@ KNOWN: Final[dict[str, dict[str, Any]]] = {
     "state/pilot": {"rc_quality": 0.97, "has_signal": True},
     "link/state": {"condition": "up", "reason": "both directions proven"},
     "link/health": {
-        "echo": {"p50_ms": 52.7, "p99_ms": 94.9, "loss_percent": 0.98},
+        "echo": {"p50_ms": 52.7, "p99_ms": 94.9},
+        "link_tests": {"sent": 415, "answered": 409, "late": 1, "unanswered": 5, "lost": 5},
+        "requests": {"sent": 190, "answered": 187, "unanswered": 3, "lost": 2, "withdrawn": 1},
+        "stick_frames": {"sent": 2912, "answered": 2840, "unanswered": 71, "lost": 41, "replaced": 30, "waiting": 1},
         "kinds": [{"key": "osd", "is_stale": False}, {"key": "debug", "is_stale": True}],
     },
     "control/status": {

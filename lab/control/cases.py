@@ -14,7 +14,6 @@ from lab.control.camera import CameraModel
 from lab.control.corerig import HandoverRig, TakeOffRig
 from lab.control.flights import Flight, Record
 from lab.control.law2010 import PiGains
-from lab.control.radio import RadioModel
 from lab.control.rendered import RenderedLandingRig, RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
@@ -176,7 +175,7 @@ def _take_off(wind: WindClass) -> Callable[[int], Flight]:
 
 def _wrong_filter(seed: int) -> Flight:
     """An aircraft that has a stick filter flown as if it had none, or the other way round."""
-    true = believed_model(AttitudeGains.from_parameters(**EASY), RadioModel())
+    true = believed_model(AttitudeGains.from_parameters(**EASY))
     flight = Flight(seed=seed, wind=WindClass.LIGHT)
     if seed % 2:
         return replace(flight, gains=OLD_FIRMWARE, model=true)
@@ -185,7 +184,7 @@ def _wrong_filter(seed: int) -> Flight:
 
 def _wrong(seed: int) -> Flight:
     """A model that is wrong in one way, drawn from the seed: the aircraft's stick gain over the model's first."""
-    true = believed_model(AttitudeGains.from_parameters(**EASY), RadioModel())
+    true = believed_model(AttitudeGains.from_parameters(**EASY))
     flight = Flight(seed=seed, wind=WindClass.LIGHT)
     kinds: Sequence[Flight] = (
         *(replace(flight, model=replace(true, rad_per_count=true.rad_per_count / gain)) for gain in STICK_GAINS),

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from lab.control.camera import CameraModel
 from lab.control.law2010 import PiGains
-from lab.control.radio import RadioModel
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.linear import Array
@@ -18,8 +18,11 @@ from mkdaemon.control.manoeuvres.land import LandingLimits, LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal, at_origin
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.vertical import VerticalGains
-from mksim.config import WindClass
+from mksim.config import ChannelConfig, RadioKind, WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
+
+RADIO: Final = ChannelConfig(kind=RadioKind.XBEE)
+"""Each way of the line: a radio as the simulator has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class Flight:
         costs: of the regulator.
         vertical: gains of the height.
         camera: the eyes.
-        radio: the line.
+        radio: that carries every frame, either way.
         pad: velocity of the target once it moves [m/s].
         pad_starts: when it begins to move [s].
         attitude_scale: what the boards report over what they believe.
@@ -64,7 +67,7 @@ class Flight:
     costs: HorizontalCosts = field(default_factory=HorizontalCosts)
     vertical: VerticalGains = field(default_factory=VerticalGains)
     camera: CameraModel = field(default_factory=CameraModel)
-    radio: RadioModel = field(default_factory=RadioModel)
+    radio: ChannelConfig = RADIO
     pad: tuple[float, float] = (0.0, 0.0)
     pad_starts: float = 8.0
     attitude_scale: float = 1.0

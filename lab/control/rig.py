@@ -14,9 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from lab.control.flights import Flight, Record
+from lab.control.flights import RADIO, Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
-from lab.control.radio import Radio, RadioModel
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
@@ -24,10 +23,11 @@ from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
 from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
-from mksim.config import AirframeConfig, FlightConfig, SensorConfig
+from mksim.config import AirframeConfig, ChannelConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.deck import MovingDeck
 from mksim.physics.world import DT, StartState, StickInput, World
+from mksim.radio import BITS_PER_BYTE, PACKET_GAP_BYTES, Air
 
 CONTROL_PERIOD: Final = 0.02
 """[s]."""
@@ -45,11 +45,15 @@ HOVER_LOSS: Final = 1.7
 """How much more gas that takes, because the FlightCtrl computes in whole numbers [count of 254]; docs/simulator.md."""
 FIRST_HOVER: Final = 118.0
 """Hover throttle the product begins with [count of 254]."""
+ATTITUDE_BYTES: Final = 26
+"""Length of an attitude frame [byte]."""
+STICK_BYTES: Final = 18
+"""Length of a stick frame [byte]."""
 WORLD_SIZE: Final = 12.0
 """An aircraft farther from its target than this is lost [m]."""
 
 
-def believed_model(gains: AttitudeGains, radio: RadioModel) -> AircraftModel:
+def believed_model(gains: AttitudeGains, radio: ChannelConfig = RADIO) -> AircraftModel:
     """The product's model of an aircraft whose parameter set is known, by a line whose round trips were measured."""
     return AircraftModel(
         rad_per_count=gains.rad_per_count,
@@ -59,7 +63,12 @@ def believed_model(gains: AttitudeGains, radio: RadioModel) -> AircraftModel:
         stick_filter=gains.ts or NO_FILTER,
         yaw_linear=gains.yaw_linear,
         yaw_square=gains.yaw_square,
-    ).by_line((radio.fastest + radio.slowest) / 2.0)
+    ).by_line(radio.latency_mean + wire_time(STICK_BYTES, radio))
+
+
+def wire_time(size: int, radio: ChannelConfig) -> float:
+    """Time so many bytes take on the wire at either end [s]."""
+    return size * BITS_PER_BYTE / radio.baud
 
 
 class Rig:
@@ -69,7 +78,7 @@ class Rig:
         self.record = Record()
         self._flight = flight
         self._rng = random.Random(f"{flight.seed} flight")
-        self._up, self._down = Radio(flight.radio, self._rng), Radio(flight.radio, self._rng)
+        self._up, self._down = (Air(flight.radio, f"{flight.seed} {way}") for way in ("up", "down"))
         scale = math.sqrt(flight.mass / 1.25)
         config = FlightConfig(
             wind=flight.wind,
@@ -180,7 +189,7 @@ class Rig:
         self._at(at + BOARD_AGE, lambda now: self._transmit(pitch, roll, yaw, now))
 
     def _transmit(self, pitch: float, roll: float, yaw: float, at: float) -> None:
-        arrival = self._down.arrival(at, 26)
+        arrival = self._arrival(self._down, ATTITUDE_BYTES, at)
         if arrival is not None:
             self._at(arrival, lambda now: self._hear(pitch, roll, yaw, now))
 
@@ -216,9 +225,16 @@ class Rig:
         self._keep(at_origin(2.0), at)
 
     def _send(self, sticks: AutopilotSticks, at: float) -> None:
-        arrival = self._up.arrival(at, 18)
+        arrival = self._arrival(self._up, STICK_BYTES, at)
         if arrival is not None:
             self._at(arrival + BOARD_TIME, lambda now: self._hold(sticks))
+
+    def _arrival(self, air: Air, size: int, at: float) -> float | None:
+        """When the last byte of a frame that is a packet by itself arrives [s]; None if it is lost."""
+        radio = self._flight.radio
+        handed_over = at + wire_time(size, radio)
+        leaves = air.carry(size, handed_over, handed_over + wire_time(PACKET_GAP_BYTES, radio))
+        return None if leaves is None else leaves + wire_time(size, radio)
 
     def _hold(self, sticks: AutopilotSticks) -> None:
         self._held = sticks

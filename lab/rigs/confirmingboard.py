@@ -1,4 +1,4 @@
-"""A board that confirms stick frames, for rigs that fly the flight core over the line of `lab.control.radio`."""
+"""A board that confirms stick frames, for rigs that fly the flight core over the line of `lab.control.rig`."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ async def _measure(case: Case, seconds: float) -> MeasuredLink:
         await asyncio.sleep(0.5)
     channels = tracer.channels()
     return MeasuredLink(
-        LoadRun(case.name, case.name, case.setpoint_hz, tuple(bus.ledger.probes()), late=bus.ledger.late),
+        LoadRun(case.name, case.name, case.setpoint_hz, tuple(bus.ledger.probes())),
         [fate for fate in tracer.echoes if began <= fate.asked < ended],
         [fate for fate in tracer.sticks if began <= fate.asked < ended],
         (channels[0].packets, channels[1].packets),

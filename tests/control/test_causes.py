@@ -72,7 +72,7 @@ def test_every_cause_is_one_clause(kind):
 
 def test_the_line_begins_with_the_effect_and_ends_with_the_time_left():
     chain = (Cause.of(CauseKind.NO_POSE, seconds=1.7), Cause.of(CauseKind.NO_ATTITUDE, seconds=2.0))
-    assert trouble_words(chain, 1.3) == "NO POSE FOR 1.7 S: attitude silent 2.0 s; releases in 1.3 s"
+    assert trouble_words(chain, 1.3) == "NO POSE FOR 1.7 S, releases in 1.3 s: attitude silent 2.0 s"
     assert trouble_words((), None) == ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, ClassVar, Final, Generic, TypeVar
 
 from mkdaemon.client.samples import Sample
@@ -20,6 +21,29 @@ SEEN: Final = 1.0
 """A target that was seen longer ago is not in sight [s]; the slowest camera in use delivers five images meanwhile."""
 WEAK_CELL: Final = 3.5
 """A lithium cell below this has less than a tenth left, less under load [V]."""
+_FRESH: Final = (
+    ("state/attitude", 1.0),
+    ("link/state", float("inf")),
+    ("link/health", 1.5),
+    ("control/estimate", 0.5),
+    ("control/error", 0.5),
+    ("control/output", 0.5),
+    ("control/fence", float("inf")),
+    ("vision/*/setup", float("inf")),
+    ("vision/*/pose", 1.0),
+    ("vision/*/tags", 1.0),
+    ("*", 3.5),
+)
+"""How old a value of a key may be before it is stale [s], the first that fits: three periods of what comes at least
+once a second, a second of what cameras see and half of what the flight core decides. What is published when it changes,
+or comes from a file, is true until something else is said."""
+
+
+def fresh_for(suffix: str) -> float:
+    """How old a value of a key may be before it is stale [s]."""
+    return next(seconds for pattern, seconds in _FRESH if fnmatchcase(suffix, pattern))
+
+
 PATTERNS: Final = (
     "health",
     "link/state",

@@ -186,8 +186,8 @@ def trouble_words(causes: Sequence[Cause], releases_in: float | None) -> str:
         return ""
     first, *others = (cause.text for cause in causes)
     why = f": {'; '.join(others)}" if others else ""
-    left = "" if releases_in is None else f"; releases in {releases_in:.1f} s"
-    return f"{first.upper()}{why}{left}"
+    left = "" if releases_in is None else f", releases in {releases_in:.1f} s"
+    return f"{first.upper()}{left}{why}"
 
 
 @dataclass(frozen=True, slots=True)

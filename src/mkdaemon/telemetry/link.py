@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Final
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Stamped, Telemetry
@@ -73,6 +75,15 @@ class LinkState(Stamped):
     """How often the port was opened since the start."""
 
 
+class Why(StrEnum):
+    """Why a frame stayed unanswered, as far as is known: the counts of `Fates` that together are `unanswered`."""
+
+    LOST = "lost"
+    REPLACED = "replaced"
+    OUTAGE = "outage"
+    WITHDRAWN = "withdrawn"
+
+
 class Fates(Telemetry):
     """What became of everything of one kind that was sent, since the start.
 
@@ -101,6 +112,21 @@ class Fates(Telemetry):
     """Unanswered while the line was lost, or while this program stood still."""
     withdrawn: int = 0
     """Unanswered when whoever had asked stopped waiting."""
+
+    @property
+    def words(self) -> str:
+        """The counts as one line, those of 0 left out: `250 of 253 answered, 1 late, 2 unanswered (2 lost)`."""
+        reasons = ", ".join(f"{count} {why}" for why in Why if (count := getattr(self, why)))
+        parts = [f"{self.answered} of {self.sent} answered"]
+        parts += [f"{self.late} late"] if self.late else []
+        parts += [f"{self.unanswered} unanswered ({reasons})"] if self.unanswered else []
+        parts += [f"{self.silent} need no answer"] if self.silent else []
+        parts += [f"{self.waiting} waiting"] if self.waiting else []
+        return ", ".join(parts)
+
+    def since(self, before: Fates) -> Fates:
+        """What became of the frames that were sent after an earlier count."""
+        return Fates(**{name: count - getattr(before, name) for name, count in self})
 
 
 class RoundTripStats(Telemetry):
@@ -180,6 +206,36 @@ class LinkHealth(Stamped):
     """Bytes the port has not taken yet."""
     kinds: tuple[KindHealth, ...] = ()
     """Every kind of frame heard or asked for."""
+
+    @property
+    def fates(self) -> dict[str, Fates]:
+        """What became of everything that was sent, by what it was; nothing where none of it was sent."""
+        found = {title: getattr(self, name) for name, title in FATES.items()}
+        return {title: fates for title, fates in found.items() if fates.sent}
+
+
+FATES: Final = {
+    name: name.replace("_", " ") for name, field in LinkHealth.model_fields.items() if field.annotation is Fates
+}
+"""What is counted, as a field of `LinkHealth` and in words: link tests, requests, stick frames."""
+
+
+def fates_of(health: Mapping[str, object]) -> dict[str, Fates]:
+    """What became of everything that was sent, by what it was; nothing where none of it was sent.
+
+    Args:
+        health: fields of a `link/health`. Counts that it lacks, as from an older daemon, and what is no count are 0.
+    """
+    found: dict[str, Fates] = {}
+    for name, title in FATES.items():
+        counts = health.get(name)
+        if isinstance(counts, Mapping):
+            fates = Fates(**{key: count for key, count in counts.items() if type(count) is int and key in _COUNTS})
+            found |= {title: fates} if fates.sent else {}
+    return found
+
+
+_COUNTS: Final = frozenset(Fates.model_fields)
 
 
 class LinkTraffic(Stamped):

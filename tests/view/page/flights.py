@@ -16,7 +16,7 @@ from mkdaemon.telemetry.control import (
 )
 from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.image import CameraFrame
-from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, RoundTripStats
+from mkdaemon.telemetry.link import Fates, LinkCondition, LinkHealth, LinkState, RoundTripStats
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import CameraSetup, LensShape, Tags, TagShape, TagSighting, TargetShape, VisionPose
@@ -115,7 +115,8 @@ def link_state(at: float, condition: LinkCondition = LinkCondition.UP) -> LinkSt
 
 def link_health(at: float) -> LinkHealth:
     echo = RoundTripStats(sent=50, lost=1, loss_percent=2.0, last_ms=21.0, p50_ms=20.0, p95_ms=30.0, p99_ms=44.0)
-    return LinkHealth(stamp=stamp(at), state=link_state(at), echo=echo, confirm=RoundTripStats())
+    tests = Fates(sent=50, answered=49, unanswered=1, lost=1)
+    return LinkHealth(stamp=stamp(at), state=link_state(at), echo=echo, confirm=RoundTripStats(), link_tests=tests)
 
 
 def tags(at: float, sequence: int) -> Tags:

@@ -38,7 +38,9 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
     assert said["error"] == "5 cm level, +1 cm height"
     assert said["battery"] == "14.8 V, 3.70 V a cell, 12.5 A, 430 mAh used"
     assert said["attitude"] == "roll +5.7°  pitch -2.9°  heading 90°"
-    assert said["latency"] == "p50 20 ms, p99 44 ms, 2.0 % lost"
+    assert said["latency"] == "p50 20 ms, p99 44 ms"
+    assert said["link_tests"] == "49 of 50 answered, 1 unanswered (1 lost)"
+    assert said["stick_frames"] == "none sent"
     assert said["flight"] == "motors run, in the air or not: not known"
     assert said["hands"] == "the pilot keeps his thumbs on centred sticks"
     aircraft = shown["scene"]["aircraft"]

@@ -92,7 +92,8 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
         at = float(tick)
         tape.add(at, "state/battery", {"voltage": 16.0 - 0.1 * tick, "current": 10.0, "used_mah": 3.0 * tick})
         echo = {"sent_total": 100, "lost_total": 2, "p50_ms": 20.0, "p95_ms": 30.0 + tick, "loss_percent": 2.0}
-        tape.add(at, "link/health", {"echo": echo, "confirm": {}})
+        tests = {"sent": 100, "answered": 97, "late": 1, "unanswered": 2, "lost": 2}
+        tape.add(at, "link/health", {"echo": echo, "confirm": {}, "link_tests": tests})
         stats = {"camera": "down", "state": "ok", "reason": word, "posed": 0.5, "processed": 10 * tick, "fps": 10.0}
         tape.add(at, "vision/down/stats", stats | {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0})
         tape.add(at, "vision/down/image", picture(20 * tick), Kind.IMAGE, issuer="driver")

@@ -73,29 +73,21 @@ def test_the_flight_in_words():
     for words in (
         "Recorded on 2025-10-09 09:10:00 UTC, 10.0 s",
         "The machine flew for 8.0 s: takeoff, position.",
-        "It ended with: landed on pad (landed).",
         "it was 5.0 cm off horizontally (RMS, once it was there), 5.0 cm at most, in position at 3.0 s",
         "A failsafe acted at 5.0 s: neutral: too old.",
         "Refused: 2 not_leased.",
-        "The link was up for 80 % of the time, 2 of 100 link tests were not answered in time, "
-        "and p95 of the round trip was 40 ms",
+        "The link was up for 80 % of the time, and p95 of the round trip was 40 ms at worst.",
+        "Link tests: 97 of 100 answered, 1 late, 2 unanswered (2 lost).",
         "Camera down gave a pose from 50 % of its images on average.",
         "The battery went from 16.0 V to 15.0 V, 15.0 V at least.",
     ):
         assert words in said
 
 
-def test_a_recording_without_a_flight_says_so():
+def test_a_recording_without_a_flight_has_no_word_of_one():
     tape = Tape()
     tape.add(0.0, "state/altitude", {"above_start": 1.0})
     flight = read(tape)
     assert pieces_of(flight) == []
-    assert "The machine did not fly." in sentences(flight, [], 1e30)[1]
     assert "an unknown time" in sentences(flight, [], 1e30)[0]
-
-
-def test_a_recording_that_ends_in_flight_says_so():
-    tape = Tape()
-    tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
-    tape.add(3.0, "control/output", {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1})
-    assert "The recording ends while it flies." in sentences(read(tape), [], 0.0)
+    assert "flew" not in " ".join(sentences(flight, [], 1e30))

@@ -37,7 +37,10 @@ def test_every_value_of_a_known_state_is_shown():
         "9 satellites, position valid, usable",
         "receiver 97 %",
         "up: both directions proven",
-        "answers 52.7 ms, 99 % 94.9 ms, 1.0 % lost, STALE: debug",
+        "round trip 52.7 ms, 99 % 94.9 ms, STALE: debug",
+        "link tests   409 of 415 answered, 1 late, 5 unanswered (5 lost)",
+        "requests     187 of 190 answered, 3 unanswered (2 lost, 1 withdrawn)",
+        "stick frames 2840 of 2912 answered, 71 unanswered (41 lost, 30 replaced)",
         "down 30/s, 94 % posed, pad x +0.12 y -0.34 z 1.98 m",
         "FLYING, ann has the lease, takeoff climbing",
         "ann flies; the pilot holds hover",
@@ -104,6 +107,33 @@ def test_what_is_wrong_is_a_word_beside_its_colour(change, words):
     assert words.strip(", ").split()[0].strip(":,") in loud or words == "NOT usable"
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("state/flight", "emergency_landing", True), "EMERGENCY LANDING, alive"),
+        (("control/status", "trouble", "NO POSE FOR 1.2 S, releases in 1.8 s"), "NO POSE FOR 1.2 S, releases in 1.8 s"),
+        (("state/battery", "is_low", True), "BATTERY LOW, alive"),
+        (("link/state", "condition", "mute"), "the board is mute, alive"),
+    ],
+)
+def test_the_first_row_begins_with_the_worst(change, words):
+    board = board_of([change])
+    assert shown(board).split("\n")[0].startswith(f" quad  {words}")
+    assert board.rows(NOW)[0][2][1] is Tone.BAD
+
+
+def test_a_chain_of_causes_that_is_longer_than_the_first_row_goes_on_below_the_phase():
+    chain = (
+        "NO POSE FOR 1.2 S, releases in 1.8 s: tag in view, 46 poses refused off_course; attitude silent 3.4 s; "
+        "3 of 9 link tests unanswered"
+    )
+    board = board_of([("control/status", "trouble", chain)])
+    rows = shown(board).split("\n")
+    below = next(place for place, row in enumerate(rows) if row.startswith("control"))
+    assert f"{rows[0].removeprefix(' quad  ').split(', alive')[0]} {rows[below + 1].strip()}" == chain
+    assert "NO POSE" not in shown(board, NOW + 9.0), "a chain that is old is no chain"
+
+
 def test_texts_of_strangers_act_on_nothing():
     evil = "\x1b[2J\nfake row\u202e"
     changes = [
@@ -138,7 +168,7 @@ def test_only_events_worth_a_row_have_one():
     text = shown(board)
     assert "chatter" not in text
     assert "do/rates" not in text
-    assert "2 min  REFUSED do/lease: ann holds it. Ask her." in text
+    assert "2 min ago  REFUSED do/lease: ann holds it. Ask her." in text
     assert "free -> leased: ann" in text
 
 

@@ -19,7 +19,7 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.link import Fates
+from mkdaemon.telemetry.link import Fates, fates_of
 
 KEY = "link/health"
 _COLOURS = {"up": "green", "degraded": "yellow"}
@@ -101,15 +101,11 @@ def _round_trips(fields: Mapping[str, Any], minute: Sequence[Mapping[str, Any]])
     return table
 
 
-FATES: Final = tuple(Fates.model_fields)
-"""Columns of the table of what was sent."""
-
-
 def _fates(fields: Mapping[str, Any]) -> Table:
     """What became of everything that was sent since the start; nothing is left out."""
-    table = Table("since the start", *FATES)
-    for name, title in (("link_tests", "link tests"), ("requests", "requests"), ("stick_frames", "stick frames")):
-        table.add_row(title, *(str(fields[name][column]) for column in FATES))
+    table = Table("since the start", *Fates.model_fields)
+    for title, fates in fates_of(fields).items():
+        table.add_row(title, *(str(count) for _, count in fates))
     return table
 
 

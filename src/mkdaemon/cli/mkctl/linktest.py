@@ -211,7 +211,7 @@ def _fields(run: LoadRun) -> dict[str, Any]:
         "control_hz": run.control_hz,
         "line_share": run.line_share,
         "damaged_bytes": run.damaged,
-        "late": run.late,
+        "counted": {title: fates.model_dump() for title, fates in run.counted.items()},
         "daemon_stalled": run.stalled,
         **{name: {**asdict(value), "loss_percent": value.loss_percent} for name, value in found.items()},
     }
@@ -253,6 +253,9 @@ def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) 
                 figures = measure(run.of(kind))
                 table.add_row(on_one_line(run.label), on_one_line(run.load), kind, *_cells(figures))
     console.print(table)
+    for run in runs:
+        for title, fates in run.counted.items():
+            console.print(f"{on_one_line(run.load)} load, {title}: {fates.words}")
     console.print(f"\n{verdict.grade.upper()}: {verdict.reason}")
     for advice in verdict.advice:
         console.print(f"  {advice}")

@@ -13,6 +13,8 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, json_line
 from mkdaemon.cli.program import EXIT_FAILURE
 from mkdaemon.client.summary import SEEN, WEAK_CELL
+from mkdaemon.client.verdict import verdict_of_status
+from mkdaemon.telemetry.link import fates_of
 
 Fields = Mapping[str, Any]
 
@@ -30,16 +32,24 @@ async def status(*, connection: Connection = HERE) -> int:
     if connection.json:
         print(json_line(known))
     else:
-        Console().print(render(connection.vehicle, known))
+        Console().print(render(connection.vehicle, known, verdict_of_status(found)[0]))
     return 0 if found.is_alive else EXIT_FAILURE
 
 
-def render(vehicle: str, known: Mapping[str, Fields]) -> Table:
-    """The screen."""
+def render(vehicle: str, known: Mapping[str, Fields], verdict: str = "") -> Table:
+    """The screen.
+
+    Args:
+        vehicle: its name.
+        known: fields of its last values, by key.
+        verdict: the first line: the worst of them; empty for none.
+    """
     table = Table(show_header=False, box=None, pad_edge=False, title=f"vehicle {vehicle}", title_justify="left")
     table.add_column(style="bold")
     table.add_column(overflow="fold")
     table.add_column(style="dim", justify="right")
+    if verdict:
+        table.add_row("now", verdict, "")
     for name, key, line in _LINES:
         fields = known.get(key)
         text = line(fields) if fields else "unknown"
@@ -48,9 +58,15 @@ def render(vehicle: str, known: Mapping[str, Fields]) -> Table:
         if not text:
             continue
         table.add_row(name, text, age_of(fields) if fields and key.startswith("state/") else "")
-    for name, text in _eyes(known):
+    for name, text in (*_losses(known), *_eyes(known)):
         table.add_row(name, text, "")
     return table
+
+
+def _losses(known: Mapping[str, Fields]) -> Iterator[tuple[str, str]]:
+    """A line for each kind of frame that wants an answer."""
+    for title, fates in fates_of(known.get("link/health", {})).items():
+        yield title, fates.words
 
 
 def _eyes(known: Mapping[str, Fields]) -> Iterator[tuple[str, str]]:
@@ -121,8 +137,8 @@ def _link(fields: Fields) -> str:
 def _echo(fields: Fields) -> str:
     echo = fields["echo"]
     if echo["p50_ms"] is None:
-        return "no echo answered yet"
-    return f"p50 {echo['p50_ms']:.1f} ms, p99 {echo['p99_ms']:.1f} ms, {echo['lost']} of {echo['sent']} lost"
+        return "no link test answered yet"
+    return f"p50 {echo['p50_ms']:.1f} ms, p99 {echo['p99_ms']:.1f} ms"
 
 
 def _control(fields: Fields) -> str:
@@ -200,7 +216,7 @@ _LINES = (
     ("bus", "health", _open_endpoints),
     ("firmware", "health", _firmware),
     ("link", "link/state", _link),
-    ("echo", "link/health", _echo),
+    ("round trip", "link/health", _echo),
     ("control", "control/status", _control),
     ("hands", "control/status", _hands),
     ("flight", "state/flight", _flight),

@@ -17,9 +17,11 @@ from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import PATTERNS, TIMEOUT, Ledger
 from mkdaemon.client.samples import Sample
 from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.telemetry.link import Fates
 
 if TYPE_CHECKING:
     from mkdaemon.client.vehicle import Vehicle
+    from mkdaemon.telemetry.link import LinkHealth
 
 LIGHT: Final = "light"
 FULL: Final = "full"
@@ -248,6 +250,17 @@ class _Line:
         self._damaged_before: int | None = None
         self.motors_run = False
         self._beats: list[float] = []
+        self._first: LinkHealth | None = None
+        self._last: LinkHealth | None = None
+
+    @property
+    def counted(self) -> dict[str, Fates]:
+        """What the daemon says became of what it sent since the first look, by what it was."""
+        if self._first is None or self._last is None:
+            return {}
+        none = Fates()
+        found = {title: fates.since(self._first.fates.get(title, none)) for title, fates in self._last.fates.items()}
+        return {title: fates for title, fates in found.items() if fates.sent}
 
     @property
     def stalled(self) -> float:
@@ -267,6 +280,7 @@ class _Line:
     def take(self, sample: Sample, ledger: Ledger) -> None:
         match sample.suffix:
             case "link/health":
+                self._first, self._last = self._first or sample.value, sample.value
                 self._beats.append(sample.value.stamp.monotonic)
                 ledger.take_replaced(sample.value.stick_frames.replaced)
             case "link/traffic":
@@ -325,7 +339,7 @@ async def _measure(
         tuple(ledger.probes()),
         line_share=line.share,
         damaged=line.damaged,
-        late=ledger.late,
+        counted=line.counted,
         stalled=line.stalled,
     )
 

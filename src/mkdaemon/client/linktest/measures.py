@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import Final
 
 from mkdaemon.client.linktest.probes import Probe, ProbeKind
+from mkdaemon.telemetry.link import Fates
 
 WEIGHT: Final = 1 / 8
 """Weight of a new round trip in the weighted average: that of the daemon's own `mean_ms`, and of TCP (RFC 6298,
@@ -26,7 +27,7 @@ class LoadRun:
         line_share: largest share of the line that was used in either direction, over a second [0..1]; None where it is
             not known.
         damaged: bytes that arrived and were no frame; None where it is not known.
-        late: answers after the time-out.
+        counted: what the daemon says became of the link tests, requests and stick frames of this time.
         stalled: part of the time in which the daemon itself did not run [0..1].
     """
 
@@ -36,7 +37,7 @@ class LoadRun:
     probes: tuple[Probe, ...]
     line_share: float | None = None
     damaged: int | None = None
-    late: int = 0
+    counted: Mapping[str, Fates] = field(default_factory=dict)
     stalled: float = 0.0
 
     def of(self, kind: ProbeKind) -> list[Probe]:

@@ -70,13 +70,12 @@ class Ledger:
     """Follows the frames of one measurement.
 
     Attributes:
-        late: answers that came after the time-out.
         stick_frames: sent, whether the board confirms any or not.
     """
 
     def __init__(self) -> None:
         """Begin; times are counted from the first frame that is seen."""
-        self.late = self.stick_frames = 0
+        self.stick_frames = 0
         self._began: float | None = None
         self._latest = 0.0
         self._is_open = True
@@ -166,8 +165,6 @@ class Ledger:
         probe.is_known = True
         if now - probe.sent <= TIMEOUT:
             probe.trip = now - probe.sent
-        else:
-            self.late += 1
         return probe
 
     def _confirmed(self, number: int, now: float) -> None:

@@ -8,9 +8,9 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from mkdaemon.link.session.fates import Tally, Why
+from mkdaemon.link.session.fates import Tally
 from mkdaemon.protocol.framing import DropReason
-from mkdaemon.telemetry.link import KindHealth, RoundTripStats
+from mkdaemon.telemetry.link import KindHealth, RoundTripStats, Why
 
 STALE_PERIODS: Final = 3
 """A stream is stale after this many missed periods."""

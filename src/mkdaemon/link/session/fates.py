@@ -3,18 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from enum import StrEnum
 
-from mkdaemon.telemetry.link import Fates
-
-
-class Why(StrEnum):
-    """Why a frame stayed unanswered, as far as is known; the fields of `Fates`."""
-
-    LOST = "lost"
-    REPLACED = "replaced"
-    OUTAGE = "outage"
-    WITHDRAWN = "withdrawn"
+from mkdaemon.telemetry.link import Fates, Why
 
 
 class Tally:

@@ -16,11 +16,10 @@ from typing import Final
 
 from mkdaemon.link.session import verdict
 from mkdaemon.link.session.evidence import STALE_PERIODS, Arrivals, OwnTime, ReceivedBytes, RoundTrips
-from mkdaemon.link.session.fates import Why
 from mkdaemon.link.session.renewal import HeardShare
 from mkdaemon.link.session.verdict import Cause, Finding, Verdict
 from mkdaemon.protocol.framing import DropReason
-from mkdaemon.telemetry.link import KindHealth, LinkCondition
+from mkdaemon.telemetry.link import KindHealth, LinkCondition, Why
 
 SILENCE_TIME: Final = 0.35
 """Without a right frame for this long while some are due, we do not hear the board [s]."""

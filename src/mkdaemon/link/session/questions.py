@@ -11,13 +11,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from mkdaemon.link.session.fates import Tally, Why
+from mkdaemon.link.session.fates import Tally
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import VersionRequest, VersionRequestWhich
 from mkdaemon.protocol.wire import Board, WireMessage
+from mkdaemon.telemetry.link import Why
 from mkdaemon.telemetry.refusals import Token, refuse
 
 LATE_WINDOW: Final = 5.0

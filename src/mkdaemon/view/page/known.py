@@ -3,34 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from mkdaemon.client.summary import fresh_for
 from mkdaemon.telemetry.base import Stamped
 
 _Value = TypeVar("_Value", bound=Stamped)
-
-_FRESH: Final = (
-    ("state/attitude", 1.0),
-    ("link/state", float("inf")),
-    ("link/health", 1.5),
-    ("control/estimate", 0.5),
-    ("control/error", 0.5),
-    ("control/output", 0.5),
-    ("control/fence", float("inf")),
-    ("vision/*/setup", float("inf")),
-    ("vision/*/pose", 1.0),
-    ("vision/*/tags", 1.0),
-    ("*", 3.5),
-)
-"""How old a value of a key may be before it is stale [s], the first that fits: three periods of what comes at least
-once a second, a second of what cameras see and half of what the flight core decides. What is published when it changes,
-or comes from a file, is true until something else is said."""
-
-
-def fresh_for(suffix: str) -> float:
-    """How old a value of a key may be before it is stale [s]."""
-    return next(seconds for pattern, seconds in _FRESH if fnmatchcase(suffix, pattern))
 
 
 @dataclass(frozen=True, slots=True)

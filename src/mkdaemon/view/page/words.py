@@ -11,8 +11,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from mkdaemon.client.summary import WEAK_CELL
-from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, Phase
-from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
+from mkdaemon.client.verdict import LINK_WORDS, STANDS_ON, holder_of, manoeuvre_words
+from mkdaemon.client.verdict import verdict_of as worst_of
+from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
+from mkdaemon.telemetry.link import FATES, LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
 from mkdaemon.telemetry.state import Attitude, Battery, Flight, Gps, Pilot
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -61,56 +63,10 @@ def verdict_of(known: Knowledge, *, is_here: bool, is_played: bool) -> tuple[str
         is_here: its daemon, or the player of its recording, is alive.
         is_played: it is a recording.
     """
-    status, health = known.fresh("control/status", ControlStatus), known.fresh("health", VehicleHealth)
-    flight, link = known.fresh("state/flight", Flight), known.fresh("link/state", LinkState)
     if not is_here:
-        return ("The recording is no longer played" if is_played else "No daemon: nothing is known of now"), "bad"
-    if status is None and health is None:
-        return "Nothing fresh from the daemon", "bad"
-    if health is not None and not health.is_alive:
-        return f"The aircraft is silent: {health.reason}", "bad"
-    if flight is not None and flight.emergency_landing:
-        return "EMERGENCY LANDING: receiver lost", "bad"
-    if status is not None and status.pilots_throttle is not None:
-        return f"The pilot {status.hands}", "bad"
-    if status is not None and status.trouble:
-        return status.trouble, "bad"
-    if status is None or status.phase is Phase.FREE:
-        flies = {True: "The pilot flies", False: "On the ground", None: "The pilot has it"}
-        words = flies[None if flight is None else flight.is_flying]
-        if link is None or link.condition.is_usable:
-            return words, "ok"
-        return f"{words}; {_LINK_WORDS[link.condition]}", "warn"
-    return _phase(status), status.phase.tone
-
-
-_LINK_WORDS: Final = {
-    LinkCondition.UP: "link up",
-    LinkCondition.DEGRADED: "link degraded",
-    LinkCondition.ONE_WAY: "the board does not hear us",
-    LinkCondition.MUTE: "the board is mute",
-    LinkCondition.GARBAGE: "only garbage arrives",
-    LinkCondition.DOWN: "the port cannot be used",
-    LinkCondition.ABSENT: "there is no port",
-    LinkCondition.CLOSED: "the port is closed",
-}
-
-
-def _phase(status: ControlStatus) -> str:
-    words = status.phase.words.format(holder=_holder(status))
-    manoeuvre = f": {_manoeuvre_words(status)}" if status.phase is Phase.FLYING and status.manoeuvre else ""
-    return words[:1].upper() + words[1:] + manoeuvre
-
-
-def _holder(status: ControlStatus) -> str:
-    return "nobody" if status.lease is None else status.lease.holder
-
-
-def _manoeuvre_words(status: ControlStatus) -> str:
-    if status.manoeuvre is None:
-        return f"ended: {status.outcome.replace('_', ' ')}" if status.outcome else "none"
-    stage = f", {status.stage}" if status.stage else ""
-    return f"{status.manoeuvre}{stage}{', done' if status.is_done and 'done' not in stage else ''}"
+        words = "The recording is no longer played" if is_played else "No daemon: nothing is known of now"
+        return words, "bad"
+    return worst_of(*(known.fresh(suffix, kind) for suffix, kind in STANDS_ON.items()))
 
 
 # -- lines ------------------------------------------------------------------------------------------------------------
@@ -120,14 +76,14 @@ Words = tuple[str, str]
 
 
 def _authority(status: ControlStatus, known: Knowledge) -> Words:
-    words = status.phase.words.format(holder=_holder(status))
+    words = status.phase.words.format(holder=holder_of(status))
     words = words if status.reason in ("", words) else f"{words}; {status.reason}"
     layout = "" if status.external_control else "; external control is not possible"
     return words + layout, status.phase.tone
 
 
 def _manoeuvre(status: ControlStatus, known: Knowledge) -> Words:
-    return _manoeuvre_words(status), "ok" if status.is_done else "note"
+    return manoeuvre_words(status), "ok" if status.is_done else "note"
 
 
 def _hands(status: ControlStatus, known: Knowledge) -> Words:
@@ -186,15 +142,27 @@ def _attitude(attitude: Attitude, known: Knowledge) -> Words:
 
 def _link(link: LinkState, known: Knowledge) -> Words:
     tone = "ok" if link.condition is LinkCondition.UP else "warn" if link.condition.hears_board else "bad"
-    return f"{_LINK_WORDS[link.condition]}; {link.reason}", tone
+    return f"{LINK_WORDS[link.condition]}; {link.reason}", tone
 
 
 def _latency(health: LinkHealth, known: Knowledge) -> Words:
     path = health.confirm if health.confirm.p50_ms is not None else health.echo
     if path.p50_ms is None or path.p99_ms is None:
         return "no answer measured yet", "unknown"
-    words = f"p50 {path.p50_ms:.0f} ms, p99 {path.p99_ms:.0f} ms, {path.loss_percent:.1f} % lost"
-    return words, "ok" if path.loss_percent < 2.0 else "warn"
+    return f"p50 {path.p50_ms:.0f} ms, p99 {path.p99_ms:.0f} ms", "ok"
+
+
+def _fates(title: str) -> Callable[[LinkHealth, Knowledge], Words]:
+    """What became of everything of one kind that was sent. How much loss is too much is the daemon's verdict alone."""
+
+    def words(health: LinkHealth, known: Knowledge) -> Words:
+        fates = health.fates.get(title)
+        if fates is None:
+            return "none sent", "note"
+        is_well = health.state.condition is LinkCondition.UP or not fates.unanswered
+        return fates.words, "ok" if is_well else "warn"
+
+    return words
 
 
 def _pilot(pilot: Pilot, known: Knowledge) -> Words:
@@ -226,6 +194,7 @@ _ROWS: Final[tuple[_Row, ...]] = (
     ("attitude", "attitude", "state/attitude", Attitude, _attitude),
     ("link", "link", "link/state", LinkState, _link),
     ("latency", "latency", "link/health", LinkHealth, _latency),
+    *((name, title, "link/health", LinkHealth, _fates(title)) for name, title in FATES.items()),
     ("receiver", "receiver", "state/pilot", Pilot, _pilot),
     ("gps", "GPS", "state/gps", Gps, _gps),
     ("recording", "recording", "record/status", RecordStatus, _recording),

@@ -14,7 +14,7 @@ from mkdaemon.protocol.settings_file import spell_value
 from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
-from mkdaemon.telemetry.link import Fates
+from mkdaemon.telemetry.link import fates_of
 from mkdaemon.view.report.flight import Flight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of
 
@@ -48,13 +48,10 @@ def link_rows(flight: Flight) -> list[Row]:
     if state:
         rows.append(("port", f"{text_of(state, 'port')}, {shown(number_of(state, 'baud'), 'baud', 0)}"))
     for name, title in (("echo", "link test"), ("confirm", "stick frames")):
-        sent, lost = (number_of(health, f"{name}.{what}") for what in ("sent_total", "lost_total"))
-        if sent:
-            share = 100.0 * (lost or 0.0) / sent
-            rows.append((f"{title}, lost", f"{lost or 0:.0f} of {sent:.0f} ({share:.2f} %)"))
+        if number_of(health, f"{name}.sent_total"):
             trip = (number_of(health, f"{name}.{what}_ms") for what in ("p50", "p95", "p99"))
             rows.append((f"{title}, round trip at the end", _percentiles(*trip)))
-    rows += fate_rows(health)
+    rows += [(title, fates.words) for title, fates in fates_of(health).items()]
     rows += [
         (title, f"{number_of(traffic, path):.0f}")
         for path, title in (("rx_frames", "frames received"), ("tx_frames", "frames sent"))
@@ -64,17 +61,6 @@ def link_rows(flight: Flight) -> list[Row]:
     if isinstance(dropped, Mapping) and dropped:
         words = ", ".join(f"{short(word)} {short(number)}" for word, number in dropped.items())
         rows.append(("dropped", short(words)))
-    return rows
-
-
-def fate_rows(health: Mapping[str, object]) -> list[Row]:
-    """What became of everything that was sent: the counts of `link/health` that are not 0."""
-    rows: list[Row] = []
-    for name, title in (("link_tests", "link tests"), ("requests", "requests"), ("stick_frames", "stick frames")):
-        counts = [(field, number_of(health, f"{name}.{field}")) for field in Fates.model_fields]
-        words = ", ".join(f"{number:.0f} {field}" for field, number in counts if number)
-        if words:
-            rows.append((f"{title}, in all", words))
     return rows
 
 

@@ -16,6 +16,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.report.happenings import MAKERS, MOST, Happening, Sort
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 from mkdaemon.view.report.timeseries import Series
+from mkdaemon.view.report.troubles import Trouble, take_causes
 
 
 class Column(NamedTuple):
@@ -147,6 +148,7 @@ class Flight:
         entries: how many are of it.
         series: numbers over time, by name.
         states: changes of who flies and what.
+        troubles: what kept it from going on, in order.
         conditions: changes of the link's condition: time [s], word.
         happenings: in order.
         left_out: happenings beyond those that are kept.
@@ -163,6 +165,7 @@ class Flight:
     entries: int = 0
     series: dict[str, Series] = field(default_factory=dict)
     states: list[State] = field(default_factory=list)
+    troubles: list[Trouble] = field(default_factory=list)
     conditions: list[tuple[float, str]] = field(default_factory=list)
     happenings: list[Happening] = field(default_factory=list)
     left_out: int = 0
@@ -299,6 +302,7 @@ class _Lazy:
 
 def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     flight.last[suffix] = fields
+    take_causes(flight.troubles, at, fields)
     words = [text_of(fields, name) for name in ("phase", "manoeuvre", "stage", "reason", "outcome")]
     phase, manoeuvre, stage, reason, outcome = words
     state = State(at, phase, manoeuvre, stage, part_of(fields, "is_done") is True, reason, outcome)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+from mkdaemon.telemetry.link import fates_of
 from mkdaemon.view.report.facts import shares
 from mkdaemon.view.report.flight import Flight
 from mkdaemon.view.report.happenings import Sort, refusals
 from mkdaemon.view.report.pieces import Piece
-from mkdaemon.view.report.said import number_of
 
 
 def moment(seconds: float) -> str:
@@ -45,21 +45,13 @@ def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str
 def _flown(flight: Flight, pieces: Sequence[Piece]) -> list[str]:
     seconds = flown_time(flight)
     if not seconds:
-        return ["The machine did not fly."]
+        return []
     kinds: list[str] = []
     for piece in pieces:
         if not kinds or kinds[-1] != piece.manoeuvre:
             kinds.append(piece.manoeuvre)
     ways = f": {', '.join(kinds[:12])}{' ...' if len(kinds) > 12 else ''}" if kinds else ""
-    lines = [f"The machine flew for {seconds:.1f} s{ways}."]
-    last = next((state for state in reversed(flight.states) if state.phase and not state.is_flown), None)
-    if last is not None and flight.states and not flight.states[-1].is_flown:
-        ended = next((state for state in reversed(flight.states) if state.outcome), None)
-        outcome = f" ({ended.outcome.replace('_', ' ')})" if ended is not None else ""
-        lines.append(f"It ended with: {last.reason}{outcome}.")
-    elif flight.states:
-        lines.append("The recording ends while it flies.")
-    return lines
+    return [f"The machine flew for {seconds:.1f} s{ways}."]
 
 
 def _errors(pieces: Sequence[Piece]) -> list[str]:
@@ -97,15 +89,12 @@ def _line(flight: Flight) -> list[str]:
     total = sum(times.values())
     if not total:
         return []
-    health = flight.last.get("link/health", {})
-    sent, lost = number_of(health, "echo.sent_total"), number_of(health, "echo.lost_total")
     trips = flight.series.get("link.echo_p95")
     words = f"The link was up for {100.0 * times.get('up', 0.0) / total:.0f} % of the time"
-    if sent:
-        words += f", {lost or 0:.0f} of {sent:.0f} link tests were not answered in time"
     if trips is not None:
         words += f", and p95 of the round trip was {max(trips.values):.0f} ms at worst"
-    return [f"{words}."]
+    counted = fates_of(flight.last.get("link/health", {}))
+    return [f"{words}.", *(f"{title.capitalize()}: {fates.words}." for title, fates in counted.items())]
 
 
 def _eyes(flight: Flight) -> list[str]:

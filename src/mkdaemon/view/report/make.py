@@ -16,6 +16,7 @@ from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
 from mkdaemon.view.report.pieces import Piece, pieces_of
 from mkdaemon.view.report.plots import plots_of
+from mkdaemon.view.report.verdict import head_of
 
 Progress = Callable[[int], None]
 _NOTHING: Final = "nothing to report: no value of a vehicle in it"
@@ -64,6 +65,7 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
     return Report(
         file=path.name,
         vehicle=flight.vehicle,
+        head=head_of(flight),
         cards=_cards(flight, pieces),
         sentences=sentences(flight, pieces, facts.seconds_of(summary)),
         losses=facts.losses(summary, flight),

@@ -23,6 +23,7 @@ from mkdaemon.view.report.facts import Row, shown
 from mkdaemon.view.report.happenings import Happening, Refused
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.plots import Plot
+from mkdaemon.view.report.verdict import Head
 
 MOST_EVENTS: Final = 500
 """Lines of the table of events."""
@@ -58,7 +59,8 @@ class Report:
     Attributes:
         file: name of the recording.
         vehicle: that flew.
-        cards: seen first.
+        head: how the flight ended, and why.
+        cards: figures that are seen first.
         sentences: the flight in words.
         losses: what the recording lacks.
         plots: tracks first.
@@ -74,6 +76,7 @@ class Report:
 
     file: str
     vehicle: str
+    head: Head
     cards: Sequence[Card]
     sentences: Sequence[str]
     losses: Sequence[str]
@@ -150,6 +153,7 @@ def _script_json(value: object) -> str:
 def _body(report: Report) -> Iterable[str]:
     yield f"<h1>{escape(report.vehicle or 'a recording')}</h1>"
     yield f'<p class="file">{escape(report.file)}</p>'
+    yield _head(report.head)
     if report.losses:
         yield _section("The recording is not whole", _list(report.losses), css="warn")
     yield f'<div class="cards">{"".join(map(_card, report.cards))}</div>'
@@ -177,6 +181,13 @@ def _body(report: Report) -> Iterable[str]:
 def _section(title: str, content: str, *, css: str = "", name: str = "") -> str:
     attributes = (f' class="{css}"' if css else "") + (f' id="{name}"' if name else "")
     return f"<section{attributes}><h2>{escape(title)}</h2>{content}</section>"
+
+
+def _head(head: Head) -> str:
+    """The verdict, and the chain of causes; a click on one shows its moment in the plots."""
+    rows = [(f"{at:.1f}", text) for at, text in head.chain]
+    chain = _table(("since (s)", "why"), rows, [at for at, _ in head.chain]) if rows else ""
+    return _section(head.text, chain, css="bad" if head.is_bad else "", name="verdict")
 
 
 def _list(sentences: Iterable[str], css: str = "") -> str:

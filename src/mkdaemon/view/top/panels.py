@@ -10,12 +10,15 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from textwrap import wrap
 from typing import Any, Final
 
 from mkdaemon.client.summary import SEEN, WEAK_CELL
+from mkdaemon.client.verdict import LINK_WORDS
 from mkdaemon.spelling import on_one_line
 from mkdaemon.telemetry import control
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import FATES, fates_of
 from mkdaemon.view.top.horizon import horizon
 
 Fields = Mapping[str, Any]
@@ -28,8 +31,10 @@ EYES: Final = 3
 """Rows for cameras and their target."""
 _LEFT: Final = 25
 """Columns of the horizon."""
-_HIGH: Final = 9
+_HIGH: Final = 7
 """Rows of the horizon."""
+_LINK: Final = 2 + len(FATES)
+"""Rows of the link."""
 KEYS: Final = (
     "health",
     "link/state",
@@ -44,6 +49,8 @@ KEYS: Final = (
     "event/log",
 )
 """What is watched."""
+_TITLE: Final = max(map(len, FATES.values()))
+"""Columns of what is counted."""
 STALE_AFTER: Final = {"state/attitude": 1.0, "link/health": 1.0}
 """Age from which a value is stale [s]; others after `STALE`."""
 STALE: Final = 3.0
@@ -141,10 +148,9 @@ class Board:
         found = [
             self._title(now),
             *beside,
-            *_filled(self._link(now), 2),
+            *_filled(self._link(now), _LINK),
             *_filled(self._eyes(now), EYES),
             *_filled(self._authority(now), 2),
-            [("events", Tone.TITLE)],
             *_filled(self._shown_events(now), EVENTS),
             self._foot(now),
         ]
@@ -166,9 +172,33 @@ class Board:
                 state.append((f", ERROR {on_one_line(fields['error'])}", Tone.BAD))
             if fields["read_only"]:
                 state.append((", READ ONLY", Tone.WARN))
+        if worst := next(self._worst(now), ""):
+            is_longer = len(self._trouble(now)) > 1
+            state = [(worst, Tone.BAD)] if is_longer else [(worst, Tone.BAD), (", ", Tone.PLAIN), *state]
         others = [name for name in self.fleet if name != self.vehicle]
         fleet = f"   also: {' '.join(on_one_line(name) for name in others)}" if others else ""
         return [(f" {on_one_line(self.vehicle)} ", Tone.BAR), (" ", Tone.PLAIN), *state, (fleet, Tone.DIM)]
+
+    def _worst(self, now: float) -> Iterator[str]:
+        """What is wrong, the worst first; silence, the boards' own error and stale values are said elsewhere."""
+        known = {key: value.fields for key, value in self._known.items() if not self._stale(key, now)}
+        if known.get("state/flight", {}).get("emergency_landing"):
+            yield "EMERGENCY LANDING"
+        yield from self._trouble(now)[:1]
+        if known.get("state/battery", {}).get("is_low"):
+            yield "BATTERY LOW"
+        condition = known.get("link/state", {}).get("condition")
+        yield from (words for bad, words in LINK_WORDS.items() if bad == condition and not bad.is_usable)
+
+    def _trouble(self, now: float) -> list[str]:
+        """The chain of causes, cut for the first row and for the rows of the control; nothing without trouble."""
+        value = self._known.get("control/status")
+        if value is None or self._stale("control/status", now):
+            return []
+        room = COLUMNS - len(on_one_line(self.vehicle)) - 3
+        words = on_one_line(value.fields.get("trouble") or "")
+        first, *rest = wrap(words, room) or [""]
+        return [first, *wrap(" ".join(rest), COLUMNS - 9)] if first else []
 
     def _horizon(self, now: float) -> list[Row]:
         value = self._known.get("state/attitude")
@@ -206,9 +236,10 @@ class Board:
         echo, kinds = health.fields["echo"], health.fields["kinds"]
         late = [on_one_line(kind["key"]) for kind in kinds if kind["is_stale"]]
         trips = "no answer yet" if echo["p50_ms"] is None else f"{echo['p50_ms']:.1f} ms, 99 % {echo['p99_ms']:.1f} ms"
-        row: Row = [(f"answers {trips}, {echo['loss_percent']:.1f} % lost", Tone.PLAIN)]
-        row.append((f", STALE: {' '.join(late)}" if late else "", Tone.WARN))
+        row: Row = [(f"round trip {trips}", Tone.PLAIN), (f", STALE: {' '.join(late)}" if late else "", Tone.WARN)]
         yield [*self._head("", "link/health", now), *row]
+        for title, fates in fates_of(health.fields).items():
+            yield [(f"{title:<{_TITLE}} ", Tone.TITLE), (fates.words, Tone.PLAIN)]
 
     def _eyes(self, now: float) -> Iterator[Row]:
         roots = sorted(key.rpartition("/")[0] for key in self._known if key.endswith("/stats"))
@@ -248,14 +279,14 @@ class Board:
         flown = on_one_line(" ".join(word for word in (fields.get("manoeuvre"), fields.get("stage")) if word))
         words = f", {holder or 'nobody'} has the lease{f', {flown}' if flown else ''}"
         yield [*self._head("control", "control/status", now), phase_part(phase), (words, Tone.PLAIN)]
-        if trouble := fields.get("trouble"):
-            yield [("         ", Tone.PLAIN), (on_one_line(trouble), Tone.BAD)]
+        for words in self._trouble(now)[1:]:
+            yield [("         ", Tone.PLAIN), (words, Tone.BAD)]
         hands = fields.get("hands") and f"; the pilot {on_one_line(fields['hands'])}"
         yield [("         ", Tone.PLAIN), (f"{on_one_line(fields['reason'])}{hands or ''}", Tone.DIM)]
 
     def _shown_events(self, now: float) -> Iterator[Row]:
         for at, words, tone in self._events:
-            yield [(f"{age_words(now - at):>7}  ", Tone.DIM), (words, tone)]
+            yield [(f"{age_words(now - at):>6} ago  ", Tone.DIM), (words, tone)]
 
     def _foot(self, now: float) -> Row:
         keys = " q quit   r release   l land   v vehicle"
