@@ -17,16 +17,17 @@ from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
+from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.steering import By, Order, Steering
+from mkdaemon.gateways.mavlink.texts import INFO, REMEDIES, WARNING, Notify
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
 from mkdaemon.telemetry.control import ControlEstimate
 from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.state import Flight, Position
 
-TAKE_OFF_HEIGHT: Final = 2.0
-"""Height above the target where a take-off names none [m]."""
 _FORCE: Final = 21_196
 """Second parameter of a disarm that stops the motors of a flying aircraft."""
 _ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
@@ -37,7 +38,15 @@ _PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the 
 class Actions:
     """Commands that fly, or look as if they would."""
 
-    def __init__(self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl) -> None:
+    def __init__(
+        self,
+        uav: Vehicle,
+        picture: Picture,
+        steering: Steering,
+        hands: HandControl,
+        notify: Notify,
+        parameters: ParameterServer,
+    ) -> None:
         """Act for ground stations.
 
         Args:
@@ -45,8 +54,11 @@ class Actions:
             picture: what is known of it.
             steering: flies.
             hands: the setpoints that ground stations stream.
+            notify: tells a ground station what was found.
+            parameters: of the gateway.
         """
         self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
+        self._notify, self._parameters = notify, parameters
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -65,6 +77,7 @@ class Actions:
             mavlink.MAV_CMD_DO_SET_ROI_LOCATION: self.look_at,
             mavlink.MAV_CMD_DO_SET_ROI: self.look_at,
             mavlink.MAV_CMD_DO_SET_ROI_NONE: self.hold_heading,
+            mavlink.MAV_CMD_RUN_PREARM_CHECKS: self.check,
         }
 
     @staticmethod
@@ -74,7 +87,7 @@ class Actions:
     async def take_off(self, asked: Asked) -> Answered:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
         given = asked.number(7)
-        height = given or TAKE_OFF_HEIGHT
+        height = given or self._parameters.take_off_height
         is_above_sea = asked.frame in _ABOVE_SEA or (
             asked.frame is None and asked.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
         )
@@ -210,7 +223,7 @@ class Actions:
             case Mode.TAKEOFF:
                 if not is_armed(self._picture):
                     return denied(_START_MOTORS)
-                return await self._fly(asked, "takeoff", {"height": TAKE_OFF_HEIGHT}, "takes off")
+                return await self._fly(asked, "takeoff", {"height": self._parameters.take_off_height}, "takes off")
             case Mode.LAND:
                 return await self.land(asked)
             case Mode.HOLD:
@@ -248,6 +261,18 @@ class Actions:
     async def hold_heading(self, asked: Asked) -> Answered:
         """DO_SET_ROI_NONE: keep the heading; nothing to do where nobody flies."""
         return accepted() if self._steering.order is None else await self.hold(asked)
+
+    async def check(self, asked: Asked) -> Answered:
+        """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that stands in the way."""
+        if is_armed(self._picture):
+            return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "the motors turn already")
+        report = await self._uav.preflight()
+        for finding in report.findings:
+            if finding.state is CheckState.STANDS:
+                severity = INFO if finding.blocks is Blocks.NOTHING else WARNING
+                fix = REMEDIES.get(finding.token or "", finding.fix)
+                self._notify(asked.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
+        return accepted("all checks before a flight passed" if report.is_ready else "")
 
     async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> Answered:
         await self._steering.fly(Order(By(asked.station, asked.program), kind, fields))
