@@ -537,3 +537,37 @@ async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_o
             "NO POSE FOR 0.6 S: 3 of 9 link tests unanswered; releases in 1.8 s"
             "poses come again"
         )
+
+
+@virtually
+async def test_a_new_mode_is_in_a_heartbeat_at_once():
+    """QGroundControl waits 1.3 s for it."""
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        await beat(ears, 1.3)
+        seen = len(ears.named("HEARTBEAT"))
+        flying(gateway, "land")
+        await beat(ears, 0.1)
+        assert len(ears.named("HEARTBEAT")) == seen + 1
+        assert ears.named("HEARTBEAT")[-1].custom_mode == 4 << 16 | 6 << 24
+
+
+@virtually
+async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is():
+    fake = FakeVehicle()
+    nan = float("nan")
+    async with serving(fake) as gateway:
+        ears = Ears(gateway, Numbering.AS_PX4)
+        ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, 14.5)
+        await beat(ears, 0.1)
+        assert ears.acks == [(REPOSITION, DENIED)] and "by the target in sight" in ears.words
+        ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, nan)
+        await beat(ears, 1.0)
+        assert fake.setpoints[-1][1] == "hold"
+        for heading, height, wanted in ((nan, 14.5, 5.0), (0.0, nan, 2.0)):
+            gateway.value_arrived(rig.ESTIMATE)
+            ears.command(REPOSITION, -1, 1, 0, heading, nan, nan, height)
+            await beat(ears, 0.5)
+            _, kind, fields = fake.setpoints[-1]
+            assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))
+            assert fields["yaw"] == (None if heading != heading else pytest.approx(1.5708, abs=1e-4))

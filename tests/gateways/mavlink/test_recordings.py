@@ -60,7 +60,7 @@ async def test_recordings_are_listed_and_sent_whole_and_in_part(folder, numberin
         ears = Ears(gateway, numbering)
         await ask_list(ears)
         entries = ears.named("LOG_ENTRY")
-        ours = [name for name in NAMES]
+        ours = list(NAMES)
         assert [entry.id for entry in entries] == [number + first for number in range(len(entries))]
         assert {(entry.num_logs, entry.last_log_num) for entry in entries} == {(len(entries), len(entries) - 1 + first)}
         assert [(entry.time_utc, entry.size) for entry in entries[: len(ours)]] == list(

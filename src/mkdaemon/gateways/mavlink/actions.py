@@ -127,9 +127,26 @@ class Actions:
             heading = asked.number(4)
             yaw = None if heading is None else compass_from_yaw(heading)
             return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
-        if all(asked.number(index) is None for index in (5, 6, 7)):  # how QGroundControl pauses a PX4
-            return await self.hold(asked)
+        if asked.number(5) is None and asked.number(6) is None:
+            return await self._reposition_above(asked)
         return await self._reposition_on_globe(asked)
+
+    async def _reposition_above(self, asked: Asked) -> Answered:
+        """DO_REPOSITION without a place: QGroundControl pauses, changes the height or turns a PX4 so."""
+        heading, height = asked.number(4), asked.number(7)
+        if heading is None and height is None:
+            return await self.hold(asked)
+        estimate, here = self._picture.get(ControlEstimate), self._picture.get(Position)
+        if estimate is None or self._steering.order is None:
+            return denied("a height or a heading alone needs a flight by the target in sight")
+        x, y, up = estimate.position
+        if height is not None:
+            found = None if here is None else self._height_above_home(asked, height, here)
+            if found is None:
+                return denied(_NO_GROUND)
+            up = found
+        yaw = None if heading is None else compass_from_yaw(heading)
+        return await self._fly(asked, "position", {"position": (x, y, up), "frame": "pad", "yaw": yaw}, "")
 
     async def _reposition_on_globe(self, asked: Asked) -> Answered:
         if self._steering.order is not None:
@@ -145,7 +162,7 @@ class Actions:
             return denied("a place on the globe needs latitude and longitude")
         up = self._height_above_home(asked, height, here)
         if up is None:
-            return denied("the height of home above the sea is not known: give the height above home")
+            return denied(_NO_GROUND)
         east, north, _ = offset_enu(latitude, longitude, here.home_latitude_deg, here.home_longitude_deg)
         turn = asked.number(4)
         heading = None if turn is None else round(math.degrees(turn)) % 360 or 360
@@ -279,6 +296,7 @@ class Actions:
         return accepted(words)
 
 
+_NO_GROUND: Final = "the height of home above the sea is not known: give the height above home"
 _START_MOTORS: Final = "the pilot starts and stops the motors with his sticks"
 _REFUSED: Final = {
     mavlink.MAV_CMD_DO_SET_HOME: "home is where the motors were started with a GPS fix",

@@ -95,7 +95,7 @@ class Gateway:
         self._texts = Texts()
         self._work: set[asyncio.Task[None]] = set()
         self._tasks: asyncio.TaskGroup | None = None
-        self._beat_at = 0.0
+        self._beat_at, self._beaten = 0.0, Mode.STABILIZED
         self._hands_words = ""
         self._causes: tuple[CauseKind, ...] = ()
         self._is_daemon_alive = True
@@ -203,11 +203,12 @@ class Gateway:
         for name, row in TABLE.items():
             if row.source is None:
                 self._send(name, now)
-        if now - self._beat_at < BEAT:
+        mode = self._mode()
+        if now - self._beat_at < BEAT and mode is self._beaten:  # QGroundControl waits 1.3 s for a new mode
             return
-        self._beat_at = now
+        self._beat_at, self._beaten = now, mode
         self._announce_daemon()
-        mode, reached = self._mode(), self._missions.reached()
+        reached = self._missions.reached()
         for station in self.links.stations:
             station.send(heartbeat(self.picture, mode, station.numbering))
             if station.is_present(now):
