@@ -243,7 +243,7 @@ def _take(place: Place, item: Any, reading: _Reading) -> None:
     if item.get("autoContinue", True) in (False, 0) and reading.autopilot != ARDUPILOT:
         raise place.wrong("the mission is to wait here (autoContinue)", "give the waypoint a hold time of up to 255 s")
     found = checked(place, item.get("command"), item.get("frame"), params, reading.autopilot)
-    reading.notes += (f"{place.name}:{place.line}: {note}" for note in found.notes)
+    reading.notes += (f"{place}: {note}" for note in found.notes)
     match found.command:
         case table.WAYPOINT | table.LOITER_TIME | table.LAND:
             _take_point(found, reading)
@@ -290,9 +290,9 @@ def _take_take_off(item: Item, reading: _Reading) -> None:
     what = "a NaviCtrl's list begins in the air: take off by hand or with mkctl takeoff"
     if item.has_place:
         _take_point(item, reading)
-        reading.notes.append(f"{item.place.name}:{item.place.line}: take-off is read as a waypoint: {what}")
+        reading.notes.append(f"{item.place}: take-off is read as a waypoint: {what}")
     else:
-        reading.notes.append(f"{item.place.name}:{item.place.line}: take-off without a place is left out: {what}")
+        reading.notes.append(f"{item.place}: take-off without a place is left out: {what}")
 
 
 def _take_speed(item: Item, reading: _Reading) -> None:

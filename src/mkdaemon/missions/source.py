@@ -88,9 +88,12 @@ class Place:
     name: str
     line: int
 
+    def __str__(self) -> str:
+        return f"{self.name}:{self.line}"
+
     def wrong(self, what: str, fix: str) -> ConfigError:
         """Return the error that says what is wrong here and how to mend it."""
-        return ConfigError(f"{self.name}:{self.line}: {what}; {fix}")
+        return ConfigError(f"{self}: {what}; {fix}")
 
     def number(self, word: str, text: str | None) -> float:
         """Read a decimal number.

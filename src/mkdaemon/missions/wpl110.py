@@ -39,7 +39,7 @@ def read(text: str, name: str) -> MissionDraft:
     if not rest:
         raise Place(name, 1).wrong("no waypoint in this file", "save the list again with a waypoint beside home")
     draft = qgc.draft_of([item for _, item in rest], [place for place, _ in rest], ARDUPILOT)
-    notes = tuple(f"{place.name}:{place.line}: home is not flown to" for place, _ in home)
+    notes = tuple(f"{place}: home is not flown to" for place, _ in home)
     return replace(draft, notes=(*notes, *draft.notes), origins=tuple(one + len(home) for one in draft.origins))
 
 

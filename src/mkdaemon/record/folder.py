@@ -47,6 +47,26 @@ def recording_name(prefix: str, wall: float) -> str:
     return f"{prefix}-{datetime.fromtimestamp(wall, UTC):{_TIME}}"
 
 
+def origin_of(path: Path) -> tuple[str, float] | None:
+    """Prefix of a recording and when it began, by its name [Unix time, s]; None where it has another name."""
+    form = _NAME.fullmatch(path.name)
+    prefix, _, text = ("" if form is None else form["name"]).rpartition("-")
+    try:
+        return prefix, datetime.strptime(text, _TIME).replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        return None
+
+
+def recordings_of(folder: Path, prefix: str) -> list[Path]:
+    """All recordings of a prefix in a folder, the oldest first."""
+    found = []
+    for path in folder.glob(f"{prefix}-*.mcap"):
+        form = _NAME.fullmatch(path.name)
+        if form is not None and form["name"].rpartition("-")[0] == prefix:
+            found.append((form["name"], int(form["part"]), path))
+    return [path for _, _, path in sorted(found)]
+
+
 def free_space(folder: Path) -> int:
     """How much an ordinary user may still write there [bytes].
 
@@ -105,12 +125,7 @@ class RecordingFolder:
 
     def files(self) -> list[Path]:
         """All recordings, the oldest first."""
-        found = []
-        for path in self.path.glob(f"{self._prefix}-*.mcap"):
-            form = _NAME.fullmatch(path.name)
-            if form is not None and form["name"].rpartition("-")[0] == self._prefix:
-                found.append((form["name"], int(form["part"]), path))
-        return [path for _, _, path in sorted(found)]
+        return recordings_of(self.path, self._prefix)
 
     def free_bytes(self) -> int:
         """How much is free on its disk [bytes].

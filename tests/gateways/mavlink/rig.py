@@ -184,6 +184,7 @@ class FakeVehicle:
         refusals: what a call raises, by its name.
         engages: setpoints after which the daemon flies.
         refuses: why setpoints are refused.
+        report: of the checks before a flight.
         slow: time that every call takes [s].
     """
 
@@ -191,7 +192,7 @@ class FakeVehicle:
         self.calls, self.setpoints, self.points, self.refusals = [], [], (), {}
         self.raw = raw
         self.engages, self.refuses, self.slow = 3, None, 0.0
-        self.lease_now = None
+        self.lease_now = self.report = None
         self.settings = self.waypoints = self.route = self.navi = _Calls(self)
 
     async def call(self, name, *arguments, **options):
@@ -237,6 +238,10 @@ class FakeVehicle:
 
     async def stop(self, **options):
         await self.call("stop", **options)
+
+    async def preflight(self):
+        await self.call("preflight")
+        return self.report
 
     async def request(self, board, message, **options):
         await self.call("request", message, **options)

@@ -15,6 +15,7 @@ from mkdaemon.gateways.mavlink.modes import Numbering
         ("udpout:127.0.0.1:14550", Address(Kind.UDP_OUT, "127.0.0.1", 14550)),
         ("udpin:[::1]:14550", Address(Kind.UDP_IN, "::1", 14550)),
         ("tcpin:localhost:5760,ardupilot", Address(Kind.TCP_IN, "localhost", 5760, Numbering.ARDUPILOT)),
+        ("tcpout:127.0.0.1:5790,as-px4", Address(Kind.TCP_OUT, "127.0.0.1", 5790, Numbering.AS_PX4)),
         ("serial:/dev/serial/by-id/usb-1:57600, px4", Address(Kind.SERIAL, "/dev/serial/by-id/usb-1", 57600)),
     ],
 )

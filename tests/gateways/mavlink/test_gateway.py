@@ -10,8 +10,9 @@ from pymavlink.dialects.v20 import all as mavlink
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.texts import words_of
-from mkdaemon.telemetry.control import Outcome, Phase
+from mkdaemon.telemetry.control import Cause, CauseKind, Outcome, Phase, trouble_words
 from mkdaemon.telemetry.event import FailsafeEvent
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
@@ -100,7 +101,7 @@ async def test_what_a_ground_station_asks_at_its_connection_is_answered_at_once(
         assert len(ears.named("AVAILABLE_MODES")) == 9
         assert ears.named("AUTOPILOT_VERSION")[0].flight_sw_version == 2 << 24 | 12 << 16 | 1 << 8 | 255
         ears.heard.clear()
-        nothing = {"CAMERA_INFORMATION": 259, "GIMBAL_MANAGER_INFORMATION": 280, "COMPONENT_METADATA": 397,
+        nothing = {"CAMERA_INFORMATION": 259, "GIMBAL_MANAGER_INFORMATION": 280,
                    "PROTOCOL_VERSION": 300, "STORAGE_INFORMATION": 261}  # fmt: skip
         for number in nothing.values():
             ears.command(512, number, target=(1, 100))
@@ -115,7 +116,7 @@ async def test_what_a_ground_station_asks_at_its_connection_is_answered_at_once(
         await asyncio.sleep(0.05)
         assert [(m.count, m.mission_type) for m in ears.named("MISSION_COUNT")] == [(0, 1), (0, 2)]
         refusal = ears.named("FILE_TRANSFER_PROTOCOL")[0].payload
-        assert (refusal[0], refusal[3], refusal[5], refusal[12]) == (6, 129, 4, 7)
+        assert (refusal[0], refusal[3], refusal[5], refusal[12]) == (6, 129, 4, 10)
         assert ears.named("LOG_ENTRY")[0].num_logs == 0
         assert ears.named("TIMESYNC")[0].ts1 == 77 and ears.named("TIMESYNC")[0].tc1 > 0
         assert ears.named("PING")[0].target_system == 255
@@ -489,3 +490,84 @@ async def test_the_lease_is_given_back_at_the_end():
         await beat(ears, 0.3)
         assert vehicle.lease_now is not None
     assert vehicle.lease_now is None
+
+
+@virtually
+async def test_the_checks_before_a_flight_are_told_one_by_one():
+    checks = (("gps", CheckState.STANDS, Blocks.AUTONOMY), ("wind", CheckState.STANDS, Blocks.NOTHING),
+              ("line", CheckState.PASSED, Blocks.LEASE))  # fmt: skip
+    findings = tuple(
+        Finding(name=name, state=state, blocks=blocks, token=None, reason=f"{name} is bad.", fix="Mend it.")
+        for name, state, blocks in checks
+    )
+    fake = FakeVehicle()
+    fake.report = PreflightReport(is_ready=False, findings=findings)
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        ears.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+        await beat(ears, 0.2)
+        assert ears.acks == [(mavlink.MAV_CMD_RUN_PREARM_CHECKS, REJECTED)]  # the motors turn
+        gateway.value_arrived(STANDING)
+        ears.heard.clear()
+        ears.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+        await beat(ears, 0.2)
+        assert ears.acks == [(mavlink.MAV_CMD_RUN_PREARM_CHECKS, ACCEPTED)]
+        told = [(message.text, message.severity) for message in ears.named("STATUSTEXT")]
+        assert told == [("PreArm: gps: gps is bad. Mend it.", 4), ("PreArm: wind: wind is bad. Mend it.", 6)]
+
+
+@virtually
+async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_over():
+    async with serving() as gateway:
+        ears = Ears(gateway)
+
+        def trouble(*causes, left=None):
+            made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
+            words = trouble_words(made, left)
+            status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left)
+            gateway.value_arrived(status)
+
+        for left in (2.4, 2.2, 2.0):
+            trouble(CauseKind.NO_POSE, left=left)
+        trouble(CauseKind.NO_POSE, CauseKind.UNANSWERED, left=1.8)
+        trouble()
+        trouble()
+        assert ears.words == (
+            "NO POSE FOR 0.6 S; releases in 2.4 s"
+            "NO POSE FOR 0.6 S: 3 of 9 link tests unanswered; releases in 1.8 s"
+            "poses come again"
+        )
+
+
+@virtually
+async def test_a_new_mode_is_in_a_heartbeat_at_once():
+    """QGroundControl waits 1.3 s for it."""
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        await beat(ears, 1.3)
+        seen = len(ears.named("HEARTBEAT"))
+        flying(gateway, "land")
+        await beat(ears, 0.1)
+        assert len(ears.named("HEARTBEAT")) == seen + 1
+        assert ears.named("HEARTBEAT")[-1].custom_mode == 4 << 16 | 6 << 24
+
+
+@virtually
+async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is():
+    fake = FakeVehicle()
+    nan = float("nan")
+    async with serving(fake) as gateway:
+        ears = Ears(gateway, Numbering.AS_PX4)
+        ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, 14.5)
+        await beat(ears, 0.1)
+        assert ears.acks == [(REPOSITION, DENIED)] and "by the target in sight" in ears.words
+        ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, nan)
+        await beat(ears, 1.0)
+        assert fake.setpoints[-1][1] == "hold"
+        for heading, height, wanted in ((nan, 14.5, 5.0), (0.0, nan, 2.0)):
+            gateway.value_arrived(rig.ESTIMATE)
+            ears.command(REPOSITION, -1, 1, 0, heading, nan, nan, height)
+            await beat(ears, 0.5)
+            _, kind, fields = fake.setpoints[-1]
+            assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))
+            assert fields["yaw"] == (None if heading != heading else pytest.approx(1.5708, abs=1e-4))

@@ -198,3 +198,25 @@ async def test_an_address_in_use_is_one_line():
         async with asyncio.TaskGroup() as tasks:
             with pytest.raises(MkError, match=rf"--link tcpin:127.0.0.1:{port} cannot be opened"):
                 await links.open(Address(Kind.TCP_IN, "127.0.0.1", port), tasks)
+
+
+async def test_a_program_that_listens_for_tcp_is_connected_to_again_and_again():
+    port, heard = free_port(), []
+
+    async def talk(reader, writer):
+        heard.append(await reader.read(1))
+        writer.write(bytes_of(BEAT))
+        await writer.drain()
+        writer.close()
+
+    async with linked(Address(Kind.TCP_OUT, "127.0.0.1", port)) as (links, came):
+        await asyncio.sleep(0.1)
+        assert not links.stations  # nobody listens yet
+        server = await asyncio.start_server(talk, "127.0.0.1", port)
+        async with server:
+            for times in (1, 2):
+                await wait_for(lambda: links.stations, 5.0, 0.01)
+                links.stations[0].send(BEAT)
+                await wait_for(lambda times=times: len(came) == times, 5.0)
+                await wait_for(lambda: not links.stations)
+    assert heard == [b"\xfd", b"\xfd"] and came[0][0].name == f"tcpout:127.0.0.1:{port}"

@@ -148,7 +148,8 @@ async def test_items_of_old_are_taken():
         (
             [item(0), item(1, 20)],
             UNSUPPORTED,
-            "item 1: MikroKopter points cannot express command 20 (return to launch)",
+            "item 1: MikroKopter points cannot express command 20 (return to launch); remove the item: the pilot's GPS "
+            "switch at coming home flies home",
         ),
         ([item(0), item(1, frame=10)], FRAME, "item 1: frame 10 cannot be flown"),
         ([item(0, z=NAN)], INVALID, "item 0: altitude is not given"),
@@ -165,6 +166,17 @@ async def test_what_no_mikrokopter_can_do_is_refused_at_upload(items, result, wo
         ears = Sender(gateway)
         assert await ears.upload(items) == [result]
         assert words in ears.words and vehicle.calls == []
+
+
+@virtually
+async def test_a_plan_of_qgroundcontrol_with_its_take_off_item_is_taken_and_the_words_are_whole():
+    """Its default take-off item: pitch 0, no yaw, the place and height of the launch."""
+    vehicle = FakeVehicle()
+    async with serving(vehicle) as gateway:
+        ears = Sender(gateway)
+        assert await ears.upload([item(0, 22), item(1)]) == [ACCEPTED]
+        assert ears.words.startswith("item 0: take-off is read as a waypoint: a NaviCtrl's list begins in the air")
+        assert len(vehicle.points) == 2
 
 
 @virtually

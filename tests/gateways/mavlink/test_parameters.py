@@ -8,10 +8,11 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.errors import MkError
+from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import ids_of, short, value_of
 from mkdaemon.protocol.settings import ParameterSet, known_revisions, layout_of
 from mkdaemon.telemetry.refusals import Token, refuse
-from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
+from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, flight, serving, virtually
 
 REVISION = 106
 RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
@@ -54,7 +55,7 @@ async def test_all_are_read():
         ask_all(ears)
         await beat(ears, 2.0)
         found = {message.param_id: message for message in ears.named("PARAM_VALUE")}
-        assert len(found) == len(IDS) + 1 == found["GYRO_P"].param_count
+        assert len(found) == len(IDS) + 2 == found["GYRO_P"].param_count
         stored = ParameterSet(RAW)
         assert {row.id: found[row.id].param_value for row in IDS} == {row.id: value_of(stored, row) for row in IDS}
         assert [message.param_index for message in found.values()] == list(range(len(found)))
@@ -85,7 +86,10 @@ async def test_in_flight_there_is_an_answer_too():
         ears = Ears(gateway)
         ask_all(ears)
         await beat(ears, 0.2)
-        assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")] == [("MK_ACTIVE_SET", 1)]
+        assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")] == [
+            ("MK_ACTIVE_SET", 2),
+            ("MIS_TAKEOFF_ALT", 2),
+        ]
         assert "no settings yet" in ears.words
 
 
@@ -183,4 +187,36 @@ async def test_sets_that_nobody_knows_by_name_are_not_shown():
         ask_all(ears)
         write(ears, "GYRO_P", 1.0)
         await beat(ears, 0.3)
-        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["MK_ACTIVE_SET"]
+        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["MK_ACTIVE_SET", "MIS_TAKEOFF_ALT"]
+
+
+@virtually
+async def test_the_height_of_a_take_off_is_a_parameter_of_the_gateway():
+    fake = vehicle()
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        for height in (3.5, -1.0, float("nan")):
+            write(ears, "MIS_TAKEOFF_ALT", height)
+        await beat(ears, 0.2)
+        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [3.5] * 3 and not fake.calls
+        assert [m.error for m in ears.named("PARAM_ERROR")] == [OUT_OF_RANGE] * 2
+        gateway.value_arrived(flight(is_flying=False))
+        ears.command(mavlink.MAV_CMD_NAV_TAKEOFF)
+        await beat(ears, 1.0)
+        assert {fields["height"] for _, kind, fields in fake.setpoints if kind == "takeoff"} == {3.5}
+
+
+@virtually
+async def test_a_link_that_says_px4_has_the_height_of_a_return(tmp_path):
+    """MAVSDK 4.1 asks a PX4 for it in its example of a take-off."""
+    fake = vehicle()
+    async with serving(fake, folder=tmp_path) as gateway:
+        ears, px4 = Ears(gateway), Ears(gateway, Numbering.AS_PX4)
+        for one in (ears, px4):
+            one.say(mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_RETURN_ALT", -1))
+        await beat(px4, 0.2)
+        assert [m.error for m in ears.named("PARAM_ERROR")] == [NOT_THERE]
+        assert [m.param_value for m in px4.named("PARAM_VALUE")] == [ParameterSet(RAW)["coming_home_altitude"]]
+        write(px4, "RTL_RETURN_ALT", 30.0)
+        await beat(px4, 0.5)
+        assert fake.calls[-1][1][0] == {"coming_home_altitude": 30}

@@ -17,16 +17,17 @@ from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
+from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.steering import By, Order, Steering
+from mkdaemon.gateways.mavlink.texts import INFO, REMEDIES, WARNING, Notify
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
 from mkdaemon.telemetry.control import ControlEstimate
 from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.state import Flight, Position
 
-TAKE_OFF_HEIGHT: Final = 2.0
-"""Height above the target where a take-off names none [m]."""
 _FORCE: Final = 21_196
 """Second parameter of a disarm that stops the motors of a flying aircraft."""
 _ABOVE_SEA: Final = frozenset({mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT})
@@ -37,7 +38,15 @@ _PILOTS: Final = "the pilot turns his GPS switch to coming home: nothing on the 
 class Actions:
     """Commands that fly, or look as if they would."""
 
-    def __init__(self, uav: Vehicle, picture: Picture, steering: Steering, hands: HandControl) -> None:
+    def __init__(
+        self,
+        uav: Vehicle,
+        picture: Picture,
+        steering: Steering,
+        hands: HandControl,
+        notify: Notify,
+        parameters: ParameterServer,
+    ) -> None:
         """Act for ground stations.
 
         Args:
@@ -45,8 +54,11 @@ class Actions:
             picture: what is known of it.
             steering: flies.
             hands: the setpoints that ground stations stream.
+            notify: tells a ground station what was found.
+            parameters: of the gateway.
         """
         self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
+        self._notify, self._parameters = notify, parameters
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -65,6 +77,7 @@ class Actions:
             mavlink.MAV_CMD_DO_SET_ROI_LOCATION: self.look_at,
             mavlink.MAV_CMD_DO_SET_ROI: self.look_at,
             mavlink.MAV_CMD_DO_SET_ROI_NONE: self.hold_heading,
+            mavlink.MAV_CMD_RUN_PREARM_CHECKS: self.check,
         }
 
     @staticmethod
@@ -74,7 +87,7 @@ class Actions:
     async def take_off(self, asked: Asked) -> Answered:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
         given = asked.number(7)
-        height = given or TAKE_OFF_HEIGHT
+        height = given or self._parameters.take_off_height
         is_above_sea = asked.frame in _ABOVE_SEA or (
             asked.frame is None and asked.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
         )
@@ -114,9 +127,26 @@ class Actions:
             heading = asked.number(4)
             yaw = None if heading is None else compass_from_yaw(heading)
             return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
-        if all(asked.number(index) is None for index in (5, 6, 7)):  # how QGroundControl pauses a PX4
-            return await self.hold(asked)
+        if asked.number(5) is None and asked.number(6) is None:
+            return await self._reposition_above(asked)
         return await self._reposition_on_globe(asked)
+
+    async def _reposition_above(self, asked: Asked) -> Answered:
+        """DO_REPOSITION without a place: QGroundControl pauses, changes the height or turns a PX4 so."""
+        heading, height = asked.number(4), asked.number(7)
+        if heading is None and height is None:
+            return await self.hold(asked)
+        estimate, here = self._picture.get(ControlEstimate), self._picture.get(Position)
+        if estimate is None or self._steering.order is None:
+            return denied("a height or a heading alone needs a flight by the target in sight")
+        x, y, up = estimate.position
+        if height is not None:
+            found = None if here is None else self._height_above_home(asked, height, here)
+            if found is None:
+                return denied(_NO_GROUND)
+            up = found
+        yaw = None if heading is None else compass_from_yaw(heading)
+        return await self._fly(asked, "position", {"position": (x, y, up), "frame": "pad", "yaw": yaw}, "")
 
     async def _reposition_on_globe(self, asked: Asked) -> Answered:
         if self._steering.order is not None:
@@ -132,7 +162,7 @@ class Actions:
             return denied("a place on the globe needs latitude and longitude")
         up = self._height_above_home(asked, height, here)
         if up is None:
-            return denied("the height of home above the sea is not known: give the height above home")
+            return denied(_NO_GROUND)
         east, north, _ = offset_enu(latitude, longitude, here.home_latitude_deg, here.home_longitude_deg)
         turn = asked.number(4)
         heading = None if turn is None else round(math.degrees(turn)) % 360 or 360
@@ -210,7 +240,7 @@ class Actions:
             case Mode.TAKEOFF:
                 if not is_armed(self._picture):
                     return denied(_START_MOTORS)
-                return await self._fly(asked, "takeoff", {"height": TAKE_OFF_HEIGHT}, "takes off")
+                return await self._fly(asked, "takeoff", {"height": self._parameters.take_off_height}, "takes off")
             case Mode.LAND:
                 return await self.land(asked)
             case Mode.HOLD:
@@ -249,11 +279,24 @@ class Actions:
         """DO_SET_ROI_NONE: keep the heading; nothing to do where nobody flies."""
         return accepted() if self._steering.order is None else await self.hold(asked)
 
+    async def check(self, asked: Asked) -> Answered:
+        """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that stands in the way."""
+        if is_armed(self._picture):
+            return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "the motors turn already")
+        report = await self._uav.preflight()
+        for finding in report.findings:
+            if finding.state is CheckState.STANDS:
+                severity = INFO if finding.blocks is Blocks.NOTHING else WARNING
+                fix = REMEDIES.get(finding.token or "", finding.fix)
+                self._notify(asked.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
+        return accepted("all checks before a flight passed" if report.is_ready else "")
+
     async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> Answered:
         await self._steering.fly(Order(By(asked.station, asked.program), kind, fields))
         return accepted(words)
 
 
+_NO_GROUND: Final = "the height of home above the sea is not known: give the height above home"
 _START_MOTORS: Final = "the pilot starts and stops the motors with his sticks"
 _REFUSED: Final = {
     mavlink.MAV_CMD_DO_SET_HOME: "home is where the motors were started with a GPS fix",

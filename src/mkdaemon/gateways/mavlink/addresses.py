@@ -13,7 +13,10 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 
 DEFAULTS: Final = ("udpout:127.0.0.1:14550", "tcpin:127.0.0.1:5760")
 """QGroundControl, MAVSDK and MAVProxy listen at the first; any number of programs may connect to the second."""
-_FORM: Final = "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD, and ,ardupilot or ,as-px4"
+_FORM: Final = (
+    "udpout:HOST:PORT, udpin:HOST:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT or serial:DEVICE:BAUD, "
+    "and ,ardupilot or ,as-px4"
+)
 
 
 class Kind(Enum):
@@ -25,6 +28,8 @@ class Kind(Enum):
     """From whoever sends there; each address is a station."""
     TCP_IN = "tcpin"
     """From whoever connects there."""
+    TCP_OUT = "tcpout"
+    """To one program that listens there, as mavlink-router does; again and again while there is none."""
     SERIAL = "serial"
     """A cable or a telemetry radio."""
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ProtocolError
-from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, texts
+from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, recordings, texts
 from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
@@ -25,11 +25,12 @@ from mkdaemon.gateways.mavlink.modes import Mode, heartbeat, mode_now
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.queries import Queries
+from mkdaemon.gateways.mavlink.recordings import LogServer
 from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
 from mkdaemon.gateways.mavlink.steering import By, Steering
 from mkdaemon.gateways.mavlink.telemetry import TABLE
 from mkdaemon.gateways.mavlink.texts import Texts, text_of
-from mkdaemon.telemetry.control import ControlStatus
+from mkdaemon.telemetry.control import CauseKind, ControlStatus
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -87,14 +88,16 @@ class Gateway:
         self._hands = HandControl(self.steering, self.picture, self.notify, now)
         self._missions = MissionServer(uav, self.picture, self.notify, now, self.faults)
         self._parameters = ParameterServer(uav, options.backups, self.notify, now)
-        self._queries = Queries(self.picture, self._mode, self._missions.current)
-        actions = Actions(uav, self.picture, self.steering, self._hands)
+        self._logs = LogServer(self.picture, self.notify)
+        self._queries = Queries(self.picture, self._mode, self._missions.current, lambda: self._parameters.revision)
+        actions = Actions(uav, self.picture, self.steering, self._hands, self.notify, self._parameters)
         self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, self.faults)
         self._texts = Texts()
         self._work: set[asyncio.Task[None]] = set()
         self._tasks: asyncio.TaskGroup | None = None
-        self._beat_at = 0.0
+        self._beat_at, self._beaten = 0.0, Mode.STABILIZED
         self._hands_words = ""
+        self._causes: tuple[CauseKind, ...] = ()
         self._is_daemon_alive = True
 
     async def run(self, on_ready: Callable[[], None]) -> None:
@@ -139,6 +142,7 @@ class Gateway:
         if isinstance(value, ControlStatus):
             self.steering.status_arrived(value)
             self._announce_hands(value)
+            self._announce_trouble(value)
         elif isinstance(value, MissionEvent):
             self._missions.event_arrived(value)
         elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
@@ -163,6 +167,15 @@ class Gateway:
         if status.hands and status.hands != self._hands_words and status.lease is not None:
             self.announce(texts.NOTICE, f"pilot: {status.hands}")
         self._hands_words = status.hands
+
+    def _announce_trouble(self, status: ControlStatus) -> None:
+        """Why a flight has no pose and when it is released: as it begins, with each new cause, and when it is over."""
+        causes = tuple(cause.kind for cause in status.causes)
+        if not set(causes) <= set(self._causes):
+            self.announce(texts.CRITICAL, status.trouble)
+        elif self._causes and not causes and status.phase.is_in_flight:
+            self.announce(texts.NOTICE, "poses come again")
+        self._causes = causes
 
     def _send(self, name: str, now: float) -> None:
         """Send a message to everybody to whom it is due."""
@@ -190,11 +203,12 @@ class Gateway:
         for name, row in TABLE.items():
             if row.source is None:
                 self._send(name, now)
-        if now - self._beat_at < BEAT:
+        mode = self._mode()
+        if now - self._beat_at < BEAT and mode is self._beaten:  # QGroundControl waits 1.3 s for a new mode
             return
-        self._beat_at = now
+        self._beat_at, self._beaten = now, mode
         self._announce_daemon()
-        mode, reached = self._mode(), self._missions.reached()
+        reached = self._missions.reached()
         for station in self.links.stations:
             station.send(heartbeat(self.picture, mode, station.numbering))
             if station.is_present(now):
@@ -242,6 +256,8 @@ class Gateway:
             self._start(name, self._parameters.take(station, message))
         elif name in missions.MESSAGES:
             self._start(name, self._missions.take(station, message))
+        elif name in recordings.MESSAGES:
+            self._start(name, self._logs.take(station, message))
         elif name in queries.MESSAGES:
             self._queries.take(station, message)
         elif name == "SET_MODE":

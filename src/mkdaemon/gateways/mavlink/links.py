@@ -23,7 +23,7 @@ MOST_STATIONS: Final = 8
 _MOST_WAITING: Final = 65_536
 """Bytes that may wait for a slow station."""
 _RETRY: Final = 1.0
-"""Time between two attempts to open a serial line [s]."""
+"""Time between two attempts to open a serial line or to connect [s]."""
 
 _LOG_AGAIN: Final = 10.0
 """The same thing about a link is logged again after this time [s]."""
@@ -69,7 +69,7 @@ class Links:
 
         Args:
             address: where.
-            tasks: runs what a serial line needs.
+            tasks: runs what is opened again when it is lost.
 
         Raises:
             MkError: it cannot be opened; says which and why.
@@ -90,8 +90,8 @@ class Links:
                 case Kind.TCP_IN:
                     server = await loop.create_server(lambda: _Stream(self, address), address.host, address.port)
                     self._closing.append(server.close)
-                case Kind.SERIAL:
-                    tasks.create_task(self._keep_serial(address), name=f"line {address.host}")
+                case Kind.TCP_OUT | Kind.SERIAL:
+                    tasks.create_task(self._keep(address), name=f"line {address.host}")
         except OSError as error:
             raise MkError(f"--link {address} cannot be opened: {error.strerror or error}") from error
 
@@ -165,17 +165,25 @@ class Links:
         """Whether a station may make room for another one."""
         return not station.is_present(self._now())
 
-    async def _keep_serial(self, address: Address) -> None:
-        import serial_asyncio
-
+    async def _keep(self, address: Address) -> None:
+        """Open a serial line or a connection, again when it is lost."""
         loop = asyncio.get_running_loop()
         while True:
             with suppress(OSError, ValueError):  # SerialException is an OSError
                 lost: asyncio.Future[None] = loop.create_future()
-                await serial_asyncio.create_serial_connection(
-                    loop, lambda lost=lost: _Stream(self, address, lost), address.host, baudrate=address.port
-                )
-                await lost
+                made = lambda lost=lost: _Stream(self, address, lost)  # noqa: E731
+                if address.kind is Kind.SERIAL:
+                    import serial_asyncio
+
+                    transport, _ = await serial_asyncio.create_serial_connection(
+                        loop, made, address.host, baudrate=address.port
+                    )
+                else:
+                    transport, _ = await loop.create_connection(made, address.host, address.port)
+                try:
+                    await lost
+                finally:
+                    transport.close()
             await asyncio.sleep(_RETRY)
 
 
@@ -243,7 +251,7 @@ class _Stream(asyncio.Protocol):
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
         peer = transport.get_extra_info("peername")
-        name = f"from {peer[0]}:{peer[1]}" if peer else ""
+        name = f"from {peer[0]}:{peer[1]}" if peer and self._address.kind is Kind.TCP_IN else ""
         self._station = self._links.add(name, self._address, self._put, transport.close)
         if self._station is None:
             transport.close()

@@ -29,6 +29,13 @@ _NOT_GIVEN: Final = 0x7FFF_FFFF
 """A coordinate that is not given."""
 
 
+class _Nth(Place):
+    """Which item something is about, for messages."""
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.line}"
+
+
 @dataclass(frozen=True, slots=True)
 class Item:
     """A mission item as it crosses the link.
@@ -115,19 +122,19 @@ def mission_of(
             return Refused(int(mavlink.MAV_MISSION_INVALID), what)
         return draft.settled("mission", start_elevation=ground), draft.notes
     except ConfigError as error:
-        return Refused(int(mavlink.MAV_MISSION_INVALID), str(error).replace("item:", "item "))
+        return Refused(int(mavlink.MAV_MISSION_INVALID), str(error))
 
 
 def _unsupported(item: Item, number: int) -> str:
     try:
-        qgc.draft_of([_plan_item(item)], [Place("item", number)])
+        qgc.draft_of([_plan_item(item)], [_Nth("item", number)])
     except ConfigError as error:
-        return str(error).replace("item:", "item ")
+        return str(error)
     return f"item {number}: command {item.command} cannot be flown"
 
 
 def _places(count: int, first: int) -> Iterable[Place]:
-    return (Place("item", number) for number in range(first, first + count))
+    return (_Nth("item", number) for number in range(first, first + count))
 
 
 def _plan_item(item: Item) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The parameter protocol: the active set of the FlightCtrl, read whole, written one by one.
+"""The parameter protocol: the active set of the FlightCtrl, read whole, written one by one, and the gateway's own.
 
 A value is a byte and is sent as REAL32, the one type that every program decodes alike, whatever autopilot it takes this
 one for. Sets are read while the motors stand; a write goes the way of `mkctl settings write` (backup first, then write,
@@ -19,14 +19,24 @@ from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
+from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_of, value_of
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import Notify, words_of
-from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.protocol.settings import ParameterSet, known_revisions
 from mkdaemon.telemetry.settings import SettingsBackup
 
 ACTIVE: Final = "MK_ACTIVE_SET"
-"""Number of the active set, the one parameter that is always there; 0 while the sets have not been read."""
+"""Number of the active set; 0 while the sets have not been read."""
+TAKE_OFF: Final = "MIS_TAKEOFF_ALT"
+"""Height of a take-off whose command names none [m], under PX4's name; kept while the gateway runs."""
+_OWN: Final = (ParameterId(ACTIVE, "", None), ParameterId(TAKE_OFF, "", None))
+"""Parameters that are no settings: always there, before all others."""
+_RETURN: Final = ParameterId("RTL_RETURN_ALT", "coming_home_altitude", None)
+"""Of a link that says PX4: MAVSDK asks for the height of a return by this name."""
+TAKE_OFF_HEIGHT: Final = 2.0
+"""Height of a take-off that names none, at first [m]."""
+_NEWEST: Final = max(known_revisions())
 MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 FRESH: Final = 10.0
 """A set that was read longer ago is read anew for a list [s]: the pilot may have chosen another one."""
@@ -42,7 +52,11 @@ _TINY: Final = 1e-30
 
 
 class ParameterServer:
-    """Answers the parameter protocol."""
+    """Answers the parameter protocol.
+
+    Attributes:
+        take_off_height: of a take-off whose command names none [m].
+    """
 
     def __init__(self, uav: Vehicle, backups: Path, notify: Notify, now: Callable[[], float]) -> None:
         """Serve parameters.
@@ -54,6 +68,7 @@ class ParameterServer:
             now: the clock [s].
         """
         self._uav, self._backups, self._notify, self._now = uav, backups, notify, now
+        self.take_off_height = TAKE_OFF_HEIGHT
         self._found: SettingsBackup | None = None
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None
@@ -73,6 +88,12 @@ class ParameterServer:
         stored = None if raw is None else ParameterSet.from_payload(raw)
         return stored if stored is not None and stored.layout is not None else None
 
+    @property
+    def revision(self) -> int:
+        """Revision of the active set; the newest that is known while it was not read."""
+        stored = self.active
+        return _NEWEST if stored is None else stored.revision
+
     async def take(self, station: Station, message: Message) -> None:
         """Answer a message of the protocol."""
         program = Program(message.get_srcSystem(), message.get_srcComponent())
@@ -81,7 +102,7 @@ class ParameterServer:
                 await self._read(station)
                 await self._send_all(station)
             case "PARAM_REQUEST_READ":
-                if self._found is None and message.param_index < 0 and _name(message) != ACTIVE:
+                if self._found is None and message.param_index < 0 and _index(_OWN, _name(message)) is None:
                     await self._read(station)
                 self._send_one(station, program, message)
             case "PARAM_SET":
@@ -104,12 +125,16 @@ class ParameterServer:
             self._found = await self._uav.settings.backup(())
             self._read_at = self._now()
 
-    def _rows(self) -> tuple[ParameterId, ...]:
+    def _rows(self, station: Station) -> tuple[ParameterId, ...]:
         stored = self.active
-        return (ParameterId(ACTIVE, "", None), *(() if stored is None else ids_of(stored.revision)))
+        if stored is None:
+            return _OWN
+        settings = ids_of(stored.revision)
+        has_return = station.numbering is Numbering.AS_PX4 and any(row.name == _RETURN.name for row in settings)
+        return (*_OWN, *((_RETURN,) if has_return else ()), *settings)
 
     async def _send_all(self, station: Station) -> None:
-        rows = self._rows()
+        rows = self._rows(station)
         for index in range(len(rows)):
             self._send(station, index, rows)
             await asyncio.sleep(PACE)
@@ -125,14 +150,16 @@ class ParameterServer:
             )
         )
 
-    def _value(self, row: ParameterId) -> int:
+    def _value(self, row: ParameterId) -> float:
+        if row.id == TAKE_OFF:
+            return self.take_off_height
         stored = self.active
         if row.id == ACTIVE or stored is None:
             return 0 if self._found is None else self._found.active
         return value_of(stored, row)
 
     def _send_one(self, station: Station, program: Program, message: Message) -> None:
-        rows = self._rows()
+        rows = self._rows(station)
         index = message.param_index if message.param_index >= 0 else _index(rows, _name(message))
         if index is None or index >= len(rows):
             _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
@@ -141,12 +168,20 @@ class ParameterServer:
 
     async def _set(self, station: Station, program: Program, message: Message) -> None:
         """Write a parameter; what it is then is sent in any case, and the words of a refusal with it."""
-        if self._found is None:
+        if self._found is None and _index(_OWN, _name(message)) is None:
             await self._read(station)
-        rows = self._rows()
+        rows = self._rows(station)
         index = _index(rows, _name(message))
         if index is None:
             _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            return
+        if rows[index].id == TAKE_OFF:
+            if math.isfinite(message.param_value) and message.param_value > 0.0:
+                self.take_off_height = message.param_value
+            else:
+                self._notify(station, f"{TAKE_OFF}: a height above the target [m], more than 0")
+                _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
+            self._send(station, index, rows)
             return
         value = _whole(message)
         if index == 0 or value is None:

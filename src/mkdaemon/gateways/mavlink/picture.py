@@ -10,6 +10,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.record import RecordStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import CameraSetup, VisionPose
@@ -25,6 +26,7 @@ READ: Final = (
     "health",
     "vision/*/pose",
     "vision/*/setup",
+    "record/status",
 )
 """Keys that are watched, without events; the last values are asked for at the start."""
 
@@ -51,6 +53,7 @@ LIMITS: Final[dict[type[Any], float]] = {
     ControlEstimate: SIGHT,
     VisionPose: SIGHT,
     CameraSetup: 30.0,
+    RecordStatus: SLOW,
 }
 """How long each kind of value is shown [s]."""
 

@@ -1,7 +1,7 @@
 """What a ground station asks to know: versions, single messages, rates; and what no MikroKopter has.
 
 A component that does not exist (camera, gimbal) is answered for, so that nobody waits for a time-out.
-Sources: https://mavlink.io/en/messages/common.html (MAV_CMD_REQUEST_MESSAGE), services/ftp.html, services/timesync.html
+Sources: https://mavlink.io/en/messages/common.html (MAV_CMD_REQUEST_MESSAGE), services/timesync.html
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ from typing import Final
 
 from mkdaemon.gateways.mavlink.commands import ACCEPTED, UNSUPPORTED, Answered, Asked, Handler, denied
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
+from mkdaemon.gateways.mavlink.files import FileServer
+from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, GENERAL, ComponentMetadata, documents
 from mkdaemon.gateways.mavlink.modes import ROWS, Mode, available_mode, current_mode, heartbeat
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.telemetry import GROUPS, IDS, TABLE
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
-MESSAGES: Final = frozenset({"FILE_TRANSFER_PROTOCOL", "LOG_REQUEST_LIST", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
+MESSAGES: Final = frozenset({"FILE_TRANSFER_PROTOCOL", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
 """What is answered here, besides commands."""
 _CAPABILITIES: Final = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
@@ -30,9 +32,6 @@ _CAPABILITIES: Final = (
 )
 _FASTEST: Final = 0.002
 """Shortest period that is kept as asked [s]; no source is that fast."""
-_FTP_NAK: Final = 129
-_FTP_UNKNOWN: Final = 7
-"""Error of a file transfer: unknown command."""
 _HEARTBEAT: Final = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
 _OLD_REQUESTS: Final = {
     int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
@@ -44,15 +43,23 @@ _OLD_REQUESTS: Final = {
 class Queries:
     """Answers questions."""
 
-    def __init__(self, picture: Picture, mode: Callable[[], Mode], mission: Callable[[], Message]) -> None:
+    def __init__(
+        self,
+        picture: Picture,
+        mode: Callable[[], Mode],
+        mission: Callable[[], Message],
+        revision: Callable[[], int],
+    ) -> None:
         """Answer from what is known.
 
         Args:
             picture: what is known of the aircraft.
             mode: what it does now.
             mission: MISSION_CURRENT of now.
+            revision: of the settings that the parameters are made of.
         """
-        self._picture, self._mode, self._mission = picture, mode, mission
+        self._picture, self._mode, self._mission, self._revision = picture, mode, mission, revision
+        self._files = FileServer()
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -97,9 +104,15 @@ class Queries:
             int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION): lambda: autopilot_version(picture),
             int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE): lambda: current_mode(self._mode(), station.numbering),
             int(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT): self._mission,
+            COMPONENT_METADATA: self._metadata,
         }
         name = IDS.get(number)
         return single.get(number) if name is None else lambda: TABLE[name].make(picture)
+
+    def _metadata(self) -> Message:
+        """COMPONENT_METADATA; the files that it names stay until they are named again."""
+        self._files.files = documents(self._revision())
+        return ComponentMetadata(int(self._picture.boot_time * 1000) & 0xFFFF_FFFF, self._files.files[GENERAL])
 
     def set_interval(self, asked: Asked) -> Answered:
         """SET_MESSAGE_INTERVAL: microseconds; -1 for never, 0 for as it was."""
@@ -136,12 +149,8 @@ class Queries:
             case "PING" if message.target_system == 0:  # else it is an answer
                 program = Program(message.get_srcSystem(), message.get_srcComponent())
                 station.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *program))
-            case "LOG_REQUEST_LIST":
-                station.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
             case "FILE_TRANSFER_PROTOCOL":
-                refused = _ftp_refusal(message)
-                if refused is not None:
-                    station.send(refused)
+                self._files.take(station, message)
             case "REQUEST_DATA_STREAM":
                 _ask_group(station, message)
 
@@ -155,20 +164,6 @@ def _ask_group(station: Station, message: Message) -> None:
             station.ask(name, 0.0)
         elif message.req_message_rate:
             station.ask(name, max(1.0 / message.req_message_rate, _FASTEST))
-
-
-def _ftp_refusal(message: Message) -> Message | None:
-    """The refusal of a file transfer: there are no files; None for what is no request."""
-    payload = bytes(message.payload)
-    sequence, opcode = int.from_bytes(payload[:2], "little"), payload[3]
-    if opcode >= _FTP_NAK - 1:
-        return None
-    head = ((sequence + 1) & 0xFFFF).to_bytes(2, "little") + bytes(
-        [payload[2], _FTP_NAK, 1, opcode, 0, 0, 0, 0, 0, 0, _FTP_UNKNOWN]
-    )
-    return mavlink.MAVLink_file_transfer_protocol_message(
-        0, message.get_srcSystem(), message.get_srcComponent(), list(head.ljust(251, b"\0"))
-    )
 
 
 def autopilot_version(picture: Picture) -> Message:

@@ -363,11 +363,17 @@ _CONTROL = (
 
 
 def system_status(picture: Picture) -> Message | None:
-    """SYS_STATUS: a sensor is present once its value came, and healthy while the value is fresh and good."""
+    """SYS_STATUS: a sensor is present once its value came, and healthy while the value is fresh and good.
+
+    errors_comm counts what was sent to the boards and not answered; errors_count1 to 3 are its link tests, requests and
+    stick frames, errors_count4 the answers that came late.
+    """
     battery = picture.get(Battery)
     present, health = _sensors(picture)
-    health_of_line = picture.get(LinkHealth)
-    lost = 0.0 if health_of_line is None else health_of_line.echo.loss_percent
+    line = picture.get(LinkHealth)
+    lost = 0.0 if line is None else line.echo.loss_percent
+    kinds = () if line is None else (line.link_tests, line.requests, line.stick_frames)
+    unanswered = [kind.unanswered for kind in kinds] or [0, 0, 0]
     return mavlink.MAVLink_sys_status_message(
         present,
         present,
@@ -377,7 +383,7 @@ def system_status(picture: Picture) -> Message | None:
         -1 if battery is None or battery.current is None else _clipped(100 * battery.current, 0, 32767),
         -1,
         _clipped(100 * lost, 0, 10_000),
-        *(0, 0, 0, 0, 0),
+        *(min(count, UINT16_UNKNOWN) for count in (sum(unanswered), *unanswered, sum(kind.late for kind in kinds))),
     )
 
 

@@ -86,8 +86,10 @@ class Texts:
             return [mavlink.MAVLink_statustext_message(severity, raw)]
         self._number = self._number % 0xFFFF + 1
         parts = [raw[at : at + PIECE] for at in range(0, len(raw), PIECE)]
-        if len(parts[-1]) == PIECE:  # a full last piece would not say that it is the last
-            parts.append(b"")
+        if (
+            len(parts[-1]) == PIECE
+        ):  # it would not say that it is the last; QGroundControl shows an empty one as " ... "
+            parts.append(b" ")
         return [
             mavlink.MAVLink_statustext_message(severity, part, self._number, index) for index, part in enumerate(parts)
         ]

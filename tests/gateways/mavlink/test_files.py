@@ -1,0 +1,138 @@
+"""The file transfer protocol and the metadata that it carries, asked as MAVSDK and QGroundControl ask."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.gateways.mavlink.files import Error, FileServer, Opcode, checksum
+from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, ComponentMetadata, documents
+from mkdaemon.gateways.mavlink.parameterids import ids_of
+from mkdaemon.protocol.settings import known_revisions
+from tests.gateways.mavlink.rig import Ears, serving, virtually
+
+HEAD = struct.Struct("<HBBBBBxI")
+
+
+def asked(opcode, data=b"", *, session=0, offset=0):
+    head = HEAD.pack(9, session, opcode, len(data), 0, 0, offset)
+    return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list((head + data).ljust(251, b"\0")))
+
+
+def answers(ears):
+    """Opcode, session, burst is complete, offset and data of every answer."""
+    found = []
+    for message in ears.named("FILE_TRANSFER_PROTOCOL"):
+        payload = bytes(message.payload)
+        _, session, opcode, size, _, is_last, offset = HEAD.unpack_from(payload)
+        found.append((opcode, session, is_last, offset, payload[HEAD.size :][:size]))
+    ears.heard.clear()
+    return found
+
+
+def only(ears):
+    (found,) = answers(ears)
+    return found
+
+
+@virtually
+async def test_metadata_is_named_and_read_in_bursts():
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        ears.command(mavlink.MAV_CMD_REQUEST_MESSAGE, COMPONENT_METADATA)
+        assert ears.acks == [(512, 0)]
+        sent = ears.named(f"UNKNOWN_{COMPONENT_METADATA}")[0]  # no message of pymavlink 2.4.50
+        found, uri = {}, "mftp://general.json"
+        assert uri.encode() in sent.get_msgbuf()
+        ears.heard.clear()
+        while uri:
+            name = uri.removeprefix("mftp://")
+            ears.say(asked(Opcode.OPEN, name.encode()))
+            _, session, _, _, size = only(ears)
+            data, size = b"", int.from_bytes(size, "little")
+            while len(data) < size:
+                ears.say(asked(Opcode.BURST, session=session, offset=len(data)))
+                parts = answers(ears)
+                assert [is_last for _, _, is_last, *_ in parts] == [0] * (len(parts) - 1) + [1]
+                for _, _, _, offset, part in parts:
+                    assert offset == len(data)
+                    data += part
+            ears.say(asked(Opcode.BURST, session=session, offset=len(data)))
+            assert only(ears)[0] == Opcode.NAK
+            ears.say(asked(Opcode.CHECKSUM, name.encode()))
+            assert only(ears)[4] == checksum(data).to_bytes(4, "little")
+            ears.say(asked(Opcode.TERMINATE, session=session))
+            assert only(ears)[0] == Opcode.ACK
+            found[name] = json.loads(data)
+            uri = next((one["uri"] for one in found["general.json"]["metadataTypes"] if len(found) == 1), "")
+            if uri:
+                assert found["general.json"]["metadataTypes"][0]["fileCrc"] == checksum(
+                    documents(114)["parameter.json"]
+                )
+        rows = {row["name"]: row for row in found["parameter.json"]["parameters"]}
+        assert rows["GYRO_P"]["type"] == "Float" and rows["GYRO_P"]["max"] == 255
+        assert rows["GYRO_P"]["longDesc"].startswith("Gyro_P in the firmware.")
+
+
+def test_the_crc_is_the_one_of_mavlink():
+    assert checksum(b"123456789") == 0x2DFD2D88  # CRC-32 of zero, not inverted
+    assert ComponentMetadata(7, b"x").pack(mavlink.MAVLink(None))[7:10] == COMPONENT_METADATA.to_bytes(3, "little")
+
+
+@pytest.mark.parametrize("revision", known_revisions())
+def test_every_parameter_has_help(revision):
+    files = documents(revision)
+    rows = json.loads(files["parameter.json"])["parameters"]
+    assert [row["name"] for row in rows] == [row.id for row in ids_of(revision)]
+    assert all(row["shortDesc"] and row["longDesc"] for row in rows)
+    assert {index["index"] for row in rows for index in row.get("bitmask", ())} <= set(range(8))
+
+
+@pytest.mark.parametrize(
+    ("request_", "error"),
+    [
+        (asked(Opcode.OPEN, b"/etc/passwd"), Error.NOT_FOUND),
+        (asked(Opcode.OPEN, b"\xff\0"), Error.NOT_FOUND),
+        (asked(Opcode.READ, session=77), Error.INVALID_SESSION),
+        (asked(Opcode.BURST, session=77, offset=1 << 31), Error.INVALID_SESSION),
+        (asked(6, b"new"), Error.UNKNOWN_COMMAND),
+        (asked(Opcode.LIST, b"/", offset=5), Error.END),
+    ],
+)
+@virtually
+async def test_what_cannot_be_is_refused(request_, error):
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        ears.say(request_)
+        opcode, _, _, _, data = only(ears)
+        assert (opcode, data) == (Opcode.NAK, bytes([error]))
+
+
+@virtually
+async def test_files_are_listed_and_few_stay_open():
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        server = FileServer()
+        server.files = {"a": b"xyz" * 200}
+        whose = mavlink.MAVLink(None, 255, 190)
+
+        def ask(*what, **how):
+            server.take(ears.station, mavlink.MAVLink(None).decode(bytearray(asked(*what, **how).pack(whose))))
+
+        ask(Opcode.LIST, b"/")
+        assert only(ears)[4] == b"Fa\t600\0"
+        for _ in range(40):
+            ask(Opcode.OPEN, b"a")
+        assert len(answers(ears)) == 40
+        ask(Opcode.READ, session=1)
+        assert only(ears)[4] == bytes([Error.INVALID_SESSION])
+        ask(Opcode.READ, session=40, offset=478)
+        assert only(ears)[4] == (b"xyz" * 200)[478:]
+        ask(Opcode.RESET)
+        ask(Opcode.READ, session=40)
+        assert answers(ears)[1][4] == bytes([Error.INVALID_SESSION])
+        ask(Opcode.ACK)
+        assert not answers(ears)
