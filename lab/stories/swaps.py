@@ -107,6 +107,9 @@ async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Rand
     r.log.tx.clear()
     if swap is Swap.CABLE:
         r.socket.is_present = True
+        await r.until(lambda: r.link.doubt is not None and r.link.doubt.token == "other_aircraft", FOUND)
+        r.log.tx.clear()
+        r.link.accept_aircraft()
     else:
         await asyncio.sleep(0.3)
         if swap is Swap.BOTH_FLY:

@@ -27,6 +27,12 @@ class Line:
 
     def __init__(self):
         self.intervals = {"osd": 0.1, "attitude": 0.05}
+        self.doubted = ["another one"]
+
+    def accept_aircraft(self):
+        if not self.doubted:
+            raise refuse(Token.NO_OTHER_AIRCRAFT)
+        self.doubted.pop()
 
     def rates(self):
         return dict(self.intervals)
@@ -86,6 +92,11 @@ def desk():
 def test_every_verb_of_the_table_is_answered(desk):
     procedures = ProcedureRunner.verbs.fget(object.__new__(ProcedureRunner))
     assert {*desk._verbs._handlers, *procedures} == {verb.name for verb in VERBS}
+
+
+async def test_another_aircraft_is_accepted_once(desk):
+    assert (await desk.ask("accept_aircraft")).status == "accepted"
+    assert (await desk.ask("accept_aircraft")).token == "no_other_aircraft"
 
 
 async def test_rates_are_shown_and_changed(desk):

@@ -292,7 +292,8 @@ def test_a_port_error_alone_ends_nothing_and_the_next_port_begins_with_a_release
         session.loop.plan[turn] = [partial(lose, session)]
         assert not session.run(SESSION + 0.5), turn
         for port in session.ports:
-            assert [frame.id for frame in port.written[:1]] in (["b"], []), turn
+            letters = [frame.id for frame in port.written]
+            assert letters[: letters.index("b")] in ([], ["v"]) if "b" in letters else letters in ([], ["v"]), turn
         assert session.ports[-1].written, turn
         assert session.raised == [], turn
 

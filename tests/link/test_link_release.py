@@ -158,7 +158,7 @@ async def test_a_release_confirmed_late_ends_the_silence():
 
 
 @virtually
-async def test_without_a_port_the_release_is_what_goes_out_first():
+async def test_without_a_port_the_release_goes_out_as_soon_as_the_aircraft_is_proven():
     async with rig(flight_ctrl()) as r:
         await r.until_up()
         await asyncio.sleep(0.3)
@@ -169,8 +169,9 @@ async def test_without_a_port_the_release_is_what_goes_out_first():
         written = len(r.socket.wire)
         r.socket.is_present = True
         await r.until_up()
-        first = r.socket.wire[written][1]
-        assert first.startswith(b"\r\r#bb")
+        question, first = (raw for _, raw in r.socket.wire[written : written + 2])
+        assert question.startswith(b"\r\r#av")
+        assert first.strip(b"\r").startswith(b"#bb")
         sent = [s for s in r.log.tx if s.raw == first]
         assert int(sent[-1].message.config) == 0
 

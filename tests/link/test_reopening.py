@@ -19,7 +19,7 @@ from mkdaemon.errors import LinkLostError
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.reopening import AliasMemory
-from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 
 BY_ID = "usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0"
 
@@ -35,11 +35,14 @@ class Adapter:
         self._decoder = FrameDecoder()
         self._letters: list[str] = []
 
-    def letters(self) -> list[str]:
-        """Frame letters that arrived so far, in order."""
+    def letters(self, minor: int | None = None) -> list[str]:
+        """Frame letters that arrived so far, in order; a version is answered as FlightCtrl 2.`minor` does."""
         with contextlib.suppress(OSError):
             while chunk := os.read(self.near, 4096):
-                self._letters += [item.id for item in self._decoder.feed(chunk) if isinstance(item, Frame)]
+                new = [item.id for item in self._decoder.feed(chunk) if isinstance(item, Frame)]
+                self._letters += new
+                if minor is not None and "v" in new:
+                    os.write(self.near, encode_frame(1, "V", bytes([2, minor, 11, 1, 0, 0, 0, 22, 100, 0])))
         return self._letters
 
     def unplug(self) -> None:
@@ -166,3 +169,22 @@ def test_an_address_that_another_adapter_has_taken_is_not_opened(tmp_path, adapt
     point(by_id / "usb-Another-if00", other.device)
     with pytest.raises(LinkLostError, match=r"ttyUSB0 is another adapter now \(usb-Another-if00\) and is not opened"):
         memory.find(str(number))
+
+
+async def test_a_pseudo_terminal_whose_number_another_aircraft_got_is_not_written_to():
+    first = Adapter()
+    device = first.device
+    async with linked(device) as (link, _):
+        await wait_until(lambda: "b" in first.letters(12) and bool(link.firmware))
+        first.unplug()
+        await wait_until(lambda: link.condition.value in ("absent", "down"))
+        second = Adapter()
+        try:
+            if second.device != device:
+                pytest.skip("another program got the number")
+            await wait_until(lambda: bool(second.letters(8)) and link.doubt is not None)
+            await asyncio.sleep(0.5)
+            assert set(second.letters(8)) == {"v"}
+            assert "fc has release 2.08a, before 2.12a" in link.health().state.reason
+        finally:
+            second.unplug()

@@ -46,6 +46,9 @@ async def test_no_frame_in_the_layout_of_the_aircraft_before(swap):
         for word in ("2.08", "2.12a") * 2:
             await asyncio.sleep(2.0)  # after a look behind the NaviCtrl a silence is our own doing
             await swap(r, word)
+            if swap is swap_by_cable:
+                await r.until(lambda: r.link.doubt is not None and r.link.doubt.token == "other_aircraft", 20)
+                r.link.accept_aircraft()
             swapped = loop.time()
             await r.until(lambda swapped=swapped: valid_frames(r, swapped) != [], 20)
             await asyncio.sleep(1.0)

@@ -540,6 +540,14 @@ class VerbCalls(KeyTree):
         """
         await self._asking.order("abort", {"reason": reason}, 15)
 
+    async def accept_aircraft(self) -> None:
+        """Confirm that the aircraft at a port that came back is the right one.
+
+        Raises:
+            MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
+        """
+        await self._asking.order("accept_aircraft", {}, 15)
+
     async def rates(self, stream: str | None = None, interval: float | None = None) -> Rates:
         """Ask for a telemetry stream at a rate, or just for the present rates.
 

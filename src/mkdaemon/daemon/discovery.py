@@ -19,8 +19,11 @@ async def require_discovery(link: Link, state: LinkState | None) -> None:
         state: what is known about the line.
 
     Raises:
-        CommandRejectedError: `link_down`: nobody can be asked, any more; `discovering`: no answer yet.
+        CommandRejectedError: `other_aircraft`, `aircraft_unproven`; `link_down`: nobody can be asked, any more;
+            `discovering`: no answer yet.
     """
+    if link.doubt is not None:
+        raise link.doubt
     if link.dialect.read_only_reason is None:
         return
     if not link.is_up and not link.boards:

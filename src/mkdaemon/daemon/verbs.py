@@ -19,6 +19,7 @@ from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.link.link import Link
 from mkdaemon.telemetry.command import (
     AbortRequest,
+    AcceptAircraftRequest,
     CommandResult,
     GainsRequest,
     LeaseRequest,
@@ -66,6 +67,7 @@ class Verbs:
             "rates": self._rates,
             "gains": self._gains,
             "preflight": self._preflight,
+            "accept_aircraft": self._accept_aircraft,
             "mark": self._mark,
         }
 
@@ -119,6 +121,11 @@ class Verbs:
     async def _preflight(self, request: PreflightRequest) -> CommandResult:
         """Answer `do/preflight`."""
         return _accepted(await self._flight.preflight())
+
+    async def _accept_aircraft(self, request: AcceptAircraftRequest) -> CommandResult:
+        """Answer `do/accept_aircraft`."""
+        self._link.accept_aircraft()
+        return CommandResult(status=Status.ACCEPTED)
 
     async def _mark(self, request: MarkRequest) -> CommandResult:
         """Answer `do/mark`."""

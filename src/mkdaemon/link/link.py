@@ -14,10 +14,11 @@ from typing import Any, Final, Protocol
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
-from mkdaemon.errors import LinkError, LinkLostError, RequestTimeoutError
+from mkdaemon.errors import CommandRejectedError, LinkError, LinkLostError, RequestTimeoutError
+from mkdaemon.link.identification import Identification
 from mkdaemon.link.ports.port import Port, open_port
 from mkdaemon.link.session.dialogue import Dialogue
-from mkdaemon.link.session.exchange import Exchange
+from mkdaemon.link.session.exchange import Discovery, Exchange
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.link.session.peers import Proof
@@ -84,6 +85,7 @@ class Link:
         self._aliases = AliasMemory()
         self._dialogue = Dialogue(cfg, self._clock.now())
         self._exchange = Exchange(cfg, sink, self._dialogue, self._clock, guard, tap)
+        self._identification = Identification(self._dialogue, self._exchange, self._clock, motors_running)
         self.passage = asyncio.Lock()
 
     async def run(self, discover: Discover) -> None:
@@ -106,17 +108,16 @@ class Link:
             except LinkError as error:
                 missing = isinstance(error, LinkLostError)
                 self._exchange.port_lost(str(error), LinkCondition.ABSENT if missing else LinkCondition.DOWN)
+                self._identification.port_lost()
                 if not has_been_open:
                     raise
                 await asyncio.sleep(next(delays))
                 continue
             has_been_open = True
-            try:
-                if await self._exchange.serve(port, partial(discover, self)):
-                    return
-            finally:
-                self._exchange.port = None
-                await port.close()
+            if await self._use(port, partial(discover, self)):
+                return
+            if self._identification.is_other:
+                await self._identification.wait_for_change(self._cfg.port)
             delays = backoff(self._cfg.reopen_min, self._cfg.reopen_max)
             await asyncio.sleep(next(delays))
 
@@ -265,6 +266,19 @@ class Link:
         self._exchange.pump()
 
     @property
+    def doubt(self) -> CommandRejectedError | None:
+        """Why nothing but questions is written to a port that came back; None while the aircraft is known."""
+        return self._identification.doubt
+
+    def accept_aircraft(self) -> None:
+        """Speak to the aircraft at a port that came back, because a client says that it is the right one.
+
+        Raises:
+            CommandRejectedError: `no_other_aircraft`: nothing is in doubt.
+        """
+        self._identification.accept()
+
+    @property
     def firmware(self) -> dict[Board, str]:
         """Release of each board that named it since the port was opened."""
         return dict(self._dialogue.peers.firmware)
@@ -348,6 +362,8 @@ class Link:
         self, msg: WireMessage, board: Board | None, *, patience: float | None, retries: int | None, purpose: Purpose
     ) -> WireMessage | None:
         """Ask, and wait for the outcome; a caller that is cancelled leaves nothing behind."""
+        if self.doubt is not None:
+            raise self.doubt
         if not self._exchange.is_open:
             raise LinkLostError(f"{self._cfg.port}: {self._dialogue.health.verdict.reason}")
         now = self._clock.now()
@@ -370,6 +386,24 @@ class Link:
     def _addressee(self, msg: WireMessage) -> Board:
         here = self._dialogue.peers.redirected or self._dialogue.peers.direct
         return here if here in msg.spec.boards else msg.spec.boards[0]
+
+    async def _use(self, port: Port, discover: Discovery) -> bool:
+        """Speak to the aircraft at an open port, and close it; returns whether it was a recording that ended."""
+        try:
+            heard = await self._identification.prove(port)
+            if heard is None:
+                return False
+            has_ended = await self._exchange.serve(port, discover, heard)
+            self._identification.port_ended(port.name)
+        except LinkLostError as error:
+            self._identification.port_lost()
+            self._exchange.port_lost(str(error))
+            return False
+        else:
+            return has_ended
+        finally:
+            self._exchange.port = None
+            await port.close()
 
     async def _open(self) -> Port:
         url = self._cfg.port

@@ -88,6 +88,10 @@ class AbortRequest(Command):
     """Published with the event; what is longer is cut, never refused."""
 
 
+class AcceptAircraftRequest(Command):
+    """Confirm that the aircraft at a port that came back is the right one: `do/accept_aircraft`."""
+
+
 class GainsRequest(Command):
     """Ask for model, gains and margins of the horizontal loop: `do/gains`."""
 

@@ -81,6 +81,12 @@ VERBS: Final[tuple[Verb, ...]] = (
     Verb("gains", "The model flown on, its gains and margins.", command.GainsRequest, control.Gains),
     Verb("preflight", "Make every check before a flight.", command.PreflightRequest, preflight.PreflightReport),
     Verb("abort", "Stop the manoeuvre and hold, or level; anyone may.", command.AbortRequest),
+    Verb(
+        "accept_aircraft",
+        "Speak to the other aircraft that is at the port since it came back.",
+        command.AcceptAircraftRequest,
+        call="accept_aircraft",
+    ),
     Verb("rates", "Ask for a stream at a rate, or show all.", command.RatesRequest, command.Rates),
     Verb(
         "labels",

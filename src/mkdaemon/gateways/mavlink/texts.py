@@ -33,6 +33,8 @@ REMEDIES: Final[dict[str, str]] = {
     Token.BAD_FIELD: "Correct it in the ground station.",
     Token.REMEMBERED_ONLY: "Land and stop the motors, then try again.",
     Token.NOTHING_REMEMBERED: "Land and stop the motors, then try again.",
+    Token.OTHER_AIRCRAFT: "Connect the aircraft from before, or restart the daemon.",
+    Token.AIRCRAFT_UNPROVEN: "Check power and wiring, or restart the daemon.",
     Token.BOARD_UNPROVEN: "Behind a NaviCtrl the line goes to another board: switch it back.",
     Token.NOT_CONFIRMED: "This is a defect of the gateway.",
     Token.FLYING_STOP: "Land first; a disarm that is forced stops the motors in the air.",

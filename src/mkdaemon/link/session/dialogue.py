@@ -15,6 +15,7 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.session import budget
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.identity import LOOK, Identity, Standstill
+from mkdaemon.link.session.knownaircraft import KnownAircraft
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import Prober
@@ -39,6 +40,7 @@ from mkdaemon.protocol.framing import Dropped, DropReason, Frame
 from mkdaemon.protocol.messages.control import ControlConfirm
 from mkdaemon.protocol.messages.linktest import Echo
 from mkdaemon.protocol.messages.navictrl import ESCAPE
+from mkdaemon.protocol.messages.version import VersionReply
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
@@ -92,7 +94,12 @@ class Counters:
 
 
 class Dialogue:
-    """One line and the boards on it."""
+    """One line and the boards on it.
+
+    Attributes:
+        known: the aircraft, over every opening of the port.
+        difference: why the aircraft at a port that came back is another one; empty while nothing says so.
+    """
 
     def __init__(self, cfg: LinkConfig, now: float) -> None:
         self._cfg = cfg
@@ -105,6 +112,9 @@ class Dialogue:
         self.questions = Questions(self.scheduler, self.peers, self.health)
         self.steering = Steering(self.scheduler, self.peers, self.health)
         self.identity = Identity(self.peers, self.steering)
+        self.known = KnownAircraft()
+        self.difference = ""
+        self._unproven: set[Board] = set()
         self.is_open = False
         self.is_recording = False
         self.counters = Counters()
@@ -119,6 +129,7 @@ class Dialogue:
         self.is_open = True
         self.is_recording = is_recording
         self.identity.port_opened()
+        self.difference, self._unproven = "", set(self.known.versions)
         self.streams.restart()
         self.steering.restart()
         self.prober.restart()
@@ -129,6 +140,8 @@ class Dialogue:
 
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone."""
+        if self.is_open:
+            self.known.was_redirected = self.peers.redirected is not None
         self.is_open = False
         self.steering.control.restart()
         self.scheduler.clear()
@@ -167,7 +180,20 @@ class Dialogue:
         pending = self.questions.received(message, board, now)
         if message.spec.tells_firmware and self.questions.proves_sender(pending):
             self.identity.learn(board, message, now)
+        if not isinstance(message, VersionReply) or self.questions.proves_sender(pending):
+            self._note_aircraft(board, message, now)
         return self.identity.telemetry_received(message, now)
+
+    def _note_aircraft(self, board: Board, message: WireMessage, now: float) -> None:
+        """Compare the first version reply of a board after an opening with the one before, and remember the rest.
+
+        A FlightCtrl behind a NaviCtrl cannot be asked before the line is in use.
+        """
+        if isinstance(message, VersionReply) and board in self._unproven:
+            self._unproven.discard(board)
+            self.difference = self.known.find_difference(board, message, now) or self.difference
+        if not self.difference:
+            self.known.note(board, message, now)
 
     def _note_content(self, message: WireMessage, now: float) -> None:
         """Hand a link test's echo, a confirmation or telemetry to whom it concerns."""

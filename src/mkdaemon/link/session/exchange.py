@@ -170,7 +170,7 @@ class Exchange:
 
     # -- reading --------------------------------------------------------------------------------------------------
 
-    async def serve(self, port: Port, discover: Discovery) -> bool:
+    async def serve(self, port: Port, discover: Discovery, heard: bytes = b"") -> bool:
         """Read and write until the port is lost; returns whether it was a recording that ended.
 
         Cancelling it ends with a release.
@@ -178,6 +178,7 @@ class Exchange:
         Args:
             port: open; closing it is the caller's.
             discover: runs beside the reading.
+            heard: what arrived already while the aircraft was asked who it is.
         """
         self.port = port
         self._decoder = FrameDecoder()
@@ -200,6 +201,7 @@ class Exchange:
         self._publish()
         lost = None
         try:
+            self._process(heard)
             self.pump()
             lost = await self._converse(port, discover)
         except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on
@@ -266,6 +268,8 @@ class Exchange:
                 if dialogue.bytes_damaged(item, now) and self.port is not None and not self.port.is_recording:
                     self.needs_discovery.set()
                 sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
+        if dialogue.difference:
+            self._fail(LinkLostError(dialogue.difference))
         self.follow_dialect()  # after the portion: a recording of portions and changes tells how each frame was decoded
         return bool(items)
 
@@ -339,10 +343,14 @@ class Exchange:
         port.write(entry.raw)
         self._sticks.written(entry)
         self._guard.written(entry)
+        self.note_written(entry.raw, entry.message, entry.purpose)
+
+    def note_written(self, raw: bytes, message: WireMessage | None, purpose: Purpose) -> None:
+        """Record and publish what was written."""
         now = self._clock.now()
         if self._tap is not None:
-            self._tap.port_written(entry.raw, now, entry.purpose.name.lower())
-        self._sink.sent(Sent(now, entry.raw, entry.message, entry.purpose))
+            self._tap.port_written(raw, now, purpose.name.lower())
+        self._sink.sent(Sent(now, raw, message, purpose))
 
     def _look_after_sticks(self, port: Port, now: float) -> None:
         """Let no stick frame wait behind another in the kernel; throw away what waits there when a release begins.

@@ -57,12 +57,12 @@ class BaudSearch:
         self._configured = configured
         self._enabled = enabled
         self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
-        self._has_received = False
+        self._understood: int | None = None
 
     def reason_to_reopen(self, verdict: Verdict, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
         if verdict.condition.hears_board:
-            self.attempt, self._has_received = None, True
+            self.attempt, self._understood = None, self.current
             return None
         if verdict.cause is Cause.PORT_STUCK and now - verdict.since > STUCK_PATIENCE:
             return verdict.reason
@@ -74,6 +74,10 @@ class BaudSearch:
         self.attempt = Finding(condition, f"no frame at {tried} baud{doubt}: trying {self.current}")
         return self.attempt.reason
 
+    def end_search(self) -> None:
+        """Open the next port at the rate that was understood last: it is another device, or ours came back."""
+        self.current, self.attempt = self._understood or self.current, None
+
     def _search_time(self, verdict: Verdict, opened: float) -> float:
         """When to try the next rate [s]; infinite while the line rate is not in doubt."""
         if verdict.cause is Cause.PLAIN_TEXT:
@@ -81,8 +85,8 @@ class BaudSearch:
         if self.attempt is not None:
             return opened + SILENT_PATIENCE
         if verdict.condition is LinkCondition.GARBAGE:
-            return verdict.since + (PROVEN_PATIENCE if self._has_received else GARBAGE_PATIENCE)
-        if verdict.condition is LinkCondition.MUTE and not self._has_received:
+            return verdict.since + (PROVEN_PATIENCE if self._understood else GARBAGE_PATIENCE)
+        if verdict.condition is LinkCondition.MUTE and not self._understood:
             return verdict.since + MUTE_PATIENCE
         return math.inf
 
