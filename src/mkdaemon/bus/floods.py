@@ -21,8 +21,8 @@ from mkdaemon.bus.setpointroot import PLAIN_ROOT
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 PLAIN_RATE: Final = 50.0
-"""Setpoints at the plain keys, where nobody may put any, that are passed on from each connection [Hz]: enough for a look
-of 0.05 s to find one and refuse it. While anybody subscribes to `mk/**`, all of a flood leaves the stranger; routed on
+"""Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a look
+of 0.05 s to find one and refuse it. While a client subscribes to `mk/**`, all of a flood leaves the stranger; routed on
 to `mkctl record` it cost the lease in 6 of 6 flights on two cores."""
 UNSTAMPED_RATE: Final = 200.0
 """Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""
