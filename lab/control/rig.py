@@ -20,9 +20,10 @@ from lab.control.radio import Radio, RadioModel
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
+from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
-from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
@@ -80,7 +81,7 @@ class Rig:
         ground = MovingDeck(flight.pad_at, radius=0.7) if any(flight.pad) else None
         self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
         gas = round(HOVER * scale + HOVER_LOSS) if flight.start > 0.0 else 0
-        self._held = self._acting = AutopilotSticks(0, 0, 0, gas - 127)
+        self._held = self._acting = StickCounts(0, 0, 0, gas - 127)
         self._next_frame, self._frames = 0.0, 0
         self._sink = 0.0
         self._autopilot: Autopilot | None = None
@@ -215,12 +216,12 @@ class Rig:
         self._send(self._law.sticks(view, PERIOD), at)
         self._keep(at_origin(2.0), at)
 
-    def _send(self, sticks: AutopilotSticks, at: float) -> None:
+    def _send(self, sticks: StickCounts, at: float) -> None:
         arrival = self._up.arrival(at, 18)
         if arrival is not None:
             self._at(arrival + BOARD_TIME, lambda now: self._hold(sticks))
 
-    def _hold(self, sticks: AutopilotSticks) -> None:
+    def _hold(self, sticks: StickCounts) -> None:
         self._held = sticks
 
     def _keep(self, goal: Goal, at: float) -> None:
