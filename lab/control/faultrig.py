@@ -211,7 +211,7 @@ class FaultRig(CoreRig):
         """The pilot moves his throttle: the FlightCtrl takes the smaller of the two at any time."""
         hover = self.cfg.limiter.hover_throttle
         lids = [round(hover - below) for start, end, below in self.trouble.lids if start <= at < end]
-        super()._hold(replace(self._arrived, throttle=min([self._arrived.throttle, *lids])))
+        super()._hold(self._arrived._replace(throttle=min([self._arrived.throttle, *lids])))
 
     def _hold(self, sticks: StickCounts) -> None:
         now = self._world.now

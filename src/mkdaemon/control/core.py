@@ -191,11 +191,7 @@ class FlightCore:
         return NOTED if self._pacing.is_by_images else DUE
 
     def _admit(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
-        """Refuse a setpoint that cannot be followed, or may not be flown now.
-
-        Raises:
-            CommandRejectedError: `no_guidance`, or what admission says.
-        """
+        """Refuse a setpoint that cannot be followed, `no_guidance`, or may not be flown now."""
         change = self._flown.change(setpoint, phase)
         if change is not None:
             wanted, before = change
@@ -416,13 +412,7 @@ class FlightCore:
         return ([] if order is None else [order]) + self._reports.take()
 
     def _decide(self, stood_still: float, chain: tuple[Cause, ...], now: float) -> Decision:
-        """From the situation to what is sent now [s].
-
-        Args:
-            stood_still: time since the last tick [s].
-            chain: why there is no pose; empty while there is one.
-            now: [s].
-        """
+        """From the situation to what is sent, after no tick for so long [s]; `chain` is why there is no pose."""
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
