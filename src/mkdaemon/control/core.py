@@ -1,7 +1,8 @@
 """The flight core: everything that decides whether and how the aircraft moves. Pure; driven with `now`.
 
-It has one door: `feed` takes events (see `events`), `tick` answers with actions. Setpoint out: `feed` (newest wins),
-`Authority.tick`, guidance, limiter, `SendSticks`. Rules: docs/safety.md, docs/modes.md.
+It has one door: `feed` takes events (see `events`), `tick` answers with actions. A tick is a straight line of plain
+values: `Situation`, `Step` of what is flown, `Decision` of authority, `SendSticks` of the output. Rules:
+docs/safety.md, docs/modes.md.
 """
 
 from __future__ import annotations
