@@ -61,7 +61,7 @@ class Reports:
         self._refused = self._poses_refused = 0
         self._waiting: list[Action] = []
         self._warned: set[str] = set()
-        self._told_at: dict[str, float] = {}
+        self._reported_at: dict[str, float] = {}
         self._believed: EstimateValue | None = None
         self._causes: tuple[Cause, ...] = ()
         self._releases_in: float | None = None
@@ -135,9 +135,9 @@ class Reports:
 
     def _is_due(self, about: str, now: float) -> bool:
         """Whether something is to be reported again; then it is not for a while."""
-        is_due = now - self._told_at.get(about, float("-inf")) >= REPORT_PERIOD
+        is_due = now - self._reported_at.get(about, float("-inf")) >= REPORT_PERIOD
         if is_due:
-            self._told_at[about] = now
+            self._reported_at[about] = now
         return is_due
 
     def _warn_once(self, about: str, text: str) -> None:
