@@ -87,7 +87,7 @@ SLACK: Final = 3.0
 LATEST: Final = 0.06
 """Ticks are so far apart at most [s]: what is promised after a time may come so much later."""
 LONGEST_STAGE: Final = {TakeOffPhase.IDLE: 4.0, TakeOffPhase.RAMP: 4.0, TakeOffPhase.FAILED: 2.0,
-                        LandingPhase.COMMIT: 6.0, LandingPhase.DOWN: 1.5}  # fmt: skip
+                        TakeOffPhase.CLIMB: 36.0, LandingPhase.COMMIT: 6.0, LandingPhase.DOWN: 1.5}  # fmt: skip
 """Of the stages that nobody waits in [s]; the whole landing ends in `LONGEST_LANDING`."""
 LONGEST_LANDING: Final = 75.0
 """What a landing may wait for, and its way down from the fence [s]."""

@@ -24,7 +24,7 @@ from mkdaemon.control.events import (
     StateValue,
 )
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.control.regulator.autopilot import AutopilotSticks, Goal
+from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import LeaseRequest
@@ -125,7 +125,7 @@ class CoreRig(Rig):
             self.actions.append((at, action))
             if isinstance(action, SendSticks):
                 counts = action.counts
-                self._send(AutopilotSticks(counts.pitch, counts.roll, counts.yaw, counts.throttle), at)
+                self._send(counts, at)
             elif isinstance(action, PublishEstimate):
                 self.estimates.append(action.value)
         if self.core.phase in IN_FLIGHT:

@@ -23,8 +23,8 @@ from mkdaemon.control.actions import Release, ReportMode, SendSticks
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import LeaseAsked, LinkVerdict, PoseSeen, Released, SetpointAccepted
+from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.modes import IN_FLIGHT
-from mkdaemon.control.regulator.autopilot import AutopilotSticks
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
@@ -186,9 +186,7 @@ class FaultRig(CoreRig):
                     case SendSticks():
                         self._check(action, at)
                         if at >= self.trouble.uplink_dead:
-                            counts = action.counts
-                            sticks = AutopilotSticks(counts.pitch, counts.roll, counts.yaw, counts.throttle)
-                            self._send(sticks, at)
+                            self._send(action.counts, at)
                     case Release():
                         self._released(action, at)
                     case ReportMode():
@@ -213,9 +211,9 @@ class FaultRig(CoreRig):
         """The pilot moves his throttle: the FlightCtrl takes the smaller of the two at any time."""
         hover = self.cfg.limiter.hover_throttle
         lids = [round(hover - below) for start, end, below in self.trouble.lids if start <= at < end]
-        super()._hold(replace(self._arrived, throttle=min([self._arrived.throttle, *lids])))
+        super()._hold(self._arrived._replace(throttle=min([self._arrived.throttle, *lids])))
 
-    def _hold(self, sticks: AutopilotSticks) -> None:
+    def _hold(self, sticks: StickCounts) -> None:
         now = self._world.now
         if now >= self.trouble.gate_shut or self.core.phase not in IN_FLIGHT:
             self._arrived = sticks

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
-from mkdaemon.control.regulator.autopilot import AutopilotSticks
 
 PERIOD = 1 / 15
 """[s]."""
@@ -45,7 +45,7 @@ class PiLaw:
         self._height = height
         self._sum: Array = np.zeros(3)
 
-    def sticks(self, view: TargetView, step: float) -> AutopilotSticks:
+    def sticks(self, view: TargetView, step: float) -> StickCounts:
         """Return sticks for the newest image, taken as if it were of now and the aircraft level."""
         gains = self._gains
         forward, left, up = view.position_flu
@@ -54,4 +54,4 @@ class PiLaw:
         level = gains.p * error[:2] + gains.i * self._sum[:2]
         throttle = gains.hover + gains.height_p * error[2] + gains.height_i * self._sum[2]
         pitch, left_down = np.clip(np.round(level), -40, 40)
-        return AutopilotSticks(int(pitch), -int(left_down), 0, int(np.clip(round(throttle), -60, 50)))
+        return StickCounts(int(pitch), -int(left_down), 0, int(np.clip(round(throttle), -60, 50)))

@@ -19,9 +19,10 @@ from lab.control.law2010 import PERIOD, PiLaw
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
+from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
-from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, ChannelConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
@@ -89,7 +90,7 @@ class Rig:
         ground = MovingDeck(flight.pad_at, radius=0.7) if any(flight.pad) else None
         self._world = World(config, seed=flight.seed, start=start, gains=flight.gains, ground=ground)
         gas = round(HOVER * scale + HOVER_LOSS) if flight.start > 0.0 else 0
-        self._held = self._acting = AutopilotSticks(0, 0, 0, gas - 127)
+        self._held = self._acting = StickCounts(0, 0, 0, gas - 127)
         self._next_frame, self._frames = 0.0, 0
         self._sink = 0.0
         self._autopilot: Autopilot | None = None
@@ -224,7 +225,7 @@ class Rig:
         self._send(self._law.sticks(view, PERIOD), at)
         self._keep(at_origin(2.0), at)
 
-    def _send(self, sticks: AutopilotSticks, at: float) -> None:
+    def _send(self, sticks: StickCounts, at: float) -> None:
         arrival = self._arrival(self._up, STICK_BYTES, at)
         if arrival is not None:
             self._at(arrival + BOARD_TIME, lambda now: self._hold(sticks))
@@ -236,7 +237,7 @@ class Rig:
         leaves = air.carry(size, handed_over, handed_over + wire_time(PACKET_GAP_BYTES, radio))
         return None if leaves is None else leaves + wire_time(size, radio)
 
-    def _hold(self, sticks: AutopilotSticks) -> None:
+    def _hold(self, sticks: StickCounts) -> None:
         self._held = sticks
 
     def _keep(self, goal: Goal, at: float) -> None:

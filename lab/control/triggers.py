@@ -168,6 +168,7 @@ TRIGGERS: Final = (
 ELSEWHERE: Final = {
     "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
     "a landing waits for its cone, its images or a certain height": "lab.control.corefuzz",
+    "a take-off does not arrive at its height": "lab.control.corefuzz",
     "a pad is unplugged, its enable button let go of, a terminal gone": "lab.teleop.losses",
 }
 """Rows of that table whose times another campaign measures, and its module."""

@@ -44,12 +44,8 @@ class Flying:
             self.flown.admitted(wanted)
 
     def _situation(self, flown, now):
-        sight = self.sight
-        found = {"entry": sight.entry(now), "hover_gas": sight.hover_gas, "target_age": sight.pose_age(now)}
-        found["in_sight"] = sight.in_sight(now)
-        found["is_touching"] = self.flown.may_touch
-        found["unanswered"] = sight.answer.missing_words(now)
-        return self._preflight.situation(now, phase=Phase.LEASED, lease=None, flown=flown, **found)
+        found = self._preflight.situation(now, Phase.LEASED, None, self.flown, self.sight)
+        return replace(found, flown=flown, entry=self.sight.entry(now))
 
     def see(self, pose, now, *, may_change=True):
         """A pose arrives."""

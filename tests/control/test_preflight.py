@@ -21,6 +21,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from tests.control.admission.situations import SET, battery
 from tests.control.events import CHANNEL, PERIOD, Driver, pose
+from tests.control.flying import Flying
 
 
 @pytest.fixture
@@ -186,17 +187,9 @@ def test_before_a_lease_a_read_that_fails_leaves_nothing_known(drive):
 def test_stamps_are_compared_at_once_and_again_after_half_a_second(monkeypatch):
     monkeypatch.setattr(MotionMatch, "match", lambda motion, now, target: Match(now, 1.0))
     before = preflight.Preflight(ControlConfig(), VehicleMemory())
-    known = {
-        "lease": None,
-        "flown": None,
-        "entry": None,
-        "in_sight": (),
-        "is_touching": False,
-        "unanswered": "",
-        "hover_gas": 125.0,
-        "target_age": None,
-    }
-    assert before.situation(5.0, phase=Phase.FREE, **known).stamps is None, "nothing was compared yet"
+    flying = Flying()
+    known = Phase.FREE, None, flying.flown, flying.sight
+    assert before.situation(5.0, *known).stamps is None, "nothing was compared yet"
     lags = [before.compare(at).lag for at in (5.0, 5.4, 5.5, 5.9, 6.0)]
-    assert before.situation(7.0, phase=Phase.FREE, **known).stamps.lag == 6.0
+    assert before.situation(7.0, *known).stamps.lag == 6.0
     assert lags == [5.0, 5.0, 5.5, 5.5, 6.0]

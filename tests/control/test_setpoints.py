@@ -126,7 +126,7 @@ class Lean(AttitudeFlight):
         return Sticks(self._wanted.pitch * 100, self._wanted.roll * 100, 0.0, 0.0)
 
 
-LEAN = Row(lambda sight, cfg, new: Lean(sight, cfg.autopilot, new))
+LEAN = Row(lambda sight, cfg, new: Lean(sight, cfg.autopilot, new, cfg.autopilot.neutral_band))
 
 
 def test_guidance_can_be_added_for_any_kind():

@@ -259,6 +259,22 @@ def test_a_descent_without_images_before_the_commit_rises_then_is_released_and_n
     assert min(counts.throttle for counts in search) > -30
 
 
+class ByFewImages(Lands):
+    """From shortly before the landing on an image comes twice a second."""
+
+    def _expose(self, at):
+        if at >= LANDS - 1.0:
+            self._flight = replace(self._flight, camera=replace(self._flight.camera, rate=2.0))
+        super()._expose(at)
+
+
+def test_a_landing_by_two_images_a_second_comes_down():
+    """It climbed to 1.6 m between two images, and hung there for ever."""
+    rig = ByFewImages(replace(CALM, land_at=LANDS, seconds=45.0))
+    assert rig.fly().lost == ""
+    assert rig.stood is True
+
+
 class ByVelocity(CoreRig):
     """From 4 s on the client asks for 0.3 m/s forward, from 6 s on to turn left on the spot."""
 

@@ -296,10 +296,6 @@ class Authority:
         """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
         return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret)
 
-    def is_present(self, epoch: int) -> bool:
-        """Whether the present lease has this epoch."""
-        return self._lease is not None and self._lease.epoch == epoch
-
     def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
         """Why a setpoint is refused that the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
         try:

@@ -1,7 +1,8 @@
 """The flight core: everything that decides whether and how the aircraft moves. Pure; driven with `now`.
 
-It has one door: `feed` takes events (see `events`), `tick` answers with actions. Setpoint out: `feed` (newest wins),
-`Authority.tick`, guidance, limiter, `SendSticks`. Rules: docs/safety.md, docs/modes.md.
+It has one door: `feed` takes events (see `events`), `tick` answers with actions. A tick is a straight line of plain
+values: `Situation`, `Step` of what is flown, `Decision` of authority, `SendSticks` of the output. Rules:
+docs/safety.md, docs/modes.md.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ class FlightCore:
         self._nameless = 0
         self._pacing = Pacing(cfg)
         self._line = ControlLine()
-        self._handlers: Mapping[type[Event], Callable[[Any, float], Reply]] = {
+        self._handlers: Mapping[type[Event], Callable[[Any, float], Reply | None]] = {
             SetpointAccepted: self._setpoint_accepted,
             SetpointUnsigned: self._setpoint_unsigned,
             SetpointUnreadable: self._setpoint_unreadable,
@@ -124,15 +125,15 @@ class FlightCore:
             AbortAsked: self._abort_asked,
             ClientGone: self._client_gone,
             StateValue: self._state_received,
-            MotorsReported: _noted(lambda event, now: facts.motors_reported(event.are_running, now)),
+            MotorsReported: lambda event, now: facts.motors_reported(event.are_running, now),
             FlightctrlReported: self._flightctrl_reported,
-            MotorTestSent: _noted(lambda event, now: facts.motor_test_sent(now)),
-            ListChanged: _noted(lambda event, now: facts.list_changed(now)),
+            MotorTestSent: lambda event, now: facts.motor_test_sent(now),
+            ListChanged: lambda event, now: facts.list_changed(now),
             PoseSeen: self._pose_seen,
-            SightRefused: _noted(lambda event, now: facts.sight_refused(event.refused)),
+            SightRefused: lambda event, now: facts.sight_refused(event.refused),
             EyeStats: self._eye_reported,
-            CellsKnown: _noted(lambda event, now: facts.cells_known(event.cells)),
-            FreeDisk: _noted(lambda event, now: facts.disk_measured(event.free)),
+            CellsKnown: lambda event, now: facts.cells_known(event.cells),
+            FreeDisk: lambda event, now: facts.disk_measured(event.free),
             ModelKnown: self._model_known,
             ActiveSetRead: self._active_set_read,
             LineChanged: self._line_changed,
@@ -140,7 +141,7 @@ class FlightCore:
             LinkMeasured: self._link_measured,
             FrameSent: self._frame_sent,
             FrameConfirmed: self._frame_confirmed,
-            FrameNotSent: _noted(lambda event, now: self._reports.frame_not_sent(event.error, now)),
+            FrameNotSent: lambda event, now: self._reports.frame_not_sent(event.error, now),
             GuardChanged: self._guard_changed,
             GuardActed: lambda event, now: self._end(Trigger.GUARD_ACTED, "no stick frame was written in time"),
             Released: self._released,
@@ -155,7 +156,10 @@ class FlightCore:
             event: what happened.
             now: when [s; monotonic].
         """
-        reply = self._handlers[type(event)](event, now)
+        try:
+            reply = self._handlers[type(event)](event, now) or NOTED
+        except CommandRejectedError as error:
+            reply = Reply(refusal=error)
         if reply.is_due:
             self._pacing.hurry()
         return reply
@@ -168,7 +172,8 @@ class FlightCore:
         """
         setpoint = event.setpoint
         # Who sent it comes first: a stranger's setpoint must not be reported as one that the holder got wrong.
-        is_by_holder, is_of_lease = self._authority.is_present(event.signed_for), False
+        key, is_of_lease = self._authority.holder_key, False
+        is_by_holder = key is not None and key.epoch == event.signed_for
         try:
             lease = self._authority.check_setpoint(setpoint, event.signed_for)
             is_of_lease = True
@@ -187,11 +192,7 @@ class FlightCore:
         return NOTED if self._pacing.is_by_images else DUE
 
     def _admit(self, setpoint: Setpoint, phase: Phase, now: float) -> None:
-        """Refuse a setpoint that cannot be followed, or may not be flown now.
-
-        Raises:
-            CommandRejectedError: `no_guidance`, or what admission says.
-        """
+        """Refuse a setpoint that cannot be followed, `no_guidance`, or may not be flown now."""
         change = self._flown.change(setpoint, phase)
         if change is not None:
             wanted, before = change
@@ -212,12 +213,6 @@ class FlightCore:
 
     def _lease_asked(self, event: LeaseAsked, now: float) -> Reply:
         """Answer a request about the lease; refused as in `Authority`, and with what a check before the lease found."""
-        try:
-            return self._answer_lease(event, now)
-        except CommandRejectedError as error:
-            return Reply(refusal=error)
-
-    def _answer_lease(self, event: LeaseAsked, now: float) -> Reply:
         request, found = event.request, event.found
         epoch = -1 if request.epoch is None else request.epoch
         granted: LeaseState | None = None
@@ -249,17 +244,14 @@ class FlightCore:
 
     def _abort_asked(self, event: AbortAsked, now: float) -> Reply:
         """Stop the manoeuvre: hold where that is possible, else level; refused with `nothing_flown`."""
-        try:
-            self._authority.abort(event.request.reason)
-        except CommandRejectedError as error:
-            return Reply(refusal=error)
+        self._authority.abort(event.request.reason)
         return DUE
 
     def _client_gone(self, event: ClientGone, now: float) -> Reply:
         self._authority.client_gone(event.name)
         return DUE
 
-    def _state_received(self, event: StateValue, now: float) -> Reply:
+    def _state_received(self, event: StateValue, now: float) -> None:
         value = event.value
         self._facts.state_received(value, now)
         if isinstance(value, Attitude):
@@ -267,11 +259,10 @@ class FlightCore:
             self._preflight.motion.attitude_received(now - self._sight.attitude_age, value.pitch, value.roll)
         elif isinstance(value, Pilot) and value.is_gate_open is not None:
             self._sight.answer.gate_reported(now, is_open=value.is_gate_open)
-        return NOTED
 
-    def _flightctrl_reported(self, event: FlightctrlReported, now: float) -> Reply:
+    def _flightctrl_reported(self, event: FlightctrlReported, now: float) -> None:
         self._facts.flightctrl_reported(is_lost=event.is_lost)
-        return self._line_changed(LineChanged(self._line), now)
+        self._line_changed(LineChanged(self._line), now)
 
     def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
         pose = event.pose
@@ -294,61 +285,53 @@ class FlightCore:
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
-    def _eye_reported(self, event: EyeStats, now: float) -> Reply:
+    def _eye_reported(self, event: EyeStats, now: float) -> None:
         self._facts.eye_reported(event.stats)
         self._reports.eyes_reported()
-        return NOTED
 
-    def _model_known(self, event: ModelKnown, now: float) -> Reply:
+    def _model_known(self, event: ModelKnown, now: float) -> None:
         """Take the model; a read that failed under a lease, or that ends in flight, changes nothing."""
         has_failed = event.unknown is not None and event.unknown.gap is Gap.UNREAD
         if self.phase in IN_FLIGHT or self._is_read_again(has_failed):
-            return NOTED
+            return
         self._sight.model_known(event.model)
         self._preflight.model_known(event.model, event.unknown)
-        return NOTED
 
-    def _active_set_read(self, event: ActiveSetRead, now: float) -> Reply:
+    def _active_set_read(self, event: ActiveSetRead, now: float) -> None:
         if self.phase in IN_FLIGHT or self._is_read_again(not event.found.is_known):
-            return NOTED
+            return
         self._preflight.active_set = event.found
-        return NOTED
 
     def _is_read_again(self, has_failed: bool) -> bool:
         """Whether a read failed after one, for the same lease, that did not."""
         return has_failed and self._preflight.active_set.is_known and self._authority.holder_key is not None
 
-    def _line_changed(self, event: LineChanged, now: float) -> Reply:
+    def _line_changed(self, event: LineChanged, now: float) -> None:
         self._line = event.line
         self._preflight.line = self._output.line = self._facts.limit_line(event.line)
-        return NOTED
 
-    def _frame_sent(self, event: FrameSent, now: float) -> Reply:
+    def _frame_sent(self, event: FrameSent, now: float) -> None:
         self._output.frame_sent(event.number)
         self._sight.answer.frame_written(event.number, now)
-        return NOTED
 
-    def _frame_confirmed(self, event: FrameConfirmed, now: float) -> Reply:
+    def _frame_confirmed(self, event: FrameConfirmed, now: float) -> None:
         self._output.frame_confirmed(event.number)
         self._sight.answer.frame_confirmed(event.number, now)
-        return NOTED
 
-    def _link_judged(self, event: LinkVerdict, now: float) -> Reply:
+    def _link_judged(self, event: LinkVerdict, now: float) -> None:
         before = self._facts.link
         if before is not None and before.condition is LinkCondition.ONE_WAY is not event.state.condition:
             self._sight.answer.line_heals()
         self._facts.link_changed(event.state)
-        return self._line_changed(LineChanged(self._line), now)
+        self._line_changed(LineChanged(self._line), now)
 
-    def _link_measured(self, event: LinkMeasured, now: float) -> Reply:
+    def _link_measured(self, event: LinkMeasured, now: float) -> None:
         self._facts.link_measured(event.health)
         self._sight.link_measured(event.health)
-        return NOTED
 
-    def _guard_changed(self, event: GuardChanged, now: float) -> Reply:
+    def _guard_changed(self, event: GuardChanged, now: float) -> None:
         """Without the guard nobody gets a lease, and who flies flies on."""
         self._preflight.has_guard = event.is_alive
-        return NOTED
 
     def _released(self, event: Released, now: float) -> Reply:
         self._authority.released(now)
@@ -389,19 +372,7 @@ class FlightCore:
 
     def situation(self, now: float) -> Situation:
         """All that admission looks at, at a time [s]; who runs procedures adds the work that keeps the boards busy."""
-        sight, is_flown = self._sight, self.phase in IN_FLIGHT and self.phase is not Phase.UNANSWERED
-        return self._preflight.situation(
-            now,
-            phase=self.phase,
-            lease=self._authority.lease(now),
-            flown=self._flown.concern if is_flown else None,
-            entry=None,
-            is_touching=self._flown.may_touch,
-            unanswered=sight.answer.missing_words(now),
-            hover_gas=sight.hover_gas,
-            target_age=sight.pose_age(now),
-            in_sight=sight.in_sight(now),
-        )
+        return self._preflight.situation(now, self.phase, self._authority.lease(now), self._flown, self._sight)
 
     def _seen(self, situation: Situation) -> Situation:
         """The same with what images show, for what is to begin: that costs a prediction, and milliseconds at times."""
@@ -442,13 +413,7 @@ class FlightCore:
         return ([] if order is None else [order]) + self._reports.take()
 
     def _decide(self, stood_still: float, chain: tuple[Cause, ...], now: float) -> Decision:
-        """From the situation to what is sent now [s].
-
-        Args:
-            stood_still: time since the last tick [s].
-            chain: why there is no pose; empty while there is one.
-            now: [s].
-        """
+        """From the situation to what is sent, after no tick for so long [s]; `chain` is why there is no pose."""
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
@@ -523,13 +488,3 @@ class FlightCore:
         """Name a client that gave none; never twice the same, or two of them would hold one lease."""
         self._nameless += 1
         return f"anonymous-{self._nameless}"
-
-
-def _noted(take: Callable[[Any, float], None]) -> Callable[[Any, float], Reply]:
-    """A handler of an event that is taken note of."""
-
-    def handle(event: Event, now: float) -> Reply:
-        take(event, now)
-        return NOTED
-
-    return handle

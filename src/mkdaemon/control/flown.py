@@ -128,7 +128,7 @@ class Flown:
         Nothing that was learnt from sticks that did not act is kept.
         """
         if self._left is None:
-            self._left = self.current
+            self._left, self._stage = self.current, ""
             self._sight.leave_to_pilot(is_his=True)
         now, after = situation.now, self._resumed(setpoint, phase)
         wanted = NewManoeuvre.by(setpoint)

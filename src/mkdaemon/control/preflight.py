@@ -9,13 +9,13 @@ from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
 from mkdaemon.control.admission import (
     NO_WORK,
-    Concern,
-    Entry,
     Situation,
 )
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
+from mkdaemon.control.flown import Flown
 from mkdaemon.control.motionmatch import Match, MotionMatch
 from mkdaemon.control.regulator.margins import gains_of, loop_refusal
+from mkdaemon.control.sight import Sight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
@@ -78,32 +78,17 @@ class Preflight:
 
     # -- what is asked --------------------------------------------------------------------------------------------
 
-    def situation(
-        self,
-        now: float,
-        *,
-        phase: Phase,
-        lease: LeaseState | None,
-        flown: Concern | None,
-        entry: Entry | None,
-        is_touching: bool,
-        unanswered: str,
-        hover_gas: float,
-        target_age: float | None,
-        in_sight: tuple[str, ...],
-    ) -> Situation:
-        """All that admission looks at, now [s]; cheap.
-
-        The lease is the present one, None for nobody; all other arguments are fields of `Situation`, explained there.
-        """
+    def situation(self, now: float, phase: Phase, lease: LeaseState | None, flown: Flown, sight: Sight) -> Situation:
+        """All that admission looks at, now [s], in a phase, under a lease; cheap: what images show is added."""
         facts, loop = self._facts, self._loop
+        is_flown = phase.is_in_flight and phase is not Phase.UNANSWERED
         return Situation(
             cfg=self._cfg,
             now=now,
             phase=phase,
             holder="" if lease is None else lease.holder,
             lease_left=0.0 if lease is None else lease.left,
-            flown=flown,
+            flown=flown.concern if is_flown else None,
             work=NO_WORK,
             line=self.line,
             has_guard=self.has_guard,
@@ -119,15 +104,15 @@ class Preflight:
             battery=facts.battery(now),
             cells=facts.cells,
             are_cells_doubtful=facts.are_cells_doubtful,
-            hover_gas=hover_gas,
+            hover_gas=sight.hover_gas,
             gas_in_use=self._gas_in_use(now),
             eyes=facts.eyes,
             contradicting=self._contradicting,
-            target_age=target_age,
-            in_sight=in_sight,
-            entry=entry,
-            is_touching=is_touching,
-            unanswered=unanswered,
+            target_age=sight.pose_age(now),
+            in_sight=sight.in_sight(now),
+            entry=None,
+            is_touching=flown.may_touch,
+            unanswered=sight.answer.missing_words(now),
             stamps=self._match,
             free_disk=facts.free_disk,
             model=self._unknown,

@@ -57,12 +57,11 @@ class Reports:
         self._output = output
         self._phase = authority.phase
         self._status: tuple[object, ...] | None = None
-        self._status_at = self._unsent_at = float("-inf")
-        self._refusal_at = {True: float("-inf"), False: float("-inf")}
+        self._status_at = float("-inf")
         self._refused = self._poses_refused = 0
-        self._pose_at = float("-inf")
         self._waiting: list[Action] = []
-        self._is_capped = self._is_battery_low = self._are_heights_wrong = False
+        self._warned: set[str] = set()
+        self._reported_at: dict[str, float] = {}
         self._believed: EstimateValue | None = None
         self._causes: tuple[Cause, ...] = ()
         self._releases_in: float | None = None
@@ -94,15 +93,13 @@ class Reports:
             is_by_holder: who holds the lease signed it.
         """
         self._refused += 1
-        if now - self._refusal_at[is_by_holder] >= REPORT_PERIOD:
-            self._refusal_at[is_by_holder] = now
+        if self._is_due(f"setpoint refused {is_by_holder}", now):
             self._waiting.append(ReportCommand(key, fields, refused(error)))
 
     def pose_refused(self, pose: VisionPose, fault: ViewFault, now: float) -> None:
         """Count a pose that nobody may use, and report it, but not too often."""
         self._poses_refused += 1
-        if now - self._pose_at >= REPORT_PERIOD:
-            self._pose_at = now
+        if self._is_due("pose refused", now):
             self._waiting.append(Warn(f"pose of {pose.camera} against {pose.target} not used: {fault.value}"))
 
     def target_changed(self, before: str, after: str) -> None:
@@ -111,8 +108,7 @@ class Reports:
 
     def frame_not_sent(self, error: CommandRejectedError, now: float) -> None:
         """Report a stick frame that the line does not take, but not too often."""
-        if now - self._unsent_at >= REPORT_PERIOD:
-            self._unsent_at = now
+        if self._is_due("frame not sent", now):
             self._waiting.append(Warn(f"stick frame not sent: {error}"))
 
     def estimate(self, value: EstimateValue | None, error: ErrorValue | None) -> None:
@@ -137,19 +133,24 @@ class Reports:
         if self._believed is None or is_gain_new or value.stick_filter != before.stick_filter:
             self._believed = value
 
-    def _report_battery(self, warning: CommandRejectedError | None) -> None:
-        """Warn once when the battery of an aircraft that flies begins to be low."""
-        if warning is not None and not self._is_battery_low:
-            self._waiting.append(Warn(f"{warning.reason} {warning.fix}"))
-        self._is_battery_low = warning is not None
+    def _is_due(self, about: str, now: float) -> bool:
+        """Whether something is to be reported again; then it is not for a while."""
+        is_due = now - self._reported_at.get(about, float("-inf")) >= REPORT_PERIOD
+        if is_due:
+            self._reported_at[about] = now
+        return is_due
+
+    def _warn_once(self, about: str, text: str) -> None:
+        """Warn when something begins to be so; without a text it is not."""
+        if text and about not in self._warned:
+            self._waiting.append(Warn(text))
+        self._warned = self._warned | {about} if text else self._warned - {about}
 
     def eyes_reported(self) -> None:
         """Warn once when the barometer begins to contradict the heights that images show."""
         found = heights_found(self._facts.eyes)
         is_wrong = found is not None and found.odds >= HEIGHTS_LIKELY
-        if found is not None and is_wrong and not self._are_heights_wrong:
-            self._waiting.append(Warn(f"{found.refusal.reason} {found.refusal.fix}"))
-        self._are_heights_wrong = is_wrong
+        self._warn_once("heights", f"{found.refusal.reason} {found.refusal.fix}" if found and is_wrong else "")
 
     def trouble(self, causes: tuple[Cause, ...], pose_age: float | None, exit_after: float) -> None:
         """Take why a flight has no pose, and warn once when it begins to have none.
@@ -159,11 +160,9 @@ class Reports:
             pose_age: time since the last one [s].
             exit_after: with this age the aircraft is released [s].
         """
-        is_new = bool(causes) and not self._causes
         self._causes = causes
         self._releases_in = max(0.0, exit_after - pose_age) if causes and pose_age is not None else None
-        if is_new:
-            self._waiting.append(Warn(trouble_words(causes, self._releases_in)))
+        self._warn_once("trouble", trouble_words(causes, self._releases_in))
 
     def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
         """Report the end of a release nobody asked for; None where it did not end in time."""
@@ -194,7 +193,7 @@ class Reports:
             pose_age: time since the newest pose [s]; None where there was none.
             now: [s].
         """
-        self._report_battery(battery)
+        self._warn_once("battery", "" if battery is None else f"{battery.reason} {battery.fix}")
         authority = self._authority
         navi = self._navi.look(now)
         if navi is not None:
@@ -202,7 +201,8 @@ class Reports:
         lease = authority.lease(now)
         progress = authority.progress
         lid = self._output.lid.pilots_throttle if authority.phase in IN_FLIGHT else None
-        self._report_lid(lid)
+        sinks = "the aircraft sinks, whatever is asked for, until he raises it above hover"
+        self._warn_once("lid", "" if lid is None else f"the pilot's throttle ({lid:+.0f}) caps ours: {sinks}")
         news = (
             authority.phase,
             authority.reason,
@@ -242,10 +242,3 @@ class Reports:
                 hands=pilots_hands(authority.phase, progress, is_capped=lid is not None),
             )
         )
-
-    def _report_lid(self, lid: float | None) -> None:
-        """Warn once when the pilot's throttle begins to cap ours [stick]."""
-        if lid is not None and not self._is_capped:
-            words = "the aircraft sinks, whatever is asked for, until he raises it above hover"
-            self._waiting.append(Warn(f"the pilot's throttle ({lid:+.0f}) caps ours: {words}"))
-        self._is_capped = lid is not None

@@ -30,7 +30,7 @@ def by_stick(aircraft, **fields):
 
 
 def by_attitude(aircraft, **fields):
-    return AttitudeFlight(aircraft.sight, CFG, attitude(**fields))
+    return AttitudeFlight(aircraft.sight, CFG, attitude(**fields), CFG.neutral_band)
 
 
 @pytest.mark.parametrize("make", [by_stick, by_attitude])

@@ -209,12 +209,12 @@ def near(now: Situation, wanted: NewManoeuvre) -> Verdict:
 @BEGIN_ROWS.row(
     "certainty",
     _IN_SIGHT,
-    "the standard deviation of its position is above `entry_sd`",
+    "the standard deviation of its position, when the next image comes, is above `entry_sd`",
     Token.NOT_READY,
     rule=Rule.ENTRY,
 )
 def certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Its position must be known."""
+    """Its position must be known, until the next image comes: by two a second it is not."""
     entry = now.entry
     if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
         return passed()

@@ -8,7 +8,7 @@ inside the fence, and is level at hover throttle otherwise. Then the manoeuvre e
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -16,10 +16,10 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.manoeuvre import End, Manoeuvre, Step, ended, level_at
-from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
@@ -39,26 +39,16 @@ SEARCHES: Final = "target lost: rises and returns to where it was seen last"
 _NO_TARGET: Final = "waiting for a target in sight"
 
 
-class ByTarget(ABC):
-    """A manoeuvre against the target in sight.
+class ByTarget(Manoeuvre):
+    """A manoeuvre against the target in sight."""
 
-    Attributes:
-        stepped_at: when it was asked last [s].
-    """
-
-    kind: ClassVar[str]
     is_by_target: ClassVar[bool] = True
     keeps_place: ClassVar[bool] = True
 
-    def __init__(self, sight: Sight, cfg: AutopilotConfig) -> None:
-        """Prepare; nothing is flown before `enter`.
-
-        Args:
-            sight: the target, and the estimate against it.
-            cfg: limits and entry conditions.
-        """
-        self.stepped_at = -math.inf
-        self._sight, self._cfg = sight, cfg
+    def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: Any = None) -> None:
+        """Prepare, with limits and entry conditions."""
+        super().__init__(sight, setpoint)
+        self._cfg = cfg
         self._autopilot: Autopilot | None = None
         self._arrival = Arrival(cfg.arrived_within, cfg.arrived_for)
         self._lost_at_height: float | None = None
@@ -71,14 +61,6 @@ class ByTarget(ABC):
         if isinstance(before, ByTarget):
             self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # of its own kind
         return ""
-
-    def height_seen(self, height: float, at: float) -> float | None:
-        """Nothing follows from it: it flies."""
-        return None
-
-    @abstractmethod
-    def follow(self, setpoint: Any) -> None:
-        """Take the newest setpoint, of the kind it was made for."""
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks."""
@@ -117,10 +99,6 @@ class ByTarget(ABC):
     def _found(self, height: float) -> None:
         """Take that a search has found the target, seen from a height [m]."""
         del height  # what is flown has no stages to begin again
-
-    @abstractmethod
-    def abort(self, now: float) -> Manoeuvre:
-        """Stop; returns the manoeuvre that it becomes, which may be itself."""
 
     @abstractmethod
     def _fly(self, estimate: Estimate, autopilot: Autopilot, now: float, step: float, *, is_flying: bool) -> Step:
@@ -213,6 +191,6 @@ def error_value(kind: str, goal: Goal, estimate: Estimate) -> ErrorValue:
     )
 
 
-def floating(sticks: AutopilotSticks) -> Sticks:
+def floating(sticks: StickCounts) -> Sticks:
     """Whole counts as the limiter takes them."""
-    return Sticks(float(sticks.pitch), float(sticks.roll), float(sticks.yaw), float(sticks.throttle))
+    return Sticks(*map(float, sticks))

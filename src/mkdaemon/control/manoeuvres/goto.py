@@ -23,8 +23,7 @@ class Goto(ToGoal):
     kind: ClassVar[str] = "position"
 
     def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: PositionSetpoint) -> None:
-        super().__init__(sight, cfg)
-        self._wanted = setpoint
+        super().__init__(sight, cfg, setpoint)
         self._origin: tuple[Autopilot, Array, float] | None = None
 
     def follow(self, setpoint: PositionSetpoint) -> None:

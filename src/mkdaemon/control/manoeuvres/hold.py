@@ -11,7 +11,6 @@ from mkdaemon.control.manoeuvres.by_target import ToGoal, resting_place
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.sight import Sight
-from mkdaemon.telemetry.setpoint import HoldSetpoint
 
 
 class Hold(ToGoal):
@@ -23,9 +22,6 @@ class Hold(ToGoal):
         super().__init__(sight, cfg)
         self._place: Array | None = None
         self._of: Autopilot | None = None
-
-    def follow(self, setpoint: HoldSetpoint) -> None:
-        """They all say the same."""
 
     def abort(self, now: float) -> Manoeuvre:
         """It holds."""

@@ -33,7 +33,6 @@ from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
-from mkdaemon.telemetry.setpoint import LandSetpoint
 
 DEVIATIONS: Final = 3.0
 """The aircraft is no higher than this many standard deviations above its estimate."""
@@ -292,13 +291,9 @@ class Land(ByTarget):
         self.landing: Landing | None = None
         self._yaw = yaw
 
-    def follow(self, setpoint: LandSetpoint) -> None:
-        """It lands with the heading it began with."""
-
     def abort(self, now: float) -> Manoeuvre:
         """Hold; below its last decision a landing goes on."""
-        is_decided = self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN)
-        return self if is_decided else Hold(self._sight, self._cfg)
+        return self if self._flies_blind() else Hold(self._sight, self._cfg)
 
     def _flies_blind(self) -> bool:
         return self.landing is not None and self.landing.phase in (LandingPhase.COMMIT, LandingPhase.DOWN)

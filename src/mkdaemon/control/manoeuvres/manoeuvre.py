@@ -5,11 +5,14 @@ What it remembers (place, reference, stage) belongs to it and ends with it.
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome
 
 WORDS: dict[Outcome, str] = {
@@ -87,7 +90,7 @@ class Step:
     is_level: bool = False
 
 
-class Manoeuvre(Protocol):
+class Manoeuvre(ABC):
     """One manoeuvre, flown once.
 
     Attributes:
@@ -98,9 +101,13 @@ class Manoeuvre(Protocol):
     """
 
     kind: ClassVar[str]
-    is_by_target: ClassVar[bool]
-    keeps_place: ClassVar[bool]
-    stepped_at: float
+    is_by_target: ClassVar[bool] = False
+    keeps_place: ClassVar[bool] = False
+
+    def __init__(self, sight: Sight, setpoint: Any = None) -> None:
+        """Prepare, by what is known of the target and, where there is one, by its setpoint; `enter` begins it."""
+        self.stepped_at = -math.inf
+        self._sight, self._wanted = sight, setpoint
 
     def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin, on the ground (`before` is None) or after another manoeuvre.
@@ -108,10 +115,13 @@ class Manoeuvre(Protocol):
         Returns:
             What it waits for, in words; empty for nothing.
         """
+        return ""
 
     def follow(self, setpoint: Any) -> None:
         """Take the newest setpoint, of the kind it was made for."""
+        self._wanted = setpoint
 
+    @abstractmethod
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks at a time [s]; `is_flying`: they are being sent."""
 
@@ -122,7 +132,9 @@ class Manoeuvre(Protocol):
             The throttle that carries the aircraft [count of 254], where this image is the first that shows it off the
             ground.
         """
+        return None
 
+    @abstractmethod
     def abort(self, now: float) -> Manoeuvre:
         """Stop; returns the manoeuvre that it becomes, which may be itself."""
 

@@ -41,7 +41,9 @@ class Row(NamedTuple):
 MANOEUVRES: Final[Mapping[type[Setpoint], Row]] = MappingProxyType(
     {
         StickSetpoint: Row(lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band)),
-        AttitudeSetpoint: Row(lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new)),
+        AttitudeSetpoint: Row(
+            lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new, cfg.autopilot.neutral_band)
+        ),
         VelocitySetpoint: Row(lambda sight, cfg, new: Velocity(sight, cfg.autopilot, new)),
         PositionSetpoint: Row(lambda sight, cfg, new: Goto(sight, cfg.autopilot, new)),
         HoldSetpoint: Row(lambda sight, cfg, new: Hold(sight, cfg.autopilot)),

@@ -204,13 +204,9 @@ class TakeOffFlight(ByTarget):
     kind: ClassVar[str] = "takeoff"
 
     def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: TakeOffSetpoint) -> None:
-        super().__init__(sight, cfg)
+        super().__init__(sight, cfg, setpoint)
         self.take_off: TakeOff | None = None
-        self._wanted, self._is_in_air = setpoint, False
-
-    def follow(self, setpoint: TakeOffSetpoint) -> None:
-        """Take the newest setpoint."""
-        self._wanted = setpoint
+        self._is_in_air = False
 
     def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin on the ground, or after another manoeuvre by the target, which is climbed on from."""

@@ -6,14 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.by_target import ToGoal
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
-from mkdaemon.control.sight import Sight, turned
-from mkdaemon.telemetry.setpoint import SetpointFrame, VelocitySetpoint
+from mkdaemon.control.sight import turned
+from mkdaemon.telemetry.setpoint import SetpointFrame
 
 
 class Velocity(ToGoal):
@@ -21,14 +20,6 @@ class Velocity(ToGoal):
 
     kind: ClassVar[str] = "velocity"
     keeps_place: ClassVar[bool] = False
-
-    def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: VelocitySetpoint) -> None:
-        super().__init__(sight, cfg)
-        self._wanted = setpoint
-
-    def follow(self, setpoint: VelocitySetpoint) -> None:
-        """Take the newest setpoint."""
-        self._wanted = setpoint
 
     def abort(self, now: float) -> Manoeuvre:
         """Hold where it comes to rest."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
+from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.control.regulator.horizontal import PREVIEW, STEP, HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
@@ -74,16 +75,6 @@ class Goal:
     gas_share: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class AutopilotSticks:
-    """Whole counts, FLU signs as everywhere [stick]; throttle from the centre."""
-
-    pitch: int
-    roll: int
-    yaw: int
-    throttle: int
-
-
 class Autopilot:
     """One flight against one target.
 
@@ -124,7 +115,7 @@ class Autopilot:
         self.reference = Reference(estimate.position[:2], estimate.velocity[:2])
         self.height = Reference(estimate.position[2:], estimate.velocity[2:])
 
-    def sticks(self, goal: Goal, now: float, step: float = STEP) -> AutopilotSticks:
+    def sticks(self, goal: Goal, now: float, step: float = STEP) -> StickCounts:
         """Return the sticks to send now.
 
         Args:
@@ -152,7 +143,7 @@ class Autopilot:
         jumps = self.reference.jumps_ahead(goal.position[:2], limits, STEP, PREVIEW) if self._is_speed_known else None
         tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference, jumps) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
-        return AutopilotSticks(
+        return StickCounts(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),
             roll=self._roll.count(float(tilt[0] * s - tilt[1] * c)),
             yaw=self._yaw_stick(goal),

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 from mkdaemon.config.gamepad import MOST_TRIM, AxisSection, Gamepad
+from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.teleop.inputs import PadFacts, PadInputs
 from mkdaemon.control.teleop.shaping import LOWEST, AxisNames, Thrust, shape
 
@@ -51,16 +52,6 @@ _TRIMS: Final = {
     Function.TRIM_RIGHT: ("roll", TRIM_STEP),
     Function.TRIM_LEFT: ("roll", -TRIM_STEP),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class StickWish:
-    """What sticks ask for [stick; FLU]: pitch + nose down, roll + right side down, yaw + nose left, throttle + lift."""
-
-    pitch: float
-    roll: float
-    yaw: float
-    throttle: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,7 +225,7 @@ class Hands:
         axes = ((self.axes.pitch, self.pad.pitch), (self.axes.roll, self.pad.roll), (self.axes.yaw, self.pad.yaw))
         return max(abs(self._share(axis, feel)) for axis, feel in axes)
 
-    def wish(self, *, is_engaged: bool) -> StickWish:
+    def wish(self, *, is_engaged: bool) -> Sticks:
         """What the sticks ask for now.
 
         Args:
@@ -250,7 +241,7 @@ class Hands:
         counts = {axis: share * scale * getattr(self.pad, axis).rate for axis, share in shares.items()}
         if is_engaged:
             counts = {axis: value + self.trim(axis) for axis, value in counts.items()}
-        return StickWish(**{axis: _clip(value) for axis, value in counts.items()}, throttle=self.thrust.value)
+        return Sticks(**{axis: _clip(value) for axis, value in counts.items()}, throttle=self.thrust.value)
 
     def trim(self, axis: str) -> float:
         """Trim of an axis [stick]."""

@@ -6,11 +6,12 @@ Nothing happens between calls; `now` is an argument [s; monotonic]. Source of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.hands import DEFLECTED, Function, Hands, Lapse, StickWish
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.teleop.hands import DEFLECTED, Function, Hands, Lapse
 from mkdaemon.control.teleop.inputs import PadFacts
 
 RELEASE_AFTER: Final = 0.9
@@ -145,7 +146,7 @@ class Teleop:
                 Wanted(self.manoeuvre, fields), f"{self.manoeuvre}: move a stick to take over", stop_motors=stop
             )
         wish = hands.wish(is_engaged=is_engaged)
-        return Output(Wanted("stick", asdict(wish)), f"{hands.facts.name} flies", stop_motors=stop)
+        return Output(Wanted("stick", wish._asdict()), f"{hands.facts.name} flies", stop_motors=stop)
 
     def _lapsed(self, hands: Hands, lapse: Lapse, now: float) -> Output:
         self._end_manoeuvre(hands)
@@ -154,8 +155,8 @@ class Teleop:
         throttle = hands.thrust.value
         if lapse.is_input_lost:
             throttle = min(throttle, hands.thrust.hover)
-        neutral = StickWish(0.0, 0.0, 0.0, throttle)
-        return Output(Wanted("stick", asdict(neutral)), f"neutral: {lapse.reason}", is_neutral=True)
+        neutral = Sticks(0.0, 0.0, 0.0, throttle)
+        return Output(Wanted("stick", neutral._asdict()), f"neutral: {lapse.reason}", is_neutral=True)
 
     def _begin(self, function: Function, hands: Hands) -> None:
         """Begin a manoeuvre, if the button stands for one."""
