@@ -17,7 +17,6 @@ from lab.control.law2010 import PiGains
 from lab.control.rendered import RenderedLandingRig, RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
-from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
@@ -56,7 +55,8 @@ class Case:
     Attributes:
         flight: makes the flight of a seed.
         flights: how many.
-        measure: key of each figure and its value from a record; not a number where there is none.
+        measure: key of each figure and its value from a record: infinite where what was to happen never did, not a
+            number where nothing was to be measured.
         goals: largest median (or for `_p90` keys, 90th percentile) that meets the goal, by key.
         rig: what flies it; by default a camera that is a noise model, and no flight core.
     """
@@ -92,13 +92,13 @@ def handover_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
 
 
 def step_figures(record: Record) -> dict[str, float]:
-    """Time to nine tenths [s] and overshoot [%] of a step of 1 m along x."""
+    """Time to nine tenths [s] and overshoot [%] of a step of 1 m along x; infinite where it does not get there."""
     times, east = np.array(record.times), np.array(record.positions)[:, 0] + STEP_FROM
     after, moved = times[times >= STEP_AT] - STEP_AT, east[times >= STEP_AT]
     reached = np.flatnonzero(moved > 0.9)
     return {
-        "step_1m_t90_s": float(after[reached[0]]) if len(reached) else math.nan,
-        "step_overshoot_percent": 100 * max(0.0, float(moved.max()) - 1.0) if len(moved) else math.nan,
+        "step_1m_t90_s": float(after[reached[0]]) if len(reached) else math.inf,
+        "step_overshoot_percent": 100 * max(0.0, float(moved.max()) - 1.0) if len(reached) else math.inf,
     }
 
 
@@ -106,7 +106,7 @@ def landing_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
     """Distance at the touch [cm], sink [m/s], and whether it stands on the pad [%]."""
 
     def measure(record: Record) -> dict[str, float]:
-        stands = record.landing is LandingPhase.DOWN and not record.lost and record.touch_error <= PAD_RADIUS
+        stands = record.stands and not record.lost and record.touch_error <= PAD_RADIUS
         return {
             f"{prefix}_p90_cm": 100 * record.touch_error,
             f"{prefix}_sink": record.touch_sink,

@@ -32,6 +32,8 @@ REACTION: Final = 0.06
 """Three periods of control [s]: a time is only noticed at a tick."""
 FLIGHTS: Final = 1000
 """Flights of the campaign."""
+ON_TARGET: Final = 0.35
+"""An aircraft that has landed stands no farther from the middle of the target [m]."""
 TELL_EVERY: Final = 20.0
 """Progress is written at most this often [s]."""
 
@@ -55,7 +57,7 @@ class End(StrEnum):
     """How a flight ended."""
 
     LANDED = "landed"
-    """On the target, by its own decision."""
+    """On the target, by its own decision and by the physics."""
     RELEASED = "released"
     """Given to the pilot, for a reason that the table names, in its time."""
     HELD = "held"
@@ -122,13 +124,17 @@ def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[End, str]:
             latest = max(latest, until + REACTION)
         if math.isfinite(fault.expected.within) and min(released, _ended(record)) > latest:
             return End.WRONG, f"{fault.name}: no release until {latest - fault.at:.2f} s after it"
+    says_down = reason.startswith(("landed on", "came down"))
+    if says_down and not outcome.stood:
+        return End.WRONG, f"in the air: {reason}"
     if reason.startswith("landed on"):
-        return End.LANDED, reason
+        is_there = outcome.aside <= ON_TARGET
+        return (End.LANDED, reason) if is_there else (End.WRONG, f"{outcome.aside:.2f} m aside: {reason}")
     if math.isfinite(released):
         known = [text for fault in drawn if fault.at <= released for text in fault.expected.reasons]
         # A client whose new manoeuvre is refused has nothing left that flies.
         words = f"{reason}; {outcome.refused}" if reason.startswith("no setpoint from") else reason
-        is_known = any(text in words for text in known) or reason.startswith("came down")
+        is_known = any(text in words for text in known) or says_down
         return (End.RELEASED, reason) if is_known else (End.WRONG, f"no fault explains: {reason}")
     return (End.LOST, record.lost) if record.lost else (End.HELD, rig.core.phase.value)
 

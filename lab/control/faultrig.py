@@ -56,6 +56,8 @@ class Outcome:
         engaged: the core flew.
         released: when it let go [s]; infinite for never.
         reason: why.
+        stood: the feet stood then, by the physics.
+        aside: distance from the middle of the target then [m].
         refused: why the client's newest setpoint before that was refused; empty where it was not.
         phases: it went through.
         violations: rules that were broken, by name.
@@ -65,6 +67,8 @@ class Outcome:
     engaged: bool = False
     released: float = math.inf
     reason: str = ""
+    stood: bool = False
+    aside: float = math.inf
     refused: str = ""
     phases: list[Phase] = field(default_factory=list)
     violations: Counter[str] = field(default_factory=Counter)
@@ -199,7 +203,9 @@ class FaultRig(CoreRig):
 
     def _released(self, action: Release, at: float) -> None:
         if self.outcome.engaged and math.isinf(self.outcome.released):
-            self.outcome.released, self.outcome.reason = at, action.reason
+            outcome = self.outcome
+            outcome.released, outcome.reason = at, action.reason
+            outcome.stood, outcome.aside = self._world.truth.on_ground, float(np.hypot(*self._place(at)[:2]))
         self._at(at + 0.2, lambda now: self.core.feed(Released(ReleaseOutcome.CONFIRMED), now))
 
     @property

@@ -14,7 +14,7 @@ from lab.control.law2010 import PiGains
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import LandingLimits, LandingPhase
+from mkdaemon.control.manoeuvres.land import LandingLimits
 from mkdaemon.control.regulator.autopilot import Goal, at_origin
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.vertical import VerticalGains
@@ -23,6 +23,8 @@ from mksim.physics.attitude_loop import EASY, AttitudeGains
 
 RADIO: Final = ChannelConfig(kind=RadioKind.XBEE)
 """Each way of the line: a radio as the simulator has it."""
+STOOD: Final = 1.0
+"""An aircraft whose feet have stood for this long without a break has landed [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +93,9 @@ class Record:
         estimates: estimated less true position, one a tick from the first image on (3,) [m].
         lost: why it ended early; empty when it flew to the end.
         touched: when the feet first stood after `land_at` [s].
-        touch_error: horizontal distance from the target's middle then [m].
+        touch_error: horizontal distance from the target's middle then [m]; infinite where they never stood.
         touch_sink: rate of descent then [m/s].
-        landing: where the landing stood at the end; None where none began.
+        stands: at the end the feet had stood for `STOOD`, and the throttle on the line did not carry the aircraft.
     """
 
     times: list[float] = field(default_factory=list)
@@ -102,6 +104,6 @@ class Record:
     estimates: list[Array] = field(default_factory=list)
     lost: str = ""
     touched: float = math.nan
-    touch_error: float = math.nan
-    touch_sink: float = math.nan
-    landing: LandingPhase | None = None
+    touch_error: float = math.inf
+    touch_sink: float = math.inf
+    stands: bool = False

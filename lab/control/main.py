@@ -7,10 +7,10 @@ import math
 import multiprocessing
 import sys
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Annotated, Any, Final
 
-import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
@@ -93,18 +93,22 @@ def measure(job: tuple[str, int]) -> tuple[dict[str, float], str]:
 
 
 def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, float]) -> dict[str, Any]:
-    """One figure of many flights; a lost aircraft has none, and breaks every goal but that of the law of 2010."""
-    known = np.array([value for value in values if not math.isnan(value)])
+    """One figure of many flights; a lost aircraft breaks every goal but that of the law of 2010.
+
+    A value that is infinite, of what never happened, counts as the worst there is; it is shown as None.
+    """
+    known = sorted(value for value in values if not math.isnan(value))
     share = key.endswith("_percent") and not key.startswith("step")
     figure: dict[str, Any] = {
-        "median": _rounded(float(np.median(known))) if len(known) else None,
-        "p90": _rounded(float(np.percentile(known, 90))) if len(known) else None,
-        "worst": _rounded(float(known.max())) if len(known) else None,
+        "median": _shown(percentile(known, 0.5)),
+        "p90": _shown(percentile(known, 0.9)),
+        "worst": _shown(percentile(known, 1.0)),
+        "never": sum(map(math.isinf, known)),
         "count": len(values),
         "lost": len(lost),
     }
     if share:
-        figure["mean"] = _rounded(float(known.mean()))
+        figure["mean"] = _shown(sum(known) / len(known))
     goal = goals.get(key)
     judged = figure["mean"] if share else figure["p90" if key.endswith(BY_P90) else "median"]
     figure["goal"] = goal
@@ -113,14 +117,23 @@ def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, floa
     elif key.endswith("success_percent"):
         figure["holds"] = (goal is None and key.startswith(("takeoff", "handover"))) or judged >= 98.0
     else:
-        is_far_off = goal is not None and not share and len(known) > 0 and float(known.max()) > WORST * goal
+        is_far_off = goal is not None and not share and len(known) > 0 and known[-1] > WORST * goal
         is_met = goal is None or (judged is not None and judged <= goal)
         figure["holds"] = is_met and not is_far_off and (goal is None or share or not lost)
     return figure
 
 
-def _rounded(value: float) -> float:
-    return round(value, 2)
+def percentile(known: Sequence[float], share: float) -> float:
+    """The value below which a share of sorted values lies, between two of them by line; not a number for none."""
+    if not known:
+        return math.nan
+    low, rest = divmod(share * (len(known) - 1), 1.0)
+    below = known[int(low)]
+    return below if not rest else below + rest * (known[int(low) + 1] - below) if math.isfinite(below) else below
+
+
+def _shown(value: float) -> float | None:
+    return round(value, 2) if math.isfinite(value) else None
 
 
 def _print(found: dict[str, dict[str, Any]]) -> None:

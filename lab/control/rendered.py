@@ -12,7 +12,6 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.actions import Release
 from mkdaemon.control.events import PoseSeen
-from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.telemetry.setpoint import LandSetpoint, Setpoint
 from mkdaemon.telemetry.vision import VisionPose
@@ -89,6 +88,5 @@ class RenderedLandingRig(RenderedRig):
     def _is_over(self, at: float) -> bool:
         """Whether the core let go: the landing is done where the aircraft stands then."""
         is_released = any(isinstance(action, Release) for _, action in self.actions[-3:])
-        if is_released and self._world.truth.on_ground:
-            self.record.landing = LandingPhase.DOWN
+        self.record.stands = is_released and self._world.truth.on_ground
         return is_released

@@ -14,14 +14,14 @@ from typing import Final
 
 import numpy as np
 
-from lab.control.flights import RADIO, Flight, Record
+from lab.control.flights import RADIO, STOOD, Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
+from mkdaemon.control.manoeuvres.land import Landing
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, ChannelConfig, FlightConfig, SensorConfig
@@ -50,6 +50,8 @@ ATTITUDE_BYTES: Final = 26
 """Length of an attitude frame [byte]."""
 STICK_BYTES: Final = 18
 """Length of a stick frame [byte]."""
+CARRIES: Final = 0.9
+"""More throttle than this share of `HOVER` still carries most of the weight."""
 WORLD_SIZE: Final = 12.0
 """An aircraft farther from its target than this is lost [m]."""
 
@@ -92,7 +94,7 @@ class Rig:
         gas = round(HOVER * scale + HOVER_LOSS) if flight.start > 0.0 else 0
         self._held = self._acting = StickCounts(0, 0, 0, gas - 127)
         self._next_frame, self._frames = 0.0, 0
-        self._sink = 0.0
+        self._sink, self._stands_since = 0.0, math.inf
         self._autopilot: Autopilot | None = None
         self._landing: Landing | None = None
         self._law = None if flight.law is None else PiLaw(flight.law, 2.0)
@@ -115,8 +117,10 @@ class Rig:
         return self.record
 
     def _is_over(self, at: float) -> bool:
-        """Whether nothing is left to see."""
-        return self.record.landing is LandingPhase.DOWN and at > self.record.touched + 1.0
+        """Whether nothing is left to see: the aircraft stands, by the physics and by the sticks on the line."""
+        has_stood = at > max(self._stands_since, self._flight.land_at) + STOOD
+        self.record.stands = has_stood and self._held.throttle + 127.0 < CARRIES * HOVER
+        return self.record.stands
 
     def _at(self, at: float, event: Callable[[float], object]) -> None:
         self._count += 1
@@ -133,6 +137,7 @@ class Rig:
                 self._next_frame += RECEIVER_FRAME
                 self._acting, self._frames = self._held, self._frames + 1
             world.step(self._sticks())
+            self._stands_since = min(self._stands_since, world.now) if world.truth.on_ground else math.inf
             if world.now > self._flight.land_at and math.isnan(record.touched) and world.truth.on_ground:
                 record.touched, record.touch_sink = world.now, self._sink
                 record.touch_error = float(np.hypot(*self._place(world.now)[:2]))
@@ -209,7 +214,6 @@ class Rig:
             if at >= self._flight.land_at:
                 self._landing = self._landing or Landing(self._flight.landing, believed)
                 goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
-                self.record.landing = self._landing.phase
             sticks = self._autopilot.sticks(goal, at)
             gas = sticks.throttle + 127.0
             estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))

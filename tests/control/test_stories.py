@@ -271,6 +271,22 @@ def test_what_is_flown_by_hand_on_the_ground_is_not_handed_to_the_target():
     assert story.status.manoeuvre == "stick"
 
 
+@pytest.mark.parametrize("kind", [HoldSetpoint, PositionSetpoint, VelocitySetpoint, LandSetpoint])
+def test_a_take_off_becomes_nothing_else_on_the_ground_from_its_very_first_tick_on(kind):
+    """A setpoint between the first tick of the flight and the second found an aircraft that might fly."""
+    story = Story(0.12)
+    story.see(0.12)
+    story.tell(MotorsReported(True))
+    while story.core.phase is not Phase.FLYING:
+        story.run(PERIOD)
+        story.sequence += 1
+        assert story.offer(TakeOffSetpoint(epoch=story.epoch, sequence=story.sequence, ttl=0.3, height=1.0)) is None
+        story.tick()
+    assert story.streams(kind, 10 * PERIOD, **BY_TARGET_IN_AIR[kind]) <= {"not_flying", "no_estimate"}
+    assert story.status.manoeuvre == "takeoff"
+    assert max(frame.counts.throttle for frame in story.of(SendSticks)) == -100
+
+
 def test_a_landing_that_touches_the_ground_becomes_no_hold_and_no_position():
     story = holding(0.5)
     story.height = 0.2

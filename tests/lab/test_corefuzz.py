@@ -1,60 +1,131 @@
-"""The random events for the flight core: that all holds, and that a core that breaks a promise is found."""
+"""The random happenings around the flight core: a core that breaks a promise is found, whichever it breaks."""
 
 from __future__ import annotations
 
+import random
+import warnings
 from dataclasses import replace
 
 import pytest
 
-from lab.control.corefuzz import Breach, Fuzz, run_sequence
-from mkdaemon.control.actions import SendSticks
+from lab.control import corefuzz
+from lab.control.corefuzz import BLOCK, EVENTS, QUICK, Breach, draw, run, run_sequences, shortened
+from lab.control.coreworld import HAPPENINGS, Happening, Toy, World
+from mkdaemon.control.actions import Release
+from mkdaemon.control.core import FlightCore
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import StickCounts
+from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, TakeOff
 from mkdaemon.control.output import StickOutput
+from mkdaemon.control.reports import Reports
+
+TICK, STATUS, MAKE = FlightCore.tick, Reports.status, StickOutput.make
 
 
-def test_a_sequence_is_the_same_again_and_flies():
-    first, second = run_sequence(11, 60), run_sequence(11, 60)
-    assert first == second
+def first_seed(*, stands):
+    for seed in range(100):
+        rng = random.Random(f"{seed} world")
+        if World(rng, rng.choice((QUICK,))).toy.stands is stands:
+            return seed
+    raise LookupError
+
+
+GROUND, AIR = first_seed(stands=True), first_seed(stands=False)
+FLIGHT = [Happening("settle", 4, 4.0)]
+"""A client that takes off, or lands, and nothing else."""
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(corefuzz, "CONFIGS", (QUICK,))
+
+
+def framed(**change):
+    """Change every stick frame."""
+    return lambda patch: patch.setattr(
+        StickOutput, "make", lambda *args, **words: replace(MAKE(*args, **words), **change)
+    )
+
+
+def warned(patch):
+    patch.setattr(Flown, "step", lambda *_: warnings.warn("log of zero", RuntimeWarning, stacklevel=1))
+
+
+def lifted(patch):
+    """Feet that stand, whatever images show, and throttle above hover."""
+    framed(counts=StickCounts(0, 0, 0, 40))(patch)
+    patch.setattr(Toy, "step", lambda self, now, dt: setattr(self, "stood_since", 0.0))
+
+
+def unreleased(patch):
+    def tick(self, now):
+        return [action for action in TICK(self, now) if not isinstance(action, Release)]
+
+    patch.setattr(FlightCore, "tick", tick)
+
+
+def misreported(patch):
+    def status(self, layout, battery, now):
+        self._authority.aborts += 1
+        STATUS(self, layout, battery, now)
+        self._authority.aborts -= 1
+
+    patch.setattr(Reports, "status", status)
+
+
+BREAKS = {
+    Breach.EXCEPTION: (GROUND, warned),
+    Breach.LIMITS: (GROUND, framed(counts=StickCounts(120, 0, 0, 0))),
+    Breach.NO_LEASE: (GROUND, framed(epoch=7)),
+    Breach.NOT_NEUTRAL: (GROUND, framed(counts=StickCounts(5, 0, 0, 0), age=0.5)),
+    Breach.NOT_RELEASED: (GROUND, unreleased),
+    Breach.LIFTS: (AIR, lifted),
+    Breach.ENDLESS: (GROUND, lambda patch: patch.setattr(TakeOff, "gas", lambda *_: IDLE_GAS)),
+    Breach.UNTRUE: (GROUND, misreported),
+}
+"""How a core breaks each promise, and the seed of a flight that shows it."""
+
+
+@pytest.mark.parametrize("breach", Breach, ids=lambda breach: breach.name)
+def test_a_core_that_breaks_a_promise_is_found(monkeypatch, breach):
+    seed, broken = BREAKS[breach]
+    happenings = [*FLIGHT, Happening("_release", 1, 0.1)]
+    whole = run(seed, happenings)
+    assert not whole.breaches
+    assert whole.ticks
+    broken(monkeypatch)
+    found = run(seed, happenings)
+    assert any(line.startswith(breach.name) for line in found.breaches[seed])
+
+
+def test_a_sequence_is_the_same_again():
+    first, second = run(11, draw(11, 60)), run(11, draw(11, 60))
+    assert (first.reached, first.ticks, first.seconds) == (second.reached, second.ticks, second.seconds)
     assert not first.breaches
-    assert sum(sum(run_sequence(seed, 60).flown.values()) for seed in range(4)) > 2.0
 
 
-def broken(monkeypatch, **change):
-    """A core whose every stick frame is changed."""
-    made = StickOutput.make
-    monkeypatch.setattr(StickOutput, "make", lambda *args, **words: replace(made(*args, **words), **change))
+def test_everything_that_can_happen_is_drawn():
+    drawn = {happening.what for seed in range(60) for happening in draw(seed, EVENTS)}
+    assert drawn == {happening.__name__ for happening in HAPPENINGS}
 
 
-@pytest.mark.parametrize(
-    ("change", "breach"),
-    [
-        ({"counts": StickCounts(120, 0, 0, 0)}, Breach.LIMITS),
-        ({"epoch": 7}, Breach.NO_LEASE),
-        ({"counts": StickCounts(5, 0, 0, 0), "age": 0.5}, Breach.NOT_NEUTRAL),
-    ],
-    ids=str,
-)
-def test_a_frame_that_must_not_be_is_found(monkeypatch, change, breach):
-    broken(monkeypatch, **change)
-    found = [line for seed in range(3) for line in run_sequence(seed, 60).breaches]
-    assert any(line.startswith(breach.name) for line in found)
+def test_a_found_sequence_is_shortened_to_what_breaks_the_promise(monkeypatch):
+    long = [*[Happening("_calm", 1, 0.0)] * 10, *FLIGHT, *[Happening("_renew", 1, 0.05)] * 9]
+    monkeypatch.setattr(corefuzz, "draw", lambda seed, events: long)
+    framed(epoch=7)(monkeypatch)
+    assert shortened(GROUND, len(long)) == FLIGHT
 
 
-def test_an_exception_is_found(monkeypatch):
-    def fail(*_):
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(Flown, "step", fail)
-    found = [line for seed in range(3) for line in run_sequence(seed, 60).breaches]
-    assert any(line.startswith(Breach.EXCEPTION.name) and "ZeroDivisionError" in line for line in found)
-
-
-def test_throttle_that_lifts_standing_feet_is_found():
-    fuzz = Fuzz(0)
-    fuzz.now, fuzz.up_at, fuzz.heard = 5.0, 0.0, 5.0
-    frames = []
-    fuzz._breach = lambda what, seen: frames.append(what)
-    fuzz.toy.place[2] = 0.1
-    fuzz._look_at_sticks(SendSticks(StickCounts(0, 0, 0, 40), 6.0, 0, 1, 0.0, False))
-    assert Breach.LIFTS in frames
+def test_a_second_run_goes_on_where_the_first_ended(monkeypatch, tmp_path):
+    monkeypatch.setattr(corefuzz, "BLOCK", 2)
+    flown = []
+    monkeypatch.setattr(
+        corefuzz, "run_sequence", lambda seed: flown.append(seed) or run(seed, [Happening("heal", 1, 0.1)])
+    )
+    file = tmp_path / "results.jsonl"
+    first = run_sequences(0, 2, 1, file)
+    second = run_sequences(0, 4, 1, file)
+    assert flown == [0, 1, 2, 3]
+    assert (first.sequences, second.sequences) == (2, 4)
+    assert second.reached["event ModelKnown"] == 2 * first.reached["event ModelKnown"] > 0
+    assert BLOCK > 2

@@ -41,8 +41,22 @@ def test_a_release_must_be_explained_and_in_time(rig):
     assert judge(rig, drawn("gone", 0.5))[0] is End.RELEASED
     assert judge(rig, drawn("gone", 0.1))[0] is End.WRONG
     assert judge(rig, drawn("something else"))[0] is End.WRONG
-    rig.outcome.reason = "landed on pad"
-    assert judge(rig, ())[0] is End.LANDED
+
+
+@pytest.mark.parametrize(
+    ("reason", "stood", "aside", "end"),
+    [
+        ("landed on pad", True, 0.1, End.LANDED),
+        ("landed on pad", False, 0.1, End.WRONG),
+        ("landed on pad", True, 0.5, End.WRONG),
+        ("came down, but nothing shows", True, 2.0, End.RELEASED),
+        ("came down, but nothing shows", False, 2.0, End.WRONG),
+    ],
+)
+def test_a_landing_is_one_where_the_feet_stand_on_the_target(rig, reason, stood, aside, end):
+    outcome = rig.outcome
+    outcome.engaged, outcome.released, outcome.reason, outcome.stood, outcome.aside = True, 6.5, reason, stood, aside
+    assert judge(rig, ())[0] is end
 
 
 def test_a_client_without_setpoints_is_explained_by_why_they_were_refused(rig):

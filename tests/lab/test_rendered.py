@@ -8,7 +8,6 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
 from lab.control.rendered import RenderedLandingRig, RenderedRig
-from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.telemetry.control import Phase
 
 
@@ -30,6 +29,6 @@ def test_the_core_lands_on_a_target_that_the_eyes_see():
     rig = RenderedLandingRig(Flight(seed=5, seconds=30.0, land_at=6.0, camera=CameraModel(rate=7.0)))
     rig.handover = 3.0
     record = rig.fly()
-    assert record.landing is LandingPhase.DOWN
+    assert record.stands
     assert not record.lost
     assert record.touch_error < 0.15

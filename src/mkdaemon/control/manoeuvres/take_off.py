@@ -222,7 +222,9 @@ class TakeOffFlight(ByTarget):
         sight = self._sight
         if not is_flying:
             self.take_off, self.stepped_at = None, now
-            return Step(level_at(IDLE_GAS), self.kind, stage=TakeOffPhase.IDLE.value)
+            # A setpoint that comes before the first step in flight must find that it stands.
+            ground = not self._is_in_air
+            return Step(level_at(IDLE_GAS), self.kind, stage=TakeOffPhase.IDLE.value, may_touch=ground)
         if self.take_off is None:
             limits = TakeOffLimits(ready=self._cfg.takeoff_ready, stand_height=self._cfg.stand_height)
             self.take_off = TakeOff(limits, sight.hover_gas, now, is_in_air=self._is_in_air)
