@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import os
 import struct
 import tomllib
 import zlib
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lab.files.originals import Kind, originals
 from mkdaemon import reading
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
@@ -22,6 +25,7 @@ from mkdaemon.cli.mkctl.mixer import from_toml
 from mkdaemon.cli.mkctl.teleop.padrecording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
+from mkdaemon.client.linktest.probefile import read_csv as read_probes
 from mkdaemon.client.settings_files import read_sets
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load, load_section
@@ -33,7 +37,7 @@ from mkdaemon.missions import read_mission
 from mkdaemon.missions.script import read_script
 from mkdaemon.protocol.capture import read_chunks
 from mkdaemon.protocol.framing import DropReason, FrameDecoder
-from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_toml, read_text
+from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_number, parse_toml, read_text
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import Views
@@ -109,8 +113,103 @@ READERS = {
     "zenoh.json5": lambda path: session_config("peer", zenoh_file=path),
     "picture.png": read_picture,
     "view.png": views,
+    "linktest.csv": read_probes,
+    "ost.yaml": load_camera,
+    "ost.txt": load_camera,
+    "route.kmz": read_mission,
+    "route.waypoints": read_mission,
     **{f"route{suffix}": read_mission for suffix in (".gpx", ".kml", ".plan", ".csv", ".wpl")},
 }
+
+
+ORIGINALS = {
+    "settings.toml": Kind.CONFIG,
+    "mixer.toml": Kind.MIXER,
+    "set.toml": Kind.SETTINGS_TOML,
+    "set.json": Kind.SETTINGS_JSON,
+    "camera.toml": Kind.CAMERA,
+    "targets.toml": Kind.TARGET,
+    "capture.jsonl": Kind.CAPTURE,
+    "script.toml": Kind.SCRIPT,
+    "pad.jsonl": Kind.PAD_SESSION,
+    "zenoh.json5": Kind.ZENOH,
+    "linktest.csv": Kind.PROBES,
+    **{f"route{kind}": kind for kind in (Kind.GPX, Kind.KML, Kind.PLAN, Kind.CSV, Kind.WPL)},
+}
+"""A good text file for each reader of text; what `labels.json` and `report.json` hold only this program writes."""
+OPENERS = {
+    "bus/session": "zenoh.json5",
+    "cli/mkctl/mixer": "mixer.toml",
+    "cli/mkctl/teleop/padrecording": "pad.jsonl",
+    "cli/mkdaemon/decode": "capture.jsonl",
+    "cli/mkdaemon/security/certificates": "zenoh.json5",
+    "client/linktest/probefile": "linktest.csv",
+    "client/photocheck": "picture.png",
+    "client/settings_files": "set.toml",
+    "config/camera": "",
+    "config/reader": "settings.toml",
+    "daemon/cellnote": "",
+    "daemon/flightnote": "",
+    "daemon/guard": "report.json",
+    "daemon/procedures/journal": "",
+    "daemon/procedures/lists": "",
+    "gateways/mavlink/program": "",
+    "link/labels": "labels.json",
+    "link/ports/replayport": "capture.jsonl",
+    "missions/format": "route.plan",
+    "missions/kmz": "route.kmz",
+    "missions/script": "script.toml",
+    "record/reader": "recording.mcap",
+    "record/summary": "glance.mcap",
+    "vision/camera/imagecodec": "picture.png",
+    "vision/camera/sources": "capture.jsonl",
+}
+"""Every module that opens files of others, and its reader above; empty for our own notes and for one-line secrets."""
+OWN = {
+    "cli/mkdaemon/service/installing",
+    "clock",
+    "gateways/mavlink/signingtimes",
+    "link/ports/serialport",
+    "view/page/server",
+    "view/report/page",
+}
+"""Modules that read what this program or the kernel wrote, without `mkdaemon.reading`."""
+
+
+def test_no_module_opens_files_of_others_in_another_way():
+    source = Path(reading.__file__).parent
+    opens, reads = set(), set()
+    for path in source.rglob("*.py"):
+        name = str(path.relative_to(source).with_suffix(""))
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imports = [
+            node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == reading.__name__
+        ]
+        if {alias.name for node in imports for alias in node.names} & {"open_regular", "read_bytes", "read_text"}:
+            opens.add(name)
+        calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+        if any(isinstance(call, ast.Attribute) and call.attr in {"read_text", "read_bytes"} for call in calls):
+            reads.add(name)
+    assert opens == OPENERS.keys()
+    assert reads - {"reading"} == OWN
+    assert set(OPENERS.values()) - {""} <= READERS.keys()
+
+
+@pytest.mark.parametrize("name", ORIGINALS)
+def test_a_byte_order_mark_changes_nothing(tmp_path, name):
+    path = tmp_path / name
+    for content in originals(ORIGINALS[name]):
+        found = []
+        for mark, end in ((b"", b"\n"), (b"\xef\xbb\xbf", b"\r\n")):
+            path.write_bytes(mark + content.replace(b"\n", end))
+            found.append(repr(READERS[name](path)))
+        assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("text", ["1_5", "1_000.5", "\u0661\u0662", "\uff11", "1e1_0"])
+def test_a_number_is_written_with_plain_digits(text):
+    with pytest.raises(ValueError, match="no number"):
+        parse_number(text)
 
 
 def read(name, path):

@@ -131,6 +131,17 @@ def parse_json(text: str | bytes) -> Any:
     return tree
 
 
+def parse_number(text: str) -> float:
+    """Parse a decimal number of a text file; Python itself reads `1_5` as 15, and digits of every script.
+
+    Raises:
+        ValueError: it is none. Infinity and NaN are numbers here.
+    """
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text.strip()!r} is no number")
+    return float(text)
+
+
 _TOO_DEEP: Final = f"it nests deeper than {DEEPEST}"
 _TOO_MANY_DIGITS: Final = "a number has thousands of digits"
 

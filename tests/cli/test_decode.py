@@ -59,6 +59,18 @@ def test_what_is_no_message_becomes_an_object_too():
     assert all(bytes.fromhex(str(item["hex"])) for item in found)
 
 
+def test_carriage_returns_that_a_terminal_turned_are_named():
+    whole, cut = version(2, 14), version(2, 14)[:-3]
+    decoding = Decoding()
+    list(decoding.run([Chunk(0.0, Direction.FROM_BOARD, whole[:-1] + b"\n" + cut + b"\n" + whole[:-1] + b"\n")]))
+    assert (decoding.dropped.total(), decoding.turned) == (3, 2)
+    assert "2 of these are whole with CR for LF" in decoding.summary()
+    assert "stty -F DEVICE raw" in decoding.summary()
+    honest = Decoding()
+    list(honest.run([Chunk(0.0, Direction.FROM_BOARD, whole + cut + b"\r\n")]))
+    assert "CR for LF" not in honest.summary()
+
+
 def test_an_address_of_nobody_is_named():
     (found,) = decode(("tx", VersionRequest().to_frame().replace(b"#b", b"#j").replace(b"@x", b"A@")))
     assert (found["dropped"], found["board"]) == ("unknown", "address_9")

@@ -13,10 +13,11 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import DISCOVERY_TIME
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Token, refuse
 from tests.control.events import link_state
 
 
-def line(*, is_up, boards=()):
+def line(*, is_up, boards=(), doubt=None):
     dialect = SimpleNamespace(read_only_reason="nobody has named a release")
     return SimpleNamespace(
         dialect=dialect,
@@ -24,6 +25,7 @@ def line(*, is_up, boards=()):
         boards=frozenset(boards),
         is_discovering=True,
         offered_memory=lambda: None,
+        doubt=doubt,
     )
 
 
@@ -59,6 +61,14 @@ async def test_an_aircraft_that_does_not_name_itself_is_refused_with_what_is_mis
     assert asyncio.get_running_loop().time() == pytest.approx(DISCOVERY_TIME, abs=0.1)
 
 
+@virtually
+async def test_nobody_acts_on_another_aircraft_at_the_port():
+    doubt = refuse(Token.OTHER_AIRCRAFT, port="/dev/pts/3", detail="fc has release 2.08a, before 2.12a")
+    with pytest.raises(CommandRejectedError, match="Nothing is written to it") as caught:
+        await require_discovery(line(is_up=False, doubt=doubt), link_state(LinkCondition.DOWN, "another aircraft"))
+    assert caught.value.token == "other_aircraft"
+
+
 class Remembering:
     """A line behind whose NaviCtrl a FlightCtrl cannot be asked."""
 
@@ -67,7 +77,7 @@ class Remembering:
             read_only_reason=None if is_readable else "the FlightCtrl is unknown", extern_control=None
         )
         self.is_up, self.boards, self.is_discovering = True, frozenset({Board.NC}), not is_readable
-        self.memory, self.is_confirmed = memory, False
+        self.memory, self.is_confirmed, self.doubt = memory, False, None
 
     def offered_memory(self):
         return self.memory

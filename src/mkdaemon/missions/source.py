@@ -11,6 +11,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.reading import parse_number
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 MOST_POINTS: Final = 2000
@@ -102,9 +103,7 @@ class Place:
             ConfigError: it is absent or no finite number.
         """
         try:
-            if "_" in (text or ""):  # Python's own reading of 1_5 is 15
-                raise ValueError
-            value = float(text or "")
+            value = parse_number(text or "")
         except ValueError:
             shown = "is missing" if text is None or not text.strip() else f"is {text.strip()!r}, no number"
             raise self.wrong(f"{word} {shown}", "write a decimal number such as 48.137") from None

@@ -89,7 +89,7 @@ class Line:
         self.world = world
         self.is_up, self.direct_board = True, Board.FC
         self.is_discovering = self.lacks_flightctrl = False
-        self.boards = frozenset({Board.FC})
+        self.boards, self.doubt = frozenset({Board.FC}), None
         self.dialect = SimpleNamespace(fc_release="2.12a", read_only_reason=None)
 
     async def request(self, message, *, board, timeout, retries, purpose):  # noqa: ASYNC109

@@ -14,6 +14,7 @@ from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
 from mkdaemon.protocol import Chunk, Decoded, Dropped, Unknown, decode_chunks, read_chunks
+from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.reading import LONGEST_CAPTURE, open_regular
 
 
@@ -25,11 +26,13 @@ class Decoding:
         messages: typed frames by (direction, board, name).
         dropped: losses by reason, unknown frames included.
         size: bytes read.
+        turned: of the losses, frames that are whole with a carriage return for their line feed.
     """
 
     messages: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     size: int = 0
+    turned: int = 0
 
     def run(self, chunks: Iterable[Chunk]) -> Iterator[dict[str, Any]]:
         """Decode all chunks; what is unfinished at the end is a loss of its own.
@@ -48,6 +51,7 @@ class Decoding:
         head: dict[str, Any] = {"t": t, "dir": direction.value}
         if isinstance(content, Dropped):
             self.dropped[content.reason.value] += 1
+            self.turned += _was_turned(content.raw)
             return {**head, "dropped": content.reason.value, "hex": content.raw.hex()}
         assert frame is not None
         word = f"address_{frame.address}" if decoded.board is None else decoded.board.word
@@ -64,7 +68,17 @@ class Decoding:
         lines = [f"{self.size} bytes, {self.messages.total()} messages, {self.dropped.total()} dropped"]
         lines += [f"  {count:6} {' '.join(kind)}" for kind, count in sorted(self.messages.items())]
         lines += [f"  {count:6} dropped: {reason}" for reason, count in sorted(self.dropped.items())]
+        if self.turned:
+            lines.append(
+                f"  {self.turned:6} of these are whole with CR for LF: the terminal that recorded them was not raw; "
+                "record again after: stty -F DEVICE raw"
+            )
         return "\n".join(lines)
+
+
+def _was_turned(raw: bytes) -> bool:
+    """Whether a terminal made a line feed of the carriage return of a frame (icrnl)."""
+    return raw.endswith(b"\n") and any(isinstance(item, Frame) for item in FrameDecoder().feed(raw[:-1] + b"\r"))
 
 
 def decode(

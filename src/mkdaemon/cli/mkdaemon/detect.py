@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from mkdaemon.vision.camera.imagecodec import read_picture, write_picture
 from mkdaemon.vision.camera.sources import CLIPS, Recorded, list_pictures, open_clip
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag, draw
+from mkdaemon.vision.stillhints import hints
 from mkdaemon.vision.tags.tagmap import TagMap, load
 
 _CODE: Final = r"[0-9]{1,5}"
@@ -67,6 +68,8 @@ def detect(
     Corners are in pixels whose centres are whole numbers, in the order top-left, top-right, bottom-right, bottom-left
     of the print. A pose is the target in the camera (x right, y down, z forward): translation [m], quaternion (w, x, y,
     z), their covariance, and the residual of the mirrored pose over this one as `ambiguity` (null where there is none).
+    A picture without tags, and the first image of a video, get a hint where the reason can be seen: nearly black, tags
+    too small or with a border of two cells; a code that is seen twice is named.
     Without a calibration there are no poses. Exit code 1 when an image could not be read.
 
     Example: mkdaemon detect photo.jpg --camera camera.toml --target configs/targets/nested.toml
@@ -83,7 +86,9 @@ def detect(
         raise ConfigError(msg)
     figures = _intrinsics(intrinsics) if intrinsics is not None else None
     lens = load_camera(camera).intrinsics if camera is not None else None
-    eye = _eye(load(target) if target else None, tag_size, family, _ids(ids) if ids is not None else None)
+    tagmap = load(target) if target else None
+    eye = _eye(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
+    families = family if tagmap is None else tuple(tagmap.whitelist)
     pictures, failed = list(_inputs(images)), 0
     for picture in _pictures(pictures, lens):
         if picture.pixels is None:
@@ -93,7 +98,8 @@ def detect(
         height, width = picture.pixels.shape
         k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
-        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None)
+        told = list(hints(picture.pixels, result, eye, families)) if picture.frame in (None, 0) else []
+        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, told=told)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
@@ -183,10 +189,16 @@ def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
 
 
 def _print_picture(
-    picture: Picture, result: StillResult | None, k: Intrinsics | None, *, as_json: bool, sized: bool = False
+    picture: Picture,
+    result: StillResult | None,
+    k: Intrinsics | None,
+    *,
+    as_json: bool,
+    sized: bool = False,
+    told: Sequence[str] = (),
 ) -> None:
     if as_json:
-        print(json.dumps(_object(picture, result)), flush=True)
+        print(json.dumps({**_object(picture, result), **({"hints": told} if told else {})}), flush=True)
         return
     file = on_one_line(picture.file)
     name = file if picture.frame is None else f"{file} [{picture.frame}]"
@@ -205,6 +217,8 @@ def _print_picture(
         print(f"  {on_one_line(pose.target)}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
         print(f"  no pose: {_missing(k, sized=sized)}")
+    for hint in told:
+        print(f"  hint: {hint}")
 
 
 def _missing(k: Intrinsics | None, *, sized: bool) -> str:

@@ -13,6 +13,7 @@ from typing import Final
 from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import Probe, ProbeKind
 from mkdaemon.errors import ConfigError
+from mkdaemon.reading import parse_number, read_text
 
 HEADER: Final = ("label", "load", "control_hz", "kind", "sent_s", "round_trip_ms")
 """Columns; `round_trip_ms` is empty where no answer came in time."""
@@ -39,9 +40,7 @@ def read_csv(path: Path) -> list[LoadRun]:
         ConfigError: it cannot be read, or is no such file; says which line.
     """
     try:
-        if path.stat().st_size > LARGEST:
-            raise ConfigError(f"{path}: too large for a file of `mkctl linktest`")
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, limit=LARGEST)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -71,7 +70,7 @@ def _number(text: str) -> float:
     Raises:
         ValueError: it is none, negative or infinite.
     """
-    number = float(text)
+    number = parse_number(text)
     if not (math.isfinite(number) and number >= 0.0):
         raise ValueError(f"{text} is no figure")
     return number

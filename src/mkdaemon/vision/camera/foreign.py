@@ -12,6 +12,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.reading import parse_number
 
 _PLAIN: Final = ("k1", "k2", "p1", "p2", "k3")
 _FISHEYE: Final = ("k1", "k2", "k3", "k4")
@@ -139,9 +140,7 @@ def _matched(found: re.Match[str] | None, key: str) -> str:
 def _numbers(text: str, key: str, count: int | None = None) -> list[float]:
     words = re.sub(r"(?:^|(?<=\n))[ \t]*- |[\[\],]", " ", text).split()
     try:
-        if any("_" in word for word in words):
-            raise ValueError
-        values = [float(word) for word in words]
+        values = [parse_number(word) for word in words]
     except ValueError:
         raise ConfigError(f"{key} holds what is no number; export the calibration again") from None
     if not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
