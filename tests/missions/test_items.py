@@ -133,6 +133,13 @@ def test_yaw_0_is_north_except_for_ardupilot() -> None:
     assert headings == {0: 360, ARDUPILOT: None, PX4: 360}
 
 
+@pytest.mark.parametrize("turn", [-1, 1])
+def test_a_landing_that_ardupilot_wrote_has_no_yaw(turn: int) -> None:
+    """It writes the turn of a plane's deep stall there (`AP_Mission.cpp`, mission_cmd_to_mavlink_int)."""
+    landing = item(21, [0, 0, 0, turn, 53.1, 8.1, 0])
+    assert drafted(WAY, HIGH, landing, autopilot=ARDUPILOT).mission.points[-1].heading_deg is None
+
+
 @pytest.mark.parametrize("cancel", [(201, 0), (197, 0)])
 def test_a_cancelled_region_is_no_point_at_0_n_0_e(cancel: tuple[int, int]) -> None:
     command, mode = cancel
