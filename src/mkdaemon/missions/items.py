@@ -19,7 +19,7 @@ from mkdaemon.missions.source import AltitudeReference, Place
 GENERIC, ARDUPILOT, PX4 = 0, 3, 12
 """Of `MAV_AUTOPILOT`: whose reading of an item counts; also `firmwareType` of a plan."""
 
-WAYPOINT, LOITER_TIME, LAND, TAKEOFF = 16, 19, 21, 22
+WAYPOINT, LOITER_TIME, RETURN, LAND, TAKEOFF = 16, 19, 20, 21, 22
 CHANGE_SPEED, ROI_LOCATION, ROI_NONE, ROI = 178, 195, 197, 201
 MOUNT_CONTROL, CAMERA_DISTANCE = 205, 206
 
@@ -107,6 +107,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
+    RETURN: Command("return to launch", (_EMPTY, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
     LAND: Command(
         "land",
         (
@@ -186,7 +187,7 @@ yaw of these items and writes 0, of a landing -1 or 1, the turn of a plane's dee
 multicopter to param4; Copter's speed types 0 and 1 are one (do_change_speed); its do_roi looks at the place alone."""
 
 NAMES: Final[Mapping[int, str]] = {
-    17: "loiter", 18: "loiter turns", 20: "return to launch", 31: "loiter to altitude", 82: "spline waypoint",
+    17: "loiter", 18: "loiter turns", 31: "loiter to altitude", 82: "spline waypoint",
     84: "vertical take-off", 85: "vertical landing", 93: "delay", 112: "delay", 113: "change altitude",
     114: "distance", 115: "yaw", 177: "jump", 179: "set home", 181: "relay", 183: "servo", 189: "start of the landing",
     196: "region of interest at the next waypoint", 200: "camera control", 203: "camera trigger",
@@ -196,7 +197,6 @@ NAMES: Final[Mapping[int, str]] = {
 """Commands that are refused, for messages."""
 
 _FIXES: Final[Mapping[int, str]] = {
-    20: "remove the item: the pilot's GPS switch at coming home flies home",
     93: "give the waypoint before it a hold time",
     112: "give the waypoint before it a hold time",
     115: "give the waypoint a yaw",

@@ -571,3 +571,16 @@ async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is():
             _, kind, fields = fake.setpoints[-1]
             assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))
             assert fields["yaw"] == (None if heading != heading else pytest.approx(1.5708, abs=1e-4))
+
+
+@virtually
+async def test_a_landing_goes_on_when_its_station_has_ended():
+    """MAVSDK's own example ends when it has ordered the landing."""
+    fake = FakeVehicle()
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        ears.command(LAND)
+        await beat(ears, 1.0)
+        flying(gateway, "land")
+        await asyncio.sleep(10.0)
+        assert fake.lease_now is not None and asyncio.get_running_loop().time() - fake.setpoints[-1][0] < 0.2
