@@ -11,7 +11,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.texts import words_of
 from mkdaemon.telemetry.control import Cause, CauseKind, Outcome, Phase, trouble_words
-from mkdaemon.telemetry.event import FailsafeEvent
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink import rig
@@ -517,7 +517,7 @@ async def test_the_checks_before_a_flight_are_told_one_by_one():
 
 
 @virtually
-async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_over():
+async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_its_end():
     async with serving() as gateway:
         ears = Ears(gateway)
 
@@ -525,6 +525,8 @@ async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_o
             made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
             words = trouble_words(made, left)
             status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left)
+            if causes and not ears.words:
+                gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
             gateway.value_arrived(status)
 
         for left in (2.4, 2.2, 2.0):
