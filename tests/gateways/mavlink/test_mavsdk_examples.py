@@ -111,7 +111,7 @@ async def test_offboard_position(tmp_path):
 
 
 async def test_mission(tmp_path):
-    """Its points are in Zurich and have a speed, which the list of this NaviCtrl 0.24 has not: the upload is refused."""
+    """Its points are in Zurich, with a speed that the list of this NaviCtrl 0.24 has not: the upload is refused."""
     setting = Setting(fps=5.0, wind="none", pilot="nothing")
     async with over_target(setting) as rig, example(rig, "mission.py", tmp_path) as program:
         await program.says("-- Uploading mission")
