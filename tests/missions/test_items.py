@@ -22,6 +22,7 @@ LOW = {**WAY, "params": [0, 0, 0, None, 53.3, 8.3, 30]}
 VALID: dict[int, list[Any]] = {
     16: [3, 4, 0, 90, 53.15, 8.15, 25],
     19: [3, 0, 0, None, 53.15, 8.15, 25],
+    20: [0, 0, 0, 0, 0, 0, 0],
     21: [0, 0, 0, 90, 53.15, 8.15, 25],
     22: [0, 0, 0, 90, 53.15, 8.15, 25],
     178: [1, 4, -1, 0, 0, 0, 0],
@@ -44,8 +45,10 @@ def drafted(*items: dict[str, Any], autopilot: int = GENERIC, **beside: Any) -> 
 
 
 def around(it: dict[str, Any]) -> list[dict[str, Any]]:
-    """A mission with an item that is not the first, except a take-off."""
-    return [it, HIGH, LOW] if it["command"] == 22 else [WAY, it, HIGH, LOW]
+    """A mission with an item that is not the first, except a take-off, nor the last, except a return."""
+    if it["command"] in (20, 22):
+        return [it, HIGH, LOW] if it["command"] == 22 else [HIGH, LOW, it]
+    return [WAY, it, HIGH, LOW]
 
 
 def test_each_command_of_the_table_has_a_case() -> None:
@@ -131,6 +134,22 @@ def test_yaw_0_is_north_except_for_ardupilot() -> None:
     params = [0, 0, 0, 0, 53.1, 8.1, 20]
     headings = {a: drafted(item(16, params), autopilot=a).mission.points[0].heading_deg for a in (0, ARDUPILOT, PX4)}
     assert headings == {0: 360, ARDUPILOT: None, PX4: 360}
+
+
+def test_a_return_is_told_as_the_last_item_and_refused_before_another() -> None:
+    back = item(20, [0, 0, 0, 0, 0, 0, 0])
+    draft = drafted(WAY, HIGH, back)
+    assert draft.mission == drafted(WAY, HIGH).mission
+    assert draft.notes == ("a.plan:1: return to launch: a NaviCtrl 0.24 flies home after the last point anyway",)
+    with pytest.raises(ConfigError, match="nothing can be flown after a return to launch"):
+        drafted(WAY, back, HIGH)
+
+
+@pytest.mark.parametrize("turn", [-1, 1])
+def test_a_landing_that_ardupilot_wrote_has_no_yaw(turn: int) -> None:
+    """It writes the turn of a plane's deep stall there (`AP_Mission.cpp`, mission_cmd_to_mavlink_int)."""
+    landing = item(21, [0, 0, 0, turn, 53.1, 8.1, 0])
+    assert drafted(WAY, HIGH, landing, autopilot=ARDUPILOT).mission.points[-1].heading_deg is None
 
 
 @pytest.mark.parametrize("cancel", [(201, 0), (197, 0)])

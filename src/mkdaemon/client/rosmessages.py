@@ -96,8 +96,18 @@ def fix(types: Maker, header: Any, status: int, latitude: float, longitude: floa
     )
 
 
-def imu(types: Maker, header: Any, wxyz: Iterable[float]) -> Any:
-    """An `Imu` with the orientation alone, ENU from FLU: the boards send neither rates nor accelerations."""
+def imu(
+    types: Maker, header: Any, wxyz: Iterable[float], rates: Iterable[float] | None = None, variance: float = 0.0
+) -> Any:
+    """An `Imu`: the boards send no accelerations.
+
+    Args:
+        types: makes it.
+        header: of it.
+        wxyz: orientation, ENU from FLU.
+        rates: turn rates [rad/s; FLU]; None where they are not known.
+        variance: of each rate [(rad/s)2].
+    """
     nothing = vector(types, (0.0, 0.0, 0.0))
     missing = np.array([-1.0] + [0.0] * 8)
     return types.new(
@@ -105,8 +115,8 @@ def imu(types: Maker, header: Any, wxyz: Iterable[float]) -> Any:
         header=header,
         orientation=quaternion(types, wxyz),
         orientation_covariance=np.zeros(9),
-        angular_velocity=nothing,
-        angular_velocity_covariance=missing,
+        angular_velocity=nothing if rates is None else vector(types, rates),
+        angular_velocity_covariance=missing if rates is None else np.eye(3).ravel() * variance,
         linear_acceleration=nothing,
         linear_acceleration_covariance=missing,
     )

@@ -2,7 +2,9 @@
 
 A parameter is used, says nothing, is told, or its item is refused by name: nothing is left out in silence, because a
 mission without it would be another one. Plans, `.waypoints` files and the MAVLink gateway read items by this table.
-Sources: MAVLink common message set, `MAV_CMD`; ArduPilot, "Mission commands" (Copter); PX4, `mission_block.cpp`.
+Sources: `MAV_CMD` of MAVLink's common message set, as pymavlink 2.4.50 has it; ArduPilot, `AP_Mission.cpp`
+(mission_cmd_to_mavlink_int) and `ArduCopter/mode_auto.cpp`; PX4, `src/modules/mavlink/mavlink_mission.cpp`
+(parse_mavlink_mission_item).
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from mkdaemon.missions.source import AltitudeReference, Place
 GENERIC, ARDUPILOT, PX4 = 0, 3, 12
 """Of `MAV_AUTOPILOT`: whose reading of an item counts; also `firmwareType` of a plan."""
 
-WAYPOINT, LOITER_TIME, LAND, TAKEOFF = 16, 19, 21, 22
+WAYPOINT, LOITER_TIME, RETURN, LAND, TAKEOFF = 16, 19, 20, 21, 22
 CHANGE_SPEED, ROI_LOCATION, ROI_NONE, ROI = 178, 195, 197, 201
 MOUNT_CONTROL, CAMERA_DISTANCE = 205, 206
 
@@ -105,6 +107,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
+    RETURN: Command("return to launch", (_EMPTY, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
     LAND: Command(
         "land",
         (
@@ -173,16 +176,18 @@ COMMANDS: Final[Mapping[int, Command]] = {
 """By number, of `MAV_CMD`. Any other command is refused by name."""
 
 _READ_OTHERWISE: Final[Mapping[tuple[int, int, int], Param]] = {
-    **{(ARDUPILOT, command, 3): _YAW._replace(nothing=(0.0,)) for command in (WAYPOINT, LAND, TAKEOFF)},
+    **{(ARDUPILOT, command, 3): _YAW._replace(nothing=(0.0,)) for command in (WAYPOINT, TAKEOFF)},
+    (ARDUPILOT, LAND, 3): _YAW._replace(nothing=(-1.0, 0.0, 1.0)),
     (PX4, LOITER_TIME, 3): _YAW,
     (ARDUPILOT, CHANGE_SPEED, 0): COMMANDS[CHANGE_SPEED].params[0]._replace(why="0 and 1 are ground speed"),
     (ARDUPILOT, ROI, 0): COMMANDS[ROI].params[0]._replace(why="the mode is not read: all zeros end the region"),
 }
-"""Where an autopilot reads a parameter in another way: by autopilot, command and parameter, from 0. Sources: Copter has
-no yaw in these items; PX4 turns a loitering multicopter to param4; Copter's speed types 0 and 1 are one."""
+"""Where an autopilot reads a parameter in another way: by autopilot, command and parameter, from 0. Copter stores no
+yaw of these items and writes 0, of a landing -1 or 1, the turn of a plane's deep stall; PX4 turns a loitering
+multicopter to param4; Copter's speed types 0 and 1 are one (do_change_speed); its do_roi looks at the place alone."""
 
 NAMES: Final[Mapping[int, str]] = {
-    17: "loiter", 18: "loiter turns", 20: "return to launch", 31: "loiter to altitude", 82: "spline waypoint",
+    17: "loiter", 18: "loiter turns", 31: "loiter to altitude", 82: "spline waypoint",
     84: "vertical take-off", 85: "vertical landing", 93: "delay", 112: "delay", 113: "change altitude",
     114: "distance", 115: "yaw", 177: "jump", 179: "set home", 181: "relay", 183: "servo", 189: "start of the landing",
     196: "region of interest at the next waypoint", 200: "camera control", 203: "camera trigger",
@@ -192,7 +197,6 @@ NAMES: Final[Mapping[int, str]] = {
 """Commands that are refused, for messages."""
 
 _FIXES: Final[Mapping[int, str]] = {
-    20: "remove the item: the pilot's GPS switch at coming home flies home",
     93: "give the waypoint before it a hold time",
     112: "give the waypoint before it a hold time",
     115: "give the waypoint a yaw",

@@ -60,6 +60,7 @@ class _Reading:
     poi: int | None = None
     camera_angle_deg: int = 0
     photo_distance: int = 0
+    is_returning: bool = False
 
     def climb_to(self, altitude: float) -> float:
         """Rate of climb or descent towards a height, from the point before; the first point lies above the start."""
@@ -243,12 +244,17 @@ def _take(place: Place, item: Any, reading: _Reading) -> None:
     if item.get("autoContinue", True) in (False, 0) and reading.autopilot != ARDUPILOT:
         raise place.wrong("the mission is to wait here (autoContinue)", "give the waypoint a hold time of up to 255 s")
     found = checked(place, item.get("command"), item.get("frame"), params, reading.autopilot)
+    if reading.is_returning:
+        raise place.wrong("nothing can be flown after a return to launch", "remove the return, or what follows it")
     reading.notes += (f"{place}: {note}" for note in found.notes)
     match found.command:
         case table.WAYPOINT | table.LOITER_TIME | table.LAND:
             _take_point(found, reading)
         case table.TAKEOFF:
             _take_take_off(found, reading)
+        case table.RETURN:
+            reading.is_returning = True
+            reading.notes.append(f"{place}: return to launch: a NaviCtrl 0.24 flies home after the last point anyway")
         case table.CHANGE_SPEED:
             _take_speed(found, reading)
         case table.ROI_LOCATION | table.ROI:

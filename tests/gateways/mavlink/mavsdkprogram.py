@@ -99,6 +99,11 @@ async def step(system, fly, word):
                 async for value in telemetry.TelemetryAsync(system).subscribe_position_velocity_ned():
                     if -value.position.down_m > float(number):
                         break
+        case "health":  # what MAVSDK's own examples wait for before they arm
+            async with asyncio.timeout(60.0):
+                async for health in telemetry.TelemetryAsync(system).subscribe_health():
+                    if health.is_global_position_ok and health.is_home_position_ok:
+                        break
         case "ground":
             async with asyncio.timeout(90.0):
                 async for state in telemetry.TelemetryAsync(system).subscribe_flight_mode():

@@ -11,7 +11,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.texts import words_of
 from mkdaemon.telemetry.control import Cause, CauseKind, Outcome, Phase, trouble_words
-from mkdaemon.telemetry.event import FailsafeEvent
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.gateways.mavlink import rig
@@ -517,7 +517,7 @@ async def test_the_checks_before_a_flight_are_told_one_by_one():
 
 
 @virtually
-async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_over():
+async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_its_end():
     async with serving() as gateway:
         ears = Ears(gateway)
 
@@ -525,6 +525,8 @@ async def test_trouble_is_told_as_it_begins_with_each_new_cause_and_when_it_is_o
             made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
             words = trouble_words(made, left)
             status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left)
+            if causes and not ears.words:
+                gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
             gateway.value_arrived(status)
 
         for left in (2.4, 2.2, 2.0):
@@ -571,3 +573,16 @@ async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is():
             _, kind, fields = fake.setpoints[-1]
             assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))
             assert fields["yaw"] == (None if heading != heading else pytest.approx(1.5708, abs=1e-4))
+
+
+@virtually
+async def test_a_landing_goes_on_when_its_station_has_ended():
+    """MAVSDK's own example ends when it has ordered the landing."""
+    fake = FakeVehicle()
+    async with serving(fake) as gateway:
+        ears = Ears(gateway)
+        ears.command(LAND)
+        await beat(ears, 1.0)
+        flying(gateway, "land")
+        await asyncio.sleep(10.0)
+        assert fake.lease_now is not None and asyncio.get_running_loop().time() - fake.setpoints[-1][0] < 0.2

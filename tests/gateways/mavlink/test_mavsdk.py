@@ -121,4 +121,4 @@ async def test_it_takes_off_and_lands_on_the_pad():
     """A take-off that no image shows within 1.2 s is ended by the daemon: it needs a machine that has time."""
     async with over_target(Setting(fps=10.0, wind="none", pilot="start")) as rig, flown(rig) as port:
         await rig.client.state.flight.until(lambda now: bool(now.motors_running), patience=120.0)
-        await fly(rig, port, {"arm": 90.0, "takeoff": 60.0, "height=1.8": 60.0})
+        await fly(rig, port, {"health": 60.0, "arm": 90.0, "takeoff": 60.0, "height=1.8": 60.0})

@@ -146,11 +146,11 @@ async def test_items_of_old_are_taken():
     [
         ([item(0), item(1, 22)], INVALID, "item 1: a take-off after the first point cannot be flown"),
         (
-            [item(0), item(1, 20)],
+            [item(0), item(1, 2000)],
             UNSUPPORTED,
-            "item 1: MikroKopter points cannot express command 20 (return to launch); remove the item: the pilot's GPS "
-            "switch at coming home flies home",
+            "item 1: MikroKopter points cannot express command 2000 (pictures); use a camera trigger distance",
         ),
+        ([item(0), item(1, 20), item(2)], INVALID, "item 2: nothing can be flown after a return to launch"),
         ([item(0), item(1, frame=10)], FRAME, "item 1: frame 10 cannot be flown"),
         ([item(0, z=NAN)], INVALID, "item 0: altitude is not given"),
         ([item(0, params=(999.0, 0, 0, NAN))], INVALID, "item 0: hold is 999"),
@@ -174,9 +174,10 @@ async def test_a_plan_of_qgroundcontrol_with_its_take_off_item_is_taken_and_the_
     vehicle = FakeVehicle()
     async with serving(vehicle) as gateway:
         ears = Sender(gateway)
-        assert await ears.upload([item(0, 22), item(1)]) == [ACCEPTED]
+        assert await ears.upload([item(0, 22), item(1), item(2, 20)]) == [ACCEPTED]
         assert ears.words.startswith("item 0: take-off is read as a waypoint: a NaviCtrl's list begins in the air")
-        assert len(vehicle.points) == 2
+        assert "item 2: return to launch: a NaviCtrl 0.24 flies home after the last point anyway" in ears.words
+        assert len(vehicle.points) == 2 and len(await ears.download()) == 3
 
 
 @virtually

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2 import conversions
 from mkdaemon.gateways.ros2.messages import Frames, name_part, time
 from mkdaemon.stamp import Stamp
@@ -47,6 +47,30 @@ def test_an_imu_turns_as_the_aircraft_enu_from_flu(roll, pitch, yaw):
     assert np.allclose(rotation_of(made.orientation), rotation_from_euler(roll, pitch, yaw), atol=1e-9)
     assert made.orientation_covariance[0] == 0.0, "unknown, not certain: sensor_msgs/Imu"
     assert made.angular_velocity_covariance[0] == made.linear_acceleration_covariance[0] == -1.0
+
+
+@given(roll=tilts, pitch=tilts, yaw=angles, rates=st.tuples(*[st.floats(-3.0, 3.0)] * 3), passed=st.floats(0.02, 0.5))
+def test_an_imu_has_the_rates_between_two_attitudes(roll, pitch, yaw, rates, passed):
+    first = samples.attitude(roll, pitch, yaw)
+    angle = math.hypot(*rates) * passed
+    axis = np.array(rates) / (math.hypot(*rates) or 1.0)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    turned = quaternion_from_rotation(rotation_from_euler(roll, pitch, yaw) @ turn)
+    stamp = samples.STAMP.model_copy(update={"monotonic": samples.STAMP.monotonic + passed})
+    second = first.model_copy(update={"quaternion": tuple(turned), "stamp": stamp})
+    made = through_cdr(conversions.imu(second, scene({"state/attitude": first})), "sensor_msgs/msg/Imu")
+    found = (made.angular_velocity.x, made.angular_velocity.y, made.angular_velocity.z)
+    assert found == pytest.approx(rates, abs=1e-5)
+    assert made.angular_velocity_covariance[0] == pytest.approx((math.radians(1.0) / passed) ** 2 / 6)
+
+
+def test_an_imu_has_no_rates_after_a_gap_or_without_a_new_attitude():
+    first = samples.attitude()
+    for passed in (0.0, 0.6, -1.0):
+        stamp = samples.STAMP.model_copy(update={"monotonic": samples.STAMP.monotonic + passed})
+        made = conversions.imu(first.model_copy(update={"stamp": stamp}), scene({"state/attitude": first}))
+        assert made.angular_velocity_covariance[0] == -1.0
 
 
 def test_velocity_is_enu():

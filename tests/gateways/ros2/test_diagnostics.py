@@ -46,6 +46,10 @@ def test_all_is_well():
         ("state/battery", samples.battery(is_low=True), "battery", Level.ERROR, "the board says that it is low"),
         ("control/status", samples.status(Phase.STALE, "too old"), "lease", Level.WARN, "too old"),
         ("control/status", samples.status(Phase.FLYING, "flies", pilots_throttle=-20.0), "lease", Level.WARN, "flies"),
+        (
+            *("control/status", samples.status(Phase.FLYING, "flies", trouble="NO POSE; releases in 2.0 s")),
+            *("lease", Level.ERROR, "NO POSE; releases in 2.0 s"),
+        ),
         ("vision/down/stats", samples.eyes(EyeState.DARK, "more light"), "eyes", Level.ERROR, "more light"),
         ("vision/down/stats", samples.eyes(alarms={Alarm.SCALE: "measure it"}), "eyes", Level.WARN, "measure it"),
     ],

@@ -37,10 +37,10 @@ class Node:
 
     def __init__(self, **given):
         self.given, self.publishers, self.subscribed, self.services = given, {}, {}, {}
-        self.changed, self.kinds, self.typed = None, {}, {}
+        self.changed, self.asked, self.kinds, self.typed, self.declared = None, None, {}, {}, {}
 
-    def parameters(self, table, changed):
-        self.changed = changed
+    def parameters(self, table, changed, asked):
+        self.changed, self.asked = changed, asked
         return {row.name: row.default for row in table} | self.given
 
     def publisher(self, name, kind, quality):
@@ -54,6 +54,9 @@ class Node:
         self.subscribed[name] = arrived
 
         self.kinds[name] = kind
+
+    def declare(self, name, value, about):
+        self.declared[name] = value
 
     def types_published(self, name):
         return frozenset(self.typed.get(name, ()))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.gateways.ros2.boardsettings import BoardSettings
 from mkdaemon.gateways.ros2.services import SELF_TEST, SERVICES, Desk, answer, refused
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from tests.gateways.ros2.bagtypes import scene
@@ -64,8 +65,8 @@ class Deck:
 
 
 def call(name, uav=None, data=False):
-    desk = Desk(uav or Uav(), Deck(), scene())
-    return desk, asyncio.run(answer(ROWS[name], desk, SimpleNamespace(data=data)))
+    desk = Desk(uav or Uav(), Deck(), scene(), BoardSettings(uav or Uav(), None))
+    return desk, asyncio.run(answer(ROWS[name], desk, SimpleNamespace(data=data, custom_mode=data)))
 
 
 @pytest.mark.parametrize("name", ["take_off", "hold", "land", "release"])
@@ -117,3 +118,19 @@ def test_a_self_test_that_is_refused_has_the_words_in_its_status():
     assert ROWS["self_test"].type == SELF_TEST
     reply = refused(ROWS["self_test"], scene(), "no daemon")
     assert (reply["passed"], reply["status"][0].message) == (0, "no daemon")
+
+
+@pytest.mark.parametrize(
+    ("mode", "done"),
+    [("AUTO.TAKEOFF", "take_off"), ("AUTO.LOITER", "hold"), ("AUTO.LAND", "land"), ("STABILIZED", "release")],
+)
+def test_a_mode_as_mavros_names_it_is_the_verb(mode, done):
+    desk, reply = call("set_mode", data=mode)
+    assert (desk.deck.done, reply) == ([done], {"mode_sent": True})
+
+
+def test_a_list_is_started_as_a_mode_and_other_modes_are_refused():
+    desk, reply = call("set_mode", data="AUTO.MISSION")
+    assert (desk.uav.asked, reply) == ([("route_start", True)], {"mode_sent": True})
+    desk, reply = call("set_mode", data="ALTCTL")
+    assert (desk.deck.done, reply) == ([], {"mode_sent": False})

@@ -97,7 +97,7 @@ class Gateway:
         self._tasks: asyncio.TaskGroup | None = None
         self._beat_at, self._beaten = 0.0, Mode.STABILIZED
         self._hands_words = ""
-        self._causes: tuple[CauseKind, ...] = ()
+        self._causes: frozenset[CauseKind] = frozenset()
         self._is_daemon_alive = True
 
     async def run(self, on_ready: Callable[[], None]) -> None:
@@ -169,10 +169,10 @@ class Gateway:
         self._hands_words = status.hands
 
     def _announce_trouble(self, status: ControlStatus) -> None:
-        """Why a flight has no pose and when it is released: as it begins, with each new cause, and when it is over."""
-        causes = tuple(cause.kind for cause in status.causes)
-        if not set(causes) <= set(self._causes):
-            self.announce(texts.CRITICAL, status.trouble)
+        """Why a flight has no pose: each further cause, and that it is over; that it begins is in the daemon's log."""
+        causes = frozenset(cause.kind for cause in status.causes)
+        if self._causes and causes - self._causes:
+            self.announce(texts.WARNING, status.trouble)
         elif self._causes and not causes and status.phase.is_in_flight:
             self.announce(texts.NOTICE, "poses come again")
         self._causes = causes

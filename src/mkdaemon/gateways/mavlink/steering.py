@@ -244,7 +244,8 @@ class Steering:
                 self._announce_end(status.outcome, status.reason)
                 return
             if not order.is_streamed:
-                if not order.by.is_alive(self._now()):
+                # A landing goes on: MAVSDK's own example ends when it has ordered it.
+                if order.kind != "land" and not order.by.is_alive(self._now()):
                     self._announce(WARNING, f"{order.by} is silent: the aircraft is given back to the pilot")
                     self._end(LeaseLostError(f"{order.by} is silent"))
                     return

@@ -53,8 +53,31 @@ def no_fix(value: Gps, scene: Scene) -> Any | None:
 
 
 def imu(value: Attitude, scene: Scene) -> Any:
-    """Imu with the boards' orientation, ENU from FLU; they send neither rates nor accelerations."""
-    return rosmessages.imu(scene.types, header(scene.types, value.stamp, scene.frames.body), value.quaternion)
+    """Imu with the boards' orientation, ENU from FLU, and how fast it turned since the attitude before."""
+    at = header(scene.types, value.stamp, scene.frames.body)
+    rates, variance = turn_rates(scene.latest.get("state/attitude"), value)
+    return rosmessages.imu(scene.types, at, value.quaternion, rates, variance)
+
+
+def turn_rates(before: Attitude | None, now: Attitude) -> tuple[tuple[float, ...] | None, float]:
+    """Turn rates from one attitude to the next, which the boards do not send [rad/s; FLU], and the variance of each.
+
+    Returns:
+        The rates, None where the attitudes are too far apart or the same; the variance that the boards' rounding, by
+        0.1 degrees or by one in an OSD frame, makes of two attitudes [(rad/s)2].
+    """
+    if before is None or before.stamp.boot != now.stamp.boot:
+        return None, 0.0
+    passed = now.stamp.monotonic - before.stamp.monotonic
+    if not 0.0 < passed <= TOGETHER:
+        return None, 0.0
+    turn = rotation_from_quaternion(before.quaternion).T @ rotation_from_quaternion(now.quaternion)
+    w, *xyz = quaternion_from_rotation(turn)
+    size = math.hypot(*xyz)
+    angle = 2.0 * math.atan2(size, abs(w))
+    scale = math.copysign(angle / size, w) / passed if size else 0.0
+    step = math.radians(1.0 if now.source.endswith("osd") else 0.1)
+    return tuple(part * scale for part in xyz), step * step / 6.0 / passed**2
 
 
 def velocity(value: Velocity, scene: Scene) -> Any:

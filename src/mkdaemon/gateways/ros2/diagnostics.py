@@ -86,8 +86,10 @@ def of_battery(value: Battery) -> Diagnosis:
 def of_lease(value: ControlStatus) -> Diagnosis:
     """Who flies."""
     is_well = value.phase.tone in (Tone.NOTE, Tone.OK) and value.pilots_throttle is None
-    level = Level.OK if is_well else Level.WARN
+    level = Level.ERROR if value.trouble else Level.OK if is_well else Level.WARN
     values = {
+        "trouble": value.trouble,
+        "releases_in": value.releases_in,
         "phase": value.phase.value,
         "holder": None if value.lease is None else value.lease.holder,
         "manoeuvre": value.manoeuvre,
@@ -98,7 +100,7 @@ def of_lease(value: ControlStatus) -> Diagnosis:
         "setpoint_age": value.setpoint_age,
         "refused": value.refused,
     }
-    return Diagnosis(level, value.reason, values)
+    return Diagnosis(level, value.trouble or value.reason, values)
 
 
 def of_eyes(value: VisionStats) -> Diagnosis:

@@ -19,6 +19,7 @@ from mkdaemon.client.setpoints import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics
+from mkdaemon.gateways.ros2.boardsettings import PREFIX, BoardSettings
 from mkdaemon.gateways.ros2.commands import (
     TWIST,
     TWIST_STAMPED,
@@ -50,8 +51,11 @@ _log = structlog.get_logger("gateway.ros2")
 class Node(Protocol):
     """What the gateway needs of ROS; see `rclnode.RosNode`."""
 
-    def parameters(self, table: Any, changed: Any) -> dict[str, Any]:
+    def parameters(self, table: Any, changed: Any, asked: Any) -> dict[str, Any]:
         """Declare parameters and return their values."""
+
+    def declare(self, name: str, value: Any, about: str) -> None:
+        """Declare a parameter later, or give it a value that was read."""
 
     def publisher(self, name: str, kind: str, quality: Quality) -> Any:
         """Make a publisher; None where the type is not installed."""
@@ -167,7 +171,8 @@ class Gateway:
         self._loop = asyncio.get_running_loop()
         self._uav, self._node = uav, node
         self._pace = Pace({})
-        given = node.parameters(PARAMETERS, self._changed)
+        given = node.parameters(PARAMETERS, self._changed, self._asked)
+        self._board = BoardSettings(uav, node.declare)
         self._settings: Settings = settings_of(given)
         self._pace.rates |= {key.removeprefix(RATES): float(given[key]) for key in given if key.startswith(RATES)}
         newest = Newest()
@@ -177,7 +182,7 @@ class Gateway:
         self.deck = Deck(uav, self._settings.habits, newest.values)
         self._keys = topics.keys_of(rows)
         self._clock = Clock()
-        self._calls: set[Future[dict[str, Any]]] = set()
+        self._calls: set[Future[Any]] = set()
         self._is_ending = False
         self._diagnostics = node.publisher(topics.DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray", Quality.RELIABLE)
         self._pad_stamp: Any = None
@@ -191,7 +196,7 @@ class Gateway:
 
     def _offer(self) -> None:
         """Subscribe to what flies, and offer services."""
-        desk = Desk(self._uav, self.deck, self._scene)
+        desk = Desk(self._uav, self.deck, self._scene, self._board)
         if self._settings.commands:
             plain, stamped = (TWIST, self._twist), (TWIST_STAMPED, partial(self._twist_stamped, "cmd_vel_stamped"))
             if self._settings.is_stamped:
@@ -213,6 +218,24 @@ class Gateway:
     def _hand_over(self, take: Any, message: Any) -> None:
         with suppress(RuntimeError):  # the loop may be closing
             self._loop.call_soon_threadsafe(take, message)
+
+    def _asked(self, name: str, value: Any) -> str:
+        """Write a setting; why it is refused, empty where it was written."""
+        if not name.startswith(PREFIX):
+            return ""
+        call: Future[None] | None = None
+        try:
+            call = asyncio.run_coroutine_threadsafe(self._board.write(name, value), self._loop)
+            self._calls.add(call)
+            call.result()
+        except (CallCancelledError, RuntimeError):
+            return "the gateway ends"
+        except MkError as error:
+            return str(error)
+        finally:
+            if call is not None:
+                self._calls.discard(call)
+        return ""
 
     def _serve(self, service: Service, desk: Desk, request: Any) -> dict[str, Any]:
         if len(self._calls) >= MOST_CALLS:

@@ -86,6 +86,7 @@ class RosNode:
         self._executor = MultiThreadedExecutor(THREADS, context=self._context)
         self._executor.add_node(self._node)
         self._beside = ReentrantCallbackGroup()
+        self._declaring = 0
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
 
     @property
@@ -111,17 +112,20 @@ class RosNode:
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def parameters(self, table: Sequence[Parameter], changed: Callable[[str, Any], None]) -> dict[str, Any]:
+    def parameters(
+        self, table: Sequence[Parameter], changed: Callable[[str, Any], None], asked: Callable[[str, Any], str]
+    ) -> dict[str, Any]:
         """Declare parameters and return their values.
 
         Args:
             table: of them.
             changed: hears of a new value of one that is not fixed, on a thread of rclpy.
+            asked: says why a value is refused, empty for not, on a thread of rclpy that may wait.
 
         Raises:
             ConfigError: a value is of another type than its default.
         """
-        from rcl_interfaces.msg import ParameterDescriptor
+        from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
         try:
             for row in table:
@@ -134,8 +138,29 @@ class RosNode:
             for parameter in news:
                 changed(parameter.name, parameter.value)
 
+        def parameters_asked(news: Sequence[Any]) -> Any:
+            is_read = self._declaring == threading.get_ident()  # from the board, and not by a client
+            reasons = [] if is_read else [asked(one.name, one.value) for one in news]
+            words = "; ".join(filter(None, reasons))
+            return SetParametersResult(successful=not words, reason=words)
+
+        self._node.add_on_set_parameters_callback(parameters_asked)
         self._node.add_post_set_parameters_callback(parameters_changed)
         return {row.name: self._node.get_parameter(row.name).value for row in table}
+
+    def declare(self, name: str, value: Any, about: str) -> None:
+        """Declare a parameter, or give it a value that was read."""
+        from rcl_interfaces.msg import ParameterDescriptor
+        from rclpy.parameter import Parameter as RosParameter
+
+        self._declaring = threading.get_ident()
+        try:
+            if self._node.has_parameter(name):
+                self._node.set_parameters([RosParameter(name, value=value)])
+            else:
+                self._node.declare_parameter(name, value, ParameterDescriptor(description=about), ignore_override=True)
+        finally:
+            self._declaring = 0
 
     def publisher(self, name: str, kind: str, quality: Quality) -> Any:
         """Make a publisher; None where the type's package is not installed."""
@@ -165,7 +190,7 @@ class RosNode:
         return frozenset(one.topic_type for one in self._node.get_publishers_info_by_topic(name))
 
     def serve(self, name: str, kind: str, answer: Callable[[Any], dict[str, Any]]) -> None:
-        """Offer a service; calls of one do not wait for calls of another.
+        """Offer a service, where its type is installed; calls of one do not wait for calls of another.
 
         Args:
             name: of the service.
@@ -178,7 +203,9 @@ class RosNode:
                 setattr(response, field, value)
             return response
 
-        self._node.create_service(type_of(kind), name, answered, callback_group=self._beside)
+        found = type_of(kind)
+        if found is not None:
+            self._node.create_service(found, name, answered, callback_group=self._beside)
 
 
 def localhost_only() -> None:

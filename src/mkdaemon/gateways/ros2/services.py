@@ -6,8 +6,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+import structlog
+
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
+from mkdaemon.gateways.ros2.boardsettings import BoardSettings
 from mkdaemon.gateways.ros2.deck import Deck
 from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, status_of
 from mkdaemon.gateways.ros2.messages import Scene
@@ -16,6 +19,8 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightR
 TRIGGER: Final = "std_srvs/srv/Trigger"
 SET_BOOL: Final = "std_srvs/srv/SetBool"
 SELF_TEST: Final = "diagnostic_msgs/srv/SelfTest"
+SET_MODE: Final = "mavros_msgs/srv/SetMode"
+"""Not among the wheels: offered where a ROS of one's own has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +31,16 @@ class Desk:
         uav: the daemon's client.
         deck: who flies through the gateway.
         scene: makes messages.
+        settings: of the FlightCtrl, as parameters.
     """
 
     uav: Vehicle
     deck: Deck
     scene: Scene
+    settings: BoardSettings
 
 
+_log: Final = structlog.get_logger("gateway.ros2")
 Fields = dict[str, Any]
 Serve = Callable[[Desk, Any], Awaitable[Fields]]
 """Takes a request, returns the fields of its response."""
@@ -108,6 +116,28 @@ async def _route_end(desk: Desk, request: Any) -> Fields:
     return {"success": True, "message": "the list is empty"}
 
 
+_MODES: Final[dict[str, Callable[[Desk], Awaitable[Any]]]] = {
+    "AUTO.TAKEOFF": lambda desk: desk.deck.take_off(),
+    "AUTO.LOITER": lambda desk: desk.deck.hold(),
+    "AUTO.LAND": lambda desk: desk.deck.land(),
+    "AUTO.MISSION": lambda desk: desk.uav.route.start(confirm=True),
+    "STABILIZED": lambda desk: desk.deck.release(),
+}
+"""Modes as MAVROS names those of PX4, and the verb that is as near as can be."""
+
+
+async def _set_mode(desk: Desk, request: Any) -> Fields:
+    act = _MODES.get(request.custom_mode)
+    if act is None:
+        raise MkError(f"mode {request.custom_mode!r}: there is {', '.join(_MODES)}")
+    await act(desk)
+    return {"mode_sent": True}
+
+
+async def _pull(desk: Desk, _: Any) -> Fields:
+    return {"success": True, "message": f"{await desk.settings.pull()} settings are parameters of this node"}
+
+
 SERVICES: Final = (
     Service("take_off", TRIGGER, _worded(lambda desk: desk.deck.take_off()), "take off, then hold", flies=True),
     Service("hold", TRIGGER, _worded(lambda desk: desk.deck.hold()), "hold the place", flies=True),
@@ -120,6 +150,8 @@ SERVICES: Final = (
     Service("route_start", SET_BOOL, _route_start, "make the stored list ready; data: confirm"),
     Service("route_end", SET_BOOL, _route_end, "empty the list, in flight too; data: confirm"),
     Service("mark", TRIGGER, _worded(_mark), "mark this moment in all recordings"),
+    Service("set_mode", SET_MODE, _set_mode, "modes as MAVROS names them, where mavros_msgs is installed", flies=True),
+    Service("param/pull", TRIGGER, _pull, "read the active set of the FlightCtrl into parameters settings.*"),
     Service("cancel", TRIGGER, _worded(_cancel), "end the procedure that runs"),
 )
 """Every service; a further one is one row."""
@@ -141,6 +173,9 @@ async def answer(service: Service, desk: Desk, request: Any) -> Fields:
 
 def refused(service: Service, scene: Scene, reason: str) -> Fields:
     """Fields of the response of a service that was refused."""
+    if service.type == SET_MODE:
+        _log.warning("mode_refused", words=reason)  # the response has no room for words
+        return {"mode_sent": False}
     if service.type == SELF_TEST:
         status = status_of(scene, service.name, Diagnosis(Level.ERROR, reason, {}))
         return {"id": scene.vehicle, "passed": scene.types.octet(0), "status": [status]}
