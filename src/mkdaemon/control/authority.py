@@ -305,7 +305,7 @@ class Authority:
     @property
     def holder_key(self) -> HolderKey | None:
         """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
-        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret)
+        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret, self._lease.holder)
 
     def is_present(self, epoch: int) -> bool:
         """Whether the present lease has this epoch."""
