@@ -447,19 +447,29 @@ async def test_what_a_stranger_puts_to_a_key_of_the_daemon_reaches_no_client(bus
     assert msgpack.unpackb(heard[1])["voltage"] == BATTERY.voltage
 
 
-async def test_clients_are_seen_coming_and_going(bus):
+async def test_the_client_that_is_watched_is_seen_coming_and_going_and_no_other(bus):
     opened, endpoint = bus
     seen: asyncio.Queue[tuple[str, bool]] = asyncio.Queue()
+
+    def watch(name: str | None) -> None:
+        opened.watch_client(name, lambda who, here: seen.put_nowait((who, here)))
+
     with client(endpoint) as session:
-        token = session.liveliness().declare_token("mk/t1/client/alice")
-        opened.watch_clients(lambda name, here: seen.put_nowait((name, here)))
+        alice, stranger = (session.liveliness().declare_token(f"mk/t1/client/{name}") for name in ("alice", "x"))
+        watch("alice")
         assert await asyncio.wait_for(seen.get(), PATIENCE) == ("alice", True)
-        token.undeclare()
+        stranger.undeclare()
+        alice.undeclare()
         assert await asyncio.wait_for(seen.get(), PATIENCE) == ("alice", False)
-        again = session.liveliness().declare_token("mk/t1/client/alice")
-        assert await asyncio.wait_for(seen.get(), PATIENCE) == ("alice", True)
-    assert again is not None
-    assert await asyncio.wait_for(seen.get(), PATIENCE) == ("alice", False)
+        watch("bob")
+        for _ in range(5):
+            session.liveliness().declare_token("mk/t1/client/alice").undeclare()
+        bob = session.liveliness().declare_token("mk/t1/client/bob")
+        assert await asyncio.wait_for(seen.get(), PATIENCE) == ("bob", True)
+        watch(None)
+        bob.undeclare()
+        await asyncio.sleep(0.2)
+    assert seen.empty()
 
 
 async def test_the_liveliness_token_comes_when_all_is_served_and_lives_as_long_as_the_daemon():

@@ -54,7 +54,7 @@ async def test_a_recorder_is_shown_everything_that_crosses_the_bus():
     async with Bus.open(bus_config(endpoint), "t8", recorder) as opened, asyncio.timeout(PATIENCE):
         opened.serve("do", answer)
         opened.receive("setpoint/stick", take, lambda payload, proof: 7 if proof == PROOF else None)
-        opened.watch_clients(lambda name, is_here: arrived.set())
+        opened.watch_client("pad", lambda name, is_here: arrived.set())
         opened.publish("state/battery", BATTERY)
         with client(endpoint) as session:
             await asyncio.to_thread(ask, session, "mk/t8/do/mark", payload=b"\x81\xa4text\xa4here")

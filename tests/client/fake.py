@@ -188,7 +188,7 @@ async def fake_daemon(**more):
                 daemon.take_setpoint,
                 lambda raw, proof, kind=kind: KEY.epoch_signed(Signature(kind.suffix, raw, proof)),
             )
-        bus.watch_clients(daemon.client_changed)
+        bus.watch_client("*", daemon.client_changed)
         bus.announce()
         yield daemon
 

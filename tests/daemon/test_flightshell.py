@@ -22,7 +22,7 @@ from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
 from mkdaemon.link.session.traffic import FrameNumber, ReleaseResult, SetpointQueued, SetpointRefused
-from mkdaemon.telemetry.command import ReleaseRequest
+from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
@@ -87,7 +87,10 @@ class Shell:
         )
         deck = self.deck = Deck(ControlConfig(), self.bus, clock, first_epoch=1, core=self.core)
         self.audit = deck.audit
-        self.flight = FlightControl(deck, link, clock=clock)
+        self.watched = []
+        self.flight = FlightControl(
+            deck, link, clock=clock, watch_client=lambda name, watcher: self.watched.append((name, watcher))
+        )
 
     def release(self, reason):
         self.releases.append(asyncio.get_running_loop().create_future())
@@ -141,6 +144,22 @@ async def test_a_release_by_the_guard_ends_control_and_neutral_sticks_do_not():
         assert shell.flight.phase is Phase.RELEASING
         actions = [event.action for event in shell.bus.values("event/failsafe")]
         assert actions[:2] == ["guard neutral", "guard release"]
+
+
+@virtually
+async def test_of_all_clients_the_holder_alone_is_watched():
+    async with Shell() as shell:
+        shell.deck.core._authority.take("alice", "secret", 0.0)
+        await shell.flight.lease(LeaseRequest(action="show"))
+        [(name, watcher)] = shell.watched
+        assert name == "alice"
+        watcher("alice", True)
+        await asyncio.sleep(0.1)
+        assert shell.releases == []
+        watcher("alice", False)
+        await asyncio.sleep(0.1)
+        assert len(shell.releases) == 1
+        assert [name for name, _ in shell.watched] == ["alice", None]
 
 
 @virtually

@@ -60,7 +60,7 @@ class Bus:
     def announce(self):
         pass
 
-    def watch_clients(self, watcher):
+    def watch_client(self, name, watcher):
         pass
 
     async def wait_until_watched(self):

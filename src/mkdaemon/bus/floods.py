@@ -21,9 +21,9 @@ from mkdaemon.bus.setpointroot import PLAIN_ROOT
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 PLAIN_RATE: Final = 50.0
-"""Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a look
-of 0.05 s to find one and refuse it. While a client subscribes to `mk/**`, all of a flood leaves the stranger; routed on
-to `mkctl record` it cost the lease in 6 of 6 flights on two cores."""
+"""Setpoints at the plain keys, where nobody may put any, that are passed on from each connection [Hz]: enough for a
+look of 0.05 s to find one and refuse it. While anybody subscribes to `mk/**`, all of a flood leaves the stranger;
+routed on to `mkctl record` it cost the lease in 6 of 6 flights on two cores."""
 UNSTAMPED_RATE: Final = 200.0
 """Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""
 LONGEST_SETPOINT: Final = 1 << 16
@@ -61,7 +61,6 @@ def flood_settings(
         takes_images: whether a camera brings its images over the bus.
     """
     keys = [key(vehicle, kind) for kind in kinds]
-    # A wildcard that meets several of these has the limit of one of them.
     limits = {f"{PLAIN_ROOT}/*": PLAIN_RATE, **{f"{root}/**": 0.0 for root in published}}
     return {
         "low_pass_filter": [
@@ -73,13 +72,15 @@ def flood_settings(
                 "size_limit": LONGEST_SETPOINT,
             }
         ],
+        # Each in an item of its own: what is put to a wildcard has to pass them all, and of one item's rules only one.
         "downsampling": [
             {
-                "id": "mkdaemon-strangers",
+                "id": f"mkdaemon-{suffix}",
                 "messages": ["put", "delete"],
                 "flows": ["ingress"],
-                "rules": [{"key_expr": key(vehicle, suffix), "freq": rate} for suffix, rate in limits.items()],
+                "rules": [{"key_expr": key(vehicle, suffix), "freq": rate}],
             }
+            for suffix, rate in limits.items()
         ],
         "transport/link/rx/max_message_size": LONGEST_IMAGE if takes_images else LONGEST_MESSAGE,
         "transport/unicast/accept_pending": PENDING,

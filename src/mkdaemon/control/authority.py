@@ -294,7 +294,7 @@ class Authority:
     @property
     def holder_key(self) -> HolderKey | None:
         """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
-        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret)
+        return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret, self._lease.holder)
 
     def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
         """Why a setpoint is refused that the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""

@@ -7,9 +7,11 @@ deadline.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from secrets import token_hex
 
+from mkdaemon.bus.gateway import Watcher
 from mkdaemon.clock import Clock, SleepWatch
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import ActiveSet
@@ -51,12 +53,29 @@ class FlightControl:
         ticks: how often the core has decided, for the watchdog.
     """
 
-    def __init__(self, deck: Deck, link: Link, *, clock: Clock, records: Path | None = None) -> None:
-        """Wire it; `records` is the folder in which flights are recorded, None where none are."""
+    def __init__(
+        self,
+        deck: Deck,
+        link: Link,
+        *,
+        clock: Clock,
+        records: Path | None = None,
+        watch_client: Callable[[str | None, Watcher], None] = lambda name, watcher: None,
+    ) -> None:
+        """Wire it.
+
+        Args:
+            deck: the flight core and what translates for it.
+            link: the line.
+            clock: of the daemon.
+            records: folder in which flights are recorded; None where none are.
+            watch_client: has the coming and going of the holder told; of nobody by default.
+        """
         self._deck, self._core, self._link, self._audit = deck, deck.core, link, deck.audit
         self._clock, self._records = clock, records
         self._releases = Releases(deck, link, clock)
         self._line: ControlLine | None = None
+        self._watch_client, self._watched = watch_client, ""
         self.ticks = 0
 
     @property
@@ -101,7 +120,9 @@ class FlightControl:
         now = self._clock.now()
         self._note_line(now)
         secret = token_hex(SECRET_BYTES) if request.action == "take" else ""
-        return self._deck.feed(LeaseAsked(request, secret, found), now)
+        reply = self._deck.feed(LeaseAsked(request, secret, found), now)
+        self._watch_holder()
+        return reply
 
     async def _read_active_set(self) -> ActiveSet:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
@@ -155,6 +176,15 @@ class FlightControl:
                 self._note_line(now)
                 for action in self._deck.tick(now, slept=sleep.take()):
                     self._carry_out(action, now, tasks)
+                self._watch_holder()
+
+    def _watch_holder(self) -> None:
+        """Hear of the holder's end, and of nobody else's."""
+        key = self._deck.holder_key
+        name = "" if key is None else key.holder
+        if name != self._watched:
+            self._watched = name
+            self._watch_client(name or None, self.client_changed)
 
     async def _wait(self) -> None:
         """Wait until the core wants to tick; news may bring that forward."""

@@ -61,8 +61,8 @@ class Station(Outlet, Protocol):
     def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Hand every setpoint of a key to `take`; see `Bus.receive`."""
 
-    def watch_clients(self, watcher: Watcher) -> None:
-        """Hear of every client that comes or goes; see `Bus.watch_clients`."""
+    def watch_client(self, name: str | None, watcher: Watcher) -> None:
+        """Hear when a client comes or goes; see `Bus.watch_client`."""
 
 
 class Wiring:
@@ -123,7 +123,9 @@ class Wiring:
         link = self.link = make_link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap
         )
-        flight = self.flight = FlightControl(deck, link, clock=clock, records=recording_folder(cfg))
+        flight = self.flight = FlightControl(
+            deck, link, clock=clock, records=recording_folder(cfg), watch_client=bus.watch_client
+        )
         interlock = self.interlock = Interlock(lambda: deck.core.situation(clock.now()))
         requests = self.requests = BoardRequests(cfg.commands, link, facts, deck.feed, audit, clock, interlock)
         self.procedures = ProcedureRunner(
@@ -149,13 +151,12 @@ class Wiring:
         self._deck.feed(event, self._clock.now())
 
     def _serve(self) -> None:
-        """Be there for the bus: requests, setpoints, clients."""
+        """Be there for the bus: requests and setpoints."""
         bus, deck = self._bus, self._deck
         bus.serve("cmd", self.requests.answer)
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
             bus.receive(kind.suffix, partial(deck.setpoint_arrived, kind), partial(deck.signed_for, kind))
-        bus.watch_clients(self.flight.client_changed)
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""

@@ -89,10 +89,12 @@ class HolderKey:
     Attributes:
         epoch: of the lease.
         secret: what only its holder knows.
+        holder: its name.
     """
 
     epoch: int
     secret: str = field(repr=False)
+    holder: str = ""
 
     def epoch_signed(self, signature: Signature) -> int | None:
         """Epoch of the lease whose holder signed this; None where he did not."""

@@ -151,7 +151,7 @@ class LocalBus:
         self.loop = asyncio.get_running_loop()
         self._handlers: dict[str, Handler] = {}
         self.takers: dict[str, tuple[Taker, Verifier]] = {}
-        self._watchers: list[Watcher] = []
+        self._watched: tuple[str, Watcher] | None = None
         self._sequence = 0
 
     # -- the daemon's side ----------------------------------------------------------------------------------------
@@ -171,16 +171,16 @@ class LocalBus:
         """Take setpoints."""
         self.takers[suffix] = take, verify
 
-    def watch_clients(self, watcher: Watcher) -> None:
-        """Tell of clients."""
-        self._watchers.append(watcher)
+    def watch_client(self, name: str | None, watcher: Watcher) -> None:
+        """Tell of a client."""
+        self._watched = None if name is None else (name, watcher)
 
     # -- the client's side ----------------------------------------------------------------------------------------
 
     def show_client(self, name: str, is_here: bool) -> None:
         """Let a client come or go."""
-        for watcher in self._watchers:
-            watcher(name, is_here)
+        if self._watched is not None and self._watched[0] == name:
+            self._watched[1](name, is_here)
 
     async def ask(self, suffix: str, **fields: Any) -> CommandResult:
         """Ask the daemon, as a client does."""
