@@ -29,6 +29,7 @@ class Case:
         echo_hz: link tests.
         setpoint_hz: external control; 0 for none.
         sim: what the simulator is configured with.
+        settle: discovery and the first streams, and a take-off where there is one, are over by then [s].
     """
 
     name: str
@@ -37,16 +38,25 @@ class Case:
     echo_hz: float = 10.0
     setpoint_hz: float = 0.0
     sim: dict[str, Any] = field(default_factory=dict)
+    settle: float = 2.5
 
     @property
     def is_by_radio(self) -> bool:
         """Whether packets are lost on their way."""
         return "radio" in self.sim
 
+    @property
+    def is_flown(self) -> bool:
+        """Whether the motors run."""
+        return "pilot_plan" in self.sim
+
 
 _NEW: Final = {"board": "nc", "nc": "2.14", "fc": "2.14"}
 _OLD: Final = {"board": "nc", "nc": "0.24", "fc": "2.12a"}
 _FC: Final = {"board": "fc", "fc": "2.12a"}
+_FLOWN: Final = {**_FC, "pilot_plan": "hover", "flight": {"pilot": {"gate": 0}}}
+"""The pilot flies with the gate shut: the board confirms stick frames, has less time for the line, and obeys none."""
+_FLOWN_STREAMS: Final = {"debug": 200.0, "attitude": 50.0}
 
 CASES: Final = {
     case.name: case
@@ -56,6 +66,16 @@ CASES: Final = {
         *(
             Case(f"fc_{hz}", 60, {"debug": 200.0, "attitude": 50.0}, setpoint_hz=hz, sim=_FC)
             for hz in (15, 30, 50, 100)
+        ),
+        Case("flown_44", 20, _FLOWN_STREAMS, echo_hz=5.0, setpoint_hz=44, sim=_FLOWN, settle=25.0),
+        Case(
+            "flown_radio_44",
+            20,
+            _FLOWN_STREAMS,
+            echo_hz=5.0,
+            setpoint_hz=44,
+            sim={**_FLOWN, "radio": RADIO},
+            settle=25.0,
         ),
         Case("saturated", 60, {"osd": 50.0, "debug": 50.0, "attitude": 50.0}, sim=_OLD),
         Case("radio_light", 30, {"osd": 500.0}, sim={**_OLD, "radio": RADIO}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from bisect import bisect_left
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any, Final
@@ -21,16 +22,30 @@ from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic, RoundTri
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import PilotPlan, SimConfig
 
-SETTLE_TIME: Final = 2.5
-"""Discovery and the first streams are over by then; measuring begins [s]."""
-
 
 class Waits:
-    """A sink that notes how long setpoints waited for the line."""
+    """A sink that notes how long setpoints waited for the line.
+
+    Attributes:
+        handed_in: times at which they were handed in, in order [s].
+        left: times at which one left, in order [s].
+    """
 
     def __init__(self) -> None:
-        self.handed_in = 0.0
-        self.waits: list[float] = []
+        self.handed_in: list[float] = []
+        self.left: list[float] = []
+
+    @property
+    def waits(self) -> list[float]:
+        """Time until each one, or a newer one that replaced it, had left [s], ascending."""
+        places = ((at, bisect_left(self.left, at)) for at in self.handed_in)
+        return sorted(self.left[place] - at for at, place in places if place < len(self.left))
+
+    @property
+    def replaced(self) -> float | None:
+        """Share of those that a newer one replaced [0..1]; None where none was handed in."""
+        handed_in = len(self.handed_in)
+        return round(1.0 - len(self.left) / handed_in, 5) if handed_in else None
 
     def received(self, frame: Received) -> None:
         """Not of interest."""
@@ -38,7 +53,7 @@ class Waits:
     def sent(self, frame: Sent) -> None:
         """Note the wait of a setpoint."""
         if frame.purpose is Purpose.SETPOINT:
-            self.waits.append(frame.at - self.handed_in)
+            self.left.append(frame.at)
 
     def dropped(self, loss: Lost) -> None:
         """Not of interest."""
@@ -80,7 +95,7 @@ def play(case: Case, seconds: float) -> dict[str, Any]:
 async def running_link(case: Case, witness: Witness, options: dict[str, Any], sink: Waits) -> AsyncIterator[Link]:
     """A link that runs and knows the boards of a case, in the time of the running loop."""
     async with rig(lambda: witness, seed=0, sink=sink, tick=TICK_TIME, **options) as running:
-        await asyncio.sleep(SETTLE_TIME)
+        await asyncio.sleep(case.settle)
         await until_steerable(running.link, case)
         yield running.link
 
@@ -99,7 +114,11 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
         "exact_control_loss": loss_between(before.confirm, after.confirm),
         "exact_control_undelivered": undelivered(witness.came["b"], witness.delivered["b"]),
         "exact_confirms_replaced": after.stick_frames.replaced - before.stick_frames.replaced,
-        "exact_setpoint_wait_p99_ms": wait_ms(sink.waits),
+        "exact_echo_p50_ms": after.echo.p50_ms,
+        "exact_echo_p99_ms": after.echo.p99_ms,
+        "exact_setpoint_wait_p50_ms": wait_ms(sink.waits, 0.50),
+        "exact_setpoint_wait_p99_ms": wait_ms(sink.waits, 0.99),
+        "exact_setpoints_replaced": sink.replaced,
         "exact_radio_loss": radio_loss([c.packets for c in channels], [c.packets_lost for c in channels]),
     }
 
@@ -112,7 +131,7 @@ async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) ->
     for step in range(steps):
         assert layout is not None
         await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
-        sink.handed_in = loop.time()
+        sink.handed_in.append(loop.time())
         setpoint = build_sticks(layout, pitch=step % 21 - 10)
         fate = link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
         assert isinstance(fate, SetpointQueued)
@@ -144,9 +163,9 @@ def undelivered(sent: int, arrived: int) -> float | None:
     return round(1 - arrived / sent, 5) if sent else None
 
 
-def wait_ms(waits: list[float]) -> float | None:
-    """99th percentile [ms]."""
-    found = percentile(sorted(waits), 0.99)
+def wait_ms(waits: list[float], share: float) -> float | None:
+    """A percentile of ascending times [ms]."""
+    found = percentile(waits, share)
     return None if found is None else round(1000 * found, 3)
 
 

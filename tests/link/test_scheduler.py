@@ -338,17 +338,27 @@ def test_in_flight_requests_keep_their_distance_and_setpoints_their_rate(flight)
     assert in_a_second <= 46  # 44 of them, and what CATCH_UP and CREEP allow
 
 
-@pytest.mark.parametrize("distance", [0.0, 0.035])
-@pytest.mark.parametrize("period", [0.02, 1 / 44])
-def test_a_request_takes_the_place_of_setpoints_and_delays_none(period, distance):
+@pytest.mark.parametrize(
+    ("period", "distance", "replaced"), [(1 / 44, 0.0, 0), (1 / 44, 0.035, 1), (0.02, 0.0, 1), (0.02, 0.035, 2)]
+)
+def test_a_setpoint_waits_for_a_request_unless_that_held_up_the_next_one(period, distance, replaced):
     asks = [0.5, 0.753, 1.101, 1.417]
     alone, beside = flown(period, distance, []), flown(period, distance, asks)
     waits = [at - item.queued for at, item in beside if item.purpose is Purpose.SETPOINT]
     alone_waits = [at - item.queued for at, item in alone]
-    assert max(waits) <= max(alone_waits) + 0.0016
-    assert len(waits) >= len(alone_waits) - 2 * len(asks)
+    assert len(alone_waits) - len(waits) <= replaced * len(asks)
+    assert max(waits) <= max(alone_waits) + 0.0085
     asked = [at - item.queued for at, item in beside if item.purpose is Purpose.REQUEST]
     assert max(asked) <= max(FC_GAP, distance) + 0.005
+
+
+def test_by_cable_no_request_replaces_a_setpoint_whenever_it_is_asked():
+    asks = [0.3 + 0.1013 * step for step in range(16)]  # every phase between two setpoints
+    beside = flown(1 / 44, 0.0, asks)
+    waits = [at - item.queued for at, item in beside if item.purpose is Purpose.SETPOINT]
+    assert len(waits) == len(flown(1 / 44, 0.0, []))
+    assert max(waits) < 0.0085
+    assert max(at - item.queued for at, item in beside if item.purpose is Purpose.REQUEST) < 0.045
 
 
 def test_requests_leave_setpoints_between_them():
@@ -359,14 +369,14 @@ def test_requests_leave_setpoints_between_them():
 
 
 def test_a_setpoint_that_no_newer_one_replaces_leaves_after_the_request():
-    scheduler = TransmitScheduler(LineRules(direct=Board.FC, setpoint_interval=1 / 44))
+    scheduler = TransmitScheduler(LineRules(direct=Board.FC, setpoint_interval=1 / 50))
     sent = []
     for step in range(4):
-        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1), step / 44)
+        scheduler.submit(entry(Purpose.SETPOINT, number=step + 1), step / 50)
         if step == 2:
-            scheduler.submit(entry(Purpose.REQUEST), step / 44 + 0.004)
-        sent += sent_until(scheduler, (step + 1) / 44 - 1e-6, now=step / 44 + (0.004 if step == 2 else 0.0))
-    sent += sent_until(scheduler, 1.0, now=4 / 44)
+            scheduler.submit(entry(Purpose.REQUEST), step / 50 + 0.004)
+        sent += sent_until(scheduler, (step + 1) / 50 - 1e-6, now=step / 50 + (0.004 if step == 2 else 0.0))
+    sent += sent_until(scheduler, 1.0, now=4 / 50)
     assert [item.purpose for _, item in sent[-2:]] == [Purpose.REQUEST, Purpose.SETPOINT]
     assert sent[-1][1].message.frame == 4
 

@@ -334,8 +334,8 @@ class Token(StrEnum):
     )
     LINK_POOR = (
         "link_poor",
-        "{lost:.0f} % of the echoes are lost, more than {limit:g} %.",
-        "`mkctl health` shows the line; move the antennas, or use a cable, before an autonomous flight.",
+        "{lost:.0f} % of the link tests are not answered in time, more than {limit:g} %.",
+        "`mkctl linktest` says what to change: the antennas, the channel, the distance, or a cable.",
     )
     HEIGHT_CONTROL = (
         "height_control",

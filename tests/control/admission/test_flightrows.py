@@ -19,7 +19,7 @@ from mkdaemon.control.admission import (
     refusals,
     waits_for,
 )
-from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
+from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS, MOST_LOSS
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -28,6 +28,8 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState
+from mksim.config import ChannelConfig, RadioKind
+from mksim.radio import Air
 from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, heights, reception, sees
 from tests.control.events import link_state
 
@@ -233,3 +235,17 @@ def test_a_flight_that_goes_on_when_the_aircraft_answers_again_waits_for_less_th
     now = replace(GOOD, **change)
     assert waits_for(NewManoeuvre(Concern.POSITION), now)
     assert bool(waits_for(NewManoeuvre(Concern.POSITION, is_resumed=True), now)) is is_asked_again
+
+
+@pytest.mark.parametrize(("loss", "least", "most"), [(0.10, 0.0, 0.02), (0.15, 0.0, 0.08), (0.25, 0.3, 0.6)])
+def test_a_radio_that_loses_15_percent_each_way_is_admitted_and_one_of_25_often_refused(loss, least, most):
+    """On the ground: link tests five times a second, nine frames of the boards between two."""
+    up, down = (Air(ChannelConfig(kind=RadioKind.XBEE, loss=loss), way) for way in ("up", "down"))
+    lost = []
+    for number in range(20_000):
+        at = number / 5
+        for _ in range(9):
+            down.carry(20, at, at)
+        lost.append(up.carry(10, at, at) is None or down.carry(10, at, at) is None)
+    windows = [100.0 * sum(lost[begin : begin + 50]) / 50 for begin in range(0, len(lost) - 50, 10)]
+    assert least <= sum(share > MOST_LOSS for share in windows) / len(windows) <= most

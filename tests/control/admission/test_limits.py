@@ -77,7 +77,7 @@ SHOWN = {
     "guard": "it runs",
     "firmware and layout": "known; external control v2",
     "link": "up: all is well",
-    "link losses": "0 % of 50 echoes lost",
+    "link losses": "0 of 50 link tests not answered in time",
     "gate": "a switch of the transmitter: ExternalControl 255",
     "gate and height control": "it switches nothing else",
     "height control": "off (GlobalConfig bit 0)",

@@ -56,4 +56,4 @@ def _outlived(troubles: Sequence[Trouble]) -> Iterator[tuple[float, str]]:
     """A line for each trouble that a flight outlived, the longest first."""
     for one in sorted(troubles, key=lambda one: one.told - one.ended)[:LISTED]:
         chain = "; ".join(reason.text for reason in one.reasons.values())
-        yield min(reason.since for reason in one.reasons.values()), f"{chain}; over at {one.ended:.1f} s"
+        yield min(reason.since for reason in one.reasons.values()), f"outlived: {chain}; over at {one.ended:.1f} s"
