@@ -243,6 +243,8 @@ async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_mo
             daemon.lose("it stands", outcome=Outcome.LANDED)
             await landing
             assert lease.outcome is Outcome.LANDED
+            with pytest.raises(LeaseLostError, match=r"ended with the landing \(it stands\): take a new lease"):
+                await lease.take_off(1.5)
         # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
         assert RELEASE not in daemon.asked
 
