@@ -1,4 +1,4 @@
-"""Fly a small square by sticks: no target is needed, and nothing corrects the drift. The pilot hovers and hands over."""
+"""Fly a small square by sticks: no target is needed, nothing corrects the drift. The pilot hovers and hands over."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Take off from the target, fly to a place beside it, hold, and land. The pilot has started the motors: docs/library.md."""
+"""Take off from the target, fly a step, hold, and land. The pilot has started the motors: docs/library.md."""
 
 import asyncio
 

@@ -62,7 +62,7 @@ def troubles_page(root: Path) -> str:
 
 
 def _alarm(alarm: StrEnum) -> Message:
-    """An alarm with a fixed text is printed by it; the text of the others carries measured numbers, so the name stands."""
+    """An alarm by its fixed text, or by its name where the text is composed of measured numbers."""
     advice = next((text for kind, text in ALARM_ADVICE.items() if kind is alarm), None)
     return Message(f"camera alarm {alarm.value}", _CAMERA) if advice is None else _cut(advice, _CAMERA)
 

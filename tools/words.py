@@ -144,11 +144,13 @@ def dialect_counts(root: Path) -> Iterator[Count]:
 
 def lower_budgets(root: Path, counts: Iterable[Count]) -> None:
     """Write the present number of each phrase as its budget; none is raised."""
-    text = (root / DIALECT).read_text(encoding="utf-8")
-    for count in counts:
-        place = re.compile(rf'(?<=^\[phrases\."{re.escape(count.phrase)}"\]\n)((?:[^\[].*\n)*?{count.place} = )\d+', re.MULTILINE)
-        text = place.sub(rf"\g<1>{min(count.budget, count.found)}", text)
-    (root / DIALECT).write_text(text, encoding="utf-8")
+    present = {(count.phrase, count.place): min(count.budget, count.found) for count in counts}
+    lines, phrase = [], ""
+    for line in (root / DIALECT).read_text(encoding="utf-8").splitlines():
+        phrase = line.split('"')[1] if line.startswith("[") else phrase
+        place, _, _ = line.partition(" = ")
+        lines.append(f"{place} = {present[phrase, place]}" if (phrase, place) in present else line)
+    (root / DIALECT).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def words(

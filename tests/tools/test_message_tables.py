@@ -21,7 +21,9 @@ def is_found(printed):
     """Whether a row of the page begins with a printed message, whatever its words in braces are filled with."""
     for row in re.findall(r"^\| (.*?) \|", PAGE, re.MULTILINE):
         parts = string.Formatter().parse(row)
-        if re.fullmatch("".join(re.escape(fixed) + ("" if name is None else ".+?") for fixed, name, *_ in parts), printed):
+        if re.fullmatch(
+            "".join(re.escape(fixed) + ("" if name is None else ".+?") for fixed, name, *_ in parts), printed
+        ):
             return True
     return False
 

@@ -225,7 +225,7 @@ REQUEST_ROWS: Final = (
     Row(
         name="motors that stand still",
         concerns=_REQUEST,
-        stands="it needs motors that stand still, and they run, or nobody has told lately whether they do",
+        stands="it needs motors that stand still, and they run, or no recent telemetry says whether they do",
         tokens=(Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
         look=_stopped,
     ),
@@ -257,7 +257,7 @@ PROCEDURE_ROWS: Final = (
     Row(
         name="motors for a procedure",
         concerns=_PROCEDURE,
-        stands="it excludes flying, and motors run, or nobody has told lately whether they do",
+        stands="it excludes flying, and motors run, or no recent telemetry says whether they do",
         tokens=(Token.IN_FLIGHT_NEEDED, Token.MOTORS_RUNNING, Token.MOTORS_UNKNOWN, Token.LINK_DOWN),
         look=_standing,
     ),

@@ -63,7 +63,7 @@ def _in_flight(now: Situation, wanted: StartRoute | NaviGoto) -> Verdict:
     if now.flight is not None and now.flight.is_flying:
         return passed()
     is_unknown = now.flight is None or now.flight.is_flying is None
-    detail = "nobody has told lately whether it flies" if is_unknown else "it stands"
+    detail = "no recent telemetry says whether it flies" if is_unknown else "it stands"
     return stands(refuse(Token.ROUTE_ON_GROUND, detail=detail))
 
 
@@ -111,7 +111,7 @@ NAVI_ROWS: Final = (
     Row(
         name="aircraft in the air",
         concerns=(Concern.ROUTE, Concern.NAVI_GOTO),
-        stands="it stands, or nobody has told lately whether it flies",
+        stands="it stands, or no recent telemetry says whether it flies",
         tokens=(Token.ROUTE_ON_GROUND,),
         look=_in_flight,
     ),

@@ -26,7 +26,7 @@ QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last 
 """Reason of a mute line while requests would keep an old stick command alive."""
 DAMAGED: Final = "frames arrive damaged, and nothing we send is answered"
 """Reason of a line on which only damage arrives beside a few frames."""
-NO_FRAME: Final = "bytes arrive, but no frame: wrong baud rate, or a damaged line"
+NO_FRAME: Final = "bytes arrive, but no frame: wrong baud, or a damaged line"
 """Reason of garbage."""
 RESTARTING: Final = "a board has booted: its streams begin again"
 """Reason of streams that a boot has ended."""
