@@ -7,6 +7,7 @@ import string
 
 import pytest
 
+from mkdaemon.link.session import verdict
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.vision import Alarm
@@ -44,8 +45,9 @@ def test_a_state_of_the_line_is_found(condition):
 
 
 def test_the_reasons_of_a_state_are_found():
-    reasons = list(verdict_reasons())
-    assert len(reasons) > 5
+    numbers = {name: 7 for reason in verdict_reasons() for _, name, _, _ in string.Formatter().parse(reason) if name}
+    reasons = [reason.format_map(numbers) for reason in verdict_reasons()]
+    assert verdict.comes_and_goes(7, 7.0) in reasons
     assert [reason for reason in reasons if not is_found(reason.partition(": ")[0])] == []
 
 
