@@ -43,6 +43,7 @@ check: venv
 	$(BIN)/python -m tools.shape
 	$(BIN)/python -m tools.docs --check
 	$(BIN)/python -m tools.words
+	$(BIN)/python -m tools.commit
 
 # The page of `mkctl view` in a real browser; names the package to install where there is none.
 check-view: venv

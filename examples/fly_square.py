@@ -11,7 +11,7 @@ CORNERS = {"middle": (0, 0), "east": (0.4, 0), "north": (0.4, 0.4), "west": (0, 
 async def main() -> None:
     async with connect() as uav, uav.lease() as lease:
         for name, (x, y) in CORNERS.items():
-            await lease.position(x, y, HEIGHT, seconds=3.0)
+            await lease.goto(x, y, HEIGHT, seconds=3.0)
             estimate = await uav.control.estimate.latest()
             if estimate is not None:
                 print(name, *(f"{metres:+.2f}" for metres in estimate.value.position))

@@ -15,7 +15,7 @@ async def main() -> str | None:
                 print(f"{finding.name}: {finding.reason} {finding.fix}")
         try:
             async with uav.lease() as lease:
-                await lease.position(0, 0, 1.0, seconds=4.0)  # over the middle, lower
+                await lease.goto(0, 0, 1.0, seconds=4.0)  # over the middle, lower
                 await lease.land()
                 print("landed:", lease.reason)
         except CommandRejectedError as refused:

@@ -64,7 +64,7 @@ async def fly(seconds: float, fps: float, wind: str, seed: int) -> dict[str, Any
             async with client.lease() as lease:
                 await lease.velocity(0.0, 0.0, 0.0, seconds=0.1)
                 began, cpu = asyncio.get_running_loop().time(), daemon.cpu_s()
-                await lease.position(0.0, 0.0, HEIGHT, seconds=seconds)
+                await lease.goto(0.0, 0.0, HEIGHT, seconds=seconds)
                 share = (daemon.cpu_s() - cpu) / (asyncio.get_running_loop().time() - began)
         except MkError as error:
             lost = str(error)

@@ -30,7 +30,7 @@ def words_of(name):
 
 
 def test_the_base_is_an_argument_and_the_image_has_two_stages():
-    assert words_of("ARG") == ["BASE=python:3.11-slim"]
+    assert words_of("ARG") == ["BASE=python:3.11-slim", "VERSION=0.0"]
     assert words_of("FROM") == ["${BASE} AS build", "${BASE}"]
 
 
@@ -53,9 +53,10 @@ def test_the_build_has_all_that_the_wheel_needs():
 def test_what_only_builds_is_taken_out_and_nothing_else():
     pinned = re.findall(r"^([a-z-]+)==", (ROOT / "requirements-aircraft.txt").read_text(encoding="utf-8"), re.MULTILINE)
     (removed,) = re.findall(r"uninstall --yes --quiet ([a-z -]+)$", "\n".join(words_of("RUN")), re.MULTILINE)
-    hatchling = {"hatchling", "pathspec", "pluggy", "trove-classifiers"}
-    assert set(removed.split()) == {*hatchling, "pip"}
-    assert hatchling <= set(pinned)
+    builds = {"hatch-vcs", "hatchling", "pathspec", "pluggy", "setuptools", "setuptools-scm", "trove-classifiers"}
+    builds |= {"vcs-versioning"}
+    assert set(removed.split()) == {*builds, "pip"}
+    assert builds <= set(pinned)
 
 
 def test_it_runs_as_a_user_without_rights_who_may_open_lines_and_cameras():

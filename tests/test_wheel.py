@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 import tomllib
 import zipfile
 
@@ -67,3 +70,34 @@ def test_the_base_installation_needs_only_what_flight_needs():
         "pyapriltags",
         "simplejpeg",
     }
+
+
+def git(folder, *words):
+    command = ["git", "-C", str(folder), "-c", "user.name=a", "-c", "user.email=a@b", *words]
+    return subprocess.run(command, check=True, capture_output=True).stdout
+
+
+def version_of(folder):
+    """The version that a build of a tree has."""
+    command = [sys.executable, "-m", "hatchling", "version"]
+    return subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def test_the_version_is_that_of_the_tag_and_every_copy_of_the_tree_has_one(tmp_path):
+    tree, archive = tmp_path / "tree", tmp_path / "archive"
+    for folder in (tree, archive):
+        folder.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitattributes", ".git_archival.txt"):
+        shutil.copy(ROOT / name, tree)
+    assert version_of(tree) == "0.0"
+    git(tree, "init", "--quiet")
+    git(tree, "add", "--all")
+    git(tree, "commit", "--quiet", "--message", "first")
+    assert version_of(tree).startswith("0.1.dev1+g")
+    git(tree, "tag", "v9.8.7")
+    assert version_of(tree) == "9.8.7"
+    (tmp_path / "tree.tar").write_bytes(git(tree, "archive", "HEAD"))
+    shutil.unpack_archive(tmp_path / "tree.tar", archive)
+    assert version_of(archive) == "9.8.7"
+    git(tree, "commit", "--quiet", "--allow-empty", "--message", "second")
+    assert version_of(tree).startswith("9.8.8.dev1+g")

@@ -61,6 +61,7 @@ FILLED: Final[Mapping[str, str]] = {
     "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
     "docs/lab/scale.md": "tools.fleet_tables:scale_page",
     "docs/safety.md": "tools.admission_tables:safety_page",
+    "docs/troubles.md": "tools.message_tables:troubles_page",
     "docs/waypoints.md": "tools.items_table:waypoints_page",
 }
 """Pages written by hand in which only tables are made; a tree without the page needs none."""

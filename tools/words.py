@@ -2,13 +2,16 @@
 
 What stands in code, in links and in quotations of other programs (`between backticks`) is not looked at. To refuse a
 word, give it a line in `REFUSED`; what a thing is called is in docs/glossary.md.
+
+Phrases of the old dialect (`tools/dialect.toml`) are counted in pages and sources, and may only become fewer.
 """
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Mapping
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -75,6 +78,29 @@ _UNREAD: Final = re.compile(
 )
 
 
+DIALECT: Final = "tools/dialect.toml"
+COUNTED: Final[Mapping[str, tuple[str, ...]]] = {"docs": PAGES, "src": ("src/**/*.py",)}
+"""Where phrases are counted, by the name of the budget."""
+
+
+class Count(NamedTuple):
+    """How often a phrase of the dialect occurs.
+
+    Attributes:
+        phrase: its name.
+        place: a key of `COUNTED`.
+        budget: how often it may.
+        found: how often it does.
+        instead: what to write.
+    """
+
+    phrase: str
+    place: str
+    budget: int
+    found: int
+    instead: str
+
+
 class Found(NamedTuple):
     """A word that is refused.
 
@@ -91,13 +117,72 @@ class Found(NamedTuple):
 
 def refused_words(text: str) -> Iterator[Found]:
     """Find what a page must not say, in its order."""
-    prose = _UNREAD.sub(lambda part: re.sub(r"[^\n]", " ", part[0]), text)
+    prose = prose_of(text)
     for found in _ALL.finditer(prose):
         number = int((found.lastgroup or "w0")[1:])
         yield Found(prose.count("\n", 0, found.start()) + 1, found[0], _INSTEAD[number])
 
 
-def words(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
+def prose_of(text: str) -> str:
+    """The text of a page with blanks in place of code, links and quotations."""
+    return _UNREAD.sub(lambda part: re.sub(r"[^\n]", " ", part[0]), text)
+
+
+def dialect_counts(root: Path) -> Iterator[Count]:
+    """Count every phrase of the dialect in the prose of pages, and in sources as they stand; none without its table."""
+    table = root / DIALECT
+    if not table.is_file():
+        return
+    phrases = tomllib.loads(table.read_text(encoding="utf-8"))["phrases"]
+    for place, patterns in COUNTED.items():
+        texts = [path.read_text(encoding="utf-8") for pattern in patterns for path in root.glob(pattern)]
+        whole = "\n".join(map(prose_of, texts) if place == "docs" else texts)
+        for name, phrase in phrases.items():
+            found = len(re.findall(rf"\b(?:{phrase['words']})\b", whole, re.IGNORECASE))
+            yield Count(name, place, phrase[place], found, phrase["instead"])
+
+
+def lower_budgets(root: Path, counts: Iterable[Count]) -> None:
+    """Write the present number of each phrase as its budget; none is raised."""
+    present = {(count.phrase, count.place): min(count.budget, count.found) for count in counts}
+    lines, phrase = [], ""
+    for line in (root / DIALECT).read_text(encoding="utf-8").splitlines():
+        phrase = line.split('"')[1] if line.startswith("[") else phrase
+        place, _, _ = line.partition(" = ")
+        lines.append(f"{place} = {present[phrase, place]}" if (phrase, place) in present else line)
+    (root / DIALECT).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def words(
+    *,
+    root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
+    lower: Annotated[bool, Parameter(help="Write the present numbers of the dialect's phrases as budgets.")] = False,
+) -> None:
+    """Check the words of the pages, and that the phrases of the old dialect become fewer.
+
+    Raises:
+        MkError: a page says or spells something in another way than the others, or a phrase became more frequent.
+    """
+    counts = list(dialect_counts(root))
+    if lower:
+        lower_budgets(root, counts)
+    _require_words(root)
+    wrong = [
+        f"{DIALECT}: `{c.phrase}` stands {c.found} times in {c.place}, {c.budget} are allowed: write {c.instead}"
+        for c in counts
+        if c.found > c.budget
+    ]
+    if wrong:
+        print("\n".join(wrong))
+        msg = f"phrases of the dialect that became more frequent: {len(wrong)}"
+        raise MkError(msg)
+    left = {place: sum(c.found for c in counts if c.place == place) for place in COUNTED}
+    print(f"phrases of the old dialect: {', '.join(f'{found} in {place}' for place, found in left.items())}")
+    if any(c.found < c.budget for c in counts) and not lower:
+        print("fewer than allowed: `python -m tools.words --lower` writes the present numbers")
+
+
+def _require_words(root: Path) -> None:
     """Check the words of the pages.
 
     Raises:

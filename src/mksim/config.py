@@ -349,20 +349,26 @@ _LAST_PORT: Final = 65535
 
 
 class PilotPlan(StrEnum):
-    """What the simulated safety pilot does with the sticks."""
+    """What the simulated safety pilot does with the sticks.
 
-    CIRCLE = "circle"
-    """Arms, takes off and flies a slow circle by hand until the battery is low."""
-    HOVER = "hover"
-    """Arms, takes off and hovers by hand."""
-    SUPERVISE = "supervise"
-    """Takes off, hands over to a machine when it takes control, takes back when it lets go."""
-    WAIT = "wait"
-    """Leaves everything to the machine, take-off included; takes back in the air."""
-    START = "start"
-    """Starts the motors, leaves the take-off to the machine; takes back in the air, stops the motors on the ground."""
-    NOTHING = "nothing"
-    """Leaves the sticks alone: throttle down, the rest centred."""
+    Attributes:
+        does: the same in words, for `--help`.
+    """
+
+    does: str
+
+    def __new__(cls, value: str, does: str) -> Self:
+        """A member with its words."""
+        member = str.__new__(cls, value)
+        member._value_, member.does = value, does
+        return member
+
+    CIRCLE = "circle", "arms, takes off and flies a slow circle by hand until the battery is low"
+    HOVER = "hover", "arms, takes off and hovers by hand"
+    SUPERVISE = "supervise", "hovers by hand, hands over (`mkctl stick`, `goto`, `land`) and takes back"
+    START = "start", "starts the motors for a take-off (`mkctl take-off`), takes back, stops them after the landing"
+    WAIT = "wait", "leaves the motors and the take-off to the client, takes back in the air"
+    NOTHING = "nothing", "leaves the sticks alone, throttle down, the others centred"
 
 
 class GasLaw(StrEnum):

@@ -211,7 +211,7 @@ FAULTS = {
         "remove brltty",
     ),
     "ModemManager": ("modem-manager", lambda t: t.start(601, "ModemManager"), "ModemManager runs", "60-mkdaemon.rules"),
-    "a wrong baud rate": (
+    "a wrong baud": (
         "baud",
         lambda t: t.configure(baud="115200"),
         "link.baud is 115200",
@@ -466,7 +466,7 @@ FAULTS = {
     ),
     "what else the preflight finds": (
         "preflight",
-        lambda t: stand(t, "battery_low", "battery", "the battery is low: 10.8 V.", "Land, and change it."),
+        lambda t: stand(t, "battery_low", "battery", "the battery is low: 10.8 V.", "Land and change the battery."),
         "the battery is low",
         "mkctl preflight",
     ),

@@ -70,7 +70,7 @@ def test_every_command_has_a_help_without_clutter(entry, capsys):
 
 def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_poses(capsys):
     assert run(mkdaemon.app, ["sim", "--help"]) == 0
-    words = set(re.split(r"[\s,.│]+", out := capsys.readouterr().out))
+    words = set(re.split(r"[\s,.:;│]+", out := capsys.readouterr().out))
     assert set(PilotPlan) <= words
     assert "mk/NAME/sim/pose" in out
 

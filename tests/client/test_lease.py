@@ -16,6 +16,8 @@ from mkdaemon.telemetry.event import CommandEvent
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import CLOCK, EPOCH, SECRET, connected
 
+KINDS = {"takeoff": "height", "position": "position", "land": "epoch"}
+"""Kinds of setpoints and a field of each, in the order in which to look for them."""
 RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH, "secret": SECRET})
 
 
@@ -162,7 +164,7 @@ async def test_a_lease_can_be_renewed_and_looked_at():
 async def test_a_position_is_streamed_as_it_is_from_the_beginning():
     async with connected(engages=5) as (daemon, uav):
         async with uav.lease() as lease:
-            await lease.position(0.5, -0.5, 2.0, yaw=0.1, seconds=0.2)
+            await lease.goto(0.5, -0.5, 2.0, yaw=0.1, seconds=0.2)
         assert {(tuple(setpoint["position"]), setpoint["frame"], setpoint["yaw"]) for setpoint in daemon.setpoints} == {
             ((0.5, -0.5, 2.0), "pad", 0.1)
         }
@@ -183,7 +185,7 @@ async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monke
     async with connected() as (daemon, uav), uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
         with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
-            await lease.position(0, 0, 2, seconds=1)
+            await lease.goto(0, 0, 2, seconds=1)
         assert refused.value.token == "no_estimate"
         assert "mkctl watch" in refused.value.fix
 
@@ -191,7 +193,7 @@ async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monke
 async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
     async with connected() as (daemon, uav), uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
-        flying = asyncio.create_task(lease.position(0, 0, 2, seconds=0.1))
+        flying = asyncio.create_task(lease.goto(0, 0, 2, seconds=0.1))
         await wait_until(lambda: len(daemon.setpoints) > 3)
         daemon.refuses = None
         await flying
@@ -241,6 +243,8 @@ async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_mo
             daemon.lose("it stands", outcome=Outcome.LANDED)
             await landing
             assert lease.outcome is Outcome.LANDED
+            with pytest.raises(LeaseLostError, match=r"ended with the landing \(it stands\): take a new lease"):
+                await lease.take_off(1.5)
         # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
         assert RELEASE not in daemon.asked
 
@@ -286,6 +290,36 @@ async def test_a_flight_of_some_seconds_that_was_aborted_ends_with_that():
         daemon.say(Phase.ABORTED, "aborted: enough", aborts=1)
         with pytest.raises(ManoeuvreError, match="hold aborted: enough"):
             await holding
+
+
+async def test_the_context_of_a_flight_takes_off_and_lands():
+    async with connected() as (daemon, uav):
+
+        def fly():
+            kind = next(kind for kind, field in KINDS.items() if field in daemon.setpoints[-1])
+            if kind == "land":
+                daemon.lose("landed on pad", outcome=Outcome.LANDED)
+            elif daemon.phase is Phase.FLYING:
+                daemon.say(Phase.FLYING, "flies", manoeuvre=kind, is_done=True)
+
+        daemon.follow = fly
+        async with uav.fly(height=1.5, holder="me") as lease:
+            assert {setpoint["height"] for setpoint in daemon.setpoints} == {1.5}
+            await lease.goto(0.5, 0.0, 1.5)
+            assert (daemon.setpoints[-1]["position"], lease.outcome) == ([0.5, 0.0, 1.5], None)
+        assert "height" not in daemon.setpoints[-1]
+        assert lease.outcome is Outcome.LANDED
+        assert RELEASE not in daemon.asked
+
+
+async def test_a_flight_that_fails_inside_is_given_back_and_not_landed():
+    async with connected() as (daemon, uav):
+        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=True)
+        with pytest.raises(ZeroDivisionError):
+            async with uav.fly(height=1.5):
+                1 / 0  # noqa: B018 - the program's mistake
+        assert all("height" in setpoint for setpoint in daemon.setpoints)
+        assert RELEASE in daemon.asked
 
 
 IMPORTED_LATE = """

@@ -13,8 +13,6 @@ import pytest
 
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
-from lab.rigs.waiting import wait_for
-from mksim.config import PilotPlan
 from tests.repeats import require_no_standstill
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
@@ -56,14 +54,20 @@ def environment(flown):
     return os.environ | {"MK_CONNECT": flown.endpoint, "MK_VEHICLE": VEHICLE}
 
 
-@pytest.mark.parametrize(("heading", "name"), [("Watch", "watch_telemetry"), ("Fly", "fly_square")])
+@pytest.mark.parametrize(("heading", "name"), [("Watch", "watch_telemetry"), ("Fly", "take_off_and_land")])
 def test_the_page_shows_examples_as_they_are(heading, name):
     assert program(heading) == (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("heading", "lines"), [("Decode a capture", 10), ("Fly by sticks", 15)])
-def test_the_programs_are_short(heading, lines):
-    assert sum(bool(line.strip()) for line in program(heading).splitlines()) <= lines
+def test_readme_shows_the_flight_of_the_examples():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
+    example = (ROOT / "examples" / "take_off_and_land.py").read_text(encoding="utf-8")
+    assert shown == example.partition("\n\n")[2]
+
+
+def test_the_program_without_a_daemon_is_short():
+    assert sum(bool(line.strip()) for line in program("Decode a capture").splitlines()) <= 10
 
 
 async def test_a_capture_decodes_without_a_daemon(tmp_path):
@@ -84,26 +88,3 @@ async def test_the_questions_are_answered():
         assert lines[1].startswith("streams: {'attitude': ")
         assert lines[2] == "active parameter set: 3"
         assert lines[3].startswith("no_such_stream ")
-
-
-@pytest.mark.flight
-@pytest.mark.real_time(tolerance=0.1)
-async def test_a_square_is_flown_by_sticks_in_the_simulator():
-    async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=PATIENCE) as flown:
-        flown.runtime.simulation.start_pilot()
-        await wait_for(lambda: hovers(flown), PATIENCE, 0.1)
-        lines = await output_of("Fly by sticks", env=environment(flown))
-        assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]
-        corners = [tuple(map(float, re.findall(r"-?\d+\.\d+", line)[:2])) for line in lines]
-        assert corners[1][0] - corners[0][0] > 0.3, "east"
-        assert corners[1][1] - corners[2][1] > 0.3, "south"
-        assert corners[2][0] - corners[3][0] > 0.3, "west"
-        await flown.until_phase("free")
-        assert "release" not in [event["action"] for event in flown.values("event/failsafe")]
-
-
-def hovers(flown):
-    """The pilot has taken off by hand and hovers."""
-    flights, places = flown.values("state/flight"), flown.values("state/position")
-    heights = [place["altitude_above_start"] for place in places[-20:]]
-    return flights and flights[-1]["is_flying"] and len(heights) == 20 and min(heights) > 1.5

@@ -85,7 +85,7 @@ def test_without_a_target_the_aircraft_is_released_with_an_alarm():
     [release] = drive.releases
     assert release.reason == "the battery is low: 12.0 V. No target is in sight to land on: the pilot lands."
     [warning] = drive.of(Warn)
-    assert warning.text == "the battery is low: 12.0 V. Land, and change it."
+    assert warning.text == "the battery is low: 12.0 V. Land and change the battery."
 
 
 def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():

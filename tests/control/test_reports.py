@@ -171,7 +171,7 @@ def test_a_low_battery_is_told_when_it_begins_to_be_low(told):
     for k, battery in enumerate((None, low, low, None, low)):
         told.reports.status("v2", battery, 0.25, 0.1 * k)
         words.append(told.words())
-    assert words == [[], ["the battery is low: 12.0 V. Land, and change it."], [], [], words[1]]
+    assert words == [[], ["the battery is low: 12.0 V. Land and change the battery."], [], [], words[1]]
 
 
 def test_a_throttle_that_caps_ours_is_told_when_it_begins_and_shown_in_flight_only(told):

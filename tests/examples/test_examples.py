@@ -14,8 +14,9 @@ import pytest
 from lab.places import ROOT
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
-from lab.rigs.overtarget import Setting, hovering
+from lab.rigs.overtarget import Setting, hovering, over_target
 from lab.rigs.waiting import wait_for
+from mksim.config import PilotPlan
 from tests.repeats import require_no_standstill
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -99,6 +100,40 @@ async def test_settings_are_saved_changed_compared_and_restored(tmp_path):
     assert "saved: set1.toml, set2.toml, set3.toml, set4.toml, set5.toml" in lines
     assert re.fullmatch(r"set 2: gyro_p was \d+, is 81", lines[-2])
     assert lines[-1].startswith("restored sets: 2")
+
+
+@pytest.mark.flight
+@pytest.mark.real_time(tolerance=0.1)
+async def test_a_square_is_flown_by_sticks():
+    async with live_daemon(board="nc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=PATIENCE) as flown:
+        flown.runtime.simulation.start_pilot()
+        await wait_for(lambda: hovers(flown), PATIENCE, 0.1)
+        lines = await output_of("fly_by_sticks", endpoint=flown.endpoint)
+        assert [line.split()[0] for line in lines] == ["north", "east", "south", "west"]
+        corners = [tuple(map(float, re.findall(r"-?\d+\.\d+", line)[:2])) for line in lines]
+        assert corners[1][0] - corners[0][0] > 0.3, "east"
+        assert corners[1][1] - corners[2][1] > 0.3, "south"
+        assert corners[2][0] - corners[3][0] > 0.3, "west"
+        await flown.until_phase("free")
+        assert "release" not in [event["action"] for event in flown.values("event/failsafe")]
+
+
+def hovers(flown):
+    """The pilot has taken off by hand and hovers."""
+    flights, places = flown.values("state/flight"), flown.values("state/position")
+    heights = [place["altitude_above_start"] for place in places[-20:]]
+    return flights and flights[-1]["is_flying"] and len(heights) == 20 and min(heights) > 1.5
+
+
+@pytest.mark.flight
+@pytest.mark.alone
+@pytest.mark.real_time(tolerance=0.1)
+async def test_a_flight_takes_off_and_lands():
+    async with over_target(Setting(fps=10.0, pilot="start")) as flown:
+        async with asyncio.timeout(PATIENCE):
+            await flown.client.state.flight.until(lambda flight: flight.motors_running)
+        lines = await output_of("take_off_and_land", endpoint=flown.endpoint, vehicle=FLOWN)
+    assert re.fullmatch(r"landed: landed on .*", lines[-1])
 
 
 @pytest.mark.flight

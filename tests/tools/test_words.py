@@ -41,6 +41,49 @@ def test_a_page_with_another_word_is_named_with_its_line(capsys, tmp_path):
     assert run(app, ["--root", str(tmp_path)]) == 0
 
 
+TABLE = """# Phrases.
+
+[phrases."let go"]
+words = 'lets? go'
+instead = 'release'
+docs = 2
+src = 1
+"""
+
+
+def tree(folder, page, source):
+    """A source tree of one page and one module."""
+    for below in ("tools", "src"):
+        (folder / below).mkdir(exist_ok=True)
+    (folder / "tools" / "dialect.toml").write_text(TABLE, encoding="utf-8")
+    (folder / "README.md").write_text(page, encoding="utf-8")
+    (folder / "src" / "a.py").write_text(source, encoding="utf-8")
+    return ["--root", str(folder)]
+
+
+def test_a_phrase_of_the_dialect_may_only_become_rarer(capsys, tmp_path):
+    root = tree(tmp_path, "It lets go. `let go` is code. They let go.\n", '"""It lets go."""\n')
+    assert run(app, root) == 0
+    assert "2 in docs, 1 in src" in capsys.readouterr().out
+    root = tree(tmp_path, "It lets go.\n", '"""It lets go."""  # let go\n')
+    assert run(app, root) == 1
+    out, err = capsys.readouterr()
+    assert "`let go` stands 2 times in src, 1 are allowed: write release" in out
+    assert "became more frequent: 1" in err
+
+
+def test_budgets_are_lowered_and_never_raised(capsys, tmp_path):
+    root = tree(tmp_path, "It lets go.\n", "")
+    assert run(app, root) == 0
+    assert "--lower" in capsys.readouterr().out
+    assert run(app, [*root, "--lower"]) == 0
+    lowered = TABLE.replace("docs = 2", "docs = 1").replace("src = 1", "src = 0")
+    assert (tmp_path / "tools" / "dialect.toml").read_text(encoding="utf-8") == lowered
+    (tmp_path / "README.md").write_text("It lets go. They let go.\n", encoding="utf-8")
+    assert run(app, [*root, "--lower"]) == 1
+    assert (tmp_path / "tools" / "dialect.toml").read_text(encoding="utf-8") == lowered
+
+
 def test_the_pages_of_this_tree_use_the_words(capsys):
     assert run(app, ["--root", str(ROOT)]) == 0
     assert "pages use the words" in capsys.readouterr().out

@@ -128,36 +128,6 @@ class Lease(SetpointStream):
         wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate}
         await self._fly("velocity", wanted, wanted, seconds, rate, patience=SIGHTING)
 
-    async def position(
-        self,
-        x: float,
-        y: float,
-        z: float,
-        *,
-        yaw: float | None = None,
-        frame: Literal["pad", "body"] = "pad",
-        seconds: float,
-        rate: float = RATE,
-    ) -> None:
-        """Fly to a position over a target in sight and hold it, for some time.
-
-        Args:
-            x: from the middle of the target, to the right of its print [m].
-            y: towards the top of its print [m].
-            z: up [m].
-            yaw: heading, counter-clockwise from x [rad]; None keeps the heading.
-            frame: `pad`, or `body`: from where the aircraft is when the first of these setpoints arrives.
-            seconds: how long from the engagement on [s]; the way there counts.
-            rate: setpoints a second [Hz]; 50 unless given.
-
-        Raises:
-            LeaseLostError: as `velocity`.
-            NotEngagedError: as `velocity`.
-            CommandRejectedError: as `velocity`.
-        """
-        wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
-        await self._fly("position", wanted, wanted, seconds, rate, patience=SIGHTING)
-
     async def hold(self, *, seconds: float, rate: float = RATE) -> None:
         """Stay where the aircraft is over a target in sight, for some time.
 
@@ -202,20 +172,22 @@ class Lease(SetpointStream):
         *,
         yaw: float | None = None,
         frame: Literal["pad", "body"] = "pad",
+        seconds: float | None = None,
         patience: float = GOING,
         rate: float = RATE,
     ) -> None:
-        """Fly to a position and return when the daemon says that the aircraft is there; see `position`.
+        """Fly to a position over a target in sight; returns when the daemon reports arrival, or after `seconds`.
 
         Follow it with the next call: nothing is streamed after it returns.
 
         Args:
-            x: along the first axis of `frame` [m].
-            y: along the second [m].
+            x: from the middle of the target, to the right of its print [m].
+            y: towards the top of its print [m].
             z: up [m].
-            yaw: heading from the first axis of `frame` [rad]; None keeps the heading.
-            frame: `pad`, from the middle of the target, or `body`, from where the aircraft is.
-            patience: longest time [s].
+            yaw: heading, counter-clockwise from x [rad]; None keeps the heading.
+            frame: `pad`, or `body`: from where the aircraft is when the first of these setpoints arrives.
+            seconds: fly there and hold for this long from the engagement on, without waiting for arrival [s].
+            patience: longest time until arrival [s]; unused with `seconds`.
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
@@ -225,7 +197,10 @@ class Lease(SetpointStream):
             CommandRejectedError: as `velocity`.
         """
         wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
-        await self._fly_until_done("position", wanted, patience, rate)
+        if seconds is None:
+            await self._fly_until_done("position", wanted, patience, rate)
+        else:
+            await self._fly("position", wanted, wanted, seconds, rate, patience=SIGHTING)
 
     async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
         """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.

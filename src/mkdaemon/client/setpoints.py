@@ -357,9 +357,15 @@ class SetpointStream:
         silence = self._loop.time() - self._received_at
         if self._lost is None and silence > SILENCE:
             self._lost = f"the daemon has not been heard for {silence:.1f} s"
-        if self._lost is not None:
-            msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
+        if self._lost is None:
+            return
+        from mkdaemon.telemetry.control import Outcome
+
+        if self._outcome is Outcome.LANDED:
+            msg = f"the lease ended with the landing ({self._lost}): take a new lease for the next flight"
             raise LeaseLostError(msg)
+        msg = f"the lease was lost: {self._lost}; see `mkctl get control/status event/failsafe`"
+        raise LeaseLostError(msg)
 
     async def _follow(self) -> None:
         """Learn from `control/status` whether the lease is still held, and which setpoints are refused."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import zenoh
 
 from mkdaemon.bus.names import ROOT
-from mkdaemon.client.lease import Leases
+from mkdaemon.client.lease import TAKING_OFF, Lease, Leases
 from mkdaemon.client.navi import Navi
 from mkdaemon.client.records import Records
 from mkdaemon.client.samples import Sample, message_from
@@ -59,6 +61,46 @@ class Vehicle(VerbCalls):
         if not found and (absence := await self.absence()) is not None:
             raise MkError(absence)
         return VehicleStatus(self.vehicle, found)
+
+    @asynccontextmanager
+    async def fly(
+        self,
+        *,
+        height: float,
+        target: str = "",
+        patience: float = TAKING_OFF,
+        force: bool = False,
+        holder: str | None = None,
+    ) -> AsyncIterator[Lease]:
+        """Take the lease and take off; the context holds over the target, and lands on it at its end.
+
+        Before it, the pilot has started the motors; after it, the pilot stops them. Nothing is streamed between two
+        calls of the lease, so let them follow each other: `lease.hold(seconds=5)` instead of `asyncio.sleep(5)`.
+
+        After an error or Ctrl-C inside, the aircraft is not landed but given back to the pilot at once. A program that
+        has landed by itself (`lease.land()`) leaves the context without a second landing.
+
+        Args:
+            height: above the target [m].
+            target: its name; empty for the one in sight.
+            patience: longest time of the take-off [s].
+            force: take the lease from its present holder.
+            holder: name others see; else user, machine and process.
+
+        Raises:
+            CommandRejectedError: as `uav.lease()` and `lease.take_off()`.
+            NotEngagedError: the daemon did not begin the take-off; says what it waited for.
+            ManoeuvreError: not at height or not landed in time, or aborted.
+            LeaseLostError: it did not take off or land; says why the daemon gave the aircraft back.
+            MkError: no daemon speaks for this vehicle.
+        """
+        from mkdaemon.telemetry.control import Outcome
+
+        async with self.lease(force=force, holder=holder) as lease:
+            await lease.take_off(height, target=target, patience=patience)
+            yield lease
+            if lease.outcome is not Outcome.LANDED:
+                await lease.land()
 
     async def schema(self, name: str) -> dict[str, Any] | None:
         """The JSON Schema of a payload; None for an unknown name.

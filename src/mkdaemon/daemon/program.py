@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import partial
+from importlib.metadata import version
 from typing import Final
 
 from mkdaemon.bus.floods import REPORT_PERIOD
@@ -148,7 +149,8 @@ class Daemon:
         """Run all tasks until `stop`, or until a recording has ended."""
         cfg = self._cfg
         where = ", ".join(cfg.bus.listen + cfg.bus.connect)
-        self._audit.log("info", f"vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
+        program = f"mkdaemon {version('mkdaemon')}"
+        self._audit.log("info", f"{program}: vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
         if self._bus.open_endpoints:
             reachable = ", ".join(self._bus.open_endpoints)
             self._audit.log("warning", f"everybody in the network may fly: {reachable} is open (bus.allow_open)")

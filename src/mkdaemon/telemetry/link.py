@@ -22,7 +22,7 @@ class LinkCondition(StrEnum):
     MUTE = "mute"
     """The port is open and we ask, but no byte comes."""
     GARBAGE = "garbage"
-    """Bytes come, none of them a frame: wrong baud rate, noise, or only plain text."""
+    """Bytes come, none of them a frame: wrong baud, noise, or only plain text."""
     DOWN = "down"
     """The port is there but cannot be used: lost, in use, forbidden, or it takes no bytes."""
     ABSENT = "absent"

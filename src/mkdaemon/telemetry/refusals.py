@@ -82,7 +82,7 @@ class Token(StrEnum):
     DISCOVERING = (
         "discovering",
         "the aircraft is not known yet: {detail}.",
-        "The board is asked again every few seconds while telemetry says that the motors stand still; `mkctl status`.",
+        "The daemon asks the board again every few seconds while the motors are off; `mkctl status`.",
         Status.BUSY,
     )
     BUSY = ("busy", "{detail}.", "Try again when the first one has been answered.", Status.BUSY)
@@ -117,7 +117,11 @@ class Token(StrEnum):
         "Connect to it, or redirect the line first.",
     )
     NO_REPLY = ("no_reply", "{name} is never answered.", "Send it without waiting.", Status.UNSUPPORTED)
-    RECORDING = ("recording", "a recording plays: nobody listens.", "Connect an aircraft, or name it with --vehicle.")
+    RECORDING = (
+        "recording",
+        "a recording plays: there is no board.",
+        "Connect an aircraft, or name it with --vehicle.",
+    )
     NOT_REDIRECTABLE = (
         "not_redirectable",
         "the line cannot be passed through to {board}.",
@@ -183,7 +187,7 @@ class Token(StrEnum):
     MOTORS_RUNNING = ("motors_running", "motors are running, and {detail}.", "Land, stop the motors, repeat.")
     MOTORS_UNKNOWN = (
         "motors_unknown",
-        "nobody has told lately whether motors run, and {detail}.",
+        "no recent telemetry says whether the motors run, and {detail}.",
         "Subscribe to the NaviCtrl's OSD data (`mkctl rates osd 200ms`), or check the cable to the NaviCtrl.",
     )
     BOARD_UNPROVEN = (
@@ -202,13 +206,13 @@ class Token(StrEnum):
     NOT_LEASED = ("not_leased", "nobody holds the lease.", "`mkctl lease take` first.")
     FLYING_STOP = (
         "flying_stop",
-        "stopping the motors drops an aircraft that flies, and nobody says that it stands.",
+        "stopping the motors drops a flying aircraft, and no telemetry says that it is on the ground.",
         "Land first; `mkctl release` gives it to the pilot; --in-flight stops the motors in the air.",
     )
     NOTHING_FLOWN = (
         "nothing_flown",
         "there is no manoeuvre to stop: {phase}.",
-        "`mkctl release` lets go of the aircraft at any time.",
+        "`mkctl release` returns the aircraft to the pilot at any time.",
     )
     LEASE_HELD = (
         "lease_held",
@@ -217,7 +221,7 @@ class Token(StrEnum):
     )
     SLOW_PATH = (
         "slow_path",
-        "the way to this client and back {took}, more than {limit:g} s: every limit of the ladder comes later by it.",
+        "the round trip to this client {took}, more than {limit:g} s: every safety limit acts later by that time.",
         "Fly from nearer, by cable or on the aircraft; or raise control.lease.max_path_delay (docs/safety.md).",
     )
     WRONG_EPOCH = (
@@ -263,14 +267,14 @@ class Token(StrEnum):
     )
     NO_FRAME = (
         "no_frame",
-        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m, and its age is not told.",
+        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m and does not report its age.",
         "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
         Status.UNSUPPORTED,
     )
     NOT_READY = (
         "not_ready",
         "{name} cannot begin from sticks or attitude now; it needs {detail}.",
-        "Fly on by sticks until it is so, then stream it again; docs/flying.md lists the conditions.",
+        "Fly by sticks until the condition holds, then stream it again; docs/flying.md lists the conditions.",
     )
     NOT_FLYING = (
         "not_flying",
@@ -323,8 +327,8 @@ class Token(StrEnum):
     )
     GAIN_ON_POTI = (
         "gain_on_poti",
-        "{parameter} = {value} of the active set is potentiometer {poti} of the transmitter and no number: nobody can "
-        "know what a stick does.",
+        "{parameter} = {value} of the active set refers to potentiometer {poti} of the transmitter, not to a number: "
+        "the effect of a stick is unknown.",
         "Give it a number below 248: `mkctl settings write {parameter}=...`, motors off; or fly by sticks.",
     )
     GAIN_ZERO = (
@@ -344,7 +348,7 @@ class Token(StrEnum):
     )
     GPS_STEERS = (
         "gps_steers",
-        "the pilot's GPS switch is at {mode}: the NaviCtrl steers too, against the machine.",
+        "the pilot's GPS switch is at {mode}: the NaviCtrl also steers, against the daemon.",
         "The pilot turns the GPS switch to free.",
     )
     EMERGENCY_CLIMBS = (
@@ -364,7 +368,7 @@ class Token(StrEnum):
         "the pilot's receiver quality is {quality:.0f} %, below {limit:.0f} %.",
         "Switch the transmitter on, check antennas and range; the pilot must be able to take over.",
     )
-    BATTERY_LOW = ("battery_low", "the battery is low: {voltage:.1f} V.", "Land, and change it.")
+    BATTERY_LOW = ("battery_low", "the battery is low: {voltage:.1f} V.", "Land and change the battery.")
     CELLS_DOUBTFUL = (
         "cells_doubtful",
         "the battery has {cells} cells or, nearly empty, {more} ({voltage:.1f} V is {cell:.2f} V a cell then); the "
@@ -373,7 +377,7 @@ class Token(StrEnum):
     )
     CAMERA_UNFIT = (
         "camera_unfit",
-        "no camera can be flown by: {detail}.",
+        "no camera delivers usable images: {detail}.",
         "Silent or gone: check its cable and power, and that no other program has opened it. `mkctl watch 'vision/**'` "
         "shows it; docs/cameras.md.",
     )
@@ -392,13 +396,13 @@ class Token(StrEnum):
         "heights_contradicted",
         "a way of {way:.2f} m up or down by camera {camera} over {target} is {by:.2f} +- {sd:.2f} m by the barometer: "
         "heights and distances are {share:+.0f} % off.",
-        "Measure the print against its target file and calibrate the camera; then start the daemon anew.",
+        "Measure the print against its target file and calibrate the camera; then restart the daemon.",
     )
     IMAGES_LATE = (
         "images_late",
-        "half of the images of camera {camera} are more than {late:.0f} ms old when they have been looked at, and the "
-        "limit is {limit:.0f} ms.",
-        "End what else runs on this computer; a nearer camera, smaller images or fewer a second (docs/cameras.md).",
+        "half of the images of camera {camera} are more than {late:.0f} ms old after processing; the limit is "
+        "{limit:.0f} ms.",
+        "Stop other programs on this computer; use a nearer camera, smaller images or a lower rate (docs/cameras.md).",
     )
     CAMERA_TURNED = (
         "camera_turned",
@@ -431,7 +435,7 @@ class Token(StrEnum):
     )
     MOTORS_STARTED = (
         "motors_started",
-        "motors have started during {name}, or nobody knows any more: what was begun may be incomplete.",
+        "the motors started during {name}, or their state is unknown: the procedure may be incomplete.",
         "Land, stop the motors, repeat.",
     )
     LIST_INCOMPLETE = (
@@ -453,7 +457,7 @@ class Token(StrEnum):
     CANCELLED = (
         "cancelled",
         "{name} was cancelled: {detail}.",
-        "Repeat it; what was half written stays so until then.",
+        "Repeat it; until then a half-written value remains.",
     )
     NO_PROCEDURE = ("no_procedure", "no such procedure is under way.", "`mkctl get event/progress` shows the last.")
     PROCEDURE_FAILED = ("procedure_failed", "{name} failed: {detail}.", "Check `mkctl health`, then repeat it.")
@@ -510,7 +514,7 @@ class Token(StrEnum):
     )
     POSITION_POOR = (
         "position_poor",
-        "the NaviCtrl's position is not good enough to be flown by: {detail}.",
+        "the NaviCtrl's position is not accurate enough for flight: {detail}.",
         "Start the motors under open sky with a fix, for that sets home; over a target fly with `--frame pad`.",
     )
     PILOTS_SWITCH = (

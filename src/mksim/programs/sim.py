@@ -7,7 +7,7 @@ import json
 import signal
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
 
@@ -22,6 +22,9 @@ from mksim.programs.sim_camera import CameraPublisher, open_camera, open_world, 
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 
+PILOTS: Final = f"The pilot {'; '.join(f'{plan}: {plan.does}' for plan in PilotPlan)}."
+"""Help of `--pilot`."""
+
 
 def sim(
     *,
@@ -32,7 +35,7 @@ def sim(
     fc: Annotated[str | None, Parameter(help="FlightCtrl release: early, 2.08, 2.12a, 2.14.")] = None,
     nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
     seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
-    pilot: Annotated[str | None, Parameter(help=f"{', '.join(PilotPlan)}.")] = None,
+    pilot: Annotated[str | None, Parameter(help=PILOTS)] = None,
     pilot_wait: Annotated[
         float | None,
         Parameter(help="Seconds before he touches the sticks, 20 by default; `mkctl sim start` asks him earlier."),

@@ -75,7 +75,7 @@ async def goto(
     goal = (x, y, z) if frame == "pad" else None
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: goal) as shown:
-            await lease.position(x, y, z, yaw=heading, frame=frame, seconds=seconds)
+            await lease.goto(x, y, z, yaw=heading, frame=frame, seconds=seconds)
         return conclude(shown, goal or shown.goal, within, connection)
 
 
@@ -103,7 +103,7 @@ async def hold(
             await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
             x, y, z = shown.position or await read_position(uav)
             goal = (x, y, z if height is None else height)
-            await lease.position(*goal, seconds=seconds)
+            await lease.goto(*goal, seconds=seconds)
         return conclude(shown, goal, within, connection)
 
 

@@ -141,7 +141,7 @@ def _enabled(now: Situation, wanted: BoardRequest) -> Verdict:
 @REQUEST_ROWS.row(
     "motors that stand still",
     _REQUEST,
-    "it needs motors that stand still, and they run, or nobody has told lately whether they do",
+    "it needs motors that stand still, and they run, or no recent telemetry says whether they do",
     Token.MOTORS_RUNNING,
     Token.MOTORS_UNKNOWN,
     Token.LINK_DOWN,
@@ -207,7 +207,7 @@ def _silent_line(now: Situation) -> CommandRejectedError | None:
 @PROCEDURE_ROWS.row(
     "motors for a procedure",
     _PROCEDURE,
-    "it excludes flying, and motors run, or nobody has told lately whether they do",
+    "it excludes flying, and motors run, or no recent telemetry says whether they do",
     Token.IN_FLIGHT_NEEDED,
     Token.MOTORS_RUNNING,
     Token.MOTORS_UNKNOWN,

@@ -74,14 +74,14 @@ def _mistake(point: MissionPoint, origin: Place, of: str) -> str:
 @NAVI_ROWS.row(
     "aircraft in the air",
     (Concern.ROUTE, Concern.NAVI_GOTO),
-    "it stands, or nobody has told lately whether it flies",
+    "it stands, or no recent telemetry says whether it flies",
     Token.ROUTE_ON_GROUND,
 )
 def _in_flight(now: Situation, wanted: StartRoute | NaviGoto) -> Verdict:
     if now.flight is not None and now.flight.is_flying:
         return passed()
     is_unknown = now.flight is None or now.flight.is_flying is None
-    detail = "nobody has told lately whether it flies" if is_unknown else "it stands"
+    detail = "no recent telemetry says whether it flies" if is_unknown else "it stands"
     return stands(refuse(Token.ROUTE_ON_GROUND, detail=detail))
 
 

@@ -259,7 +259,7 @@ class ReceivedBytes:
 
 
 def _is_readable(sample: str) -> bool:
-    """Mostly printable, as boot banners are and a wrong baud rate is not."""
+    """Mostly printable, as boot banners are and a wrong baud is not."""
     readable = sum(1 for c in sample if c.isascii() and (c.isprintable() or c.isspace()))
     return readable > 0 and readable >= 0.9 * len(sample)
 

@@ -30,7 +30,7 @@ PROBES_MISSED: Final = 2
 STUCK_TIME: Final = 0.15
 """A port that has not taken our bytes for this long is stuck [s]."""
 GARBAGE_BYTES: Final = 6
-"""Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud rate; `#av@w` has 6."""
+"""Fewer undecodable bytes than this within the silence are a glitch, not a wrong baud; `#av@w` has 6."""
 GARBAGE_MEMORY: Final = 1.2
 """Once garbage was seen, it is not silence before nothing came for this long [s]."""
 DAMAGE_LIMIT: Final = 0.1

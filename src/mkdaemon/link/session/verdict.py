@@ -26,10 +26,22 @@ QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last 
 """Reason of a mute line while requests would keep an old stick command alive."""
 DAMAGED: Final = "frames arrive damaged, and nothing we send is answered"
 """Reason of a line on which only damage arrives beside a few frames."""
-NO_FRAME: Final = "bytes arrive, but no frame: wrong baud rate, or a damaged line"
+NO_FRAME: Final = "bytes arrive, but no frame: wrong baud, or a damaged line"
 """Reason of garbage."""
 RESTARTING: Final = "a board has booted: its streams begin again"
 """Reason of streams that a boot has ended."""
+
+
+BOOTS: Final = 'a board boots ("{text}"): it listens again in a few seconds'
+"""Reason of a silence after boot text."""
+PLAIN_TEXT: Final = 'only plain text arrives ("{text}"): the board boots, or prints something'
+"""Reason of a line on which only text arrives."""
+STOOD_STILL: Final = "this program stood still for {seconds:.1f} s: the machine is busy, or something stopped it"
+"""Reason of what was missed while this program did not run."""
+BUSY: Final = "but this program did not run for {percent:.0f} % of the time: look at the load of this machine first"
+"""Added to a verdict that was found on a machine without time for us."""
+INTERMITTENT: Final = "the link is intermittent: it was lost {times} times in {seconds:g} s"
+"""Reason of a line that works now and was lost a moment ago, more than once."""
 
 
 def shorten(text: str) -> str:
@@ -38,28 +50,28 @@ def shorten(text: str) -> str:
 
 
 def boots(text: bytes) -> str:
-    """Reason of a silence after boot text."""
-    return f'a board boots ("{shorten(text.decode("latin-1"))}"): it listens again in a few seconds'
+    """`BOOTS`, filled in."""
+    return BOOTS.format(text=shorten(text.decode("latin-1")))
 
 
 def plain_text(text: str) -> str:
-    """Reason of a line on which only text arrives."""
-    return f'only plain text arrives ("{shorten(text)}"): the board boots, or prints something'
+    """`PLAIN_TEXT`, filled in."""
+    return PLAIN_TEXT.format(text=shorten(text))
 
 
 def stood_still(seconds: float) -> str:
-    """Reason of what was missed while this program did not run."""
-    return f"this program stood still for {seconds:.1f} s: the machine is busy, or something stopped it"
+    """`STOOD_STILL`, filled in."""
+    return STOOD_STILL.format(seconds=seconds)
 
 
 def busy(share: float) -> str:
-    """What is added to a verdict that was found on a machine without time for us."""
-    return f"but this program did not run for {100 * share:.0f} % of the time: look at the load of this machine first"
+    """`BUSY`, filled in."""
+    return BUSY.format(percent=100 * share)
 
 
 def comes_and_goes(times: int, seconds: float) -> str:
-    """Reason of a line that works now and was lost a moment ago, more than once."""
-    return f"it was lost {times} times in {seconds:g} s: it comes and goes"
+    """`INTERMITTENT`, filled in."""
+    return INTERMITTENT.format(times=times, seconds=seconds)
 
 
 class Cause(Enum):

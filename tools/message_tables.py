@@ -1,0 +1,73 @@
+"""The table of messages in docs/troubles.md: every refusal, camera alarm, state of the line and cause, as printed.
+
+The prose of the page is written by hand; the table stands between `<!-- messages -->` and `<!-- end -->`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from mkdaemon.link.session import verdict
+from mkdaemon.telemetry.control import CauseKind
+from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.vision import Alarm
+from mkdaemon.vision.pipeline import ALARM_ADVICE
+from tools.markdown import table
+
+PAGE: Final = "docs/troubles.md"
+PLACE: Final = re.compile(r"(?P<begin><!-- messages -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_LINE: Final = "`mkctl health`; [link.md](link.md)"
+_CAMERA: Final = "[cameras.md](cameras.md)"
+
+
+class Message(NamedTuple):
+    """One row.
+
+    Attributes:
+        printed: what a program prints; words in braces are filled in.
+        remedy: what to do about it, or the page that explains it.
+    """
+
+    printed: str
+    remedy: str
+
+
+def messages() -> list[Message]:
+    """Every message of the tables, in the order of its letters."""
+    found = [Message(f"{token.value}: {token.reason}", token.fix) for token in Token]
+    found += [Message(f"link {condition.value}", _LINE) for condition in LinkCondition]
+    found += [_cut(reason, _LINE) for reason in verdict_reasons()]
+    found += [_alarm(alarm) for alarm in Alarm]
+    found += [Message(kind.words, "[flying.md](flying.md)") for kind in CauseKind]
+    return sorted(found, key=lambda message: re.sub(r"\W+", " ", message.printed).casefold())
+
+
+def verdict_reasons() -> Iterator[str]:
+    """Every fixed reason of a verdict on the line."""
+    for name, value in vars(verdict).items():
+        if name.isupper() and isinstance(value, str):
+            yield value
+
+
+def troubles_page(root: Path) -> str:
+    """Return docs/troubles.md with the table of messages made from today's tables."""
+    rows = "\n".join(table(("printed", "what to do"), messages()))
+    text = (root / PAGE).read_text(encoding="utf-8")
+    return PLACE.sub(lambda place: f"{place['begin']}{rows}\n{place['end']}", text)
+
+
+def _alarm(alarm: StrEnum) -> Message:
+    """An alarm by its fixed text, or by its name where the text is composed of measured numbers."""
+    advice = next((text for kind, text in ALARM_ADVICE.items() if kind is alarm), None)
+    return Message(f"camera alarm {alarm.value}", _CAMERA) if advice is None else _cut(advice, _CAMERA)
+
+
+def _cut(text: str, page: str) -> Message:
+    """A message whose advice stands behind its colon."""
+    printed, colon, remedy = text.partition(": ")
+    return Message(printed, f"{remedy}; {page}" if colon else page)
