@@ -454,11 +454,7 @@ class Token(StrEnum):
         "the live parameter set cannot be noted for the case that the daemon dies: {detail}.",
         "Make the folder writable, or set vehicle.state_folder in the configuration.",
     )
-    CANCELLED = (
-        "cancelled",
-        "{name} was cancelled: {detail}.",
-        "Repeat it; until then a half-written value remains.",
-    )
+    CANCELLED = ("cancelled", "{name} was cancelled: {detail}.", "Repeat it; until then a half-written value remains.")
     NO_PROCEDURE = ("no_procedure", "no such procedure is under way.", "`mkctl get event/progress` shows the last.")
     PROCEDURE_FAILED = ("procedure_failed", "{name} failed: {detail}.", "Check `mkctl health`, then repeat it.")
     NOT_CLEARED = (
