@@ -276,8 +276,8 @@ class World:
             error, until = trouble.error
             self._show("down", "pad", error if self.now <= until else STRAIGHT)
             if trouble.second is not None:
-                camera, target, error = trouble.second
-                self._show(camera, target, (error, 0.0, 0.0))
+                camera, target, aside = trouble.second
+                self._show(camera, target, (aside, 0.0, 0.0))
 
     def _report_eye(self) -> None:
         fields = {"camera": "down", "state": EyeState.OK, "reason": "", "alarms": {}, "processed": 9, "selfcal": ()}
