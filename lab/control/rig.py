@@ -17,11 +17,12 @@ import numpy as np
 from lab.control.flights import STOOD, Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
 from lab.control.radio import Radio, RadioModel
+from mkdaemon.config.control import LimiterConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import Landing
+from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
 from mkdaemon.control.regulator.autopilot import Autopilot, AutopilotSticks, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, FlightConfig, SensorConfig
@@ -205,6 +206,8 @@ class Rig:
                 self._landing = self._landing or Landing(self._flight.landing, believed)
                 goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
             sticks = self._autopilot.sticks(goal, at)
+            if self._landing is not None and self._landing.phase is LandingPhase.DOWN:
+                sticks = AutopilotSticks(0, 0, 0, LimiterConfig().min_throttle)  # as the manoeuvre does
             gas = sticks.throttle + 127.0
             estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))
             self._send(sticks, at)

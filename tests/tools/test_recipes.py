@@ -19,7 +19,9 @@ from tests.places import ROOT
 from tools.docs import FILLED, GENERATED
 
 PAGE = ROOT / "docs" / "architecture.md"
-READS_TABLE = re.compile(r"\b(MESSAGES|CLASSES|KEYS|VERBS|SETPOINTS|MANOEUVRES|ROWS|FLIGHT_ROWS|TOKENS|findings|model_fields)\b")
+READS_TABLE = re.compile(
+    r"\b(MESSAGES|CLASSES|KEYS|VERBS|SETPOINTS|MANOEUVRES|ROWS|FLIGHT_ROWS|TOKENS|findings|model_fields)\b"
+)
 """Tables to which recipes add a row."""
 SLOW = re.compile(r"mark\.(flight|alone|real_time|gateways|browser)|\bhypothesis\b")
 """Marks of a test file that takes long; no table needs it."""
@@ -161,7 +163,7 @@ def proofs(tree):
     return dict(zip(commands, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
-def tests_of_tables() -> list[str]:
+def files_that_read_tables() -> list[str]:
     """Every test file of the packages that recipes edit that reads a table, and the test of closed sets."""
     packages = {Path(path).parts[2] for recipe in RECIPES for path in recipe.files if path.startswith("src/")}
     files = [file for package in packages for file in (ROOT / "tests" / package).rglob("test_*.py")]
@@ -198,7 +200,7 @@ def test_a_recipe_does_what_it_promises_and_names_every_file(recipe, proofs):
 
 def test_with_all_recipes_carried_out_every_test_that_reads_a_table_passes(tree):
     """Their own proofs alone had left seven tests red that read the same tables."""
-    files = tests_of_tables()
+    files = files_that_read_tables()
     assert len(files) > 15
     done = run(["python", "-m", "pytest", "-q", "-n", "0", *files], tree)
     assert done.returncode == 0, done.stdout + done.stderr
