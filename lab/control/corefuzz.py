@@ -39,9 +39,9 @@ from mkdaemon.telemetry.setpoint import SETPOINTS, PositionSetpoint, StickSetpoi
 
 EVENTS: Final = 300
 """Happenings of a sequence."""
-PAUSES: Final = (0.0, 0.0, 0.0, 0.05, 0.1)
+PAUSES: Final = (0.0, 0.0, 0.0, 0.0, 0.05, 0.1)
 """After a happening [s]; 0: the next one comes before the core has ticked."""
-LONG_PAUSES: Final = (*(6.0,) * 15, 80.0)
+LONG_PAUSES: Final = (*(5.0,) * 24, 80.0)
 """In which the client takes off or lands [s]; the longest is one in which every landing has to end."""
 CALM: Final = (1, 1, 4, 15)
 """How much more often than `HAPPENINGS` says nothing happens; drawn for each sequence."""
@@ -72,7 +72,7 @@ QUICK: Final = ControlConfig(
 """Times as short as they may be, so that much happens in a sequence."""
 UNSAFE_LOOP: Final = ControlConfig(limiter=LimiterConfig(slew=20.0))
 """Limits with which the control loop is refused."""
-CONFIGS: Final = (*(QUICK,) * 12, ControlConfig(), UNSAFE_LOOP)
+CONFIGS: Final = (*(QUICK,) * 24, *(ControlConfig(),) * 3, UNSAFE_LOOP)
 """One is drawn for each sequence."""
 
 

@@ -11,7 +11,6 @@ import random
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
@@ -182,11 +181,6 @@ class Trouble:
     shows_gate: bool = False
 
 
-@cache
-def _unknown(kind: type[Any]) -> dict[str, None]:
-    return dict.fromkeys(kind.model_fields)
-
-
 class World:
     """Everything around one flight core.
 
@@ -246,7 +240,8 @@ class World:
 
     def made(self, kind: type[Any], **fields: Any) -> Any:
         """A value of this moment with everything else unknown."""
-        return kind.model_construct(**{**_unknown(kind), "stamp": self.stamp(), "source": "nc/osd", **fields})
+        unknown = dict.fromkeys(kind.model_fields)
+        return kind.model_construct(**{**unknown, "stamp": self.stamp(), "source": "nc/osd", **fields})
 
     def stamp(self, age: float = 0.0) -> Stamp:
         """A moment so long ago [s]."""
@@ -276,8 +271,8 @@ class World:
             error, until = trouble.error
             self._show("down", "pad", error if self.now <= until else STRAIGHT)
             if trouble.second is not None:
-                camera, target, error = trouble.second
-                self._show(camera, target, (error, 0.0, 0.0))
+                camera, target, aside = trouble.second
+                self._show(camera, target, (aside, 0.0, 0.0))
 
     def _report_eye(self) -> None:
         fields = {"camera": "down", "state": EyeState.OK, "reason": "", "alarms": {}, "processed": 9, "selfcal": ()}
@@ -491,7 +486,12 @@ def _lid(world: World, rng: random.Random) -> None:
 def _trouble(world: World, rng: random.Random) -> None:
     """Boards or cameras go wrong until everything is well again; see `Trouble`."""
     error = rng.uniform(-0.5, 0.5), 0.0, rng.choice((rng.uniform(-1.5, 1.5), 0.0))
-    heights = {"height_covered": 1.0, "height_odds": 9.0, "height_percent": 30.0, "height_sd_percent": 2.0}
+    heights: dict[str, Any] = {
+        "height_covered": 1.0,
+        "height_odds": 9.0,
+        "height_percent": 30.0,
+        "height_sd_percent": 2.0,
+    }
     flags = ("altitude_control", "emergency_landing", "battery_low")
     eyes: tuple[dict[str, Any], ...] = (
         {"state": rng.choice(tuple(EyeState)), "reason": "fuzz"},

@@ -16,12 +16,13 @@ import numpy as np
 
 from lab.control.flights import RADIO, STOOD, Flight, Record
 from lab.control.law2010 import PERIOD, PiLaw
+from mkdaemon.config.control import LimiterConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import Landing
+from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mksim.config import AirframeConfig, ChannelConfig, FlightConfig, SensorConfig
@@ -215,6 +216,8 @@ class Rig:
                 self._landing = self._landing or Landing(self._flight.landing, believed)
                 goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
             sticks = self._autopilot.sticks(goal, at)
+            if self._landing is not None and self._landing.phase is LandingPhase.DOWN:
+                sticks = AutopilotSticks(0, 0, 0, LimiterConfig().min_throttle)  # as the manoeuvre does
             gas = sticks.throttle + 127.0
             estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))
             self._send(sticks, at)
