@@ -11,7 +11,7 @@ import sys
 import time
 
 from mavsdk.asyncio import ComponentType, Configuration, Mavsdk, MavsdkError
-from mavsdk.asyncio.plugins import action, mission_raw, offboard, param, telemetry
+from mavsdk.asyncio.plugins import action, component_metadata, mission_raw, offboard, param, telemetry
 
 LATITUDE, LONGITUDE = 532_301_184, 74_590_749
 SUBSCRIBED = (
@@ -99,6 +99,14 @@ async def step(system, fly, word):
                 async for value in telemetry.TelemetryAsync(system).subscribe_position_velocity_ned():
                     if -value.position.down_m > float(number):
                         break
+        case "metadata":  # what each parameter means
+            source = component_metadata.ComponentMetadataAsync(system)
+            found = asyncio.create_task(anext(described(source)))
+            await asyncio.sleep(0.5)  # it listens
+            await source.request_autopilot_component()
+            async with asyncio.timeout(60.0):
+                rows = json.loads((await found).json_metadata)["parameters"]
+            return {"parameters": {row["name"]: row["shortDesc"] for row in rows}}
         case "health":  # what MAVSDK's own examples wait for before they arm
             async with asyncio.timeout(60.0):
                 async for health in telemetry.TelemetryAsync(system).subscribe_health():
@@ -112,6 +120,13 @@ async def step(system, fly, word):
         case _:
             await getattr(action.ActionAsync(system), name)()
     return {}
+
+
+async def described(source):
+    """Metadata of parameters, as they come."""
+    async for update in source.subscribe_metadata_available():
+        if int(update.type) == 1:  # COMP_METADATA_TYPE_PARAMETER
+            yield update
 
 
 async def main(url, *words):

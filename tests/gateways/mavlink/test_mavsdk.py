@@ -80,11 +80,13 @@ async def flown(rig):
 @pytest.mark.timeout(600)
 async def test_it_subscribes_stores_a_mission_flies_a_stream_and_is_killed():
     async with hovering(Setting(fps=12.0, wind="none", is_tapped=True)) as rig, flown(rig) as port:
-        steps = ("subscribe", "mission", "offboard", "north=0.4", "wait=600")
+        steps = ("subscribe", "metadata", "mission", "offboard", "north=0.4", "wait=600")
         async with mavsdk(port, *steps) as program:
             assert (await program.done("connected", 60.0))["autopilot"] == 3
             seen = await program.done("subscribe", 90.0)
             assert seen["flight_mode"] and "nan" not in seen["position"]
+            help_for = (await program.done("metadata", 90.0))["parameters"]
+            assert len(help_for) > 100 and help_for["GYRO_P"]
             stored = await program.done("mission", 60.0)
             assert (stored["same"], stored["count"], stored["refused"]) == (True, 4, "UNSUPPORTED")
             assert any("carry no speed" in line.get("text", "") for line in program.lines)

@@ -12,7 +12,7 @@ from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, beat, serving, virtually
 
 NAMES = ("mk1-20260101T000000Z-000.mcap", "mk1-20260101T000000Z-001.mcap", "mk1-20260102T000000Z-000.mcap")
-BEGUN = (1_767_225_600, 1_767_225_600, 1_767_312_000)
+STARTS = (1_767_225_600, 1_767_225_600, 1_767_312_000)
 STANDING = rig.flight(is_flying=False, motors_running=False)
 
 
@@ -64,7 +64,7 @@ async def test_recordings_are_listed_and_sent_whole_and_in_part(folder, numberin
         assert [entry.id for entry in entries] == [number + first for number in range(len(entries))]
         assert {(entry.num_logs, entry.last_log_num) for entry in entries} == {(len(entries), len(entries) - 1 + first)}
         assert [(entry.time_utc, entry.size) for entry in entries[: len(ours)]] == list(
-            zip(BEGUN, (0, 180, 5000), strict=True)
+            zip(STARTS, (0, 180, 5000), strict=True)
         )
         content = (folder / NAMES[2]).read_bytes()
         data, counts = await download(ears, 2 + first)

@@ -8,11 +8,14 @@ import pytest
 
 pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
 
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from lab.rigs.waiting import wait_for
 from mkdaemon.clock import Clock
-from mkdaemon.gateways.ros2.rclnode import type_of
+from mkdaemon.gateways.ros2.parameters import PARAMETERS
+from mkdaemon.gateways.ros2.rclnode import RosNode, type_of
 from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
 from mkdaemon.telemetry.event import LogEvent
@@ -20,6 +23,7 @@ from tests.client.fake import VEHICLE, fake_daemon
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import store
 from tests.gateways.ros2.rosworld import (
+    PATIENCE,
     domain,
     gateway,
     gateway_words,
@@ -152,12 +156,12 @@ async def test_every_service_answers():
             answers = {
                 service.name: await node.call(f"/{VEHICLE}/{service.name}", service.type)
                 for service in SERVICES
-                if service.name not in {"take_off", "land"}
+                if service.name not in {"take_off", "land"} and type_of(service.type) is not None
             }
             for name in ("hold", "release", "abort", "mark", "preflight"):
                 assert answers[name].success, (name, answers[name].message)
             assert answers["self_test"].passed == b"\x01"
-            for name in ("stop", "route_start", "route_end", "cancel"):
+            for name in ("stop", "route_start", "route_end", "param/pull", "cancel"):
                 assert not answers[name].success
                 assert ":" in answers[name].message, "token, reason and remedy"
             landing = asyncio.create_task(node.call(f"/{VEHICLE}/land", "std_srvs/srv/Trigger"))
@@ -229,3 +233,31 @@ async def test_a_mistake_in_the_arguments_is_one_line():
                     async with gateway(daemon.endpoint, VEHICLE, "--", "--ros-args", *arguments):
                         pytest.fail("it started")
                 assert "Traceback" not in str(failed.value)
+
+
+def test_a_setting_that_was_read_is_a_parameter_that_a_client_writes():
+    with domain(), tutorial() as other:
+        asked = []
+
+        def ask(name, value):
+            asked.append((name, value))
+            return "" if value == 81 else "refused: Land first."
+
+        node = RosNode("/mk1", ())
+        try:
+            node.parameters(PARAMETERS, lambda *_: None, ask)
+            for value in (80, 79):  # read twice: the second one is no write
+                node.declare("settings.gyro_p", value, "gyro gain")
+            node.declare("settings.channels", [1, 2], "channels")
+            node.start()
+            client = AsyncParameterClient(other, "/mk1/mkdaemon")
+            assert client.wait_for_services(PATIENCE)
+            found = []
+            for value in (81, 99):
+                future = client.set_parameters([Parameter("settings.gyro_p", value=value)])
+                asyncio.run(wait_for(future.done, PATIENCE, 0.02))
+                found += [(one.successful, one.reason) for one in future.result().results]
+            assert found == [(True, ""), (False, "refused: Land first.")]
+            assert asked == [("settings.gyro_p", 81), ("settings.gyro_p", 99)]
+        finally:
+            node.close()

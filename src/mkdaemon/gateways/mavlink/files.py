@@ -13,14 +13,16 @@ from enum import IntEnum
 from typing import Final, NamedTuple
 
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.stations import Station
+from mkdaemon.gateways.mavlink.stations import Program, Station
 
 _HEAD: Final = struct.Struct("<HBBBBBxI")
 _ROOM: Final = 239
 """Bytes of a file in one message."""
 _BURST: Final = 40
 """Messages of a burst; the ground station asks for the next one."""
-_MOST_SESSIONS: Final = 16
+_MOST_OPEN: Final = 16
+_SESSION: Final = 0
+"""Of every program; it has one file open at a time. MAVSDK 4.1 asks for session 0, whatever the answer said."""
 
 
 class Opcode(IntEnum):
@@ -79,8 +81,7 @@ class FileServer:
 
     def __init__(self) -> None:
         self.files: Mapping[str, bytes] = {}
-        self._open: OrderedDict[int, bytes] = OrderedDict()
-        self._session = 0
+        self._open: OrderedDict[tuple[Station, Program], bytes] = OrderedDict()
 
     def take(self, station: Station, message: Message) -> None:
         """Answer a request."""
@@ -89,14 +90,15 @@ class FileServer:
         if opcode >= Opcode.ACK:
             return
         asked = Request(sequence, session, opcode, offset, payload[_HEAD.size :][:size])
-        found = self._answer(asked)
+        program = Program(message.get_srcSystem(), message.get_srcComponent())
+        found = self._answer((station, program), asked)
         parts = [found] if isinstance(found, bytes | Error) else found
         for number, part in enumerate(parts, 1):
             is_refused = isinstance(part, Error)
             data = bytes([part]) if isinstance(part, Error) else part
             head = _HEAD.pack(
                 (sequence + number) & 0xFFFF,
-                self._session if opcode == Opcode.OPEN else session,
+                session,
                 Opcode.NAK if is_refused else Opcode.ACK,
                 len(data),
                 opcode,
@@ -106,13 +108,13 @@ class FileServer:
             whose = (0, message.get_srcSystem(), message.get_srcComponent())
             station.send(mavlink.MAVLink_file_transfer_protocol_message(*whose, list((head + data).ljust(251, b"\0"))))
 
-    def _answer(self, asked: Request) -> bytes | Error | list[bytes]:
+    def _answer(self, whose: tuple[Station, Program], asked: Request) -> bytes | Error | list[bytes]:
         """Data of the answers, or why there is none."""
         match asked.opcode:
             case Opcode.NONE:
                 return b""
             case Opcode.RESET:
-                self._open.clear()
+                self._open.pop(whose, None)
                 return b""
             case Opcode.LIST:
                 entries = [f"F{name}\t{len(data)}\0".encode() for name, data in self.files.items()][asked.offset :]
@@ -122,25 +124,23 @@ class FileServer:
                 found = self.files.get(name)
                 if found is None:
                     return Error.NOT_FOUND
-                return self._opened(found) if asked.opcode == Opcode.OPEN else checksum(found).to_bytes(4, "little")
+                if asked.opcode == Opcode.CHECKSUM:
+                    return checksum(found).to_bytes(4, "little")
+                self._open[whose] = found
+                while len(self._open) > _MOST_OPEN:
+                    self._open.popitem(last=False)
+                return len(found).to_bytes(4, "little")
             case Opcode.TERMINATE | Opcode.READ | Opcode.BURST:
-                return self._from_session(asked)
+                return self._from_session(whose, asked)
         return Error.UNKNOWN_COMMAND
 
-    def _opened(self, data: bytes) -> bytes:
-        self._session = (self._session + 1) % 256
-        self._open[self._session] = data
-        while len(self._open) > _MOST_SESSIONS:
-            self._open.popitem(last=False)
-        return len(data).to_bytes(4, "little")
-
-    def _from_session(self, asked: Request) -> bytes | Error | list[bytes]:
+    def _from_session(self, whose: tuple[Station, Program], asked: Request) -> bytes | Error | list[bytes]:
         """What is asked of an open file."""
-        data = self._open.get(asked.session)
+        data = self._open.get(whose) if asked.session == _SESSION else None
         if data is None:
             return Error.INVALID_SESSION
         if asked.opcode == Opcode.TERMINATE:
-            del self._open[asked.session]
+            del self._open[whose]
             return b""
         end = min(len(data), asked.offset + _ROOM * (_BURST if asked.opcode == Opcode.BURST else 1))
         parts = [data[at : min(at + _ROOM, end)] for at in range(asked.offset, end, _ROOM)]

@@ -33,12 +33,12 @@ class Log(NamedTuple):
 
     Attributes:
         path: of its file.
-        begun: Unix time [s].
+        start: Unix time [s].
         size: [bytes], when it was listed.
     """
 
     path: Path
-    begun: int
+    start: int
     size: int
 
 
@@ -51,12 +51,12 @@ def listed(current: Path) -> list[Log]:
     origin = origin_of(current)
     found = []
     for path in () if origin is None else recordings_of(current.parent, origin[0])[-_MOST_LISTED:]:
-        begun = origin_of(path)
+        named = origin_of(path)
         try:
             size = path.stat().st_size
         except OSError:  # deleted meanwhile
             continue
-        found.append(Log(path, 0 if begun is None else int(begun[1]), min(size, 0xFFFF_FFFF)))
+        found.append(Log(path, 0 if named is None else int(named[1]), min(size, 0xFFFF_FFFF)))
     return found
 
 
@@ -96,7 +96,7 @@ class LogServer:
         last = max(len(self._logs) - 1, 0) + first
         wanted = [(number, log) for number, log in enumerate(self._logs) if start <= number <= end]
         for number, log in wanted:
-            station.send(mavlink.MAVLink_log_entry_message(number + first, len(self._logs), last, log.begun, log.size))
+            station.send(mavlink.MAVLink_log_entry_message(number + first, len(self._logs), last, log.start, log.size))
             if number % _AT_ONCE == _AT_ONCE - 1:
                 await asyncio.sleep(PACE)
         if not self._logs:
