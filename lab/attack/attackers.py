@@ -40,11 +40,15 @@ class Flood(StrEnum):
 
     SETPOINTS = "setpoints"
     """Setpoints without a lease, as many as go: in batches, dropped where they do not go at once, real-time."""
+    READ = "setpoints beside a reader"
+    """The same, while a session of the attacker's own subscribes to everything: then they leave the attacker."""
     STEADY = "17,600 setpoints a second"
     """The same at a rate."""
     BIG = "10 MB setpoints"
     COMMANDS = "commands"
     """`do/lease`, answers read."""
+    TOKENS = "tokens"
+    """Of clients that are none, shown and withdrawn."""
     REFUSALS = "unknown verbs"
     """`do/nothing`, each a refusal in the log."""
     LOOKUPS = "last values"
@@ -77,6 +81,10 @@ def main() -> None:
         time.sleep(0.5)
         print(BEGINS, len(sessions), sep="\n", flush=True)
         os.kill(os.getpid(), signal.SIGSTOP)  # whoever started it ends it
+    if kind is Flood.READ:
+        reader = zenoh.open(session_config("client", connect=[endpoint]))
+        reader.declare_subscriber("mk/**", zenoh.handlers.RingChannel(1))
+        time.sleep(0.5)
     strike = _striker(kind, session, vehicle)
     print(BEGINS, flush=True)
     count, end = 0, time.monotonic() + seconds
@@ -89,7 +97,7 @@ def main() -> None:
 
 def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
     """What attacks once, and returns how often it did."""
-    if kind in (Flood.SETPOINTS, Flood.STEADY, Flood.BIG):
+    if kind in (Flood.SETPOINTS, Flood.READ, Flood.STEADY, Flood.BIG):
         publisher = session.declare_publisher(
             f"mk/{vehicle}/setpoint/stick",
             congestion_control=zenoh.CongestionControl.BLOCK if kind is Flood.BIG else zenoh.CongestionControl.DROP,
@@ -98,6 +106,13 @@ def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], 
         sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
         payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
         return _setpoints(publisher, payload, STEADY_RATE if kind is Flood.STEADY else None)
+    if kind is Flood.TOKENS:
+
+        def show() -> int:
+            session.liveliness().declare_token(f"mk/{vehicle}/client/stranger").undeclare()  # type: ignore[no-untyped-call]
+            return 1
+
+        return show
     key, payload = {
         Flood.COMMANDS: ("do/lease", msgpack.packb({"action": "show"})),
         Flood.REFUSALS: ("do/nothing", b""),

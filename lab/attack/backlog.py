@@ -10,23 +10,18 @@ import mmap
 import os
 import signal
 import sys
-import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Final
 
 from lab.attack.flights import Plan
 from lab.attack.floods import LADDER_LIMIT, NEUTRAL_LIMIT
+from lab.attack.flown import daemon_on_tcp
 from lab.attack.holder import NOTE
-from lab.rigs.processes import START, VEHICLE, ObservedSimulation, Sticks, connected, daemon_process, wait_for_control
+from lab.rigs.processes import VEHICLE, ObservedSimulation, Sticks
 from lab.rigs.waiting import wait_until
-from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.daemon.priority import favour_loop
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 RATES: Final = (1000.0, 3000.0, 5000.0, 0.0)
 """Of the floods [Hz]; 0 for all that go."""
@@ -69,28 +64,19 @@ async def flood_and_end(rate: float, end: str, seed: int) -> Backlog:
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
     """
-    favour_loop()
-    fields = {"board": "fc", "fc": "2.08", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    simulation = ObservedSimulation(SimConfig.model_validate(fields), keeps=False)
-    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
-        where = port.removeprefix("tcp/")
-        notes_path = Path(name) / "notes"
+    async with daemon_on_tcp(seed, keeps=False) as attacked:
+        notes_path = attacked.folder / "notes"
         notes_path.write_bytes(NOTE.pack(0.0, 0.0))
-        async with (
-            Runtime(simulation, listen=where).serve(),
-            daemon_process(f"tcp:{where}", Path(name)) as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-        ):
-            await wait_for_control(client)
-            words = ("-m", "lab.attack.holder", daemon.endpoint, VEHICLE, str(rate), str(SECONDS), str(notes_path), end)
-            holder = await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
-            try:
-                with notes_path.open("r+b") as opened, mmap.mmap(opened.fileno(), NOTE.size) as notes:
-                    return await _judge(simulation, notes, holder)
-            finally:
-                with suppress(ProcessLookupError):
-                    holder.send_signal(signal.SIGKILL)
-                await holder.wait()
+        endpoint = attacked.daemon.endpoint
+        words = ("-m", "lab.attack.holder", endpoint, VEHICLE, str(rate), str(SECONDS), str(notes_path), end)
+        holder = await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
+        try:
+            with notes_path.open("r+b") as opened, mmap.mmap(opened.fileno(), NOTE.size) as notes:
+                return await _judge(attacked.simulation, notes, holder)
+        finally:
+            with suppress(ProcessLookupError):
+                holder.send_signal(signal.SIGKILL)
+            await holder.wait()
 
 
 async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: asyncio.subprocess.Process) -> Backlog:

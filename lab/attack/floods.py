@@ -10,38 +10,30 @@ import asyncio
 import os
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
 from lab.attack.attackers import Flood
 from lab.attack.flights import Plan
+from lab.attack.flown import daemon_on_tcp
 from lab.attack.programs import DEAF_DAEMON
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
-    START,
     VEHICLE,
     ObservedSimulation,
     Sticks,
-    connected,
-    daemon_process,
-    wait_for_control,
 )
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from lab.stories.losses import percentile
-from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
-from mkdaemon.daemon.priority import favour_loop, favour_threads
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
+from mkdaemon.daemon.priority import favour_threads
 
 GAP_LIMIT: Final = 0.06
 """Between two stick frames, 99th percentile [s]."""
@@ -104,35 +96,25 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
     """
-    favour_loop()
-    fields = {"board": "fc", "fc": "2.08", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
     program = ("-c", DEAF_DAEMON) if kind is Flood.BLOCKED else None
-    simulation = ObservedSimulation(SimConfig.model_validate(fields))
-    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
-        where = port.removeprefix("tcp/")
-        async with (
-            Runtime(simulation, listen=where).serve(),
-            daemon_process(f"tcp:{where}", Path(name), program=program) as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-            Pilot(client, "pilot") as pilot,
-        ):
-            await wait_for_control(client)
-            await pilot.engage(lambda: simulation.is_controlled)
-            pilot.sticks |= {"pitch": 40.0}
-            await asyncio.sleep(0.5)
-            favour_threads()
-            is_kept = True
-            async with _attacked(kind, daemon.endpoint) as attackers:
-                written, began = len(daemon.errors), time.monotonic()
-                simulation.heard.clear()
-                while time.monotonic() - began < SECONDS:
-                    await asyncio.sleep(0.02)
-                    is_kept &= simulation.is_controlled
-                times = [at for at, data in simulation.heard if steering(data)]
-                log = (len(daemon.errors) - written) / (time.monotonic() - began)
-                memory = daemon.most_resident_mb()
-                neutral, released = await (_die if dies else _release)(pilot, simulation, daemon.endpoint)
-            rates = tuple([(await one.communicate())[0].decode().strip() for one in attackers])
+    async with daemon_on_tcp(seed, program=program) as attacked, Pilot(attacked.client, "pilot") as pilot:
+        simulation, daemon = attacked.simulation, attacked.daemon
+        await pilot.engage(lambda: simulation.is_controlled)
+        pilot.sticks |= {"pitch": 40.0}
+        await asyncio.sleep(0.5)
+        favour_threads()
+        is_kept = True
+        async with _attacked(kind, daemon.endpoint) as attackers:
+            written, began = len(daemon.errors), time.monotonic()
+            simulation.heard.clear()
+            while time.monotonic() - began < SECONDS:
+                await asyncio.sleep(0.02)
+                is_kept &= simulation.is_controlled
+            times = [at for at, data in simulation.heard if steering(data)]
+            log = (len(daemon.errors) - written) / (time.monotonic() - began)
+            memory = daemon.most_resident_mb()
+            neutral, released = await (_die if dies else _release)(pilot, simulation, daemon.endpoint)
+        rates = tuple([(await one.communicate())[0].decode().strip() for one in attackers])
     gaps = sorted(after - before for before, after in pairwise(times)) or [SECONDS]
     return Ride(
         _name(kind, dies=dies),

@@ -5,23 +5,20 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from lab.attack.flightlog import Gaps, flight_log
+from lab.attack.flown import daemon_on_tcp
 from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import START, ObservedSimulation, Sticks, connected, daemon_process, wait_for_control
+from lab.rigs.processes import Sticks
 from lab.rigs.waiting import wait_until
 from mkdaemon import guard
-from mkdaemon.bus.endpoint import reserved_endpoint
-from mkdaemon.daemon.priority import favour_loop, favour_threads
+from mkdaemon.daemon.priority import favour_threads
 from mkdaemon.telemetry.refusals import Token
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 NOTICE_LIMIT: Final = 0.5
 """The daemon says that its guard is gone within this time [s]."""
@@ -70,42 +67,33 @@ async def kill_guard(seed: int) -> GuardDeath:
     Raises:
         TimeoutError: the flight did not begin, or nothing was said.
     """
-    favour_loop()  # who judges must not be starved by the machine's other programs
-    fields = {"board": "fc", "fc": "2.08", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    simulation = ObservedSimulation(SimConfig.model_validate(fields))
-    simulation.is_frozen = True  # until the daemon is there
-    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
-        where = port.removeprefix("tcp/")
-        async with (
-            Runtime(simulation, listen=where).serve(),
-            daemon_process(f"tcp:{where}", Path(name)) as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-            Pilot(client, "pilot") as pilot,
-            flight_log(client, pilot, simulation) as log,
-            measured_lateness() as lateness,
-        ):
-            simulation.is_frozen = False
-            await wait_for_control(client)
-            await pilot.engage(lambda: simulation.is_controlled)
-            pilot.sticks |= {"pitch": 40.0}
-            await wait_until(lambda: simulation.sticks is Sticks.STEERED)
-            await asyncio.sleep(0.5)
-            favour_threads()  # those that carry the pilot's setpoints
-            log.forget()
-            lateness.forget()
-            began = time.monotonic()
-            os.kill(_guard_of(daemon.pid), signal.SIGKILL)
-            await wait_until(lambda: any("guard is gone" in text for text in log.said))
-            noticed = time.monotonic() - began
-            request = {"action": "take", "holder": "another", "force": True}
-            answer = await client.command("do", "lease", request)
-            is_kept = True
-            while time.monotonic() - began < WATCH:
-                await asyncio.sleep(0.02)
-                is_kept &= log.look_at_boards()
-            late = round(max(lateness.loop, lateness.thread), 3)
-            said = () if is_kept else tuple(log.said)
-            return GuardDeath(round(noticed, 3), answer.token, is_kept, late, log.gaps(), said)
+    async with (
+        daemon_on_tcp(seed) as attacked,
+        Pilot(attacked.client, "pilot") as pilot,
+        flight_log(attacked.client, pilot, attacked.simulation) as log,
+        measured_lateness() as lateness,
+    ):
+        simulation, daemon, client = attacked.simulation, attacked.daemon, attacked.client
+        await pilot.engage(lambda: simulation.is_controlled)
+        pilot.sticks |= {"pitch": 40.0}
+        await wait_until(lambda: simulation.sticks is Sticks.STEERED)
+        await asyncio.sleep(0.5)
+        favour_threads()  # those that carry the pilot's setpoints
+        log.forget()
+        lateness.forget()
+        began = time.monotonic()
+        os.kill(_guard_of(daemon.pid), signal.SIGKILL)
+        await wait_until(lambda: any("guard is gone" in text for text in log.said))
+        noticed = time.monotonic() - began
+        request = {"action": "take", "holder": "another", "force": True}
+        answer = await client.command("do", "lease", request)
+        is_kept = True
+        while time.monotonic() - began < WATCH:
+            await asyncio.sleep(0.02)
+            is_kept &= log.look_at_boards()
+        late = round(max(lateness.loop, lateness.thread), 3)
+        said = () if is_kept else tuple(log.said)
+        return GuardDeath(round(noticed, 3), answer.token, is_kept, late, log.gaps(), said)
 
 
 def _guard_of(pid: int) -> int:

@@ -139,26 +139,19 @@ class Budget:
             return True
 
 
-class Silencer:
+class Silencer(Budget):
     """Admits nothing while more comes than so many a second, and for half a second after that; from any thread."""
 
-    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin with a full second's worth.
+    def admits(self, cost: float = 1.0) -> bool:
+        """Whether one more is taken now; one that is not taken counts as well.
 
         Args:
-            rate: [Hz].
-            clock: [s].
+            cost: how many it counts for.
         """
-        self._rate, self._clock = rate, clock
-        self._left, self._at = rate, clock()
-        self._lock = threading.Lock()
-
-    def admits(self) -> bool:
-        """Whether one more is taken now; one that is not taken counts as well."""
         with self._lock:
             now = self._clock()
             left = min(self._rate, self._left + (now - self._at) * self._rate)
-            self._left, self._at = max(left - 1.0, -self._rate / 2), now
+            self._left, self._at = max(left - cost, -self._rate / 2), now
             return self._left >= 0.0
 
 
