@@ -58,8 +58,8 @@ LEAST_QUALITY: Final = 0.75
 """Receiver quality with which a flight may begin; below 0.5 the FlightCtrl flies on emergency throttle."""
 MOST_LOSS: Final = 44.0
 """Link tests not answered in time with which a flight may begin [%]. A radio that loses 15 % each way, over which
-demonstrations finish, has 28 % of them unanswered; of the 50 of the window, on the ground, at most 44 % in 19 of 20
-moments. One that loses 25 % each way is refused in 2 of 5 moments: hovers bear it, and stray by up to 1.3 m."""
+demonstrations finish, has 28 % of them unanswered; over the 50 of the window, on the ground, 44 % at most in 19 of 20
+moments. One that loses 25 % each way is refused in 2 of 5 moments: hovers bear it, and stray by more than a metre."""
 HIGHEST_EMERGENCY: Final = 0.95
 """An emergency throttle above this does not sink [share of the hover throttle]."""
 LOWEST_EMERGENCY: Final = 0.7
