@@ -104,15 +104,15 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
     sim, options = configurations(case)
     witness, sink = Witness(sim), Waits()
     async with running_link(case, witness, options, sink) as link:
-        before = link.health()
+        before, came, delivered = link.health(), witness.came["b"], witness.delivered["b"]
         await steer_steadily(link, case, seconds, sink)
         await asyncio.sleep(0.4)
-        after = link.health()
+        after, came, delivered = link.health(), witness.came["b"] - came, witness.delivered["b"] - delivered
     channels = witness.channels()
     return {
         "exact_echo_loss": loss_between(before.echo, after.echo),
         "exact_control_loss": loss_between(before.confirm, after.confirm),
-        "exact_control_undelivered": undelivered(witness.came["b"], witness.delivered["b"]),
+        "exact_control_undelivered": undelivered(came, delivered),
         "exact_confirms_replaced": after.stick_frames.replaced - before.stick_frames.replaced,
         "exact_echo_p50_ms": after.echo.p50_ms,
         "exact_echo_p99_ms": after.echo.p99_ms,
