@@ -61,7 +61,7 @@ class CommandRejectedError(MkError):
 
 
 class LeaseLostError(MkError):
-    """The lease ended while it was being flown: somebody took it, or the daemon let go of the aircraft; says why."""
+    """The lease ended during the flight: another client took it, or the daemon released the aircraft; says why."""
 
 
 class NotEngagedError(MkError):

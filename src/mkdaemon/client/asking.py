@@ -58,7 +58,7 @@ class Asking:
             fields: of its request; what is None is left out.
             patience: longest wait [s].
             on_progress: called with every step of a procedure.
-            with_holder: the request names who asks.
+            with_holder: the request names its client.
 
         Raises:
             CommandRejectedError: it was refused, or failed; says token, reason and fix.
@@ -74,7 +74,7 @@ class Asking:
             verb: its name.
             fields: of its request.
             patience: longest wait [s].
-            with_holder: the request names who asks.
+            with_holder: the request names its client.
 
         Raises:
             CommandRejectedError: it was refused, or failed.

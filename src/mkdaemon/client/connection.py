@@ -30,7 +30,7 @@ async def connect(
         zenoh_file: Zenoh configuration of this client, for TLS; else `MK_ZENOH_FILE`, else none.
 
     Raises:
-        MkError: nobody listens at the endpoint.
+        MkError: no daemon listens at the endpoint.
         ConfigError: the endpoint, the file or the vehicle's name cannot be understood.
     """
     name = vehicle or os.environ.get("MK_VEHICLE") or DEFAULT_VEHICLE

@@ -50,7 +50,7 @@ class Fleet:
     """
 
     def __init__(self, through: Vehicle) -> None:
-        """Know nobody yet; `watch` does.
+        """Start without vehicles; `watch` finds them.
 
         Args:
             through: any client at the endpoint.
@@ -63,7 +63,7 @@ class Fleet:
     async def watch(
         self, changed: Callable[[], None], played: Callable[[str, PlayStatus], None]
     ) -> AsyncIterator[None]:
-        """Follow who comes and goes while the context lasts, and hear what players say.
+        """Follow daemons and players that appear and disappear while the context lasts.
 
         Args:
             changed: called on the loop when `here` has changed.
@@ -73,7 +73,7 @@ class Fleet:
         def on_token(sample: zenoh.Sample) -> None:
             whole = str(sample.key_expr)
             if received_vehicle(whole) is None:
-                return  # a token that stands for many names is nobody's
+                return  # a token with a wildcard names no vehicle
             root, name, token = whole.split("/")
             sighting = Sighting(name, root, token == "playing")
             is_here = sample.kind == zenoh.SampleKind.PUT
@@ -138,7 +138,7 @@ class Fleet:
         )
         answers = [reply.ok for reply in replies if reply.ok is not None]
         if not answers:
-            raise MkError(f"nobody plays a recording of {name} any more")
+            raise MkError(f"no player plays a recording of {name} any more")
         fields = read_payload(str(answers[0].encoding), answers[0].payload.to_bytes())
         if "reason" in fields:
             raise MkError(str(fields["reason"]))

@@ -1,4 +1,4 @@
-"""The ground recorder: writes down what crosses the bus, of any number of vehicles, from a program of its own.
+"""The ground recorder: records the bus of any number of vehicles, in a separate program.
 
 It sees what is put; requests and answers are between a client and the daemon, and it sees them as `event/command`.
 """
@@ -178,7 +178,7 @@ class GroundPlan:
         limits: how much room they may take.
         expressions: key expressions that are recorded.
         zenoh_file: Zenoh configuration, for TLS.
-        queue_bytes: so much may wait for a slow disk [bytes].
+        queue_bytes: limit of data that waits for a slow disk [bytes].
         sync_period: time between two moments at which the file is brought to the disk itself [s]; 0 for never.
         has_json: whether JSON for viewers is added.
     """
@@ -247,7 +247,9 @@ async def record_ground(plan: GroundPlan) -> AsyncIterator[GroundRecording]:
     """
     recording = GroundRecording(plan, Clock())
     for endpoint in plan.endpoints:
-        session_config("client", connect=[endpoint], zenoh_file=plan.zenoh_file)  # what is wrong is told at once
+        session_config(
+            "client", connect=[endpoint], zenoh_file=plan.zenoh_file
+        )  # fails before the recorder starts
     recording.thread.start()
     try:
         async with AsyncExitStack() as sessions, asyncio.TaskGroup() as tasks:

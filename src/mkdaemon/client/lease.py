@@ -22,7 +22,7 @@ TAKING_OFF: Final = 30.0
 GOING: Final = 30.0
 """Longest time of a way [s]; it begins at the engagement."""
 PROBES: Final = 3
-"""How often the path is measured before a slow one is believed: a busy machine is slow for a moment."""
+"""Measurements of the path before it counts as slow: a busy machine is slow for a moment."""
 
 
 class Lease(SetpointStream):
@@ -60,7 +60,7 @@ class Lease(SetpointStream):
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: somebody else took the lease, or the daemon let go of the aircraft; says why.
+            LeaseLostError: another client took the lease, or the daemon released the aircraft; says why.
             NotEngagedError: the daemon did not begin to send sticks.
             CommandRejectedError: a stick is out of range.
         """
@@ -213,7 +213,7 @@ class Lease(SetpointStream):
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: the aircraft did not land; why the daemon let go of it.
+            LeaseLostError: the aircraft did not land; says why the daemon released it.
             ManoeuvreError: not landed in time, or aborted.
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
@@ -246,7 +246,7 @@ class Leases:
         A liveliness token stands beside it: when this program dies, the daemon releases the aircraft.
 
         Args:
-            force: take it from whoever holds it.
+            force: take it from its present holder.
             ttl: life without setpoints or renewal, if shorter than configured [s].
             holder: name others see; else user, machine and process.
             use_remembered: confirms that a FlightCtrl that cannot be asked in flight is the one before; docs/link.md.
@@ -304,14 +304,14 @@ class Leases:
             secret: as `take` returned it.
 
         Raises:
-            CommandRejectedError: nobody holds it, or another one.
+            CommandRejectedError: no client holds it, or another one does.
             MkError: no daemon speaks for this vehicle.
         """
         fields = {"action": "release", "epoch": epoch, "secret": secret}
         (await self._transport.command("do", "lease", fields)).require()
 
     async def show(self) -> LeaseState | None:
-        """Who holds the lease; None for nobody.
+        """The lease and its holder; None if no client holds it.
 
         Raises:
             MkError: no daemon speaks for this vehicle.

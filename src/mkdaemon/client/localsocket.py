@@ -47,12 +47,12 @@ async def ask_locally(path: Path, verb: str, text: str = "") -> Answer:
         text: why, for `release`.
 
     Raises:
-        MkError: nobody answers there, or this user may not ask.
+        MkError: no daemon answers there, or this user has no permission.
     """
     request = f"{verb} {' '.join(text.split())[:200]}\n".encode()
     try:
         async with asyncio.timeout(ANSWER_TIME):
-            while not (line := await _ask_once(path, request)):  # noqa: ASYNC110 - nobody tells when there is room
+            while not (line := await _ask_once(path, request)):  # noqa: ASYNC110 - no event says when there is room
                 await asyncio.sleep(RETRY)
         return Answer.from_fields(json.loads(line))
     except (OSError, TimeoutError, ValueError) as error:
@@ -64,7 +64,7 @@ async def _ask_once(path: Path, request: bytes) -> bytes:
     """Ask once; empty where a storm of connections shut this one out.
 
     Raises:
-        OSError: nobody listens there, or this user may not ask.
+        OSError: no daemon listens there, or this user has no permission.
     """
     try:
         reader, writer = await asyncio.open_unix_connection(str(path))

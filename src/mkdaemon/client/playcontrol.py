@@ -39,7 +39,7 @@ def answer_controls(session: zenoh.Session, vehicle: str, obey: Callable[[PlayCo
     Args:
         session: where it is asked for.
         vehicle: that is played.
-        obey: does it and returns the status; called on a thread of its own.
+        obey: does it and returns the status; called on a separate thread.
     """
     answers = AnswerThread("play.controls", limit=_QUERIES, limit_per_key=_QUERIES)
     key = control_key(vehicle)

@@ -23,9 +23,9 @@ from mkdaemon.telemetry.refusals import Token, refuse
 PLAYING: Final = "playing"
 """Liveliness token below everything that is played. Not `alive`: a daemon that comes up beside it must be seen."""
 PAST: Final = "past"
-"""Parameter of a question: all values of so long before the place that is played [s]; without it the last ones."""
+"""Parameter of a query: all values from this time before the played place on [s]; without it the last ones."""
 AHEAD: Final = "ahead"
-"""Likewise, and those of so long behind it."""
+"""Likewise, up to this time after it."""
 LONGEST: Final = 1e9
 """Of both [s]."""
 _COMMANDS: Final = frozenset({"do", "cmd"})

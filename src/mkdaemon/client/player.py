@@ -90,7 +90,7 @@ class Pace:
         self.play_at(self.speed * factor, now)
 
     def play_at(self, speed: float, now: float) -> None:
-        """Play so many seconds of the recording a second from now on."""
+        """Play this number of recorded seconds a second from now on."""
         self._hold(now)
         self.speed = min(max(speed, SLOWEST), FASTEST)
 
@@ -112,10 +112,10 @@ async def open_player_session(
         connect: endpoint of a daemon or of a router, where clients meet.
         listen: endpoint for clients, where nothing else is there.
         zenoh_file: Zenoh configuration, for TLS.
-        alone: connect to nobody: who looks is in this process.
+        alone: connect to no daemon: the viewer is in this process.
 
     Raises:
-        MkError: nobody listens at the endpoint, or the one to listen at is in use.
+        MkError: no daemon listens at the endpoint, or the one to listen at is in use.
         ConfigError: an endpoint or the file cannot be understood.
     """
     if alone:

@@ -90,13 +90,13 @@ AHEAD: Final = 256
 PATIENCE: Final = 0.1
 """Time between two looks whether what was read ahead is still wanted [s]."""
 LONGEST_SILENCE: Final = 24 * 3600.0
-"""Between two values [s]: nobody waits for the next one longer; the times of two recordings, or of a damaged one."""
+"""Between two values [s]: longest wait for the next one; the times of two recordings, or of a damaged one."""
 STEP: Final = 1e-5
 """Lateness is counted in steps of this [s]."""
 
 
 MOST_BETWEEN: Final = 20_000
-"""Values that are told at once."""
+"""Values that are reported at once."""
 _NEVER: Final = 1 << 64
 _ROUNDED: Final = 1000
 """A time in seconds is as exact as this [ns]."""
@@ -312,7 +312,7 @@ class ReadAhead:
             self._put(None)
 
     def _put(self, item: Played | BaseException | None) -> bool:
-        """Hand one over; false when nobody wants it any more."""
+        """Hand one over; false when the reader has stopped."""
         while not self._is_closed.is_set():
             try:
                 self._waiting.put(item, timeout=PATIENCE)

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 MEGA: Final = 1_000_000
 FIRST_VALUE: Final = 5.0
-"""A recording waits so long for its first value [s]."""
+"""Longest wait of a recording for its first value [s]."""
 
 
 class Records(RecordsVerbs):
-    """Marks, and recordings that this program makes; the daemon's own recorder is told by `uav.record.status`."""
+    """Marks, and recordings that this program makes; `uav.record.status` reports the daemon's own recorder."""
 
     @asynccontextmanager
     async def record(self, folder: Path, *, total_mb: int = 20_000) -> AsyncIterator[GroundRecording]:

@@ -43,11 +43,11 @@ LATEST_NEWS: Final = 0.5
 ENGAGING: Final = 5.0
 """Longest time neutral sticks are streamed until the daemon engages [s]; it wants a live stream of 1 s."""
 GRACE: Final = 1.5
-"""Setpoints may be refused for so long before that counts [s]: with a new lease the estimate begins anew."""
+"""Refusals of setpoints before this time are ignored [s]: with a new lease the estimate restarts."""
 SILENCE: Final = 3.0
 """A daemon that was not heard for this long is gone [s]; it publishes `control/status` once a second."""
 SETTLING: Final = 1.0
-"""Status from before the lease may still arrive for so long after it was granted [s]."""
+"""Longest time after the grant in which a status from before the lease may still arrive [s]."""
 GIVING_BACK: Final = 3.0
 """Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
@@ -286,14 +286,14 @@ class SetpointStream:
         self._require_not_aborted(kind)
 
     def _end_abort(self) -> None:
-        """Let what is streamed from now on end an abort of which the daemon has told: who calls again flies on."""
+        """Let the following setpoints end a reported abort: the program that calls again continues the flight."""
         if self._is_aborted:
             assert self._status is not None
             self._setpoints.after_abort = self._status.aborts
 
     @property
     def _is_aborted(self) -> bool:
-        """Whether an abort is told that nothing streamed here ends."""
+        """Whether an abort is reported that no setpoint of this program ends."""
         from mkdaemon.telemetry.control import Phase
 
         status = self._status

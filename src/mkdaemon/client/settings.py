@@ -16,7 +16,7 @@ ALL_SLOTS: Final = (1, 2, 3, 4, 5)
 
 
 class Settings(SettingsVerbs):
-    """Parameter sets: read, compared, changed and restored. Motors must stand still, and nobody may hold the lease."""
+    """Parameter sets: read, compare, change and restore. The motors must be off, and no client may hold the lease."""
 
     async def backup_to(
         self,

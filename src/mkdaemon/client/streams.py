@@ -54,8 +54,8 @@ class Stream(Generic[_Value]):
         """Iterate over the values as they come; subscribes with the first step, ends the subscription with the loop.
 
         Args:
-            backlog: so many values may wait for a slow reader, then the oldest is dropped; 1 for the newest alone.
-            silence: raise when nothing came for so long [s]; None waits for ever.
+            backlog: values that may wait for a slow reader before the oldest is dropped; 1 keeps only the newest.
+            silence: raise if no value arrives within this time [s]; None waits for ever.
 
         Raises:
             SilenceError: nothing came for `silence` seconds.

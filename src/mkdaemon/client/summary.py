@@ -1,4 +1,4 @@
-"""The aircraft, its link and who flies, as one value."""
+"""The aircraft, its link and the holder of the lease, as one value."""
 
 from __future__ import annotations
 

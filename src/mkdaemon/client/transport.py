@@ -28,7 +28,7 @@ PATIENCE: Final = 15.0
 DENIAL_LOOK: Final = 2.0
 """Longest wait for the answers that show whether this client may command at all [s]."""
 SEQUENCES: Final = 1 << 32
-"""Zenoh's numbers of a source begin again at zero after so many."""
+"""Zenoh's numbers of a source restart at zero after this one."""
 _SECURED: Final = ("tls/", "quic/")
 _OTHER_ROOTS: Final = frozenset({"do", "sim"})
 """Targets of a command that are no boards."""
@@ -91,8 +91,8 @@ class Transport:
 
         Args:
             pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.
-            past: all values of so long before the place [s]; a daemon has only the last ones.
-            ahead: and of so long behind it [s].
+            past: all values from this time before the place on [s]; a daemon has only the last ones.
+            ahead: and up to this time after it [s].
 
         Returns:
             The samples, those of one key in order, each with its `age`.
@@ -144,7 +144,7 @@ class Transport:
         if len(replies) > 1:
             msg = (
                 f"{len(replies)} daemons of the name {self.vehicle} answered, and all have obeyed: "
-                "give each aircraft a vehicle.name of its own"
+                "give each aircraft a different vehicle.name"
             )
             raise MkError(msg)
         return Answer.from_fields(replies[0].fields)
@@ -171,7 +171,7 @@ class Transport:
 
         Args:
             patterns: keys without `mk/<vehicle>/`; may hold `*` and `**`.
-            backlog: so many samples may wait for a slow reader, then the oldest is dropped; 4096 unless given.
+            backlog: samples that may wait for a slow reader before the oldest is dropped; 4096 unless given.
             are_known: the patterns are keys of the table, and need not be looked up there.
 
         Raises:

@@ -50,7 +50,7 @@ class Vehicle(VerbCalls):
         self.records: Records = Records(self)
 
     async def status(self) -> VehicleStatus:
-        """The aircraft, its link and who flies, by the last values of all of them.
+        """The aircraft, its link and the holder of the lease, from their last values.
 
         Raises:
             MkError: no daemon speaks for this vehicle.

@@ -40,7 +40,7 @@ STOOD_STILL: Final = "this program stood still for {seconds:.1f} s: the machine 
 """Reason of what was missed while this program did not run."""
 BUSY: Final = "but this program did not run for {percent:.0f} % of the time: look at the load of this machine first"
 """Added to a verdict that was found on a machine without time for us."""
-INTERMITTENT: Final = "the link is intermittent: it was lost {times} times in {seconds:g} s"
+INTERMITTENT: Final = "it was lost {times} times in {seconds:g} s: the link is intermittent"
 """Reason of a line that works now and was lost a moment ago, more than once."""
 
 
