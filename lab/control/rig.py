@@ -217,7 +217,7 @@ class Rig:
                 goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
             sticks = self._autopilot.sticks(goal, at)
             if self._landing is not None and self._landing.phase is LandingPhase.DOWN:
-                sticks = AutopilotSticks(0, 0, 0, LimiterConfig().min_throttle)  # as the manoeuvre does
+                sticks = StickCounts(0, 0, 0, LimiterConfig().min_throttle)  # as the manoeuvre does
             gas = sticks.throttle + 127.0
             estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))
             self._send(sticks, at)
