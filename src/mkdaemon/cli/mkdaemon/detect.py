@@ -79,11 +79,9 @@ def detect(
             is there already.
         MkError: a picture cannot be written.
     """
-    if camera is not None and intrinsics is not None:
-        raise ConfigError("give --camera or --intrinsics, not both")
-    if target and (tag_size is not None or ids is not None):
-        msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
-        raise ConfigError(msg)
+    _refuse_both({"--camera": camera is not None, "--intrinsics": intrinsics is not None})
+    for name, is_given in (("--tag-size", tag_size is not None), ("--ids", ids is not None)):
+        _refuse_both({"--target": bool(target), name: is_given})
     figures = _intrinsics(intrinsics) if intrinsics is not None else None
     lens = load_camera(camera).intrinsics if camera is not None else None
     tagmap = load(target) if target else None
@@ -98,12 +96,19 @@ def detect(
         height, width = picture.pixels.shape
         k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
-        told = list(hints(picture.pixels, result, eye, families)) if picture.frame in (None, 0) else []
-        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, told=told)
+        hinted = list(hints(picture.pixels, result, eye, families)) if picture.frame in (None, 0) else []
+        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, hinted=hinted)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
     return 1 if failed else 0
+
+
+def _refuse_both(given: dict[str, bool]) -> None:
+    """Refuse options that exclude each other."""
+    if all(given.values()):
+        msg = f"give {' or '.join(given)}, not both"
+        raise ConfigError(msg)
 
 
 def _eye(
@@ -195,10 +200,10 @@ def _print_picture(
     *,
     as_json: bool,
     sized: bool = False,
-    told: Sequence[str] = (),
+    hinted: Sequence[str] = (),
 ) -> None:
     if as_json:
-        print(json.dumps({**_object(picture, result), **({"hints": told} if told else {})}), flush=True)
+        print(json.dumps({**_object(picture, result), **({"hints": hinted} if hinted else {})}), flush=True)
         return
     file = on_one_line(picture.file)
     name = file if picture.frame is None else f"{file} [{picture.frame}]"
@@ -217,7 +222,7 @@ def _print_picture(
         print(f"  {on_one_line(pose.target)}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
         print(f"  no pose: {_missing(k, sized=sized)}")
-    for hint in told:
+    for hint in hinted:
         print(f"  hint: {hint}")
 
 
