@@ -68,8 +68,6 @@ def detect(
     Corners are in pixels whose centres are whole numbers, in the order top-left, top-right, bottom-right, bottom-left
     of the print. A pose is the target in the camera (x right, y down, z forward): translation [m], quaternion (w, x, y,
     z), their covariance, and the residual of the mirrored pose over this one as `ambiguity` (null where there is none).
-    A picture without tags, and the first image of a video, get a hint where the reason can be seen: nearly black, tags
-    too small or with a border of two cells; a code that is seen twice is named.
     Without a calibration there are no poses. Exit code 1 when an image could not be read.
 
     Example: mkdaemon detect photo.jpg --camera camera.toml --target configs/targets/nested.toml
@@ -88,7 +86,6 @@ def detect(
     lens = load_camera(camera).intrinsics if camera is not None else None
     tagmap = load(target) if target else None
     eye = _eye(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
-    families = family if tagmap is None else tuple(tagmap.whitelist)
     pictures, failed = list(_inputs(images)), 0
     for picture in _pictures(pictures, lens):
         if picture.pixels is None:
@@ -98,7 +95,7 @@ def detect(
         height, width = picture.pixels.shape
         k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
-        told = list(hints(picture.pixels, result, eye, families)) if picture.frame in (None, 0) else []
+        told = _told(picture, result, eye, tagmap.whitelist if tagmap else family)
         _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, told=told)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
@@ -219,6 +216,13 @@ def _print_picture(
         print(f"  no pose: {_missing(k, sized=sized)}")
     for hint in told:
         print(f"  hint: {hint}")
+
+
+def _told(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
+    """Hints about a picture, and about the first image of a video."""
+    if picture.pixels is None or picture.frame:
+        return []
+    return list(hints(picture.pixels, result, eye, families))
 
 
 def _missing(k: Intrinsics | None, *, sized: bool) -> str:
