@@ -70,9 +70,19 @@ def test_every_mistake_is_told(config, path):
     code, out, _ = config("check", path, "--port", "tcp:h:1", "--json")
     line = json.loads(out)
     assert (code, line["is_valid"], len(line["mistakes"])) == (2, False, 1)
+    path.write_text('[link]\nbaud = "x"\nprot = 1\n[vehicle]\nnaem = 2\n', encoding="utf-8")
+    lines = config("check", path)[1].splitlines()
+    assert [line.split(": ")[1] for line in lines] == ["vehicle.naem", "link.prot", "link.baud"]
     path.write_text("[lnk]\n", encoding="utf-8")
     code, out, _ = config("check", path)
     assert (code, out) == (2, f'{path}:1: lnk: unknown key; did you mean "link"?\n')
+
+
+@pytest.mark.parametrize("sample", sorted(CONFIGS.glob("*.toml")), ids=lambda path: path.stem)
+def test_what_is_delivered_passes(config, sample):
+    code, out, _ = config("check", sample)
+    assert (code, "no mistake" in out) == (0, True)
+    assert ("name it with --port" in out) is (not load(sample).link.port)
 
 
 def test_what_is_shown_is_a_file_again_and_says_where_each_value_comes_from(config, path, monkeypatch):

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from mkdaemon.config.root import Config
 from mkdaemon.described import meanings_of
+from mkdaemon.errors import ConfigError
 
 Place = tuple[str | int, ...]
 
@@ -63,10 +64,23 @@ class Mistake(NamedTuple):
     details: ErrorDetails
 
 
+class MistakesError(ConfigError):
+    """A configuration with mistakes; its text has the first, unknown keys first, and how many more there are.
+
+    Attributes:
+        each: one line for every mistake.
+    """
+
+    def __init__(self, each: Sequence[str]) -> None:
+        more = f" (and {len(each) - 1} more)" if len(each) > 1 else ""
+        super().__init__(each[0] + more)
+        self.each = tuple(each)
+
+
 def explain(
     error: ValidationError, path: Path | None, text: str, given: Mapping[str, str], root: type[BaseModel] = Config
-) -> str:
-    """One line for the first mistake, unknown keys first, and how many more there are.
+) -> MistakesError:
+    """One line for every mistake, unknown keys first.
 
     Args:
         error: what validation found.
@@ -77,8 +91,16 @@ def explain(
     """
     mistakes = [_mistake(details) for details in error.errors(include_url=False)]
     mistakes.sort(key=lambda mistake: mistake.details["type"] != "extra_forbidden")
-    first = mistakes[0].section
-    branches = [mistake for mistake in mistakes if mistake.section == first]
+    sections: dict[Place, list[Mistake]] = {}
+    for mistake in mistakes:
+        sections.setdefault(mistake.section, []).append(mistake)
+    return MistakesError([_line(branches, path, text, given, root) for branches in sections.values()])
+
+
+def _line(
+    branches: list[Mistake], path: Path | None, text: str, given: Mapping[str, str], root: type[BaseModel]
+) -> str:
+    """One line for what one place of the file does not fit."""
     deepest = max(len(mistake.place) for mistake in branches)
     branches = [mistake for mistake in branches if len(mistake.place) == deepest]
     place = branches[0].place
@@ -91,9 +113,7 @@ def explain(
     else:
         line = line_of(text, place)
         where = f"{path}:{line}" if line else str(path)
-    others = len({mistake.section for mistake in mistakes}) - 1
-    more = f" (and {others} more)" if others else ""
-    return f"{where}: {key or 'configuration'}: {_what(branches, root)}{more}"
+    return f"{where}: {key or 'configuration'}: {_what(branches, root)}"
 
 
 def _mistake(details: ErrorDetails) -> Mistake:

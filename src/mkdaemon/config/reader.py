@@ -79,7 +79,7 @@ def validated(
         # takes.
         return kind.model_validate_json(json.dumps(tree, default=lambda date: [str(date)]), strict=True)
     except ValidationError as error:
-        raise ConfigError(explain(error, path, text, origins, kind)) from error
+        raise explain(error, path, text, origins, kind) from error
 
 
 def samples_folder() -> Path:

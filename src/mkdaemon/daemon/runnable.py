@@ -16,13 +16,17 @@ from mkdaemon.link.ports.port import parse_address
 from mkdaemon.link.session.streams import check_rates
 
 
-def mistakes(cfg: Config) -> Iterator[ConfigError]:
+def mistakes(cfg: Config, *, needs_port: bool = True) -> Iterator[ConfigError]:
     """Everything that stands in the way of this configuration; nothing is opened, nothing is sent.
 
     What only this moment decides (a device that is not plugged in, an endpoint in use) is not looked at.
+
+    Args:
+        cfg: the configuration.
+        needs_port: a port has to be set; a file without one is whole where `--port` names it.
     """
     checks: list[Callable[[], object]] = [
-        partial(parse_address, cfg.link.port),
+        *([partial(parse_address, cfg.link.port)] if needs_port or cfg.link.port else []),
         partial(check_rates, cfg.link),
         partial(_check_bus, cfg),
     ]

@@ -112,7 +112,8 @@ class Identification:
 
     def _find_other(self, name: str, difference: str) -> None:
         self.is_other = self._is_lost = True
-        self._say(refuse(Token.OTHER_AIRCRAFT, port=name, detail=difference))
+        detail = f"another aircraft, to which nothing is written: {difference}"
+        self._say(refuse(Token.OTHER_AIRCRAFT, port=name, detail=detail))
 
     def _say(self, doubt: CommandRejectedError) -> None:
         self.doubt = doubt
@@ -144,7 +145,8 @@ class Identification:
 
     def _say_unproven(self, port: Port, check: IdentityCheck) -> None:
         """Publish what is waited for, once, and once more when something is heard."""
-        detail = "frames arrive, but no board answers" if check.has_heard else "nothing arrives"
+        seen = "frames arrive, but no board answers" if check.has_heard else "nothing arrives"
+        detail = f"{seen}, so only questions are written: check power and wiring"
         doubt = refuse(Token.AIRCRAFT_UNPROVEN, port=port.name, detail=detail)
         if self.doubt is None or self.doubt.reason != doubt.reason:
             self._say(doubt)

@@ -344,6 +344,9 @@ class _Reading:
         return {number: one.facts.key for number, one in ours if one.is_wanted}
 
     def define(self, record: Record) -> None:
+        # Every chunk repeats its channels: of a file of many small ones reading them again was nearly all the work.
+        if self.definitions.get(int.from_bytes(record.content[:2], "little")) == record:
+            return
         if record.opcode == Opcode.CHANNEL and (channel := read_channel(record.content)) is not None:
             self.definitions[channel.number] = record
             facts = ChannelFacts.from_metadata(channel.metadata)
@@ -391,10 +394,11 @@ class _Reading:
         """A channel that should have come before; the whole file is searched once."""
         if not self._is_complete:
             self._is_complete = True
-            known = dict(self._channels)
+            known, definitions = dict(self._channels), dict(self.definitions)
             for record in self._recording.definitions():
                 self.define(record)
             self._channels.update(known)
+            self.definitions.update(definitions)
         return self._channels.get(number)
 
     def _count(self, channel: _Ours, sequence: int) -> None:

@@ -157,21 +157,9 @@ class Token(StrEnum):
         "no flight is remembered that telemetry shows going on.",
         "Repeat without `use_remembered`; land and stop the motors, and the FlightCtrl is asked.",
     )
-    OTHER_AIRCRAFT = (
-        "other_aircraft",
-        "{port} came back with another aircraft: {detail}. Nothing is written to it.",
-        "Connect the aircraft from before, or confirm this one with `mkctl do accept-aircraft` or a restart.",
-    )
-    AIRCRAFT_UNPROVEN = (
-        "aircraft_unproven",
-        "{port} came back, and {detail}: only questions are written until its board names itself.",
-        "Check power and wiring, or confirm the aircraft with `mkctl do accept-aircraft`.",
-    )
-    NO_OTHER_AIRCRAFT = (
-        "no_other_aircraft",
-        "no other aircraft waits to be accepted.",
-        "`mkctl status` shows which one is connected.",
-    )
+    OTHER_AIRCRAFT = ("other_aircraft", "{port} came back with {detail}.", "Swap back, or `mkctl do accept-aircraft`.")
+    AIRCRAFT_UNPROVEN = ("aircraft_unproven", "{port} came back, and {detail}.", "Or `mkctl do accept-aircraft`.")
+    NO_OTHER_AIRCRAFT = ("no_other_aircraft", "no other aircraft waits.", "See `mkctl status`.")
 
     # dangers
     NOT_ENABLED = (

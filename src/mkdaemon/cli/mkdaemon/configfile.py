@@ -19,6 +19,7 @@ from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.config.keys import ConfigKey, about_section, heading_of, keys_of, toml_value
 from mkdaemon.config.layers import DEFAULT, Value, find_key, values_of
+from mkdaemon.config.mistakes import MistakesError
 from mkdaemon.config.reader import COMMAND_LINE, validated
 from mkdaemon.config.root import Config, DaemonSections
 from mkdaemon.errors import ConfigError
@@ -66,13 +67,16 @@ def check(file: Path, *, options: RunOptions = NONE_GIVEN, as_json: AsJson = Fal
     """
     from mkdaemon.daemon.runnable import mistakes
 
-    count = 0
+    count, note = 0, ""
     try:
         layered = load_configuration(file, options)
-        found = [str(mistake) for mistake in mistakes(layered.cfg)]
+        found = [str(mistake) for mistake in mistakes(layered.cfg, needs_port=False)]
+        note = "" if layered.cfg.link.port else "; link.port is not set: name it with --port"
         count = len(layered.origins)
         if layered.cfg.sim:
             check_section("sim", file)
+    except MistakesError as error:
+        found = list(error.each)
     except ConfigError as error:
         found = [str(error)]
     if as_json:
@@ -80,7 +84,7 @@ def check(file: Path, *, options: RunOptions = NONE_GIVEN, as_json: AsJson = Fal
     elif found:
         print("\n".join(map(on_one_line, found)))
     else:
-        print(f"{on_one_line(file)}: no mistake; {count} keys are set, all others have their defaults")
+        print(f"{on_one_line(file)}: no mistake; {count} keys are set, all others have their defaults{note}")
     return EXIT_CONFIG if found else EXIT_OK
 
 

@@ -68,8 +68,6 @@ def detect(
     Corners are in pixels whose centres are whole numbers, in the order top-left, top-right, bottom-right, bottom-left
     of the print. A pose is the target in the camera (x right, y down, z forward): translation [m], quaternion (w, x, y,
     z), their covariance, and the residual of the mirrored pose over this one as `ambiguity` (null where there is none).
-    A picture without tags, and the first image of a video, get a hint where the reason can be seen: nearly black, tags
-    too small or with a border of two cells; a code that is seen twice is named.
     Without a calibration there are no poses. Exit code 1 when an image could not be read.
 
     Example: mkdaemon detect photo.jpg --camera camera.toml --target configs/targets/nested.toml
@@ -79,14 +77,15 @@ def detect(
             is there already.
         MkError: a picture cannot be written.
     """
-    _refuse_both({"--camera": camera is not None, "--intrinsics": intrinsics is not None})
-    for name, is_given in (("--tag-size", tag_size is not None), ("--ids", ids is not None)):
-        _refuse_both({"--target": bool(target), name: is_given})
+    if camera is not None and intrinsics is not None:
+        raise ConfigError("give --camera or --intrinsics, not both")
+    if target and (tag_size is not None or ids is not None):
+        msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
+        raise ConfigError(msg)
     figures = _intrinsics(intrinsics) if intrinsics is not None else None
     lens = load_camera(camera).intrinsics if camera is not None else None
     tagmap = load(target) if target else None
     eye = _eye(tagmap, tag_size, family, _ids(ids) if ids is not None else None)
-    families = family if tagmap is None else tuple(tagmap.whitelist)
     pictures, failed = list(_inputs(images)), 0
     for picture in _pictures(pictures, lens):
         if picture.pixels is None:
@@ -96,19 +95,12 @@ def detect(
         height, width = picture.pixels.shape
         k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
-        hinted = list(hints(picture.pixels, result, eye, families)) if picture.frame in (None, 0) else []
-        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, hinted=hinted)
+        told = _told(picture, result, eye, tagmap.whitelist if tagmap else family)
+        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, told=told)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
     return 1 if failed else 0
-
-
-def _refuse_both(given: dict[str, bool]) -> None:
-    """Refuse options that exclude each other."""
-    if all(given.values()):
-        msg = f"give {' or '.join(given)}, not both"
-        raise ConfigError(msg)
 
 
 def _eye(
@@ -200,10 +192,10 @@ def _print_picture(
     *,
     as_json: bool,
     sized: bool = False,
-    hinted: Sequence[str] = (),
+    told: Sequence[str] = (),
 ) -> None:
     if as_json:
-        print(json.dumps({**_object(picture, result), **({"hints": hinted} if hinted else {})}), flush=True)
+        print(json.dumps({**_object(picture, result), **({"hints": told} if told else {})}), flush=True)
         return
     file = on_one_line(picture.file)
     name = file if picture.frame is None else f"{file} [{picture.frame}]"
@@ -222,8 +214,15 @@ def _print_picture(
         print(f"  {on_one_line(pose.target)}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
         print(f"  no pose: {_missing(k, sized=sized)}")
-    for hint in hinted:
+    for hint in told:
         print(f"  hint: {hint}")
+
+
+def _told(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
+    """Hints about a picture, and about the first image of a video."""
+    if picture.pixels is None or picture.frame:
+        return []
+    return list(hints(picture.pixels, result, eye, families))
 
 
 def _missing(k: Intrinsics | None, *, sized: bool) -> str:
