@@ -201,7 +201,11 @@ async def _health_is_late(client: Vehicle) -> bool:
             return False  # it lives, and says that it has too much to do
         print(f"an honest client: {type(error).__name__}: {error}", file=sys.stderr)
         return True
-    return health is None or health.age is None or health.age > LONGEST_SILENCE
+    age = None if health is None else health.age
+    if age is None or age > LONGEST_SILENCE:
+        print(f"an honest client: link/health is {age} s old (None: no answer in time)", file=sys.stderr)
+        return True
+    return False
 
 
 async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) -> BusFindings:
