@@ -32,8 +32,8 @@ def flight_of(*, released):
     tape.add(20.8, "control/status", {"phase": "flying", **flown, "causes": []})
     if released:
         for tick in range(13):
-            told = causes(0.6 + 0.2 * tick, refused=3 * tick)
-            tape.add(42.4 + 0.2 * tick, "control/status", {"phase": "flying", **flown, "causes": told})
+            reported = causes(0.6 + 0.2 * tick, refused=3 * tick)
+            tape.add(42.4 + 0.2 * tick, "control/status", {"phase": "flying", **flown, "causes": reported})
     end = {"phase": "releasing", "reason": "no image of pad for 3.0 s", "outcome": None}
     tape.add(44.8, "control/status", end if released else {**end, "reason": "landed on pad", "outcome": "landed"})
     if released:

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from mkdaemon.view.report.said import number_of, part_of, text_of
 
 MOST: Final = 1000
-"""Troubles that are kept of a recording; of the others nothing is told here."""
+"""Troubles that are kept of a recording; of the others nothing is reported here."""
 
 
 class Reason(NamedTuple):
@@ -17,7 +17,7 @@ class Reason(NamedTuple):
 
     Attributes:
         since: when it began [s].
-        text: what it was, as told last.
+        text: what it was, as reported last.
     """
 
     since: float
@@ -26,16 +26,16 @@ class Reason(NamedTuple):
 
 @dataclass(slots=True)
 class Trouble:
-    """A time in which causes kept a flight from going on, as `control/status` told them.
+    """A time in which causes kept a flight from going on, as `control/status` reported them.
 
     Attributes:
-        told: when they were told first [s].
-        ended: when they were gone, or told last [s].
+        reported: when they were reported first [s].
+        ended: when they were gone, or reported last [s].
         reasons: by kind, the effect first.
-        is_over: a later status told none.
+        is_over: a later status reported none.
     """
 
-    told: float
+    reported: float
     ended: float
     reasons: dict[str, Reason] = field(default_factory=dict)
     is_over: bool = False
@@ -50,17 +50,17 @@ def take_causes(troubles: list[Trouble], at: float, fields: Mapping[str, object]
         fields: of the status.
     """
     causes = part_of(fields, "causes")
-    told = [cause for cause in causes if text_of(cause, "text")] if isinstance(causes, list) else []
+    reported = [cause for cause in causes if text_of(cause, "text")] if isinstance(causes, list) else []
     trouble = troubles[-1] if troubles and not troubles[-1].is_over else None
     if trouble is not None:
-        trouble.ended, trouble.is_over = at, not told
-    elif told and len(troubles) < MOST:
+        trouble.ended, trouble.is_over = at, not reported
+    elif reported and len(troubles) < MOST:
         trouble = Trouble(at, at)
         troubles.append(trouble)
-    if trouble is None or not told:
+    if trouble is None or not reported:
         return
     before, trouble.reasons = trouble.reasons, {}
-    for cause in told:
+    for cause in reported:
         kind, seconds = text_of(cause, "kind"), number_of(cause, "seconds")
         since = before[kind].since if kind in before else at - (seconds or 0.0)
         trouble.reasons[kind] = Reason(since, text_of(cause, "text"))

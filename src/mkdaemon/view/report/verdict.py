@@ -43,7 +43,7 @@ def head_of(flight: Flight) -> Head:
         one.sort is Sort.FAILSAFE and one.text.startswith(RELEASE) and abs(end.at - one.at) < AT_ONCE
         for one in flight.happenings
     )
-    fatal = [one for one in flight.troubles if one.told <= end.at <= one.ended + AT_ONCE]
+    fatal = [one for one in flight.troubles if one.reported <= end.at <= one.ended + AT_ONCE]
     if not failed:
         outcome = f" ({end.outcome.replace('_', ' ')})" if end.outcome else ""
         return Head(f"Ended at {end.at:.1f} s: {end.reason}{outcome}.", False, tuple(_outlived(flight.troubles)))
@@ -54,6 +54,6 @@ def head_of(flight: Flight) -> Head:
 
 def _outlived(troubles: Sequence[Trouble]) -> Iterator[tuple[float, str]]:
     """A line for each trouble that a flight outlived, the longest first."""
-    for one in sorted(troubles, key=lambda one: one.told - one.ended)[:LISTED]:
+    for one in sorted(troubles, key=lambda one: one.reported - one.ended)[:LISTED]:
         chain = "; ".join(reason.text for reason in one.reasons.values())
         yield min(reason.since for reason in one.reasons.values()), f"outlived: {chain}; over at {one.ended:.1f} s"
