@@ -247,9 +247,7 @@ async def record_ground(plan: GroundPlan) -> AsyncIterator[GroundRecording]:
     """
     recording = GroundRecording(plan, Clock())
     for endpoint in plan.endpoints:
-        session_config(
-            "client", connect=[endpoint], zenoh_file=plan.zenoh_file
-        )  # fails before the recorder starts
+        session_config("client", connect=[endpoint], zenoh_file=plan.zenoh_file)  # fails before the recorder starts
     recording.thread.start()
     try:
         async with AsyncExitStack() as sessions, asyncio.TaskGroup() as tasks:
