@@ -112,8 +112,8 @@ def test_what_is_strange_about_a_point_is_told_with_its_number(place, words):
 @pytest.mark.parametrize(
     ("flight", "token", "words"),
     [
-        (None, "route_on_ground", "nobody has told"),
-        (flags(is_flying=None), "route_on_ground", "nobody has told"),
+        (None, "route_on_ground", "no recent telemetry"),
+        (flags(is_flying=None), "route_on_ground", "no recent telemetry"),
         (flags(is_flying=False), "route_on_ground", "it stands"),
         (flags(is_flying=True), None, ""),
         (flags(is_flying=True, waypoint_index=0), None, ""),

@@ -68,7 +68,7 @@ def test_the_place_is_so_far_from_home(reception):
         ((position(),), {"at": (1.0, 1.0, 501.0)}, "point_unusual", "501 m above the start"),
         ((flight(is_flying=True).model_copy(update={"gps_mode": GpsMode.COME_HOME}),), {}, "switch_at_home", "GPS"),
         ((flight(is_flying=False),), {}, "route_on_ground", "it stands"),
-        ((flight(is_flying=None),), {}, "route_on_ground", "nobody has told"),
+        ((flight(is_flying=None),), {}, "route_on_ground", "no recent telemetry"),
     ],
 )
 def test_what_would_not_be_flown_is_refused_with_the_remedy(values, fields, token, words):
