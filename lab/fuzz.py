@@ -37,9 +37,10 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.wire import MESSAGES, Direction
-from mkdaemon.telemetry.refusals import TOKENS, Status, Token
+from mkdaemon.telemetry.refusals import TOKENS, Token
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.signature import sign
+from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.verbs import VERBS
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime

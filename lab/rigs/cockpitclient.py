@@ -19,8 +19,8 @@ from mkdaemon.client.transport import Transport
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import HolderGrant, LeaseGrant
-from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.setpoint import SETPOINTS
+from mkdaemon.telemetry.status import Status
 
 WAY: Final = (0.0005, 0.004)
 """Shortest and longest way of a sample on the bus [s]; Zenoh on loopback needs a millisecond."""

@@ -23,7 +23,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint, sticks_of
 from tests.places import CONFIGS
 

@@ -14,7 +14,7 @@ from mkdaemon.bus.answers import BUSY, MOST_SHED, SHED_BYTES, WAITING_BYTES, Ans
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.schema import schema_names
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import ask, bus_config, client, free_endpoint
 
 ASKER = """

@@ -11,7 +11,7 @@ from lab.rigs.waiting import PATIENCE, wait_for
 from mkdaemon.bus.floods import URGENT
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import ask, bus_config, client, free_endpoint
 
 

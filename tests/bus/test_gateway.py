@@ -34,9 +34,10 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.signature import SIGNATURE_BYTES
 from mkdaemon.telemetry.state import Attitude, Battery
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
 
 STAMP = Stamp(monotonic=1.0, wall=2.0)

@@ -12,7 +12,8 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import Arrived
 from mkdaemon.bus.recording import recorded_taker
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
 from tests.bus.test_gateway import BATTERY
 

@@ -17,7 +17,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from tests.bus.support import bus_config, free_endpoint
 

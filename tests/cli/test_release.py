@@ -13,7 +13,8 @@ from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ReleaseReport
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 
 HERE = Connection(vehicle="alone", connect="tcp/127.0.0.1:7999")
 DONE = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": "enough"}

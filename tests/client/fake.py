@@ -19,10 +19,11 @@ from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase
 from mkdaemon.telemetry.event import CommandEvent
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.signature import HolderKey, Signature
 from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import bus_config, free_endpoint
 
 VEHICLE = "fake"

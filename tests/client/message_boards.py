@@ -13,7 +13,7 @@ from mkdaemon.client import Answer, Vehicle
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.wire import WireMessage
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from tests.protocol.procedures.talk import Reply, drive
 
 

@@ -327,7 +327,7 @@ import asyncio, sys
 from contextlib import asynccontextmanager
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.lease import Leases
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 
 class Quiet:
     def __init__(self): self.loaded = set()

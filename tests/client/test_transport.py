@@ -17,7 +17,7 @@ from mkdaemon.client import connect
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from tests.bus.support import free_endpoint
 
 

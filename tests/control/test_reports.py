@@ -20,8 +20,9 @@ from mkdaemon.control.pilots_hands import CAPPED
 from mkdaemon.control.reports import Reports
 from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.status import Status
 from tests.control.admission.situations import eyes, heights
 from tests.control.events import pose
 

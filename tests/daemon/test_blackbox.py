@@ -18,7 +18,7 @@ from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, ImageRecorder, o
 from mkdaemon.record.entry import Kind, Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample

@@ -18,7 +18,8 @@ from mkdaemon.daemon import localsocket
 from mkdaemon.daemon.localsocket import CONNECTIONS, WORKED_ON, LocalSocket
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 
 
 class Desk:

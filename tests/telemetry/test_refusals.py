@@ -10,7 +10,8 @@ from functools import cache
 import pytest
 
 from mkdaemon.telemetry.control import Obstacle
-from mkdaemon.telemetry.refusals import TOKENS, Status, Token, refuse
+from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
+from mkdaemon.telemetry.status import Status
 from tests.places import DOCS, ROOT
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mkdaemon.errors import CommandRejectedError, ProtocolError
-from mkdaemon.telemetry.refusals import TOKENS, Status
+from mkdaemon.telemetry.refusals import TOKENS
+from mkdaemon.telemetry.status import Status
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -9,7 +9,7 @@ from mkdaemon.telemetry.event import ClockEvent, CommandEvent, FailsafeEvent, Lo
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.record import MarkEvent
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 
 _GOOD = frozenset({Status.ACCEPTED, Status.NOT_OBSERVABLE})
 _LEVELS = {"warning": "warn", "error": "bad", "critical": "bad"}

@@ -21,7 +21,8 @@ from mkdaemon.errors import (
     NotEngagedError,
     ProtocolError,
 )
-from mkdaemon.telemetry.refusals import Status, Token
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.status import Status
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -21,7 +21,7 @@ from mkdaemon.client.patterns import require_known
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.client.watch import Handover, Watch
 from mkdaemon.errors import CommandRejectedError, MkError
-from mkdaemon.telemetry.refusals import Status
+from mkdaemon.telemetry.status import Status
 
 PATIENCE: Final = 15.0
 """Longest wait for the answer to a command [s]; board requests with retries take up to 8 s."""

@@ -26,9 +26,10 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Cause, ErrorValue, EstimateValue, Phase, ReleaseOutcome, trouble_words
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY
 from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.vision import VisionPose
 
 _IS_CONFIRMED: Final = {

@@ -29,7 +29,8 @@ from mkdaemon.protocol.messages import Beep, Redirect, VersionRequest, WriteSett
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.danger import Danger, Switch
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""

@@ -30,7 +30,8 @@ from mkdaemon.telemetry.command import (
 )
 from mkdaemon.telemetry.control import HolderGrant, LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
 from mkdaemon.telemetry.record import MarkRequest
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.verbs import VERBS
 
 Procedure = Callable[[Payload], Awaitable[CommandResult]]

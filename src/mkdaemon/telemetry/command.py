@@ -12,7 +12,8 @@ from pydantic import BeforeValidator, Field
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Command, Telemetry
-from mkdaemon.telemetry.refusals import TOKENS, Status
+from mkdaemon.telemetry.refusals import TOKENS
+from mkdaemon.telemetry.status import Status
 
 
 class CommandResult(Telemetry):

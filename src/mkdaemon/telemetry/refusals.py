@@ -11,18 +11,7 @@ from typing import Any, Final, Self
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.sentences import Words
-
-
-class Status(StrEnum):
-    """How a command ended."""
-
-    ACCEPTED = "accepted"
-    DENIED = "denied"
-    BUSY = "busy"
-    UNSUPPORTED = "unsupported"
-    TIMEOUT = "timeout"
-    NOT_OBSERVABLE = "not_observable"
-    """Sent, but this board gives no sign by which success could be known."""
+from mkdaemon.telemetry.status import Status
 
 
 class Token(StrEnum):

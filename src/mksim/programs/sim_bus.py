@@ -22,8 +22,8 @@ from mkdaemon.clock import Clock
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult, refused
-from mkdaemon.telemetry.refusals import Status
 from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimFaults, SimTruth
+from mkdaemon.telemetry.status import Status
 from mksim.config import SimConfig
 from mksim.programs.sim_camera import CameraPublisher
 from mksim.programs.simsession import check_endpoints, stay_connected

@@ -5,7 +5,8 @@ from __future__ import annotations
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.telemetry.refusals import TOKENS, Status
+from mkdaemon.telemetry.refusals import TOKENS
+from mkdaemon.telemetry.status import Status
 
 _NO_ANSWER = frozenset({Status.TIMEOUT, Status.BUSY})
 

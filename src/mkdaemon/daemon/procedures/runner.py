@@ -42,8 +42,9 @@ from mkdaemon.telemetry.mission import (
     WaypointsUploadRequest,
 )
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, InFlightRequest, ProcedureState
-from mkdaemon.telemetry.refusals import Status, Token, refuse
+from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.settings import OwedSets, SettingsRecoverRequest
+from mkdaemon.telemetry.status import Status
 
 LEAVE: Final = 1.0
 """Longest time a procedure gets to leave the board on an orderly exit [s]; the whole daemon must be gone within two."""

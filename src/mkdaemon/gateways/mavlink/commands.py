@@ -18,7 +18,8 @@ from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify, words_of
-from mkdaemon.telemetry.refusals import Status, Token
+from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.status import Status
 
 AT_ONCE: Final = 0.25
 """A command that is not decided within this is in progress [s]."""
