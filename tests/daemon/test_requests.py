@@ -41,7 +41,7 @@ class Line:
         self.who_answers = Board.FC
         self.direct_board = Board.FC
         self.boards = {Board.FC}
-        self.is_up = True
+        self.is_up, self.doubt = True, None
         self.is_discovering = False
         self.offered_memory = lambda: None
         self.when_asked = lambda: None
