@@ -2,7 +2,7 @@
 
 What is too long is dropped inside Zenoh, before Python sees it, and so are setpoints of strangers (`setpointroot`) and
 what they put to keys of the daemon. The rest is bounded here, on Zenoh's threads, and counted. Zenoh's own limit of a
-rate (`downsampling`) serves keys to which nobody may put; for setpoints of the holder it is not used: of those that a
+rate (`downsampling`) serves keys that no client may put; for setpoints of the holder it is not used: of those that a
 slow network delivers together it would take the first and drop the newest.
 """
 
@@ -72,7 +72,7 @@ def flood_settings(
                 "size_limit": LONGEST_SETPOINT,
             }
         ],
-        # Each in an item of its own: what is put to a wildcard has to pass them all, and of one item's rules only one.
+        # Each in its own item: what is put to a wildcard has to pass them all, and of one item's rules only one.
         "downsampling": [
             {
                 "id": f"mkdaemon-{suffix}",

@@ -266,8 +266,8 @@ class Bus:
         end of the client, its silence shows it.
 
         Args:
-            name: of the client; None for nobody.
-            watcher: told first where it is there already.
+            name: of the client; None for no client.
+            watcher: called at once where the client is there already.
         """
         if self._watched is not None:
             self._watched.undeclare()  # type: ignore[no-untyped-call]

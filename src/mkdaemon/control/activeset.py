@@ -59,7 +59,7 @@ class ActiveSet:
     low_cell: float | None = None
 
     def low_voltage(self, cells: int | None) -> float:
-        """Voltage below which a battery of so many cells, None where that is not known, is low [V]; zero if unknown."""
+        """Voltage below which a battery with this number of cells (None: unknown) is low [V]; zero if unknown."""
         return 0.0 if self.low_cell is None else self.low_cell * (cells or 1)
 
     @property

@@ -330,7 +330,7 @@ class FlightCore:
         self._sight.link_measured(event.health)
 
     def _guard_changed(self, event: GuardChanged, now: float) -> None:
-        """Without the guard nobody gets a lease, and who flies flies on."""
+        """Without the guard no client gets a lease; the holder flies on."""
         self._preflight.has_guard = event.is_alive
 
     def _released(self, event: Released, now: float) -> Reply:
@@ -413,7 +413,7 @@ class FlightCore:
         return ([] if order is None else [order]) + self._reports.take()
 
     def _decide(self, stood_still: float, chain: tuple[Cause, ...], now: float) -> Decision:
-        """From the situation to what is sent, after no tick for so long [s]; `chain` is why there is no pose."""
+        """From the situation to what is sent, after a time without a tick [s]; `chain` is why there is no pose."""
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")

@@ -36,12 +36,12 @@ class FlightWatch:
         self.lease_taken(0)
 
     def lease_taken(self, openings: int) -> None:
-        """Forget what an earlier flight found: the battery may be another. `openings`: of the port, so far."""
+        """Forget what an earlier flight found: the battery may be another. `openings`: of the port until now."""
         self._patience.lease_taken(openings)
         self.battery, self._has_landed = BatteryWatch(), False
 
     def look(self, now: Situation, flown: Concern | None) -> Ending | None:
-        """Say why the flight must end; None where it goes on, and while nobody holds the lease.
+        """Say why the flight must end; None where it goes on, and while no client holds the lease.
 
         A battery that stays low ends the flight once for each lease: who aborts that landing flies on.
 

@@ -56,7 +56,7 @@ class ThrottleReport(NamedTuple):
 
 
 class VehicleFacts:
-    """What was told last, each with the time it arrived; who reads it changes nothing.
+    """The last values, each with the time it arrived; reading changes nothing.
 
     Attributes:
         link: the latest verdict on the line; None before the first.

@@ -19,7 +19,7 @@ async def require_discovery(link: Link, state: LinkState | None) -> None:
         state: what is known about the line.
 
     Raises:
-        CommandRejectedError: `other_aircraft`, `aircraft_unproven`; `link_down`: nobody can be asked, any more;
+        CommandRejectedError: `other_aircraft`, `aircraft_unproven`; `link_down`: no board can be asked any more;
             `discovering`: no answer yet.
     """
     if link.doubt is not None:

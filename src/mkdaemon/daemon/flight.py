@@ -69,7 +69,7 @@ class FlightControl:
             link: the line.
             clock: of the daemon.
             records: folder in which flights are recorded; None where none are.
-            watch_client: has the coming and going of the holder told; of nobody by default.
+            watch_client: reports the coming and going of the holder; nothing by default.
         """
         self._deck, self._core, self._link, self._audit = deck, deck.core, link, deck.audit
         self._clock, self._records = clock, records
@@ -179,7 +179,7 @@ class FlightControl:
                 self._watch_holder()
 
     def _watch_holder(self) -> None:
-        """Hear of the holder's end, and of nobody else's."""
+        """Watch for the holder's end alone."""
         key = self._deck.holder_key
         name = "" if key is None else key.holder
         if name != self._watched:

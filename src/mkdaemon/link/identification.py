@@ -31,7 +31,7 @@ LOOK: Final = 0.5
 UNHEARD: Final = 0.3
 """So long without an answer, and the link says what it waits for [s]."""
 LONGEST_HEARD: Final = 4096
-"""More is thrown away while nobody answers [bytes]."""
+"""More is thrown away while no board answers [bytes]."""
 
 
 class Identification:

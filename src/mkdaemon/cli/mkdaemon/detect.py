@@ -95,8 +95,8 @@ def detect(
         height, width = picture.pixels.shape
         k = lens if figures is None else figures.model_copy(update={"width": width, "height": height})
         result = eye.look(picture.pixels, k)
-        told = _told(picture, result, eye, tagmap.whitelist if tagmap else family)
-        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, told=told)
+        hinted = _hints(picture, result, eye, tagmap.whitelist if tagmap else family)
+        _print_picture(picture, result, k, as_json=as_json, sized=bool(target) or tag_size is not None, hinted=hinted)
         if overlay is not None:
             path = _overlay_path(overlay, picture, single=len(pictures) == 1)
             write_picture(path, draw(picture.pixels, result, k), overwrite=force)
@@ -192,10 +192,10 @@ def _print_picture(
     *,
     as_json: bool,
     sized: bool = False,
-    told: Sequence[str] = (),
+    hinted: Sequence[str] = (),
 ) -> None:
     if as_json:
-        print(json.dumps({**_object(picture, result), **({"hints": told} if told else {})}), flush=True)
+        print(json.dumps({**_object(picture, result), **({"hints": hinted} if hinted else {})}), flush=True)
         return
     file = on_one_line(picture.file)
     name = file if picture.frame is None else f"{file} [{picture.frame}]"
@@ -214,11 +214,11 @@ def _print_picture(
         print(f"  {on_one_line(pose.target)}: right {x:.4f}, down {y:.4f}, ahead {z:.4f} m, {tilt}")
     if result.tags and not result.poses:
         print(f"  no pose: {_missing(k, sized=sized)}")
-    for hint in told:
+    for hint in hinted:
         print(f"  hint: {hint}")
 
 
-def _told(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
+def _hints(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
     """Hints about a picture, and about the first image of a video."""
     if picture.pixels is None or picture.frame:
         return []

@@ -27,9 +27,9 @@ _ALL: Final = (Concern.LEASE, Concern.REQUEST, Concern.PROCEDURE)
 BUSY_ROWS: Final = Rows()
 """What keeps the boards busy."""
 REQUEST_ROWS: Final = Rows()
-"""What stands in the way of a request to a board."""
+"""What prevents a request to a board."""
 PROCEDURE_ROWS: Final = Rows()
-"""What stands in the way of a procedure."""
+"""What prevents a procedure."""
 
 
 @BUSY_ROWS.row(

@@ -38,9 +38,9 @@ _LEASE: Final = (Concern.LEASE,)
 _NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
 
 LEASE_ROWS: Final = Rows()
-"""What stands in the way of the lease; what keeps the boards busy does, too: see `boardrows`."""
+"""What prevents the lease; what keeps the boards busy does, too: see `boardrows`."""
 CHECK_ROWS: Final = Rows()
-"""What stands in the way of a manoeuvre by the target: the aircraft, its settings, this computer."""
+"""What prevents a manoeuvre by the target: the aircraft, its settings, this computer."""
 
 
 @LEASE_ROWS.row(
@@ -306,4 +306,4 @@ def _released(now: Situation, wanted: object) -> Verdict:
 
 
 FLIGHT_ROWS: Final = (*NEED_ROWS, *CHECK_ROWS, *SIGHT_ROWS, *BEGIN_ROWS)
-"""What stands in the way of a manoeuvre, in the order in which the first one is named."""
+"""What prevents a manoeuvre, in the order in which the first one is named."""

@@ -23,7 +23,7 @@ LEAST_SATELLITES: Final = 6
 _NAVI_GOTO: Final = (Concern.NAVI_GOTO,)
 
 NAVI_ROWS: Final = Rows()
-"""What stands in the way of points, routes and places."""
+"""What prevents points, routes and places."""
 
 
 class Place(NamedTuple):

@@ -24,7 +24,7 @@ LATEST_IMAGES: Final = 500.0
 _UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
 
 SIGHT_ROWS: Final = Rows()
-"""What stands in the way of a manoeuvre by the target: what its cameras show."""
+"""What prevents a manoeuvre by the target: what its cameras show."""
 
 
 @SIGHT_ROWS.check(

@@ -280,7 +280,7 @@ class Actions:
         return accepted() if self._steering.order is None else await self.hold(asked)
 
     async def check(self, asked: Asked) -> Answered:
-        """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that stands in the way."""
+        """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that prevents one."""
         if is_armed(self._picture):
             return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "the motors turn already")
         report = await self._uav.preflight()

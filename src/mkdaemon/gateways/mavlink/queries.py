@@ -167,7 +167,7 @@ def _ask_group(station: Station, message: Message) -> None:
 
 
 def autopilot_version(picture: Picture) -> Message:
-    """AUTOPILOT_VERSION: the release of the FlightCtrl; a MikroKopter has no number of its own."""
+    """AUTOPILOT_VERSION: the release of the FlightCtrl; a MikroKopter has none."""
     health = picture.get(VehicleHealth)
     words = "" if health is None else health.firmware.get("fc", "")
     custom = words.encode("ascii", "replace")[:8].ljust(8, b"\0")

@@ -30,7 +30,7 @@ ASK_TIME: Final = 1.0
 ASK_SELDOM: Final = 0.5
 """After `ASK_TIME` a question is repeated this often [s]."""
 SET_QUESTIONS: Final = 4
-"""A FlightCtrl 2.00a whose motors run never sends its set: after so many questions the version must do."""
+"""A FlightCtrl 2.00a whose motors run never sends its set: after this number of questions the version must do."""
 SLACK_M: Final = 1000.0
 """Two positions of one aircraft may differ by this much more than `TOP_SPEED` explains: a first fix can be poor [m]."""
 TOP_SPEED: Final = 60.0

@@ -45,7 +45,7 @@ def take_causes(troubles: list[Trouble], at: float, fields: Mapping[str, object]
     """Take the causes of a status into the troubles of its flight.
 
     Args:
-        troubles: so far; the last one goes on or ends.
+        troubles: until now; the last one goes on or ends.
         at: time of the status [s].
         fields: of the status.
     """
