@@ -196,6 +196,7 @@ class Judge:
                     pass
         self._look_at_release(is_released=is_released, sends=frame is not None)
         status = self._status
+        # In the tick that ends an unanswered flight the sticks are still level.
         was_flying = self._was_flying
         if status is not None:
             self._look_at_status(status)
@@ -265,12 +266,11 @@ class Judge:
         reached[f"outcome {status.outcome}"] += 1
         for cause in status.causes:
             reached[f"cause {cause.kind}"] += 1
-        was_flying, self._was_flying = self._was_flying, phase is Phase.FLYING
+        self._was_flying = phase is Phase.FLYING
         if phase is Phase.FLYING:
             if world.is_aborted:
                 self.breach(Breach.UNTRUE, "aborted, and flown")
-            # The setpoint that ends an abort is flown from the next tick on.
-            if was_flying and world.newest is not None and status.manoeuvre not in (None, world.newest.kind):
+            if world.newest is not None and status.manoeuvre not in (None, world.newest.kind):
                 self.breach(Breach.UNTRUE, f"{status.manoeuvre} is flown, {world.newest.kind} was taken last")
         if status.phase is not phase or status.aborts != world.aborts:
             self.breach(Breach.UNTRUE, f"{status.phase}, {status.aborts} aborts; it is {phase}, {world.aborts} aborts")

@@ -262,6 +262,7 @@ def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others():
     resumed = next(at for at, action in shown if action.phase is Phase.FLYING and at > aborted)
     assert (aborted, resumed) == pytest.approx((2.5, 3.4), abs=0.03)
     assert "position" not in {action.manoeuvre for at, action in shown if at < resumed}
+    assert {action.manoeuvre for at, action in shown if at == resumed} == {"position"}
     last = shown[-1][1]
     assert (last.phase, last.manoeuvre, last.aborts) == (Phase.FLYING, "position", 1)
 

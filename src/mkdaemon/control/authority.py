@@ -291,6 +291,12 @@ class Authority:
         """Whether a setpoint ends the newest abort."""
         return setpoint is not None and 0 < setpoint.after_abort == self.aborts
 
+    def flown_phase(self, now: float) -> Phase:
+        """The phase in which the newest setpoint is flown at a time [s]: an abort that it ends is over."""
+        lease = self._lease
+        is_over = lease is not None and self.is_resumed_by(lease.newest) and self._is_fresh(lease, now)
+        return Phase.FLYING if self.phase is Phase.ABORTED and is_over else self.phase
+
     @property
     def holder_key(self) -> HolderKey | None:
         """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
@@ -387,10 +393,14 @@ class Authority:
             is_silent=is_silent,
             is_live=lease.is_live(cfg.lease, now),
             is_ready=not guided.obstacle,
-            is_fresh=now - lease.arrived <= lease.setpoint_life(cfg.limiter),
+            is_fresh=self._is_fresh(lease, now),
             is_unanswered=guided.is_unanswered,
             resumes=self.is_resumed_by(lease.newest),
         )
+
+    def _is_fresh(self, lease: Lease, now: float) -> bool:
+        """Whether the newest setpoint of a lease still holds at a time [s]."""
+        return now - lease.arrived <= lease.setpoint_life(self._cfg.limiter)
 
     def _move(self, event: Trigger, conditions: Conditions | None = None, **words: str) -> Row | None:
         """Take the row of an event, if there is one."""

@@ -425,7 +425,7 @@ class FlightCore:
             authority.end(ending.trigger, cause=ending.cause, can_land=self._can_land(self._seen(situation)))
             setpoint = authority.newest
         why = "; ".join(cause.text for cause in chain[1:]) if self._needs_pose else ""
-        step = None if setpoint is None else self._flown.step(setpoint, authority.phase, situation)
+        step = None if setpoint is None else self._flown.step(setpoint, authority.flown_phase(now), situation)
         return authority.tick(step, now, why)
 
     def _is_by_images(self, now: float) -> bool:
