@@ -53,7 +53,7 @@ class Cycle:
         number: within the session.
         cut: what happened.
         back: streamed telemetry after the device came back [s]; None where it did not.
-        first: what the first bytes after the opening were; `release` as they must be.
+        first: what was written first after the questions who is there; `release` as it must be.
         steered: stick frames with a control bit, from the opening to the end, although nobody took a lease since.
         is_held: whether the FlightCtrl still held a command at the end.
         obeyed: time for which the FlightCtrl followed an old tilt after its reboot [s].
@@ -72,6 +72,10 @@ class Cycle:
         """Whether it breaks a limit."""
         is_late = self.back is None or self.back > BACK or self.obeyed > CLEARED
         return is_late or self.first != "release" or self.steered > 0 or self.is_held
+
+
+QUESTIONS: Final = frozenset("voq")
+"""What a port that came back is asked before anything else: version, position, parameter set."""
 
 
 def first_words(written: bytes) -> str:
@@ -153,7 +157,8 @@ async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) 
     steering = [frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT and frame.at >= begun]
     first = "release"
     if cut is not Cut.REBOOT:  # there the port stays open, and nothing begins
-        first = first_words(b"".join(data for _, data in socket.wire[written:][:2]))
+        words = [first_words(data) for _, data in socket.wire[written:]]
+        first = next((word for word in words if word not in QUESTIONS), "nothing")
     flown.sink.tx.clear()
     obeyed = _tilted_time(flown.aircraft.applied, restarted, flown.aircraft.now) if cut is Cut.REBOOT else 0.0
     return Cycle(number, cut, back, first, len(steering), flown.aircraft.is_controlled, obeyed)

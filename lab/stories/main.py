@@ -119,7 +119,7 @@ def run_cable_cuts(runs: int | None, jobs: int) -> Iterator[Row]:
         back = [cycle.back for cycle in found if cycle.back is not None]
         wrong = [(number // CYCLES, cycle.number) for number, cycle in enumerate(found) if cycle.is_wrong]
         figure = (
-            f"telemetry back longest {max(back):.2f} s; first bytes a release in "
+            f"telemetry back longest {max(back):.2f} s; first a release in "
             f"{sum(cycle.first == 'release' for cycle in found)}; {sum(cycle.steered for cycle in found)} stick frames "
             f"after; {sum(cycle.is_held for cycle in found)} still held; an old tilt obeyed in "
             f"{sum(cycle.obeyed > 0.0 for cycle in found)}, longest {max(cycle.obeyed for cycle in found):.2f} s"

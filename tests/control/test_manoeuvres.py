@@ -170,7 +170,7 @@ def place(record, at):
 
 def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then():
     rig = Plan(
-        replace(CALM, seconds=7.6), hold(), (5.0, *stick(pitch=6.0)), (5.8, *stick(pitch=-5.0)), (6.6, *hold()[1:])
+        replace(CALM, seconds=7.6), hold(), (5.0, *stick(pitch=16.0)), (5.8, *stick(pitch=-15.0)), (6.6, *hold()[1:])
     )
     record = rig.fly()
     assert record.lost == ""

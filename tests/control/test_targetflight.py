@@ -166,7 +166,8 @@ class UntilReleased(CoreRig):
     """Ends with its release: who flies afterwards would have to be told of the whole flight."""
 
     def _is_over(self, at):
-        return super()._is_over(at) or any(isinstance(action, Release) for _, action in self.actions[-9:])
+        super()._is_over(at)
+        return any(isinstance(action, Release) for _, action in self.actions[-9:])
 
 
 class Lands(UntilReleased):

@@ -100,8 +100,8 @@ def test_a_moment_of_deafness_ends_no_flight():
     run_virtually(story())
 
 
-@pytest.mark.parametrize(("lasts", "flies"), [(0.42, True), (0.7, False)])
-def test_half_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
+@pytest.mark.parametrize(("lasts", "flies"), [(0.42, True), (0.9, True), (1.15, False)])
+def test_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
     async def story():
         async with flying(Boards("2.12a")) as flown:
             flown.socket.port.inject(LineFault.SILENCE)

@@ -28,9 +28,9 @@ from mkdaemon.telemetry.refusals import Token, refuse
 
 LOOK: Final = 0.5
 """Longest wait between two looks at what a client says, and at the device [s]."""
-UNHEARD: Final = 0.3
+UNANSWERED: Final = 0.3
 """So long without an answer, and the link says what it waits for [s]."""
-LONGEST_HEARD: Final = 4096
+MOST_KEPT: Final = 4096
 """More is thrown away while no board answers [bytes]."""
 
 
@@ -93,12 +93,12 @@ class Identification:
         now = self._clock.now()
         still = self._motors_running(now, math.inf) is False
         check = IdentityCheck(known, self._dialogue.dialect.dead_man, now, may_read_set=still)
-        heard = await self._ask(port, check, now)
+        arrived = await self._ask(port, check, now)
         if check.difference:
             self._find_other(port.name, check.difference)
             return None
         self.doubt, self._is_lost = None, False
-        return heard
+        return arrived
 
     async def wait_for_change(self, url: str) -> None:
         """Wait until a client accepts the aircraft, or another device has the address."""
@@ -113,43 +113,44 @@ class Identification:
     def _find_other(self, name: str, difference: str) -> None:
         self.is_other = self._is_lost = True
         detail = f"another aircraft, to which nothing is written: {difference}"
-        self._say(refuse(Token.OTHER_AIRCRAFT, port=name, detail=detail))
+        self._publish(refuse(Token.OTHER_AIRCRAFT, port=name, detail=detail))
 
-    def _say(self, doubt: CommandRejectedError) -> None:
+    def _publish(self, doubt: CommandRejectedError) -> None:
         self.doubt = doubt
         self._exchange.port_lost(f"{doubt.reason} {doubt.fix}", LinkCondition.DOWN)
 
     async def _ask(self, port: Port, check: IdentityCheck, began: float) -> bytes:
-        decoder, messages, heard = FrameDecoder(), MessageDecoder(), bytearray()
+        decoder, messages, arrived = FrameDecoder(), MessageDecoder(), bytearray()
         while not check.is_same and not check.difference:
             now = self._clock.now()
             question = check.due(now)
             if question is not None:
-                port.write(question)
-                self._exchange.note_written(question, None, Purpose.REQUEST)
+                raw, message = question
+                port.write(raw)
+                self._exchange.note_written(raw, message, Purpose.REQUEST)
             if self._is_accepted:
                 self._is_accepted = False
                 self._dialogue.known.forget()
                 check.accept()
-            elif now - began > UNHEARD:
-                self._say_unproven(port, check)
+            elif now - began > UNANSWERED:
+                self._publish_unproven(port, check)
             with suppress(TimeoutError):
                 async with asyncio.timeout(min(check.next_time() - now, LOOK)):
                     chunk = await port.read()
-                    heard += chunk if len(heard) < LONGEST_HEARD else b""
+                    arrived += chunk if len(arrived) < MOST_KEPT else b""
                     for item in decoder.feed(chunk):
                         if isinstance(item, Frame):
                             sender = board_at(item.address) or Board.ANY
                             check.received(sender, messages.decode(item), self._clock.now())
-        return bytes(heard)
+        return bytes(arrived)
 
-    def _say_unproven(self, port: Port, check: IdentityCheck) -> None:
-        """Publish what is waited for, once, and once more when something is heard."""
-        seen = "frames arrive, but no board answers" if check.has_heard else "nothing arrives"
+    def _publish_unproven(self, port: Port, check: IdentityCheck) -> None:
+        """Publish what is waited for, once, and once more when something arrives."""
+        seen = "frames arrive, but no board answers" if check.is_answered else "nothing arrives"
         detail = f"{seen}, so only questions are written: check power and wiring"
         doubt = refuse(Token.AIRCRAFT_UNPROVEN, port=port.name, detail=detail)
         if self.doubt is None or self.doubt.reason != doubt.reason:
-            self._say(doubt)
+            self._publish(doubt)
 
 
 def _device(url: str) -> tuple[int, ...] | None:

@@ -390,10 +390,10 @@ class Link:
     async def _use(self, port: Port, discover: Discovery) -> bool:
         """Speak to the aircraft at an open port, and close it; returns whether it was a recording that ended."""
         try:
-            heard = await self._identification.prove(port)
-            if heard is None:
+            arrived = await self._identification.prove(port)
+            if arrived is None:
                 return False
-            has_ended = await self._exchange.serve(port, discover, heard)
+            has_ended = await self._exchange.serve(port, discover, arrived)
             self._identification.port_ended(port.name)
         except LinkLostError as error:
             self._identification.port_lost()

@@ -535,8 +535,8 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         trouble()
         trouble()
         assert ears.words == (
-            "NO POSE FOR 0.6 S; releases in 2.4 s"
-            "NO POSE FOR 0.6 S: 3 of 9 link tests unanswered; releases in 1.8 s"
+            "NO POSE FOR 0.6 S, releases in 2.4 s"
+            "NO POSE FOR 0.6 S, releases in 1.8 s: 3 of 9 link tests unanswered"
             "poses come again"
         )
 

@@ -170,7 +170,7 @@ class Exchange:
 
     # -- reading --------------------------------------------------------------------------------------------------
 
-    async def serve(self, port: Port, discover: Discovery, heard: bytes = b"") -> bool:
+    async def serve(self, port: Port, discover: Discovery, arrived: bytes = b"") -> bool:
         """Read and write until the port is lost; returns whether it was a recording that ended.
 
         Cancelling it ends with a release.
@@ -178,7 +178,7 @@ class Exchange:
         Args:
             port: open; closing it is the caller's.
             discover: runs beside the reading.
-            heard: what arrived already while the aircraft was asked who it is.
+            arrived: what arrived already while the aircraft was asked who it is.
         """
         self.port = port
         self._decoder = FrameDecoder()
@@ -201,7 +201,7 @@ class Exchange:
         self._publish()
         lost = None
         try:
-            self._process(heard)
+            self._process(arrived)
             self.pump()
             lost = await self._converse(port, discover)
         except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Final
 
 from mkdaemon.frames import enu_from_geodetic
@@ -149,13 +150,21 @@ def _facts(reply: VersionReply) -> dict[str, object]:
     return {name: getattr(reply, name) for name in _FACTS if hasattr(reply, name)}
 
 
+class Escape(Enum):
+    """Whether the escape sequence that ends a passage was written, because the FlightCtrl answers for its NaviCtrl."""
+
+    UNTRIED = auto()
+    DUE = auto()
+    DONE = auto()
+
+
 class IdentityCheck:
     """Asks whoever is at a port that came back until it is known whether that is the aircraft from before.
 
     Attributes:
         is_same: everything that could be asked was answered as before.
         difference: why it is another aircraft; empty while nothing says so.
-        has_heard: a right frame arrived.
+        is_answered: a right frame arrived.
     """
 
     def __init__(self, known: KnownAircraft, dead_man: DeadMan, now: float, *, may_read_set: bool) -> None:
@@ -171,27 +180,31 @@ class IdentityCheck:
         self._keeps_alive = dead_man.refreshed_by(VersionRequest.spec.id)
         self._may_read_set = may_read_set
         self._board: Board | None = None
-        self._has_told_fix = self._has_told_set = False
+        self._has_fix = self._has_set = False
         self._set_questions = 0
         self._is_escape = False
+        self._escape = Escape.UNTRIED
         self._round_began = self._next = now
-        self.is_same = self.has_heard = False
+        self.is_same = self.is_answered = False
         self.difference = ""
 
-    def due(self, now: float) -> bytes | None:
-        """Return the question to write now; None for none."""
+    def due(self, now: float) -> tuple[bytes, WireMessage | None] | None:
+        """Return the question to write now, and the message that it is; None for none."""
         if now < self._next or self.is_same or self.difference:
             return None
         if self._keeps_alive and now - self._round_began > ASK_TIME:
             self._round_began = self._next = now + QUIET_TIME
             return None
+        if self._escape is Escape.DUE:
+            self._escape, self._next = Escape.DONE, now + ASK_AGAIN
+            return ESCAPE, None
         is_late = now - self._round_began > ASK_TIME
         self._next = now + (ASK_SELDOM if is_late else ASK_AGAIN)
         self._is_escape = is_late and self._known.was_redirected and self._board is None and not self._is_escape
         if self._is_escape:
-            return ESCAPE
+            return ESCAPE, None
         board, message = self._question()
-        return RESYNC + message.to_frame(board)
+        return RESYNC + message.to_frame(board), message
 
     def accept(self) -> None:
         """A client says that whatever is there may be spoken to."""
@@ -203,27 +216,35 @@ class IdentityCheck:
 
     def received(self, board: Board, message: WireMessage | Unknown, now: float) -> None:
         """A right frame arrived."""
-        self.has_heard = True
+        self.is_answered = True
         self.difference = self.difference or self._known.find_difference(board, message, now) or ""
         match message:
             case VersionReply():
                 self._board = board
-                self.difference = self.difference or self._known.find_misplaced(board) or ""
+                self._place(board)
             case Settings():
-                self._has_told_set = True
+                self._has_set = True
             case OsdData4() | OsdData5() | OsdSet():
-                self._has_told_fix = True
+                self._has_fix = True
             case _:
                 return
         self.is_same = not self.difference and self._has_answered
         self._next = now
 
+    def _place(self, board: Board) -> None:
+        """Judge which board answers; the known FlightCtrl in place of its NaviCtrl gets the end of a passage first."""
+        misplaced = self._known.find_misplaced(board)
+        if misplaced and not self.difference and self._escape is Escape.UNTRIED and board in self._known.versions:
+            self._escape, self._board = Escape.DUE, None
+        else:
+            self.difference = self.difference or misplaced or ""
+
     @property
     def _has_answered(self) -> bool:
         if self._board is Board.NC and self._known.fix is not None:
-            return self._has_told_fix
+            return self._has_fix
         if self._board is Board.FC and self._known.sets and self._may_read_set:
-            return self._has_told_set or self._set_questions > SET_QUESTIONS
+            return self._has_set or self._set_questions > SET_QUESTIONS
         return self._board is not None
 
     def _question(self) -> tuple[Board, WireMessage]:
