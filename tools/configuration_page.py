@@ -6,11 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.config.keys import ConfigKey, about_section, heading_of, keys_of
-from mkdaemon.config.vision import TargetFile
-from mkdaemon.vision.camera.calibration_file import Camera
-from mksim.config import SimulatorFile
+from mkdaemon.cli.mkdaemon.documentedfiles import documented_files
+from mkdaemon.config.keys import ConfigKey
 from tools.markdown import table
 
 _HEAD: Final = """# Configuration
@@ -59,16 +56,6 @@ What is given later goes before what is given earlier:
 which must not change in flight: the log names those that differ, and that they need a restart, on the ground, for a
 restart releases the aircraft. A file with a mistake changes nothing; the log has the mistake.
 """
-_FILES: Final = (
-    ("The aircraft's file", SimulatorFile, ""),
-    ("A target file", TargetFile, "Named by `cameras.targets`; `mkdaemon target` prints it and writes one."),
-    (
-        "A mapping file of a gamepad",
-        Gamepad,
-        "Found by `ids`, or named by `mkctl teleop --mapping`; `mkctl teleop --learn` writes it ([pads](teleop.md)).",
-    ),
-    ("A camera file", Camera, "Named by `cameras.calibration`; `mkdaemon calibrate camera` writes it."),
-)
 _COLUMNS: Final = ("key", "type", "unit", "default", "range", "meaning", "if it is wrong")
 
 
@@ -79,15 +66,12 @@ def configuration_page(_root: Path | None = None) -> str:
 
 def _lines() -> Iterator[str]:
     yield _HEAD
-    for title, model, about in _FILES:
-        yield f"## {title}\n"
-        yield from (f"{about}\n",) if about else ()
-        sections: dict[str, list[ConfigKey]] = {}
-        for key in keys_of(model):
-            sections.setdefault(key.section, []).append(key)
-        for section, keys in sections.items():
+    for file in documented_files():
+        yield f"## {file.title}\n"
+        yield from (f"{file.about}\n",) if file.about else ()
+        for section, keys in file.sections().items():
             if section:
-                yield f"### `{heading_of(model, section)}`\n\n{about_section(model, section)}\n"
+                yield f"### `{file.heading(section)}`\n\n{file.about_section(section)}\n"
             yield from _table(keys)
             yield ""
 

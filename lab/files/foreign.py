@@ -6,19 +6,29 @@ or one line of refusal; anything else is wrong. The oracle counts what the gener
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import random
+import struct
 import tempfile
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from mcap.writer import CompressionType
+
+from lab.files.originals import Kind, originals
+from lab.files.recordings import rewritten
 from mkdaemon.config.reader import load
 from mkdaemon.errors import MkError
 from mkdaemon.missions import read_mission
 from mkdaemon.missions.items import COMMANDS
+from mkdaemon.record.layout import MAGIC
+from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.mission import PointKind
 from mkdaemon.vision.camera.calibration_file import load_camera
 
@@ -50,27 +60,30 @@ class Foreign:
 
     Attributes:
         suffix: of its name.
-        text: what stands in it.
+        content: what stands in it.
         fault: what is wrong with how it was read, given its path; empty for nothing.
+        is_right: nothing in it can be refused.
     """
 
     suffix: str
-    text: str
+    content: bytes
     fault: Callable[[Path], str]
+    is_right: bool = False
 
 
 def foreign_files(seed: int) -> Iterator[Foreign]:
     """One file of each kind."""
     rng = random.Random(seed)
-    yield from (make(rng) for make in (_plan, _waypoints, _kml, _gpx, _table, _toml, _calibration))
+    makers = (_plan, _waypoints, _kml, _kmz, _gpx, _table, _toml, _ros, _ost, _kalibr, _mcap)
+    yield from (make(rng) for make in makers)
 
 
 def _place(rng: random.Random) -> list[float]:
     return [round(rng.uniform(-80, 80), 6), round(rng.uniform(1, 170), 6), rng.randint(2, 90)]
 
 
-def _marked(rng: random.Random, text: str) -> str:
-    return (_BOM if rng.random() < 0.3 else "") + text
+def _marked(rng: random.Random, text: str) -> bytes:
+    return ((_BOM if rng.random() < 0.3 else "") + text).encode()
 
 
 def _mission(count: int, notes: int) -> Callable[[Path], str]:
@@ -119,7 +132,8 @@ def _waypoints(rng: random.Random) -> Foreign:
     return Foreign(rng.choice([".waypoints", ".wpl"]), _marked(rng, end.join(rows)), _mission(count, 1))
 
 
-def _kml(rng: random.Random) -> Foreign:
+def _document(rng: random.Random) -> tuple[bytes, int, int]:
+    """A KML document, its points, and how many notes it needs at least; -1 point where it has to be refused."""
     count, boxes, body = rng.randint(1, 6), rng.randint(0, 2), ""
     for _ in range(count):
         latitude, longitude, height = _place(rng)
@@ -129,8 +143,31 @@ def _kml(rng: random.Random) -> Foreign:
     lines = rng.choice([0, 0, 0, 1])
     body += "<Placemark><LineString><coordinates>1,2 3,4</coordinates></LineString></Placemark>" * lines
     # A path beside points has to be refused: no count is right.
+    return _marked(rng, f"<kml><Folder>{body}</Folder></kml>"), -1 if lines else count, min(boxes, 1)
+
+
+def _kml(rng: random.Random) -> Foreign:
+    content, count, notes = _document(rng)
+    return Foreign(".kml", content, _mission(count, notes), count > 0)
+
+
+def _kmz(rng: random.Random) -> Foreign:
+    """A packed KML document, among others and pictures."""
+    (document, count, notes), packed = _document(rng), io.BytesIO()
+    how = rng.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+    names = [rng.choice(["doc.kml", "Route.KML"])] if rng.random() < 0.9 else []
+    others = [name for name in ("files/picture.png", "readme.txt") if rng.random() < 0.3]
+    second = ["files/a.kml"] if names and rng.random() < 0.3 else []
+    with zipfile.ZipFile(packed, "w", how) as file:
+        for name in rng.sample(found := [*names, *others, *second], len(found)):
+            file.writestr(name, document if name in names else b"<kml/>")
+    content = packed.getvalue()
+    if rng.random() < 0.1:  # damaged on its way
+        place = rng.randrange(len(content))
+        content = content[:place] + bytes([content[place] ^ 0x55]) + content[place + 1 :]
+        return Foreign(".kmz", content, lambda path: _mission(count, 0)(path) and "")
     return Foreign(
-        ".kml", _marked(rng, f"<kml><Folder>{body}</Folder></kml>"), _mission(-1 if lines else count, boxes > 0)
+        ".kmz", content, _mission(count, notes + len(second)) if names else _mission(-1, 0), count > 0 and bool(names)
     )
 
 
@@ -161,24 +198,87 @@ def _toml(rng: random.Random) -> Foreign:
     return Foreign(".toml", _marked(rng, f'[vehicle]\nname = "{name}"\n'), fault)
 
 
-def _calibration(rng: random.Random) -> Foreign:
+def _coefficients(rng: random.Random, counts: list[int]) -> list[float]:
+    return [round(rng.uniform(-0.1, 0.1), 4) for _ in range(rng.choice(counts))]
+
+
+def _camera(suffix: str, content: bytes, focal: float, coefficients: list[float], kept: int) -> Foreign:
+    """A calibration with a focal length, and coefficients of which a camera file keeps so many."""
+
+    def fault(path: Path) -> str:
+        found = load_camera(path).intrinsics
+        wanted = [*coefficients, *[0.0] * kept][:kept]
+        right = found.fx == focal and not any(coefficients[kept:]) and list(found.distortion) == wanted
+        return "" if right and (found.width, found.height) == (640, 480) else f"{found} is not {coefficients}"
+
+    return Foreign(suffix, content, fault, math.isfinite(focal) and focal > 0 and not any(coefficients[kept:]))
+
+
+def _ros(rng: random.Random) -> Foreign:
     model = rng.choice(["plumb_bob", "rational_polynomial", "equidistant"])
-    coefficients = [round(rng.uniform(-0.1, 0.1), 4) for _ in range(rng.choice([4, 5, 8]))]
-    kept = 4 if model == "equidistant" else 5
-    focal = rng.choice([500.0, 601.25, float("nan")])
+    coefficients, focal = _coefficients(rng, [4, 5, 8]), rng.choice([500.0, 601.25, float("nan")])
     text = (
         "image_width: 640\nimage_height: 480\n"
         f"camera_matrix:\n  rows: 3\n  data: [{focal}, 0, 320, 0, 600, 240, 0, 0, 1]\n"
         f"distortion_model: {model}\ndistortion_coefficients:\n  cols: {len(coefficients)}\n  data: {coefficients}\n"
     )
+    return _camera(".yaml", _marked(rng, text), focal, coefficients, 4 if model == "equidistant" else 5)
+
+
+def _ost(rng: random.Random) -> Foreign:
+    coefficients, focal = _coefficients(rng, [4, 5, 8]), rng.choice([500.0, 601.25, float("inf")])
+    row = " ".join(f"{value:.6f}" for value in coefficients)
+    end = rng.choice(["\n", "\r\n"])
+    text = (
+        "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n[narrow_stereo]\n\n"
+        f"camera matrix\n{focal:.6f} 0.000000 320.000000\n0.000000 600.000000 240.000000\n"
+        f"0.000000 0.000000 1.000000\n\ndistortion\n{row}\n\nrectification\n1.0 0.0 0.0\n0.0 1.0 0.0\n0.0 0.0 1.0\n"
+    )
+    return _camera(".txt", _marked(rng, text.replace("\n", end)), focal, coefficients, 5)
+
+
+def _kalibr(rng: random.Random) -> Foreign:
+    model = rng.choice(["radtan", "equidistant", "fov"])
+    coefficients, focal = _coefficients(rng, [4]), rng.choice([500.0, 601.25, float("nan")])
+    rows = "".join(f"\n  - {value}" for value in coefficients) if rng.random() < 0.5 else f" {coefficients}"
+    text = "".join(
+        f"cam{number}:\n  cam_overlaps: []\n  camera_model: {rng.choice(['pinhole', 'pinhole', 'omni'])}\n"
+        f"  distortion_coeffs:{rows}\n  distortion_model: {model}\n"
+        f"  intrinsics: [{focal}, 600.0, 320.0, 240.0]\n  resolution: [640, 480]\n  rostopic: /cam{number}/image_raw\n"
+        for number in range(rng.choice([1, 1, 1, 2]))
+    )
+    # Several cameras, an omnidirectional one and a lens that nobody here knows have to be refused.
+    is_right = "cam1" not in text and "omni" not in text and model != "fov"
+    kept = 4 if model == "equidistant" else 5
+    return _camera(".yaml", _marked(rng, text), focal if is_right else -1.0, coefficients, kept)
+
+
+def _mcap(rng: random.Random) -> Foreign:
+    """A recording as another writer has it, with channels and records of another program."""
+    source, more = rng.choice(originals(Kind.RECORDING)), rng.randint(0, 3)
+    how: dict[str, Any] = {
+        "use_chunking": rng.random() < 0.7,
+        "compression": rng.choice(list(CompressionType)),
+        "chunk_size": rng.choice([100, 5_000, 10_000_000]),
+    }
+    content, count = rewritten(source, more, **how)
+    private = struct.pack("<BQ", rng.randint(0x80, 0xFF), 60) + bytes(60) if rng.random() < 0.5 else b""
 
     def fault(path: Path) -> str:
-        found = load_camera(path).intrinsics
-        wanted = [*coefficients, 0.0][:kept]
-        right = found.fx == focal and not any(coefficients[kept:]) and list(found.distortion) == wanted
-        return "" if right else f"{found} is not {coefficients}"
+        recording = Recording(path)
+        found, before = sum(1 for _ in recording.entries()), len(list(_entries(path.with_name("before.mcap"), source)))
+        report = recording.report
+        total = found + report.views + report.foreign
+        if (found, total, report.foreign) != (before, count, more) or report.damages or report.orphans:
+            return f"{found} of {before} entries, {total} of {count} messages, {report.damages}"
+        return ""
 
-    return Foreign(".yaml", _marked(rng, text), fault)
+    return Foreign(".mcap", MAGIC + private + content[len(MAGIC) :], fault, is_right=True)
+
+
+def _entries(path: Path, content: bytes) -> Iterator[object]:
+    path.write_bytes(content)
+    return Recording(path).entries()
 
 
 def run_foreign(seeds: range) -> dict[str, Any]:
@@ -189,11 +289,11 @@ def run_foreign(seeds: range) -> dict[str, Any]:
         for seed in seeds:
             for one in foreign_files(seed):
                 path = Path(folder) / f"foreign{one.suffix}"
-                path.write_text(one.text, encoding="utf-8")
+                path.write_bytes(one.content)
                 try:
                     fault, end = one.fault(path), "read"
                 except MkError as error:
-                    fault, end = "" if "\n" not in str(error) else "more than one line", "refused"
+                    fault, end = str(error) if one.is_right or "\n" in str(error) else "", "refused"
                 except Exception as error:  # noqa: BLE001 - that is what is looked for
                     fault, end = f"{type(error).__name__}: {error}", "traceback"
                 ends[f"{one.suffix} {end}"] += 1

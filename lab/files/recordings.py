@@ -11,6 +11,8 @@ from typing import Any, Final
 import msgpack
 from mcap import records
 from mcap.opcode import Opcode
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 
 from mkdaemon.record.layout import MAGIC, SESSION
 from mkdaemon.record.scan import Chunk, Record, Scanner, read_channel, records_in
@@ -255,3 +257,37 @@ def _overlapping(channels: list[Record]) -> bytes:
         made += struct.pack("<BQ", Opcode.CHUNK, head - 9 + rest)
         made += struct.pack("<QQQII", 0, 0, rest, 1, 0) + struct.pack("<Q", rest)
     return bytes(made)
+
+
+def rewritten(content: bytes, more: int = 0, **how: Any) -> tuple[bytes, int]:
+    """A recording written again by the writer of the MCAP project, and how many messages are in it.
+
+    Args:
+        content: the recording.
+        more: messages of a channel of another program to add.
+        how: arguments of the writer.
+    """
+    schemas, channels, count = dict[int, int](), dict[int, int](), 0
+    out = io.BytesIO()
+    writer = Writer(out, **how)
+    writer.start()
+    for record in StreamReader(io.BytesIO(content)).records:
+        match record:
+            case records.Schema():
+                schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+            case records.Channel() if record.id not in channels:
+                schema = schemas.get(record.schema_id, 0)
+                channels[record.id] = writer.register_channel(
+                    record.topic, record.message_encoding, schema, record.metadata
+                )
+            case records.Metadata():
+                writer.add_metadata(record.name, record.metadata)
+            case records.Message():
+                number = channels[record.channel_id]
+                writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
+                count += 1
+    other = writer.register_channel("/rosout", "json", 0) if more else 0
+    for _ in range(more):
+        writer.add_message(other, 1, b"{}", 1)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue(), count + more

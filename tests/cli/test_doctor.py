@@ -320,6 +320,21 @@ FAULTS = {
         "taken by nginx (process 900)",
         "kill 900",
     ),
+    "the daemon of another aircraft at the endpoint": (
+        "endpoint-daemon",
+        lambda t: (
+            listen_by(t, "mkdaemon", "/opt/mkdaemon/bin/mkdaemon", "run", "--config", "other.toml"),
+            t.tell(daemons=0, clock=None),
+        ),
+        "tcp/127.0.0.1:7447 is held by mkdaemon (process 900), which does not speak for mk1",
+        "explain bus.listen",
+    ),
+    "a daemon of another user at the endpoint": (
+        "endpoint-daemon",
+        lambda t: (t.listen(7447), t.tell(daemons=0, clock=None)),
+        "held by a program of another user",
+        "explain bus.listen",
+    ),
     "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
     "a vehicle of the same name": (
         "vehicle-twice",
@@ -545,7 +560,10 @@ def run_and_read(tree, capsys, **options):
 
 
 def test_the_exit_code_tells_the_severity(tree, capsys):
-    assert run_and_read(tree, capsys) == (0, "nothing found by 60 checks; 13 see nothing without a running daemon\n")
+    assert run_and_read(tree, capsys) == (
+        0,
+        f"nothing found by {len(CHECKS)} checks; 13 see nothing without a running daemon\n",
+    )
     set_kernel(tree, "sched_autogroup_enabled", "1")
     assert run_and_read(tree, capsys)[0] == 0
     tree.write("/proc/loadavg", "9 9 9 1/9 9\n")

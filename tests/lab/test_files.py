@@ -86,7 +86,7 @@ def test_what_is_wrong_is_seen():
 
 def test_files_of_other_programs_are_read_whole_or_refused(monkeypatch):
     found = run_foreign(range(12))
-    assert found["wrong"] == [] and found["files"] == 84
+    assert found["wrong"] == [] and found["files"] == 132
     assert {end.split()[1] for end in found["ends"]} == {"read", "refused"}
     # A reader that loses something is found.
     monkeypatch.setattr("lab.files.foreign.read_mission", lambda path, **_: Mission(points=()))

@@ -115,7 +115,27 @@ def test_points_in_a_multigeometry_are_read_and_what_is_left_out_is_told(tmp_pat
         packed.writestr("files/other.kml", kml(LEG))
         packed.writestr("doc.kml", kml(f"{grouped}<Placemark>{mark(8.3)}</Placemark>{BOX}"))
     assert [p.longitude_deg for p in read_mission(path, notify=told.append).points] == [8.1, 8.2, 8.3]
-    assert told == [f"{path}: left out: beside the mission, polygons: 1"]
+    assert told == [
+        f"{path}: left out: beside the mission, polygons: 1",
+        f"{path}: left out: the document files/other.kml",
+    ]
+
+
+@pytest.mark.parametrize("how", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_damaged_kmz_is_refused_in_one_line(tmp_path: Path, how: int) -> None:
+    path = tmp_path / "a.kmz"
+    with zipfile.ZipFile(path, "w", how) as packed:
+        packed.writestr("doc.kml", kml(f"<Placemark>{mark(8.3)}</Placemark>"))
+    whole = path.read_bytes()
+    said = set[str]()
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x55]) + whole[place + 1 :])
+        try:
+            read_mission(path, altitude=10.0, notify=lambda _: None)
+        except ConfigError as error:
+            said.add(str(error).split("; ")[0])
+    assert any("no KMZ file that can be read" in line for line in said)
+    assert not any("None" in line or "\n" in line for line in said), said
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.records import Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
+from lab.files.recordings import rewritten
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.program import run
 from mkdaemon.record.reader import Recording
@@ -20,27 +19,9 @@ from tests.record.test_strangers import recording
 PRIVATE = struct.pack("<BQ", 0x91, 60) + bytes(60)
 
 
-def rewritten(source: Path, target: Path, **how: Any) -> Path:
-    """A recording written again with the writer of the MCAP project."""
-    schemas, channels = dict[int, int](), dict[int, int]()
-    with source.open("rb") as file, target.open("wb") as out:
-        writer = Writer(out, **how)
-        writer.start()
-        for record in StreamReader(file).records:
-            match record:
-                case Schema():
-                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
-                case Channel() if record.id not in channels:
-                    schema = schemas.get(record.schema_id, 0)
-                    channels[record.id] = writer.register_channel(
-                        record.topic, record.message_encoding, schema, record.metadata
-                    )
-                case Metadata():
-                    writer.add_metadata(record.name, record.metadata)
-                case Message():
-                    number = channels[record.channel_id]
-                    writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
-        writer.finish()
+def written_again(source: Path, target: Path, **how: Any) -> Path:
+    """A recording as the writer of the MCAP project has it."""
+    target.write_bytes(rewritten(source.read_bytes(), **how)[0])
     return target
 
 
@@ -55,7 +36,7 @@ WAYS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("way", WAYS)
 def test_what_another_writer_wrote_is_whole(tmp_path: Path, way: str) -> None:
     source = recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
-    found = Recording(rewritten(source, tmp_path / "b.mcap", **WAYS[way]))
+    found = Recording(written_again(source, tmp_path / "b.mcap", **WAYS[way]))
     ours = list(Recording(source).entries())
     assert list(found.entries()) == ours and len(ours) == 39
     assert found.report.is_whole, found.report.damages

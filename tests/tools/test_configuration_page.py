@@ -8,15 +8,14 @@ import tomllib
 import pytest
 from pydantic import BaseModel
 
+from mkdaemon.cli.mkdaemon.documentedfiles import documented_files
 from mkdaemon.config.keys import keys_of
 from mkdaemon.config.root import DaemonSections
-from mkdaemon.config.vision import TargetFile
-from mkdaemon.vision.camera.calibration_file import Camera
 from mksim.config import SimulatorFile
 from tests.places import CONFIGS
 from tools.configuration_page import configuration_page
 
-FILES = [SimulatorFile, TargetFile, Camera]
+FILES = [file.model for file in documented_files()]
 
 
 @pytest.fixture(scope="module")

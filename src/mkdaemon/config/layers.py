@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -58,13 +58,19 @@ class Value(NamedTuple):
     origin: str
 
 
-def load_layers(path: Path | None, options: Mapping[str, Any], environment: Mapping[str, str]) -> Layered:
+def load_layers(
+    path: Path | None,
+    options: Mapping[str, Any],
+    environment: Mapping[str, str],
+    whole: type[DaemonSections] | None = None,
+) -> Layered:
     """Read a configuration file, and lay the environment and the command line over it.
 
     Args:
         path: the TOML file; None for none.
         options: values of the command line, by dotted key.
         environment: of the process.
+        whole: a model of more sections than the daemon reads; the mistakes in all of them come together.
 
     Raises:
         ConfigError: a file, key or value is wrong; one line names where it was given, the key, what is wrong and the
@@ -76,6 +82,8 @@ def load_layers(path: Path | None, options: Mapping[str, Any], environment: Mapp
         named.setdefault("vehicle.name", (CLIENTS, environment[CLIENTS]))
     given = {key: value for key, (_, value) in named.items()} | dict(options)
     origins = {key: f"environment {name}" for key, (name, _) in named.items()} | dict.fromkeys(options, COMMAND_LINE)
+    if whole is not None:
+        validated(whole, path, text, given, origins)
     cfg = validated(Config, path, text, given, origins)
     in_file = {key: f"{path}:{line_of(text, place)}" for key, place in _leaves(parse_toml(text), Config)}
     return Layered(cfg, in_file | origins)
@@ -87,13 +95,17 @@ def values_of(layered: Layered) -> Iterator[Value]:
         yield from _values(name, getattr(layered.cfg, name), layered)
 
 
-def find_key(dotted: str) -> ConfigKey:
-    """The key of a name, in any of the sections of the aircraft's file.
+def find_key(dotted: str, known: Iterable[ConfigKey] | None = None) -> ConfigKey:
+    """The key of a name.
+
+    Args:
+        dotted: section and key, or the key alone where one section has it.
+        known: the keys to look in; None for those that the daemon reads.
 
     Raises:
         ConfigError: there is none; names the nearest.
     """
-    keys = {key.dotted: key for key in keys_of(DaemonSections)}
+    keys = {key.dotted: key for key in (keys_of(DaemonSections) if known is None else known)}
     if dotted in keys:
         return keys[dotted]
     alone = [key for key in keys.values() if key.name == dotted]

@@ -70,7 +70,7 @@ def read_mission(
     """
     chosen = _format(path)
     try:
-        text = read_kmz(path, MAX_BYTES) if chosen.is_packed else read_text(path, limit=MAX_BYTES)
+        text, others = read_kmz(path, MAX_BYTES) if chosen.is_packed else (read_text(path, limit=MAX_BYTES), [])
     except OSError as error:
         msg = f"{path}: cannot be read ({error.strerror}); check the name and its permissions"
         raise ConfigError(msg) from error
@@ -78,7 +78,7 @@ def read_mission(
         msg = f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise ConfigError(msg) from error
     draft = chosen.read(text, str(path))
-    for note in draft.notes:
+    for note in (*draft.notes, *(f"the document {name}" for name in others)):
         notify(note if note.startswith(str(path)) else f"{path}: left out: {note}")
     return draft.settled(str(path), start_elevation=start_elevation, altitude=altitude)
 

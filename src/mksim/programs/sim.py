@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import structlog
 from cyclopts import Parameter
 
 from mkdaemon.bus.names import key
@@ -22,6 +23,7 @@ from mksim.programs.sim_camera import CameraPublisher, open_camera, open_world, 
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 
+_log = structlog.get_logger(__name__)
 PILOTS: Final = f"The pilot {'; '.join(f'{plan}: {plan.does}' for plan in PilotPlan)}."
 """Help of `--pilot`."""
 
@@ -80,6 +82,8 @@ def sim(
     }
     overrides: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     whole = load_simulator(config, overrides)
+    if "bus" in whole.model_fields_set:
+        _log.info("[bus] is the daemon's, and not used here", file=str(config), connects_to=whole.sim.connect)
     asyncio.run(_film(whole, truth, seconds) if scene_only else _serve(whole, seconds))
 
 

@@ -11,6 +11,7 @@ import time
 import tty
 
 import pytest
+import structlog
 
 from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
 from mkdaemon.cli.mkdaemon.app import app
@@ -74,6 +75,22 @@ def test_a_mistake_is_one_line(options, code, says, capsys, monkeypatch):
     assert out == ""
     assert says in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("text", "count"), [('[bus]\nlisten = ["tcp/127.0.0.1:7450"]\n', 1), ("[sim]\nseed = 2\n", 0)])
+def test_a_section_of_the_bus_is_told_to_be_the_daemons(text, count, tmp_path, monkeypatch):
+    async def serve(*_):
+        """Nothing is simulated."""
+
+    log = structlog.testing.CapturingLogger()
+    monkeypatch.setattr(sim, "_log", log)
+    monkeypatch.setattr(sim, "_serve", serve)
+    monkeypatch.setattr(sim, "let_signals_kill", lambda: None)
+    monkeypatch.setattr(sim, "configure", lambda level: None)
+    file = tmp_path / "aircraft.toml"
+    file.write_text(text, encoding="utf-8")
+    assert run(app, [*ALONE, "--config", str(file)]) == 0
+    assert [call.kwargs for call in log.calls] == [{"file": str(file), "connects_to": ("tcp/127.0.0.1:9",)}] * count
 
 
 def test_a_tcp_port_in_use_is_one_line():

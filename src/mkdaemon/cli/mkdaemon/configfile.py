@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import Annotated, Final
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.mkdaemon.extraprograms import check_section
+from mkdaemon.cli.mkdaemon.documentedfiles import documented_files
+from mkdaemon.cli.mkdaemon.extraprograms import file_with
 from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, RunOptions, load_configuration
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
@@ -69,12 +71,10 @@ def check(file: Path, *, options: RunOptions = NONE_GIVEN, as_json: AsJson = Fal
 
     count, note = 0, ""
     try:
-        layered = load_configuration(file, options)
+        layered = load_configuration(file, options, whole=file_with("sim"))
         found = [str(mistake) for mistake in mistakes(layered.cfg, needs_port=False)]
         note = "" if layered.cfg.link.port else "; link.port is not set: name it with --port"
         count = len(layered.origins)
-        if layered.cfg.sim:
-            check_section("sim", file)
     except MistakesError as error:
         found = list(error.each)
     except ConfigError as error:
@@ -148,32 +148,51 @@ def explain(key: str | None = None, *, as_json: AsJson = False) -> None:
     Raises:
         ConfigError: there is no such key; names the nearest.
     """
-    keys = list(keys_of(DaemonSections))
+    files = documented_files()
     if key is None:
-        for section in dict.fromkeys(each.section for each in keys):
-            print(f"{heading_of(DaemonSections, section):<22} {about_section(DaemonSections, section)}")
+        for file in files:
+            print(f"{file.title}\n  {file.about}" if file.about else file.title)
+            for section in filter(None, file.sections()):
+                print(f"  {file.heading(section):<22} {file.about_section(section)}")
         return
-    chosen = [each for each in keys if each.section == key.strip("[]")] or [find_key(key)]
-    for each in chosen:
+    known = [(file.title, each) for file in files for keys in file.sections().values() for each in keys]
+    chosen = [each for each in known if each[1].section == key.strip("[]")]
+    if not chosen:
+        dotted = _dotted(key, [each for _, each in known])
+        chosen = [each for each in known if each[1].dotted == dotted]
+    is_one = len({each.dotted for _, each in chosen}) == 1
+    for title, each in chosen:
         if as_json:
-            print(json_line({"key": each.dotted, **each._asdict()}))
-        elif len(chosen) > 1:
-            print(f"{each.name:<22} {each.default.strip('`'):<16} {each.meaning}")
+            print(json_line({"key": each.dotted, "file": title, **each._asdict()}))
+        elif is_one:  # in more than one kind of file, perhaps
+            print("\n".join(_explanation(title, each)))
         else:
-            print("\n".join(_explanation(each)))
+            print(f"{each.name:<22} {each.default.strip('`'):<16} {each.meaning}")
 
 
-def _explanation(key: ConfigKey) -> Iterator[str]:
+def _dotted(name: str, known: Sequence[ConfigKey]) -> str:
+    """The key that a name stands for; where several end with it, the one that the daemon reads."""
+    if all(each.dotted != name for each in known):
+        with suppress(ConfigError):
+            return find_key(name).dotted
+    return find_key(name, known).dotted
+
+
+def _explanation(title: str, key: ConfigKey) -> Iterator[str]:
     """A key in full."""
     yield f"{key.dotted}: {key.meaning}"
+    is_daemons = key.section.partition(".")[0] in DaemonSections.model_fields
     rows = {
+        "file": title,
         "type": key.kind,
         "unit": key.unit,
         "default": key.default.strip("`"),
         "range": key.limits,
         "if it is wrong": key.consequence,
         "change": _RELOAD[key.is_reloadable],
-        "environment": "" if _is_in_list(key.section) else f"MKDAEMON_{key.dotted.replace('.', '__').upper()}",
+        "environment": ""
+        if not is_daemons or _is_in_list(key.section)
+        else f"MKDAEMON_{key.dotted.replace('.', '__').upper()}",
     }
     for name, text in rows.items():
         head = f"  {name:<15} "

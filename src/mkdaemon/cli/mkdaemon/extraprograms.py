@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_type_hints
 
+from mkdaemon.config.root import DaemonSections
 from mkdaemon.errors import ConfigError
 
 GROUP: Final = "mkdaemon.programs"
 """Entry points of this group are commands; each names a function as the command table does."""
 SECTIONS: Final = "mkdaemon.sections"
-"""Entry points of this group read a file whose section has their name, and raise ConfigError at a mistake."""
+"""Entry points of this group read a file whose section has their name; the model of that file is their return type."""
 EXTRAS: Final[Mapping[str, str]] = {"sim": "sim", "demo": "sim"}
 """Commands, and the extra that brings each."""
 
@@ -42,19 +42,14 @@ def load_program(name: str) -> Any:
     return program
 
 
-def check_section(name: str, file: Path) -> None:
-    """Let the package that a section of the configuration belongs to read it; without that package nobody can.
+def file_with(section: str) -> type[DaemonSections] | None:
+    """The model of a file that has a section of another package; None where that package is not installed.
 
     Args:
-        name: of the section.
-        file: TOML file that has it.
-
-    Raises:
-        ConfigError: a key or value of it is wrong.
+        section: its name.
     """
-    read = _offered(SECTIONS, name)
-    if read is not None:
-        read(file)
+    read = _offered(SECTIONS, section)
+    return None if read is None else get_type_hints(read)["return"]
 
 
 def _offered(group: str, name: str) -> Any:

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from mkdaemon.config.layers import Layered, load_layers
+from mkdaemon.config.root import DaemonSections
 
 
 @Parameter(name="*")
@@ -50,11 +51,14 @@ NONE_GIVEN: Final = RunOptions()
 
 
 def load_configuration(
-    config: Path | None, options: RunOptions, environment: Mapping[str, str] = os.environ
+    config: Path | None,
+    options: RunOptions,
+    environment: Mapping[str, str] = os.environ,
+    whole: type[DaemonSections] | None = None,
 ) -> Layered:
-    """Read the configuration as `mkdaemon run` does.
+    """Read the configuration as `mkdaemon run` does; for `whole` see `load_layers`.
 
     Raises:
         ConfigError: a file, key or value is wrong.
     """
-    return load_layers(config, options.by_key(), environment)
+    return load_layers(config, options.by_key(), environment, whole)

@@ -16,6 +16,7 @@ from mkdaemon.bus.exposure import open_endpoints
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.computer import release_of
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
 from mkdaemon.cli.mkdaemon.doctor.machine import Listener, Process
 from mkdaemon.errors import ConfigError
 
@@ -52,6 +53,18 @@ def _taken(patient: Patient) -> Iterator[Values]:
         owner = None if listener is None else owner_of(patient, listener)
         if owner is not None and not owner.is_ours:
             yield {"endpoint": endpoint, "holder": owner, "number": owner.number}
+
+
+def _held(patient: Patient) -> Iterator[Values]:
+    """Endpoints of the file at which a daemon answers that does not speak for the vehicle of the file."""
+    report = patient.report
+    if patient.file is None or report.failure or report.daemons:
+        return
+    for endpoint in patient.cfg.bus.listen:
+        listener = listener_at(patient, endpoint)
+        if listener is not None and report.endpoint == client_endpoint(endpoint):
+            holder = owner_of(patient, listener) or "a program of another user"
+            yield {"endpoint": endpoint, "holder": holder, "vehicle": patient.cfg.vehicle.name, "file": patient.file}
 
 
 def _naming(process: Process) -> tuple[str, ...]:
@@ -163,6 +176,16 @@ BUS: Final = (
         fix="End that program, or choose another endpoint in bus.listen.",
         command="kill {number}",
         look=_taken,
+    ),
+    Check(
+        "endpoint-daemon",
+        Severity.ERROR,
+        what="bus.listen {endpoint} is held by {holder}, which does not speak for {vehicle}",
+        why="It is the daemon of another aircraft, or a router: the daemon of {file} cannot listen there, and ends.",
+        fix="Choose another endpoint in bus.listen, or end the other program, on the ground.",
+        command="mkdaemon config explain bus.listen",
+        look=_held,
+        needs=Needs.CONFIG,
     ),
     Check(
         "second-daemon",
