@@ -131,7 +131,7 @@ def hovers(flown):
 async def test_a_flight_takes_off_and_lands():
     async with over_target(Setting(fps=10.0, pilot="start")) as flown:
         async with asyncio.timeout(PATIENCE):
-            await flown.client.state.flight.until(lambda flight: flight.motors_running)
+            await flown.client.state.flight.until(lambda flight: flight.motors_running, patience=PATIENCE)
         lines = await output_of("take_off_and_land", endpoint=flown.endpoint, vehicle=FLOWN)
     assert re.fullmatch(r"landed: landed on .*", lines[-1])
 
