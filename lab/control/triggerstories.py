@@ -149,15 +149,16 @@ async def unplugged(scene: Scene) -> float:
 
 
 async def replugged(scene: Scene) -> float:
-    """The cable is plugged in again: a release is the first thing sent, though the client streams on."""
+    """The cable is plugged in again: after the questions who is there a release is first, though the client streams."""
     await unplugged(scene)
     await asyncio.sleep(1.0)
     socket, tx = scene.flown.socket, scene.flown.sink.tx
     openings, before = socket.openings, len(tx)
     socket.is_present = True
     opened = await scene.until(lambda: socket.openings > openings)
-    await scene.until(lambda: len(tx) > before)
-    return tx[before].at - opened if tx[before].purpose is Purpose.RELEASE else math.inf
+    await scene.until(lambda: any(sent.purpose is not Purpose.REQUEST for sent in tx[before:]))
+    first = next(sent for sent in tx[before:] if sent.purpose is not Purpose.REQUEST)
+    return first.at - opened if first.purpose is Purpose.RELEASE else math.inf
 
 
 async def one_way(scene: Scene) -> float:

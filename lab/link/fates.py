@@ -195,7 +195,7 @@ async def _follow_all(case: Case, seconds: float) -> tuple[Account, Account | No
     loop = asyncio.get_running_loop()
     async with running_link(case, tracer, options, sink) as link:
         began = loop.time()
-        handed_in = await steer_steadily(link, case, seconds, sink)
+        handed_in = await steer_steadily(link, case, seconds, [])
         ended = loop.time()
         await asyncio.sleep(_TAIL)
     echo = echo_account(fate for fate in tracer.echoes if began <= fate.asked < ended)

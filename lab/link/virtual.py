@@ -105,7 +105,7 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
     witness, sink = Witness(sim), Waits()
     async with running_link(case, witness, options, sink) as link:
         before, came, delivered = link.health(), witness.came["b"], witness.delivered["b"]
-        await steer_steadily(link, case, seconds, sink)
+        await steer_steadily(link, case, seconds, sink.handed_in)
         await asyncio.sleep(0.4)
         after, came, delivered = link.health(), witness.came["b"] - came, witness.delivered["b"] - delivered
     channels = witness.channels()
@@ -123,15 +123,15 @@ async def _play(case: Case, seconds: float) -> dict[str, Any]:
     }
 
 
-async def steer_steadily(link: Link, case: Case, seconds: float, sink: Waits) -> int:
-    """Hand in the setpoints of a case for so long, or just wait where it has none; returns how many."""
+async def steer_steadily(link: Link, case: Case, seconds: float, handed_in: list[float]) -> int:
+    """Hand in the setpoints of a case for a time [s], or wait where it has none; notes when, returns how many."""
     loop = asyncio.get_running_loop()
     began, steps = loop.time(), int(case.setpoint_hz * seconds)
     layout = link.dialect.extern_control
     for step in range(steps):
         assert layout is not None
         await asyncio.sleep(max(0.0, began + step / case.setpoint_hz - loop.time()))
-        sink.handed_in.append(loop.time())
+        handed_in.append(loop.time())
         setpoint = build_sticks(layout, pitch=step % 21 - 10)
         fate = link.send_setpoint(setpoint, deadline=loop.time() + 0.1)
         assert isinstance(fate, SetpointQueued)

@@ -79,7 +79,7 @@ async def _measure(case: Case, seconds: float) -> MeasuredLink:
     sink = BusSink(cast("Any", bus), nobody.feed, facts, nobody, nobody, Clock(monotonic=loop.time))
     async with running_link(case, tracer, options, cast("Any", sink)) as link:
         began, bus.ledger = loop.time(), Ledger()
-        await steer_steadily(link, case, seconds, cast("Any", sink))
+        await steer_steadily(link, case, seconds, [])
         ended = loop.time()
         bus.ledger.end()
         await asyncio.sleep(0.5)
