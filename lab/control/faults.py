@@ -171,7 +171,7 @@ def guard_acts(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 def line_bad(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The line is mute, garbage, one-way or degraded for a while."""
     condition = rng.choice((LinkCondition.MUTE, LinkCondition.GARBAGE, LinkCondition.ONE_WAY, LinkCondition.DEGRADED))
-    patience = {LinkCondition.ONE_WAY: 1.0, LinkCondition.DEGRADED: math.inf}.get(condition, 0.15)
+    patience = {LinkCondition.ONE_WAY: 1.0, LinkCondition.DEGRADED: math.inf}.get(condition, 0.65)
     pause = rng.choice((rng.uniform(0.02, 0.1), rng.uniform(0.3, 3.0)))
     rig.at(at, lambda now: rig.set_link(condition, now))
     rig.at(at + pause, lambda now: rig.set_link(LinkCondition.UP, now))
