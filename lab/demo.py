@@ -75,7 +75,7 @@ class Row:
         touch_cm: distance from the middle of the target at the end.
         attitude_hole: longest time in the air without an attitude [s].
         pose_hole: longest time in the air without a pose while a tag was wholly in view [s].
-        silence: longest time in the air in which no frame arrived at all [s]: so long the radio lost every packet.
+        silence: longest time in the air in which no frame arrived at all [s], because the radio lost every packet.
         seconds: of the flight.
         processor: time that it took to compute [s].
     """

@@ -244,7 +244,7 @@ class World:
         return kind.model_construct(**{**unknown, "stamp": self.stamp(), "source": "nc/osd", **fields})
 
     def stamp(self, age: float = 0.0) -> Stamp:
-        """A moment so long ago [s]."""
+        """A moment before now [s]."""
         return Stamp.model_construct(monotonic=self.now - age, wall=self.now - age)
 
     def _report(self) -> None:

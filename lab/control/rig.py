@@ -71,7 +71,7 @@ def believed_model(gains: AttitudeGains, radio: ChannelConfig = RADIO) -> Aircra
 
 
 def wire_time(size: int, radio: ChannelConfig) -> float:
-    """Time so many bytes take on the wire at either end [s]."""
+    """Time that bytes take on the wire at either end [s]."""
     return size * BITS_PER_BYTE / radio.baud
 
 

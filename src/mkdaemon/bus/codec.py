@@ -45,7 +45,7 @@ class TooLong:
 
 @dataclass(frozen=True, slots=True)
 class TooLate:
-    """Stands for a setpoint that was not read because it was sent too long ago, or nobody knows when.
+    """Stands for a setpoint that was not read because it was sent too long ago, or at an unknown time.
 
     Attributes:
         size: its length [bytes].

@@ -21,7 +21,7 @@ from mkdaemon.bus.setpointroot import PLAIN_ROOT
 STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 PLAIN_RATE: Final = 50.0
-"""Setpoints at the plain keys, where nobody may put any, that are passed on from each connection [Hz]: enough for a
+"""Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a
 look of 0.05 s to find one and refuse it. While anybody subscribes to `mk/**`, all of a flood leaves the stranger;
 routed on to `mkctl record` it cost the lease in 6 of 6 flights on two cores."""
 UNSTAMPED_RATE: Final = 200.0
@@ -140,7 +140,7 @@ class Budget:
 
 
 class Silencer(Budget):
-    """Admits nothing while more comes than so many a second, and for half a second after that; from any thread."""
+    """Admits nothing while more comes than a rate, and for half a second after that; from any thread."""
 
     def admits(self, cost: float = 1.0) -> bool:
         """Whether one more is taken now; one that is not taken counts as well.

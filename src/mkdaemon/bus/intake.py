@@ -25,7 +25,8 @@ LATEST: Final = 0.3
 """A setpoint that was sent longer ago is not read [s]: `control.limiter.setpoint_ttl` is the same where it is not
 configured, and what is older is not flown."""
 FLOOD: Final = 8
-"""So many that a newer one replaced within `PERIOD` are no flood: a network that stood still delivers them together."""
+"""Up to this number that newer ones replaced within `PERIOD` are no flood: a network that stood still delivers them
+together."""
 STRANGERS: Final = 4
 """Setpoints of others taken in one turn, so that they are refused by name."""
 

@@ -5,7 +5,7 @@ and would be flown after the client's death. The clock of the sender may be of a
 it but that it only runs on. Time of arrival less stamp is the offset of the clocks and the delay of the way, and no
 delay is negative: the smallest difference that a lease has shown is nearest to the offset. An age is too small by the
 shortest delay of the lease, never too large; how long that may be is measured when the lease is taken (`slow_path`).
-The stamps are signed, so nobody but the holder changes what is learnt, and no exchange of times is needed.
+The stamps are signed, so only the holder changes what is learnt, and no exchange of times is needed.
 """
 
 from __future__ import annotations

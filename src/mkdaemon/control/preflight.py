@@ -120,7 +120,7 @@ class Preflight:
         )
 
     def compare(self, now: float) -> Match | None:
-        """Compare how camera and boards move, now [s]; anew after a while."""
+        """Compare how camera and boards move, now [s]; again after a while."""
         if now - self._matched_at >= MATCHED_FOR:
             self._match, self._matched_at = self.motion.match(now, self._followed), now
         return self._match

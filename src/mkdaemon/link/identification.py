@@ -29,7 +29,7 @@ from mkdaemon.telemetry.refusals import Token, refuse
 LOOK: Final = 0.5
 """Longest wait between two looks at what a client says, and at the device [s]."""
 UNANSWERED: Final = 0.3
-"""So long without an answer, and the link says what it waits for [s]."""
+"""After this time without an answer the link reports what it waits for [s]."""
 MOST_KEPT: Final = 4096
 """More is thrown away while no board answers [bytes]."""
 

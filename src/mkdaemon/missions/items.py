@@ -1,7 +1,7 @@
 """Mission items of MAVLink: the one table of what each parameter of each accepted command becomes.
 
-A parameter is used, says nothing, is told, or its item is refused by name: nothing is left out in silence, because a
-mission without it would be another one. Plans, `.waypoints` files and the MAVLink gateway read items by this table.
+A parameter is used, says nothing, is reported, or its item is refused by name: nothing is left out in silence, because
+a mission without it would be another one. Plans, `.waypoints` files and the MAVLink gateway read items by this table.
 Sources: `MAV_CMD` of MAVLink's common message set, as pymavlink 2.4.50 has it; ArduPilot, `AP_Mission.cpp`
 (mission_cmd_to_mavlink_int) and `ArduCopter/mode_auto.cpp`; PX4, `src/modules/mavlink/mavlink_mission.cpp`
 (parse_mavlink_mission_item).

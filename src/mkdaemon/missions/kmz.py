@@ -12,11 +12,8 @@ from typing import BinaryIO, Final
 from mkdaemon.missions.source import Place
 from mkdaemon.reading import open_regular
 
-_DAMAGED: Final = (
-    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error),
-    *(NotImplementedError, RuntimeError, EOFError, ValueError),
-)
-"""What reading a ZIP file raises."""
+_DAMAGED: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, RuntimeError, EOFError, ValueError)
+"""What reading a ZIP file raises; a method of compression that is not known is a RuntimeError, too."""
 
 
 def read_kmz(path: Path, limit: int) -> tuple[str, list[str]]:

@@ -101,7 +101,7 @@ _PRIVATE: Final = 0x80
 """From this opcode on records belong to applications, and are stepped over. Source: MCAP specification, "Opcodes"."""
 _MESSAGE: Final = struct.Struct("<HIQQ")
 _MOST_LOOSE_BYTES: Final = 1 << 20
-"""Messages outside of chunks are read in runs of so many [bytes]."""
+"""Messages outside of chunks are read in runs of this length [bytes]."""
 MOST_SUMMARY_BYTES: Final = 1 << 26
 """Of any other record [bytes]."""
 EXPANSION: Final = 200

@@ -125,7 +125,7 @@ class Picture:
 
     @property
     def above_sea(self) -> float | None:
-        """Height above the sea that is told: that of home, which stays, and the height above it [m].
+        """Height above the sea that is sent: that of home, which stays, and the height above it [m].
 
         One reference for all heights, so that a place that is asked for at the height that was told is that height:
         the altitude of the GPS drifts by metres against the barometer that the NaviCtrl flies by.

@@ -15,7 +15,7 @@ import structlog
 from mkdaemon.files import write_whole
 
 AHEAD: Final = 3 * 100_000
-"""How far the file is ahead of the newest time [10 us]; a stream waits so long at most after a quick restart."""
+"""How far the file is ahead of the newest time [10 us]; a stream waits at most this time after a quick restart."""
 _LARGEST: Final = 65_536
 Stream = tuple[int, int, int]
 """Link, system, component."""

@@ -98,7 +98,7 @@ class Texts:
 
 
 def words_of(error: MkError) -> str:
-    """What a ground station is told of an error."""
+    """The text of an error for a ground station."""
     if not isinstance(error, CommandRejectedError):
         return str(error)
     return f"{error.reason} {REMEDIES.get(error.token, error.fix)}".strip()

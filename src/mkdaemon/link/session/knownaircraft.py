@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum, auto
 from typing import Final
 
 from mkdaemon.frames import enu_from_geodetic
@@ -150,14 +149,6 @@ def _facts(reply: VersionReply) -> dict[str, object]:
     return {name: getattr(reply, name) for name in _FACTS if hasattr(reply, name)}
 
 
-class Escape(Enum):
-    """Whether the escape sequence that ends a passage was written, because the FlightCtrl answers for its NaviCtrl."""
-
-    UNTRIED = auto()
-    DUE = auto()
-    DONE = auto()
-
-
 class IdentityCheck:
     """Asks whoever is at a port that came back until it is known whether that is the aircraft from before.
 
@@ -182,8 +173,7 @@ class IdentityCheck:
         self._board: Board | None = None
         self._has_fix = self._has_set = False
         self._set_questions = 0
-        self._is_escape = False
-        self._escape = Escape.UNTRIED
+        self._escapes_next = self._has_placed = False
         self._round_began = self._next = now
         self.is_same = self.is_answered = False
         self.difference = ""
@@ -195,14 +185,12 @@ class IdentityCheck:
         if self._keeps_alive and now - self._round_began > ASK_TIME:
             self._round_began = self._next = now + QUIET_TIME
             return None
-        if self._escape is Escape.DUE:
-            self._escape, self._next = Escape.DONE, now + ASK_AGAIN
-            return ESCAPE, None
         is_late = now - self._round_began > ASK_TIME
         self._next = now + (ASK_SELDOM if is_late else ASK_AGAIN)
-        self._is_escape = is_late and self._known.was_redirected and self._board is None and not self._is_escape
-        if self._is_escape:
+        if self._escapes_next:
+            self._escapes_next = False
             return ESCAPE, None
+        self._escapes_next = is_late and self._known.was_redirected and self._board is None
         board, message = self._question()
         return RESYNC + message.to_frame(board), message
 
@@ -234,10 +222,11 @@ class IdentityCheck:
     def _place(self, board: Board) -> None:
         """Judge which board answers; the known FlightCtrl in place of its NaviCtrl gets the end of a passage first."""
         misplaced = self._known.find_misplaced(board)
-        if misplaced and not self.difference and self._escape is Escape.UNTRIED and board in self._known.versions:
-            self._escape, self._board = Escape.DUE, None
+        if misplaced and not self.difference and board in self._known.versions and not self._has_placed:
+            self._escapes_next, self._board = True, None
         else:
             self.difference = self.difference or misplaced or ""
+        self._has_placed = True
 
     @property
     def _has_answered(self) -> bool:

@@ -106,7 +106,7 @@ class RequestBook:
             self._close(pending, now)
 
     def sent_for_good(self, pending: Pending, now: float) -> None:
-        """It was sent, and nobody ever answers it."""
+        """It was sent, and no board ever answers it."""
         self.tally.silent += 1
         self._close(pending, now)
 

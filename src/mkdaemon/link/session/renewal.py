@@ -13,14 +13,14 @@ from __future__ import annotations
 from typing import Final
 
 TIME_TO_LIVE: Final = 4.0
-"""A NaviCtrl drops its streams so long after the last renewal, a FlightCtrl after 4.1 s [s]; docs/firmware-notes,
+"""A NaviCtrl drops its streams this time after the last renewal, a FlightCtrl after 4.1 s [s]; docs/firmware-notes,
 "Subscriptions"."""
 ONCE_IN: Final = 360_000.0
 """Streams run out more rarely than once in this time: 100 hours [s]."""
 SHORTEST: Final = 0.2
 """Renewals closer together fall into the same interference [s]."""
 MEMORY: Final = 200.0
-"""So many link tests count: 40 s at 5 Hz, so that an aircraft that flies away is noticed."""
+"""Link tests that count: 40 s at 5 Hz, so that an aircraft that flies away is noticed."""
 PRIOR_FIRST: Final = (1.0, 19.0)
 """Before the first link test: as if 1 of 20 was lost after one that was answered: lost, answered."""
 PRIOR_NEXT: Final = (1.0, 2.0)
@@ -79,7 +79,7 @@ def time_between_ends(interval: float, share: HeardShare, *, live: float = TIME_
         share: how many requests are heard.
         live: how long a board goes on without a renewal [s].
 
-    Streams run out when so many renewals in a row are lost that none falls into the time to live. Such a row begins
+    Streams run out when enough renewals in a row are lost for none to fall into the time to live. Such a row begins
     with a renewal that follows a heard one.
     """
     in_a_row = max(int(live / interval + 1e-9), 1)

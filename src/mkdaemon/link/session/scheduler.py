@@ -46,7 +46,7 @@ CREEP: Final = 0.97
 """Part of the setpoint interval that is kept on average, so that setpoints that come exactly as often as allowed do not
 stay late once they were: 103 Hz at most, where a FlightCtrl loses none up to 150 Hz without jitter."""
 BETWEEN: Final = 2
-"""So many setpoints go out between two requests that each take the place of one."""
+"""Setpoints that go out between two requests that each take the place of one."""
 SETPOINT_TIME: Final = 0.004
 """Time of a setpoint on the wire [s]: 22 characters."""
 BOTH_FRAMES: Final = 0.006

@@ -29,7 +29,7 @@ from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
 
 OVERDUE_PERIODS: Final = 3
-"""A stream of which nothing came for so many periods is asked for again."""
+"""A stream of which nothing came for this number of periods is asked for again."""
 ASK_AGAIN: Final = 0.15
 """Shortest time between two requests for the same stream [s]; the longest round trip by radio is 0.13 s."""
 ASK_RARELY: Final = 1.0
