@@ -140,7 +140,6 @@ class Gateway:
         self.picture.now = now
         self.picture.take(value, now)
         if isinstance(value, ControlStatus):
-            self.steering.status_arrived(value)
             self._announce_hands(value)
             self._announce_trouble(value)
         elif isinstance(value, MissionEvent):
