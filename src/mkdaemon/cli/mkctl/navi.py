@@ -68,7 +68,7 @@ async def fly(
     )
     async with connection.open() as uav:
         source = "" if file is None else str(file)
-        end = await uav.navi.route(mission, source=source, patience=patience, on_stage=Shown().show)
+        end = await uav.navi.route(mission, source=source, patience=patience, on_stage=StagePrinter().show)
     print_end(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}", connection)
 
 
@@ -85,7 +85,7 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     """
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
-        end = await uav.navi.home(patience=patience, on_stage=Shown().show)
+        end = await uav.navi.home(patience=patience, on_stage=StagePrinter().show)
     print_end(_fields(end), f"home; the pilot {end.hands}", connection)
 
 
@@ -109,12 +109,12 @@ async def fly_to(
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi.goto(
-            east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=Shown().show
+            east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=StagePrinter().show
         )
     print_end(_fields(end), f"reached; the pilot {end.hands}", connection)
 
 
-class Shown:
+class StagePrinter:
     """Prints every stage once, on standard error."""
 
     def __init__(self) -> None:

@@ -62,10 +62,7 @@ def camera(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Camera file to write.")] = Path("camera.toml"),
     board: Annotated[
-        str,
-        Parameter(
-            help="`charuco:COLUMNSxROWS:SQUARE` [m] as `mkdaemon calibrate print` prints it, or `target:FILE.toml`."
-        ),
+        str, Parameter(help="`charuco:COLUMNSxROWS:SQUARE` [m] as `calibrate print` makes it, or `target:FILE.toml`.")
     ] = "charuco:9x6:0.03",
     source: Annotated[str | None, Parameter(help="Live: /dev/video0, rtsp://..., zenoh:KEY, file:CLIP.")] = None,
     width: Annotated[int | None, Parameter(help="Live: wanted width [px].")] = None,
@@ -91,8 +88,7 @@ def camera(
     """Calibrate a camera and write its camera file.
 
     Glue a board (`mkdaemon calibrate print board.pdf --charuco 9x6 --square 0.03`) to something flat, take 15 to 30
-    sharp pictures: in every part, near and far, tilted to every side by 30 deg. Live, the guidance says what is
-    missing.
+    sharp pictures: in every part, near and far, tilted to every side by 30 deg. Live, it says what is missing.
 
     Example: mkdaemon calibrate camera 'photos/*.jpg' --output camera.toml
 
