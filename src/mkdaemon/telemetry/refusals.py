@@ -180,7 +180,7 @@ class Token(StrEnum):
     )
 
     # authority
-    NOT_LEASED = ("not_leased", "nobody holds the lease.", "`mkctl lease take` first.")
+    NOT_LEASED = ("not_leased", "no client holds the lease.", "`mkctl lease take` first.")
     FLYING_STOP = (
         "flying_stop",
         "stopping the motors drops a flying aircraft, and no telemetry says that it is on the ground.",
