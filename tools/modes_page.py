@@ -52,7 +52,7 @@ _CHECKS: Final = (
     (
         "Checks before a flight",
         "The daemon makes these checks when a client takes the lease (*lease*), at the start of a manoeuvre, and at "
-        "every change of manoeuvre, also in flight. `mkctl preflight` shows them. Where the active parameter set cannot "
+        "every change of manoeuvre, also in flight. `mkctl preflight` shows them. If the active parameter set cannot "
         "be read, the model is the factory's set 3 (Easy; before FlightCtrl 0.90 Beginner).",
         "checks",
     ),

@@ -50,8 +50,8 @@ class LeaseRequest(Command):
     echo: str = Field(default="", max_length=32)
     """Of the answer to `probe`: from it the daemon knows how long the way to this client is."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
-    """Name of the client; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives none gets one of
-    its own."""
+    """Name of the client; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Empty: the daemon
+    chooses one."""
     epoch: int | None = None
     """The lease to renew or give back."""
     secret: str = Field(default="", max_length=64)

@@ -1,9 +1,9 @@
 """The live parameter set of a FlightCtrl: what may change it, and how a procedure leaves it as it found it.
 
-Reading a set that is not active loads it into the live parameters, and writing one activates it. A procedure that reads or
-writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live, and compares
-it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every reading with
-the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
+Reading a set that is not active loads it into the live parameters, and writing one activates it. A procedure that
+reads or writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live,
+and compares it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every
+reading with the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
 
 Bytes are as they cross the line: revision first, zero padding behind the last field kept.
 """
