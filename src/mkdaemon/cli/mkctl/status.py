@@ -143,7 +143,7 @@ def _echo(fields: Fields) -> str:
 
 def _control(fields: Fields) -> str:
     lease = fields["lease"]
-    held = "nobody holds the lease" if lease is None else f"{lease['holder']} holds the lease"
+    held = "no client holds the lease" if lease is None else f"{lease['holder']} holds the lease"
     layout = fields["external_control"]
     trouble = f"{fields['trouble']}; " if fields.get("trouble") else ""
     return f"{trouble}{fields['phase']}; {held}; external control {layout or 'not possible'}"

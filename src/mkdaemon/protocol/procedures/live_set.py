@@ -1,9 +1,9 @@
 """The live parameter set of a FlightCtrl: what may change it, and how a procedure leaves it as it found it.
 
-Reading a set that is not active loads it into the live parameters, and writing one activates it. So whoever reads or
-writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live, and compares
-it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every reading with
-the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
+Reading a set that is not active loads it into the live parameters, and writing one activates it. A procedure that
+reads or writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live,
+and compares it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every
+reading with the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
 
 Bytes are as they cross the line: revision first, zero padding behind the last field kept.
 """
@@ -38,9 +38,9 @@ _DEAF = 2.0
 """Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
 _WRITES = 3
 _STUBBORN = 5
-"""So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
+"""Factor of the patience for the proof that the live set is what it was: giving up there costs the most."""
 _CLAMPED = 8
-"""A FlightCtrl pulls at most so many bytes of a set into their ranges when it stores it."""
+"""Largest number of bytes of a set that a FlightCtrl clamps when it stores it."""
 
 
 class Recovered(Enum):
@@ -63,7 +63,7 @@ class FoundSets:
         active: number of the active set.
         live: bytes of the active set, which must be live in the end.
         patience: how long to insist on each answer.
-        sets: bytes of every set read so far, by number.
+        sets: bytes of every set already read, by number.
         is_at_risk: another set may be live.
     """
 

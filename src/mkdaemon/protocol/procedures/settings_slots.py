@@ -81,7 +81,7 @@ def restore_settings(
 ) -> Procedure[Restoration]:
     """Write parameter sets that differ, read each back, and leave the set active that was.
 
-    What the FlightCtrl changed of its own accord is no failure: compare `wanted` with `Restoration.stored`.
+    A change by the FlightCtrl itself is no failure: compare `wanted` with `Restoration.stored`.
 
     Args:
         wanted: bytes of each set to restore, by number 1..5.
