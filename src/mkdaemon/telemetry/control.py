@@ -8,19 +8,7 @@ from enum import Enum, StrEnum, auto
 from typing import Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
-
-
-class Tone(StrEnum):
-    """How good a state is, for every display of it."""
-
-    NOTE = "note"
-    """A fact, neither good nor bad."""
-    OK = "ok"
-    """As it should be."""
-    WARN = "warn"
-    """Somebody should look at it."""
-    BAD = "bad"
-    """Somebody must act."""
+from mkdaemon.telemetry.tone import Tone
 
 
 class Trait(Enum):
