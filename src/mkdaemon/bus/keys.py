@@ -157,7 +157,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "Rate, latency, refusals, what is in the way.",
         fresh=_SLOW,
     ),
-    KeySpec("vision/<camera>/image", _P, CameraFrame, "as configured", "What the camera saw.", fresh=_SIGHT),
+    KeySpec("vision/<camera>/image", _P, CameraFrame, "as configured", "What the camera saw.", fresh=_SLOW),
     KeySpec(
         *("vision/<camera>/setup", _P, CameraSetup, "every 10 s"),
         "Lens, mount and targets of a camera, from its files.",

@@ -12,6 +12,7 @@ from mkdaemon.reading.facts import (
     SIGHT,
     age_words,
     battery_alarm,
+    because,
     flight_alarms,
     phase_words,
     pose_age,
@@ -104,7 +105,7 @@ def _found(known: Knowledge) -> Iterator[_Said]:
         yield "battery", *alarm
     if (link := known.link()) is not None:
         condition = link.value.condition
-        yield "link", f"{condition.words.upper()}: {link.value.reason}", condition.tone
+        yield "link", because(f"LINK {condition.words.upper()}", link.value.reason), condition.tone
     yield from _eyes(known)
     if flight is not None:
         yield from (("flight", words, tone) for words, tone in flight_alarms(flight))
@@ -140,7 +141,7 @@ def _eyes(known: Knowledge) -> Iterator[_Said]:
             yield "eyes", f"camera {camera} silent for {age_words(known.age(stats))}", Tone.WARN
             continue
         state = stats.value.state
-        yield "eyes", f"camera {camera} {state.words}: {stats.value.reason}", state.tone
+        yield "eyes", because(f"camera {camera} {state.words}", stats.value.reason), state.tone
         for alarm, text in stats.value.alarms.items():
             yield "eyes", f"camera {camera} {alarm.replace('_', ' ')}: {text}", Tone.WARN
 
@@ -161,6 +162,6 @@ def _rest(known: Knowledge) -> Iterator[_Said]:
         yield "open", f"OPEN: everybody in the network may fly, at {', '.join(health.open_endpoints)}", Tone.WARN
     status = known.fresh("record/status", RecordStatus)
     if status is not None:
-        yield "recorder", f"{status.state.words}: {status.reason}", status.state.tone
+        yield "recorder", because(status.state.words, status.reason), status.state.tone
         if status.lost:
             yield "recorder", f"{status.lost} entries of the recording are lost", Tone.WARN

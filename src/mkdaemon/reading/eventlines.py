@@ -78,7 +78,7 @@ def line_of(event: object) -> EventLine | None:
             sort, tone = (Sort.COMMAND, Tone.OK) if is_good else (Sort.REFUSAL, Tone.BAD)
             text, token, fix = _command(event, is_good=is_good), event.token or "", event.fix or ""
         case ModeEvent():
-            sort, text = Sort.MODE, f"{event.before} → {event.after}: {event.reason}"
+            sort, text = Sort.MODE, f"{event.before} -> {event.after}: {event.reason}"
         case FailsafeEvent():
             sort, tone = Sort.FAILSAFE, Tone.BAD
             text = f"FAILSAFE {event.action}{_CONFIRMED[event.released]}: {event.reason}"

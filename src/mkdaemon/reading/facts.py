@@ -86,6 +86,11 @@ class Wording(NamedTuple):
     unit: str = ""
 
 
+def because(words: str, reason: str) -> str:
+    """Words and their reason, where there is one."""
+    return f"{words}: {reason}" if reason else words
+
+
 def age_words(seconds: float) -> str:
     """A length of time, short [s]."""
     if seconds < 10.0:
@@ -121,8 +126,8 @@ def phase_words(status: ControlStatus) -> str:
 def _control(status: ControlStatus, known: Knowledge) -> Wording:
     words = status.phase.words.format(holder=holder_of(status))
     words = words if status.reason in ("", words) else f"{words}; {status.reason}"
-    layout = "" if status.external_control else "; external control is not possible"
-    return Wording(words + layout, Tone.BAD if status.trouble else status.phase.tone)
+    layout = status.external_control or "not possible"
+    return Wording(f"{words}; external control {layout}", Tone.BAD if status.trouble else status.phase.tone)
 
 
 def _manoeuvre(status: ControlStatus, known: Knowledge) -> Wording:
@@ -332,7 +337,7 @@ def _pose(known: Knowledge) -> _Found:
 
 
 def _link(link: LinkState, known: Knowledge) -> Wording:
-    return Wording(f"{link.condition.words}: {link.reason}", link.condition.tone)
+    return Wording(because(link.condition.words, link.reason), link.condition.tone)
 
 
 def _port(link: LinkState, known: Knowledge) -> Wording:
@@ -372,12 +377,12 @@ def _recording(status: RecordStatus, known: Knowledge) -> Wording:
     if status.state.tone is Tone.OK:
         words = f"{status.entries} entries, {status.total_bytes / 1e6:.0f} MB{lost}"
         return Wording(words, Tone.WARN if status.lost else Tone.OK)
-    return Wording(f"{status.state.words}: {status.reason}{lost}", status.state.tone)
+    return Wording(because(status.state.words, status.reason) + lost, status.state.tone)
 
 
 def _eye(stats: VisionStats, known: Knowledge) -> Wording:
     if stats.state is not EyeState.OK:
-        return Wording(f"{stats.state.words.upper()}: {stats.reason}", stats.state.tone)
+        return Wording(because(stats.state.words.upper(), stats.reason), stats.state.tone)
     words = [f"{stats.fps:.0f} images/s, {100 * stats.posed:.0f} % posed, {stats.latency_p50_ms:.0f} ms"]
     words += [f"{alarm.replace('_', ' ').upper()}: {text}" for alarm, text in stats.alarms.items()]
     return Wording("; ".join(words), Tone.WARN if stats.alarms else Tone.OK, stats.fps, "Hz")
@@ -401,7 +406,7 @@ def _sight(known: Knowledge, camera: str) -> _Found:
     is_posed = pose is not None and not known.is_stale(pose)
     if pose is not None and is_posed:
         x, y, z = pose.value.position_target
-        words.append(f"pose {age_words(known.age(pose))}: {pose.value.target} x {x:+.2f} y {y:+.2f} z {z:.2f} m")
+        words.append(f"pose {age_words(known.age(pose))}: {pose.value.target} ({x:+.2f}, {y:+.2f}, {z:.2f}) m")
     elif pose is not None:
         words.append(f"{pose.value.target} NOT SEEN for {age_words(known.age(pose))}")
     return image, Wording(", ".join(words), Tone.OK if is_posed else Tone.NOTE)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property, lru_cache
 from typing import Any, Final, Generic, TypeVar
 
+from mkdaemon.bus.keys import KEYS as TABLE
 from mkdaemon.bus.keys import Use, find, fresh_for
 from mkdaemon.telemetry.link import LinkHealth, LinkState
 
@@ -33,7 +36,12 @@ SLOW_KEYS: Final = (
 """Those of them that say enough of one vehicle of many, each about once a second."""
 
 
-_SIGN_OF_LIFE: Final = fresh_for("health") or 0.0
+_STREAMS: Final = [spec for spec in TABLE if spec.use is Use.PUBLISHED and spec.fresh is not None]
+_SUFFIXES: Final[dict[type[Any] | None, str]] = {spec.carries: spec.suffix for spec in _STREAMS}
+EACH: Final = tuple(spec.pattern for spec in _STREAMS if any(fnmatchcase(spec.pattern, one) for one in KEYS))
+"""The same keys as `KEYS`, each by itself."""
+SIGN_OF_LIFE: Final = fresh_for("health") or 0.0
+"""A daemon whose newest value is older is silent [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +64,6 @@ class Knowledge:
 
     Attributes:
         now: the moment, on the clock of the reader [s].
-        heard: age of the newest value of the daemon's streams [s]; infinite before the first.
     """
 
     def __init__(self, last: Mapping[str, Known[Any]], now: float) -> None:
@@ -68,12 +75,16 @@ class Knowledge:
         """
         self.now = now
         self._last = last
-        self.heard = now - max((known.at for known in last.values() if _is_stream(known.key)), default=-math.inf)
+
+    @cached_property
+    def heard(self) -> float:
+        """Age of the newest value of the daemon's streams [s]; infinite before the first."""
+        return self.now - max((known.at for known in self._last.values() if _is_stream(known.key)), default=-math.inf)
 
     @property
     def is_silent(self) -> bool:
         """The daemon has missed three of its signs of life."""
-        return self.heard > _SIGN_OF_LIFE
+        return self.heard > SIGN_OF_LIFE
 
     def last(self, key: str, kind: type[_Value]) -> Known[_Value] | None:
         """The last value of a key, however old; None before the first, and for one of another kind."""
@@ -116,7 +127,13 @@ class Knowledge:
         return iter(self._last.values())
 
 
+@lru_cache(maxsize=512)
 def _is_stream(key: str) -> bool:
     """Whether the daemon publishes a key again and again."""
     fresh, spec = fresh_for(key), find(key)
     return fresh is not None and math.isfinite(fresh) and spec is not None and spec.use is Use.PUBLISHED
+
+
+def key_of(value: object) -> str:
+    """The key that a value of the daemon comes under; empty for a value that is of its own moment only."""
+    return _SUFFIXES.get(type(value), "").replace("<camera>", getattr(value, "camera", ""))

@@ -11,6 +11,7 @@ from mkdaemon.reading.alarms import Alarm, alarms_of, is_known
 from mkdaemon.reading.facts import Fact, facts_of, holder_of, phase_words
 from mkdaemon.reading.known import Knowledge, Known
 from mkdaemon.spelling import on_one_line
+from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.state import Flight
 from mkdaemon.telemetry.tone import Tone
@@ -134,10 +135,10 @@ class Reading:
 
         Args:
             key: without the vehicle.
-            value: as its key carries it.
+            value: as its key carries it; what another version publishes is left too.
             now: when it was true [s].
         """
-        if fresh_for(key) is None:
+        if fresh_for(key) is None or not isinstance(value, Stamped):
             return
         before = self._last.get(key)
         if before is None or now >= before.at:

@@ -14,21 +14,21 @@ from mkdaemon.telemetry.tone import Tone, ToneEnum
 class LinkCondition(ToneEnum):
     """The one word for the line. This is the one table of conditions."""
 
-    UP = "up", "link up", Tone.OK
+    UP = "up", "up", Tone.OK
     """Both directions are proven, every wanted stream is on time, losses are below the limit."""
-    DEGRADED = "degraded", "link degraded", Tone.WARN
+    DEGRADED = "degraded", "degraded", Tone.WARN
     """Both directions are proven, but a stream is stale, losses are high, or bytes arrive damaged."""
-    ONE_WAY = "one_way", "the board does not receive us", Tone.BAD
+    ONE_WAY = "one_way", "one way", Tone.BAD
     """We hear the board; nothing shows that it hears us."""
-    MUTE = "mute", "the board is mute", Tone.BAD
+    MUTE = "mute", "mute", Tone.BAD
     """The port is open and we ask, but no byte comes."""
-    GARBAGE = "garbage", "only garbage arrives", Tone.BAD
+    GARBAGE = "garbage", "only garbage", Tone.BAD
     """Bytes come, none of them a frame: wrong baud, noise, or only plain text."""
-    DOWN = "down", "the port cannot be used", Tone.BAD
+    DOWN = "down", "port unusable", Tone.BAD
     """The port is there but cannot be used: lost, in use, forbidden, or it takes no bytes."""
-    ABSENT = "absent", "there is no port", Tone.BAD
+    ABSENT = "absent", "no port", Tone.BAD
     """There is no such port at the moment."""
-    CLOSED = "closed", "the port is closed", Tone.WARN
+    CLOSED = "closed", "port closed", Tone.WARN
     """We have closed the port in order."""
 
     @property
