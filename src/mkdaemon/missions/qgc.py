@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.foreignfiles import parse_json
 from mkdaemon.missions import items as table
 from mkdaemon.missions.items import (
     ARDUPILOT,
@@ -32,7 +33,6 @@ from mkdaemon.missions.items import (
     checked,
 )
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
-from mkdaemon.reading import parse_json
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
 _SAME_SPEED, _DEFAULT_SPEED = -1, -2

@@ -12,7 +12,8 @@ from rich.text import Text
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.control.teleop.hands import Hands
-from mkdaemon.telemetry.control import Phase, Tone
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.tone import Tone
 
 COLUMNS: Final = 80
 """Width everything fits into."""
@@ -28,7 +29,7 @@ KEYBOARD_LEGEND: Final = (
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )
-_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD}
+_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD, Tone.UNKNOWN: PLAIN}
 
 
 def bar(value: float | None, sent: float | None) -> str:
