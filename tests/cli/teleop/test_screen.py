@@ -8,6 +8,7 @@ from lab.rigs.handpad import HandKeyboard, HandPad
 from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
@@ -74,8 +75,7 @@ def test_screen_shows_what_would_be_sent_and_why_nothing_is() -> None:
 def test_screen_says_what_the_daemon_waits_for() -> None:
     async def main() -> str:
         daemon = FakeDaemon()
-        daemon.lease.is_engaged = False
-        daemon.lease.reason = "operator streams; waiting for neutral sticks"
+        daemon.lease.engages = None
         session = daemon.session()
         pad = HandPad(session)
         pad.plug_in()
@@ -85,6 +85,7 @@ def test_screen_says_what_the_daemon_waits_for() -> None:
         session.tick()
         asked = "\n".join(line.plain for line in screen_lines(session, Watcher(), "x", has_keyboard=False))
         await asyncio.sleep(0.01)
+        daemon.lease.report(Phase.LEASED, reason="operator streams; waiting for neutral sticks")
         session.tick()
         lines = screen_lines(session, Watcher(), "x", has_keyboard=False)
         await session.keeper.close()

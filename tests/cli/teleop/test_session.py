@@ -74,10 +74,9 @@ def test_lost_lease_ends_the_flight_until_the_enable_button_is_pressed_anew() ->
     daemon = FakeDaemon()
 
     async def story(session: Session, pad: HandPad) -> None:
-        daemon.lease.lost = "somebody took it"
+        daemon.lease.lose("somebody took it")
         await asyncio.sleep(0.1)
         assert "somebody took it" in session.output.reason
-        daemon.lease.lost = None
         await asyncio.sleep(0.5)
         assert daemon.taken == 1
         pad.move(BTN_TL=0)
@@ -106,14 +105,14 @@ def test_daemon_that_stays_busy_is_given_up() -> None:
         await asyncio.sleep(4.0)
 
     session = fly(FakeDaemon(*[BUSY] * 100), story)
-    assert "busy with a release" in session.notice
+    assert "a release is under way" in session.notice
 
 
 def test_refused_setpoint_is_told() -> None:
     daemon = FakeDaemon()
 
     async def story(session: Session, pad: HandPad) -> None:
-        daemon.lease.refusal = CommandRejectedError("no_estimate", "no target is seen.", "fly over one")
+        daemon.lease.refuse(CommandRejectedError("no_estimate", "no target is seen.", "fly over one"))
         await asyncio.sleep(0.1)
 
     assert "no target is seen" in fly(daemon, story).notice

@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import structlog
 
 from mkdaemon.client import Sample, Vehicle
-from mkdaemon.client.setpoints import load_models
+from mkdaemon.client.lease import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from secrets import token_hex
 from typing import Annotated, Any, Final, Literal, TextIO
@@ -247,7 +248,7 @@ class Program:
     def __init__(self, uav: Vehicle, connection: Connection, source: Source, *, force: bool) -> None:
         self._uav, self._connection, self._source = uav, connection, source
         self._stop = asyncio.Event()
-        self.session = Session(LeaseKeeper(lambda: uav.lease(force=force)), self._stop_motors)
+        self.session = Session(LeaseKeeper(partial(uav.lease, force=force)), self._stop_motors)
         self._watcher = Watcher()
         self._stopping: asyncio.Task[None] | None = None
 

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from mkdaemon.cli.mkctl.teleop.session import Session
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
+from mkdaemon.client.session import SessionState
 from mkdaemon.control.teleop.hands import Hands
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.tone import Tone
@@ -78,7 +79,7 @@ def _now(session: Session) -> Text:
     output = session.output
     words = output.reason
     if output.setpoint is not None and not session.keeper.is_engaged:
-        words = f"{words}; {session.keeper.words}"
+        words = f"{words}; {session.keeper.flight.reason}"
     flies = session.keeper.is_engaged and output.setpoint is not None and not output.is_neutral
     return _line(("now      ", DIM), (words, GOOD if flies else BAD))
 
@@ -143,7 +144,7 @@ def _sticks(session: Session, watcher: Watcher, hands: Hands | None) -> list[Tex
 
 def _lease(session: Session, watcher: Watcher) -> Text:
     lease = watcher.field("control/status", "lease")
-    ours = session.keeper.lease
+    ours = session.keeper.flight.grant if session.keeper.flight.state is SessionState.HELD else None
     holder = "nobody" if lease is None else str(lease["holder"])
     is_ours = ours is not None and lease is not None and lease["epoch"] == ours.epoch
     phase = str(watcher.field("control/status", "phase") or "-")
