@@ -21,8 +21,8 @@ from tools.markdown import table
 
 PAGE: Final = "docs/troubles.md"
 PLACE: Final = re.compile(r"(?P<begin><!-- messages -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
-_LINE: Final = "`mkctl health`; [link.md](link.md)"
-_CAMERA: Final = "[cameras.md](cameras.md)"
+_LINE: Final = "`mkctl health`; [link](link.md#states)"
+_CAMERA: Final = "[vision](vision.md#states-and-alarms)"
 
 
 class Message(NamedTuple):
@@ -43,7 +43,7 @@ def messages() -> list[Message]:
     found += [Message(f"link {condition.value}", _LINE) for condition in LinkCondition]
     found += [_cut(reason, _LINE) for reason in verdict_reasons()]
     found += [_alarm(alarm) for alarm in Alarm]
-    found += [Message(kind.words, "[flying.md](flying.md)") for kind in CauseKind]
+    found += [Message(kind.words, "[safety](safety.md#what-ends-a-flight)") for kind in CauseKind]
     return sorted(found, key=lambda message: re.sub(r"\W+", " ", message.printed).casefold())
 
 

@@ -1,7 +1,8 @@
 """`python -m tools.site`: the documentation as a static site, in build/site.
 
 The pages of docs/, the README and the examples are laid out in build/pages, with their links, as `mkdocs.yml` expects
-them; `zensical` (`make site` installs it) builds the site and stops at every link or anchor that leads nowhere.
+them; `zensical` (`make site` installs it) builds the site and stops at every link or anchor that leads nowhere. Pages
+of docs/lab/ are for those who change the code: they stay in the repository, and the site names their files.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ FRONT: Final = {"README.md": "index.md"}
 """Pages outside docs/ whose place in the site has another name."""
 OUTSIDE: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Pages outside docs/ that the site has too."""
+LAB: Final = "docs/lab/"
+"""Pages of the repository that are not in the site."""
+UNLISTED: Final = ("doctor.md",)
+"""Pages of the site that its navigation does not list; links and search find them."""
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
 LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
@@ -65,10 +70,11 @@ def moved(text: str, page: str, titles: Mapping[str, str]) -> str:
         if _ABROAD.match(found["target"]):
             return found[0]
         path = posixpath.normpath(posixpath.join(posixpath.dirname(page), found["target"]))
-        anchor = found["anchor"] or ""
+        anchor, words = found["anchor"] or "", found["words"]
+        if path.startswith(LAB):
+            return f"`{path}`" if words.endswith(".md") else f"{words} (`{path}`)"
         if path.startswith("examples/"):
             anchor = f"#{PurePosixPath(path).stem}"
-        words = found["words"]
         head = f"[{titles[path]}](" if words and words.endswith(".md") and path in titles else found["head"]
         return f"{head}{posixpath.relpath(place_in_site(path), here or '.')}{anchor})"
 
@@ -77,7 +83,8 @@ def moved(text: str, page: str, titles: Mapping[str, str]) -> str:
 
 def pages_of(root: Path) -> list[str]:
     """Return the pages of the tree that the site has, relative to the root, with slashes."""
-    return [*OUTSIDE, *(path.relative_to(root).as_posix() for path in sorted((root / "docs").rglob("*.md")))]
+    pages = (path.relative_to(root).as_posix() for path in sorted((root / "docs").rglob("*.md")))
+    return [*OUTSIDE, *(page for page in pages if not page.startswith(LAB))]
 
 
 def titles_of(root: Path) -> dict[str, str]:
@@ -103,7 +110,8 @@ def lay_out(root: Path) -> Path:
     for page in titles:
         _write(stage / place_in_site(page), moved((root / page).read_text(encoding="utf-8"), page, titles))
     _write(stage / EXAMPLES, examples_page(root))
-    shutil.copytree(root / "docs" / "figures", stage / "figures")
+    for folder in ("figures", "site"):
+        shutil.copytree(root / "docs" / folder, stage / folder)
     return stage
 
 

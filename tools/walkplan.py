@@ -93,7 +93,7 @@ TUTORIALS: Final = (
             Manner(".venv/bin/mkctl watch", Kind.INTERRUPTED, r"state/\w+"),
             Manner(".venv/bin/mkctl get rx/nc/osd", shows=r"^rx/nc/osd"),
             Manner(".venv/bin/mkctl get state/position", Kind.REPEATED, r"altitude_above_start\W+(1\.[89]|2)"),
-            Manner(".venv/bin/mkctl lease show", shows="nobody holds the lease"),
+            Manner(".venv/bin/mkctl lease show", shows="no client holds the lease"),
             Manner(".venv/bin/mkctl stick", shows=r"setpoints; last stick frame: pitch 8,"),
             Manner(".venv/bin/mkctl get sim/truth", shows=r"crashed\W+no"),
             Manner(".venv/bin/mkdaemon doctor", codes=(0, 1, 2, 3), shows="serial"),

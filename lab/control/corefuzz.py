@@ -167,7 +167,7 @@ class Judge:
         self._world, self._cfg = world, world.cfg
         self._status: PublishStatus | None = None
         self._stage: tuple[str, float] = ("", 0.0)
-        self._landing_since, self._was_flying = math.inf, False
+        self._landing_since = math.inf
         self._longest = _longest_stages(world.cfg)
 
     def breach(self, what: Breach, seen: str) -> None:
@@ -196,13 +196,11 @@ class Judge:
                     pass
         self._look_at_release(is_released=is_released, sends=frame is not None)
         status = self._status
-        # In the tick that ends an unanswered flight the sticks are still level.
-        was_flying = self._was_flying
         if status is not None:
             self._look_at_status(status)
         if frame is not None and status is not None:
-            self._look_at_frame(frame, status, was_flying=was_flying)
-            if was_flying and error is not None and image_age <= self._cfg.autopilot.freeze_after:
+            self._look_at_frame(frame, status)
+            if error is not None and image_age <= self._cfg.autopilot.freeze_after:
                 self._look_at_goal(error.manoeuvre, error.goal, status)
 
     def _look_at_release(self, *, is_released: bool, sends: bool) -> None:
@@ -221,7 +219,7 @@ class Judge:
             if asked > max(deadline, world.now) + LATEST:
                 self.breach(Breach.NOT_RELEASED, f"the core sleeps until {asked:.2f} s, past {deadline:.2f} s")
 
-    def _look_at_frame(self, frame: SendSticks, status: PublishStatus, *, was_flying: bool) -> None:
+    def _look_at_frame(self, frame: SendSticks, status: PublishStatus) -> None:
         world, limits, (pitch, roll, yaw, throttle) = self._world, self._cfg.limiter, frame.counts
         phase, kind = world.core.phase, status.manoeuvre or ""
         self.ticks[f"{phase}: {kind} {status.stage}".rstrip()] += 1
@@ -243,7 +241,7 @@ class Judge:
         newest = world.newest
         if newest is None or frame.sequence != newest.sequence:
             self.breach(Breach.UNTRUE, f"setpoint {frame.sequence} is flown, {newest} was taken last")
-        elif isinstance(newest, StickSetpoint) and was_flying and phase is Phase.FLYING and is_fresh:
+        elif isinstance(newest, StickSetpoint) and phase is Phase.FLYING and is_fresh:
             asked = (newest.pitch, newest.roll, newest.yaw, newest.throttle)
             if frame.wanted is not None and tuple(frame.wanted) != asked:
                 self.breach(Breach.UNTRUE, f"{asked} was asked for, {frame.wanted} is flown")
@@ -266,7 +264,6 @@ class Judge:
         reached[f"outcome {status.outcome}"] += 1
         for cause in status.causes:
             reached[f"cause {cause.kind}"] += 1
-        self._was_flying = phase is Phase.FLYING
         if phase is Phase.FLYING:
             if world.is_aborted:
                 self.breach(Breach.UNTRUE, "aborted, and flown")

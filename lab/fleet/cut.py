@@ -84,7 +84,7 @@ class Watcher:
             async for sample in samples:
                 name, _, suffix = sample.suffix.partition("/")
                 now = time.monotonic()
-                self.board.take(name, suffix, sample.fields, now)
+                self.board.take(name, suffix, sample.known, now)
                 self.heard[name].append(now)
                 if suffix == WATCHED:
                     self.times[name].append(now)

@@ -91,7 +91,7 @@ def test_a_first_look_around(serve, mkctl):
 def test_flying_by_hand_from_the_command_line(serve, mkctl):
     with serve() as flown:
         code, out, _ = mkctl("lease", "show")
-        assert (code, out.strip()) == (0, "nobody holds the lease")
+        assert (code, out.strip()) == (0, "no client holds the lease")
         code, out, _ = mkctl("lease", "take", "--holder", "tester", "--json")
         assert (code, json.loads(out)["holder"]) == (0, "tester")
         with flown.other_client(hold) as lease:

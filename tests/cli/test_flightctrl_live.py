@@ -76,7 +76,7 @@ def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl:
     file.write_text(head.replace("revision = 106", "revision = 103").replace(raw, f'raw = "67{"00" * 135}"'))
     code, _, err = ctl(at, "settings", "restore", str(file))
     assert code == EXIT_FAILURE
-    assert "the file holds revision 103 and the FlightCtrl speaks revision 106" in err
+    assert "the file has revision 103, the FlightCtrl 106" in err
     file.write_text(head.replace(raw, 'raw = "6a00"'))
     code, _, err = ctl(at, "settings", "restore", str(file))
     assert code == EXIT_CONFIG

@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 from mkdaemon.errors import ConfigError, MkError, ProtocolError
 from mkdaemon.files import refuse_existing, save
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, read_text
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
-from mkdaemon.reading import LONGEST_SETTINGS, read_text
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 
 _SUFFIXES: Final = (".toml", ".json")

@@ -108,13 +108,26 @@ class Flown:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
             step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
-            if self.is_by_target and self._sight.answer.is_doubted:
-                step = replace(step, sticks=_gentle(step.sticks, DOUBTED / self._sight.model.rad_per_count))
+            if self.is_by_target:
+                step = replace(step, sticks=self._bounded(step, situation))
         self.error, self.may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)
         return step
+
+    def _bounded(self, step: Step, situation: Situation) -> Sticks:
+        """What a flight by its target may ask for: little tilt without an answer, no lift of an aircraft that stands.
+
+        One that has come down by accident, because the pilot's throttle or stopped motors let it sink, must not go up
+        by itself: only a take-off leaves the ground.
+        """
+        sight, sticks = self._sight, step.sticks
+        if sight.answer.is_doubted:
+            sticks = _gentle(sticks, DOUBTED / sight.model.rad_per_count)
+        if step.may_touch or not (sight.has_come_down or situation.grounded):
+            return sticks
+        return sticks._replace(throttle=min(sticks.throttle, level_at(sight.carrying_gas).throttle))
 
     def _timed(self, step: Step, now: float) -> Step:
         """The same, late where its stage has lasted longer than it may."""
@@ -144,7 +157,7 @@ class Flown:
         is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
         end = ended(Outcome.SIGHT_LOST, target=self._sight.target, age=age or 0.0) if is_lost else None
         sticks = level_at(self._sight.hover_gas)
-        shown = replace(step, is_done=False, stands=False, is_unanswered=True, is_level=True)
+        shown = replace(step, stage="", is_done=False, stands=False, is_unanswered=True, is_level=True)
         return replace(shown, sticks=sticks, obstacle=obstacle, end=end)
 
     def _resumed(self, setpoint: Setpoint, phase: Phase) -> Manoeuvre:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.reading import parse_json
+from mkdaemon.foreignfiles import parse_json
 from mkdaemon.record.entry import Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import Recording

@@ -16,7 +16,7 @@ class Confirm(StrEnum):
 
     NO = "no"
     IN_FLIGHT = "in flight"
-    """While motors run, or nobody knows whether they run."""
+    """While motors run, or their state is unknown."""
     ALWAYS = "always"
 
 

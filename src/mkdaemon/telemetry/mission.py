@@ -64,7 +64,7 @@ class MissionPoint(Described):
     event: Annotated[int, Field(ge=0, le=255)] = 0
     """Value of the waypoint-event channel while the point is held."""
     photo_distance: Annotated[int, Field(ge=0, le=255)] = 0
-    """Trigger the camera after every so many metres [m]; 0 never."""
+    """Distance between two pictures [m]; 0 for none."""
 
     @model_validator(mode="after")
     def _has_one_heading(self) -> Self:

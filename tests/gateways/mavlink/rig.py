@@ -13,6 +13,7 @@ from lab.control.boardfaults import NORMAL
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.parameters import STORED
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.stamp import Stamp
@@ -20,6 +21,7 @@ from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseStat
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -145,6 +147,13 @@ EVERYTHING = (
 """A value of every kind."""
 
 
+def progress(step):
+    """How far a write of one set is."""
+    return ProcedureProgress(
+        stamp=STAMP, id="1", verb="settings_write", holder="x", state="running", step=step, of=3, text="words"
+    )
+
+
 class FakeLease(SessionLease):
     """A lease of a `FakeVehicle`."""
 
@@ -189,8 +198,12 @@ class FakeVehicle:
 
     async def call(self, name, *arguments, **options):
         """Answer one call."""
+        on_progress = options.pop("on_progress", None)
         self.calls.append((name, arguments, options))
-        await asyncio.sleep(self.slow)
+        await asyncio.sleep(self.slow / 3)
+        if on_progress is not None and self.refusals.get(name) is None:
+            on_progress(progress(STORED))
+        await asyncio.sleep(2 * self.slow / 3)
         if (refusal := self.refusals.get(name)) is not None:
             raise refusal
         digest = f"{hash(self.points) & 0xFFFF:x}"

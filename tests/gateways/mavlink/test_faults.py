@@ -182,7 +182,7 @@ async def test_the_daemons_silence_is_told_and_its_return():
     async with serving() as gateway:
         ears = Ears(gateway)
         await beat(ears, 6.0)
-        assert ears.words.count("mkdaemon is silent") == 1
+        assert ears.words.count("NOTHING FROM THE DAEMON") == 1
 
 
 @virtually

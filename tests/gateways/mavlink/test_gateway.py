@@ -131,8 +131,8 @@ async def test_events_are_told_in_pieces_and_not_twice():
         gateway.value_arrived(event)
         gateway.value_arrived(event)
         pieces = ears.named("STATUSTEXT")
-        assert ears.words == f"release: {words}".replace("ü", "?")
-        assert [piece.chunk_seq for piece in pieces] == [0, 1] and {piece.severity for piece in pieces} == {2}
+        assert ears.words == f"FAILSAFE release: {words}".replace("ü", "?")
+        assert [piece.chunk_seq for piece in pieces] == [0, 1, 2] and {piece.severity for piece in pieces} == {2}
 
 
 @virtually
@@ -523,7 +523,7 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         def trouble(*causes, left=None):
             made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
             words = trouble_words(made, left)
-            status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left)
+            status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left, manoeuvre="hold")
             if causes and not ears.words:
                 gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
             gateway.value_arrived(status)
@@ -536,7 +536,7 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         assert ears.words == (
             "NO POSE FOR 0.6 S, releases in 2.4 s"
             "NO POSE FOR 0.6 S, releases in 1.8 s: 3 of 9 link tests unanswered"
-            "poses come again"
+            "Gateway flies: hold"
         )
 
 

@@ -56,7 +56,7 @@ def _show(lease: LeaseState | None, connection: Connection) -> None:
     if connection.json:
         print(json_line({"holder": None} if lease is None else dict(lease)))
     elif lease is None:
-        print("nobody holds the lease")
+        print("no client holds the lease")
     else:
         print(f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left")
         if isinstance(lease, LeaseGrant):

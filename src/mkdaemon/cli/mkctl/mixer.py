@@ -12,8 +12,8 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.protocol.messages import WriteMixer
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.telemetry.settings import MixerTable
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")

@@ -14,7 +14,7 @@ from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
+    from mkdaemon.telemetry.control import ReleaseReport
 
 BUS_TIME: Final = 1.0
 """The bus has this long before the Unix socket is asked too [s]: a release asked for twice is one release."""
@@ -35,7 +35,7 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
         reason: Published with the event.
     """
     done = await release_somehow(connection, reason)
-    print(json_line(dict(done)) if connection.json else words_of_release(done.status))
+    print(json_line(dict(done)) if connection.json else done.status.words)
     return 0 if done.is_done else EXIT_FAILURE
 
 
@@ -76,18 +76,3 @@ def _is_refusal(error: BaseException | None) -> bool:
 async def _release_over_bus(connection: Connection, reason: str) -> ReleaseReport:
     async with connection.open() as client:
         return await client.release(reason)
-
-
-def words_of_release(outcome: ReleaseOutcome) -> str:
-    """How a release ended."""
-    from mkdaemon.telemetry.control import ReleaseOutcome
-
-    match outcome:
-        case ReleaseOutcome.CONFIRMED:
-            return "released, and the FlightCtrl confirmed it"
-        case ReleaseOutcome.NOT_OBSERVABLE:
-            return "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)"
-        case ReleaseOutcome.UNCONFIRMED:
-            return "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)"
-        case ReleaseOutcome.NOT_SENT:
-            return "NOT sent, the line is down; it is the first thing sent when the line is back"

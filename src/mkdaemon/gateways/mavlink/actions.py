@@ -183,7 +183,7 @@ class Actions:
         if self._steering.order is not None:
             self._steering.give_back(By(asked.station, asked.program))
             return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
-        navi = self._picture.get(ControlNavi, math.inf)  # it comes on change
+        navi = self._picture.get(ControlNavi, is_old=True)  # it comes on change
         if navi is None:
             return denied("whether the NaviCtrl holds a list, which the same switch would fly, is not known")
         if navi.waypoints:

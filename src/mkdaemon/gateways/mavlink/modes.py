@@ -21,6 +21,7 @@ from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.state import Flight, GpsMode
+from mkdaemon.telemetry.tone import Tone
 
 
 class Numbering(Enum):
@@ -193,7 +194,7 @@ def heartbeat(picture: Picture, mode: Mode, numbering: Numbering) -> Message:
 
 
 def system_state(picture: Picture) -> int:
-    """`MAV_STATE`: standby and active by the motors; critical and emergency as the boards say."""
+    """`MAV_STATE`: standby and active by the motors; critical while somebody must act; emergency as the boards say."""
     flight, link = picture.get(Flight), picture.link
     if flight is None or (link is not None and not link.condition.is_usable):
         return int(mavlink.MAV_STATE_UNINIT)
@@ -203,7 +204,7 @@ def system_state(picture: Picture) -> int:
         return int(mavlink.MAV_STATE_CALIBRATING)
     if not flight.motors_running:
         return int(mavlink.MAV_STATE_STANDBY)
-    return int(mavlink.MAV_STATE_CRITICAL if flight.battery_low or flight.error_code else mavlink.MAV_STATE_ACTIVE)
+    return int(mavlink.MAV_STATE_CRITICAL if picture.known.tone is Tone.BAD else mavlink.MAV_STATE_ACTIVE)
 
 
 def available_mode(index: int, numbering: Numbering) -> Message | None:

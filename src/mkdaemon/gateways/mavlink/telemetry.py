@@ -31,10 +31,12 @@ from mkdaemon.gateways.mavlink.frames import (
     ned_from_frd,
 )
 from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.reading.facts import battery_alarm
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, GpsFix, Pilot, Position, Velocity
+from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import CameraSetup, VisionPose
 
@@ -389,41 +391,40 @@ def system_status(picture: Picture) -> Message | None:
 
 def _sensors(picture: Picture) -> tuple[int, int]:
     """Bits of the sensors that are present, and of those that work."""
-    ever = math.inf
     health = picture.get(VehicleHealth)
-    gps, pilot, flight = picture.get(Gps), picture.get(Pilot), picture.get(Flight)
+    gps, pilot, battery = picture.get(Gps), picture.get(Pilot), picture.get(Battery)
     has_boards = picture.get(Attitude) is not None
     link = picture.link
-    can_fly = health is not None and health.is_alive and health.read_only is None and health.error is None
+    is_well = health is not None and health.read_only is None and picture.known.tone is not Tone.BAD
     table = (
-        (_GYRO | _CONTROL, picture.get(Attitude, ever) is not None, has_boards),
+        (_GYRO | _CONTROL, picture.get(Attitude, is_old=True) is not None, has_boards),
         (_COMPASS, health is not None and "nc" in health.boards, has_boards),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
-            picture.get(Altitude, ever) is not None,
+            picture.get(Altitude, is_old=True) is not None,
             picture.get(Altitude) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_GPS,
-            picture.get(Gps, ever) is not None,
+            picture.get(Gps, is_old=True) is not None,
             gps is not None and gps.fix is GpsFix.VALID and picture.get(Position) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
-            picture.get(Pilot, ever) is not None,
+            picture.get(Pilot, is_old=True) is not None,
             pilot is not None and pilot.has_signal,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION,
-            picture.get(CameraSetup, ever) is not None,
+            picture.get(CameraSetup, is_old=True) is not None,
             picture.get(VisionPose) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
-            picture.get(Battery, ever) is not None,
-            picture.get(Battery) is not None and flight is not None and not flight.battery_low,
+            picture.get(Battery, is_old=True) is not None,
+            battery is not None and battery_alarm(battery, picture.known) is None,
         ),
-        (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, can_fly and link is not None and link.condition.is_usable),
+        (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, is_well and link is not None and link.condition.is_usable),
     )
     present = sum(bits for bits, is_there, _ in table if is_there)
     healthy = sum(bits for bits, is_there, works in table if is_there and works)

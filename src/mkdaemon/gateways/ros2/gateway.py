@@ -32,11 +32,12 @@ from mkdaemon.gateways.ros2.commands import (
     velocity_fields,
 )
 from mkdaemon.gateways.ros2.deck import FlightDeck
-from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, report
+from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Scene, Types, name_part
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings, settings_of
 from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
+from mkdaemon.reading.diagnoses import Diagnosis, Level
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
@@ -321,7 +322,7 @@ class Gateway:
             mistyped = self._look_for_other_types()
             values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
             level = Level.WARN if missing or mistyped else Level.OK
-            mine = Diagnosis(level, " ".join((*mistyped, self.deck.words)), values)
+            mine = Diagnosis("gateway", level, " ".join((*mistyped, self.deck.words)), values)
             self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
 
     def _look_for_other_types(self) -> list[str]:

@@ -14,7 +14,7 @@ from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.control.teleop.teleop import Output
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import read_text
+from mkdaemon.foreignfiles import read_text
 
 LONGEST: Final = 200_000_000
 """Longest recording that is read [bytes]; an hour is about 30 million."""

@@ -13,7 +13,8 @@ from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.client.session import SessionState
 from mkdaemon.control.teleop.hands import Hands
-from mkdaemon.telemetry.control import Phase, Tone
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.tone import Tone
 
 COLUMNS: Final = 80
 """Width everything fits into."""
@@ -29,7 +30,7 @@ KEYBOARD_LEGEND: Final = (
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )
-_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD}
+_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD, Tone.UNKNOWN: PLAIN}
 
 
 def bar(value: float | None, sent: float | None) -> str:
