@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.control.admission import BY_TARGET, MANOEUVRES, ROWS, Concern, Row, Rule
+from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern
+from mkdaemon.control.admission.row import Row, Rule
+from mkdaemon.control.admission.rows import ROWS
 from mkdaemon.errors import MkError
 from tools.markdown import table
 

@@ -13,7 +13,6 @@ import random
 import sys
 import time
 import traceback
-import typing
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -138,7 +137,7 @@ def closed_sets() -> set[str]:
     about = {Concern.LEASE, *MANOEUVRES}
     rows = [row for row in ROWS if about & set(row.concerns) and row.rule not in (Rule.WAITS, Rule.ADVICE)]
     return {
-        *(f"event {kind.__name__}" for kind in typing.get_args(Event)),
+        *(f"event {kind.__name__}" for kind in Event.__subclasses__()),
         *(f"phase {phase}" for phase in Phase),
         *(f"manoeuvre {kind.suffix.removeprefix('setpoint/')}" for kind in SETPOINTS),
         *(f"stage {stage}" for stage in (*LandingPhase, *TakeOffPhase, SEARCHES)),

@@ -15,9 +15,9 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
-from mkdaemon.control.batterywatch import LASTING
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.flightwatch import LASTING
 from mkdaemon.control.manoeuvres.manoeuvre import level_at
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
@@ -462,9 +462,8 @@ def test_the_tick_that_is_reported_as_flying_sends_what_is_flown(how):
     seen, tick = [], story.tick
 
     def noted():
-        for action in tick():
-            if isinstance(action, SendSticks):
-                seen.append((story.core.phase, bool(story.status.stage), action.wanted == story.level))
+        frames = [action.wanted for action in tick() if isinstance(action, SendSticks)]
+        seen.extend((story.core.phase, bool(story.status.stage), wanted == story.level) for wanted in frames)
 
     story.tick = noted
     for is_open in (False, True):

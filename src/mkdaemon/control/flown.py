@@ -8,13 +8,15 @@ from dataclasses import replace
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import Concern, NewManoeuvre, Situation, refusal, waits_for
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre
+from mkdaemon.control.admission.rows import refusal, waits_for
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
-from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.manoeuvres.table import Make
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
@@ -35,7 +37,7 @@ class Flown:
         may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
-    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Row]) -> None:
+    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Make]) -> None:
         """Fly nothing yet.
 
         Args:
@@ -124,7 +126,9 @@ class Flown:
         """
         sight, sticks = self._sight, step.sticks
         if sight.answer.is_doubted:
-            sticks = _gentle(sticks, DOUBTED / sight.model.rad_per_count)
+            tilt = sight.model.rad_per_count * math.hypot(sticks.pitch, sticks.roll)
+            share = min(1.0, DOUBTED / max(tilt, 1e-9))
+            sticks = sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)
         if step.may_touch or not (sight.has_come_down or situation.grounded):
             return sticks
         return sticks._replace(throttle=min(sticks.throttle, level_at(sight.carrying_gas).throttle))
@@ -200,7 +204,7 @@ class Flown:
         self._stage, self.may_touch = "", False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
-        return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
+        return self._rows[type(setpoint)](self._sight, self._cfg, setpoint)
 
     def _change(self, after: Manoeuvre, now: float) -> None:
         after.enter(self.current, now)
@@ -217,9 +221,3 @@ class Flown:
             after = Level(self._sight)
         after.enter(before, situation.now)
         self.current = after
-
-
-def _gentle(sticks: Sticks, most: float) -> Sticks:
-    """The same with no more tilt [stick], the same way."""
-    share = min(1.0, most / max(math.hypot(sticks.pitch, sticks.roll), 1e-9))
-    return sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)
