@@ -399,6 +399,8 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     story.streams(TakeOffSetpoint, 1.0, height=1.0)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
     assert story.status.reason == 'aborted: "climbs" takes too long'
+    aborted = [status for status in story.of(PublishStatus) if status.phase is Phase.ABORTED]
+    assert {(status.manoeuvre, status.stage) for status in aborted} == {("hold", "")}, "in its first tick, too"
     story.streams(LandSetpoint, 0.5, after_abort=1)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 

@@ -378,6 +378,8 @@ class FlightCore:
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
+        if authority.phase.is_streamed and (late := self._flown.late_stage(now)):
+            authority.abort(f'"{late}" takes too long')
         situation, setpoint = self.situation(now), authority.newest
         if setpoint is not None and self._flown.asks(situation):
             situation = self._seen(situation)

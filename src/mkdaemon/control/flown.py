@@ -52,7 +52,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
-        self._stage, self._stage_since = "", 0.0
+        self._stage, self._stage_since, self._longest = "", 0.0, 0.0
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -109,7 +109,8 @@ class Flown:
         else:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
-            step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
+            step = self._fly(setpoint, before, phase, situation)
+            self._time(step, situation.now)
             if self.is_by_target:
                 step = replace(step, sticks=self._bounded(step, situation))
         self.error, self.may_touch = step.error, step.may_touch
@@ -133,11 +134,15 @@ class Flown:
             return sticks
         return sticks._replace(throttle=min(sticks.throttle, level_at(sight.carrying_gas).throttle))
 
-    def _timed(self, step: Step, now: float) -> Step:
-        """The same, late where its stage has lasted longer than it may."""
-        if step.stage != self._stage or step.is_done or not step.stage:
-            self._stage, self._stage_since = step.stage, now
-        return replace(step, is_late=now - self._stage_since > step.longest) if step.stage else step
+    def _time(self, step: Step, now: float) -> None:
+        """Note how long a stage lasts that is not done."""
+        stage, self._longest = "" if step.is_done else step.stage, step.longest
+        if stage != self._stage:
+            self._stage, self._stage_since = stage, now
+
+    def late_stage(self, now: float) -> str:
+        """The stage that has lasted for longer than it may; empty for none."""
+        return self._stage if now - self._stage_since > self._longest else ""
 
     def _wait(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
