@@ -71,7 +71,7 @@ class SessionLease:
 
     def send(self, setpoint: Setpoint | None) -> None:
         """Keep a setpoint."""
-        self.session.heard(self._now)
+        self.session.sign_of_life(self._now)
         if setpoint is None:
             return
         numbers = {"epoch", "sequence", "ttl", "after_abort"}

@@ -248,31 +248,31 @@ def test_a_flight_that_does_not_begin_is_an_error_after_its_grace_or_patience(no
     flight.fly(HOLD, 0.0)
     if event is not None:
         flight.event_arrived(event, now)
-    flight.heard(now)
+    flight.sign_of_life(now)
     if error is None:
-        assert not flight.has_begun(now)
+        assert not flight.has_started(now)
         return
     with pytest.raises(error):
-        flight.has_begun(now)
+        flight.has_started(now)
 
 
 def test_a_flight_has_begun_when_the_daemon_flies_its_kind_or_for_a_stream_any():
     flight = session(HELD, phase=Phase.FLYING)
     flight.fly(HOLD, 0.0)
-    assert not flight.has_begun(0.0)
+    assert not flight.has_started(0.0)
     flight.status_arrived(control_status(Phase.FLYING, EPOCH, manoeuvre="hold"), 0.1)
-    assert flight.has_begun(0.1)
+    assert flight.has_started(0.1)
     flight.expect_stream(0.2, ENGAGING)
-    assert flight.has_begun(0.2)
+    assert flight.has_started(0.2)
 
 
 def test_patience_counts_from_the_grant():
     flight = session(ASKED)
     flight.fly(HOLD, 0.0)
-    assert not flight.has_begun(100.0)
+    assert not flight.has_started(100.0)
     flight.granted(grant(), 100.0)
-    flight.heard(111.9)
-    assert not flight.has_begun(111.9)
+    flight.sign_of_life(111.9)
+    assert not flight.has_started(111.9)
 
 
 def test_a_setpoint_that_is_none_is_refused_before_anything_leaves():

@@ -213,7 +213,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         for kind in SETPOINTS
     ),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
-    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl play --as`."),
+    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl log play --as`."),
     KeySpec(
         "client/<holder>",
         Use.TOKEN,

@@ -211,7 +211,7 @@ class Lease:
             now = clock()
             # With sticks flown already a refusal counts at once: the estimate does not restart.
             if not session.is_engaged:
-                session.has_begun(now)
+                session.has_started(now)
             setpoint = session.step(now)
             if session.is_engaged and (refusal := session.take_refusal()) is not None:
                 raise refusal

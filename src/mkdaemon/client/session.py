@@ -22,8 +22,10 @@ from enum import Enum, auto
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
+from mkdaemon.client.answers import Answer
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import ControlStatus, HolderGrant, Outcome
@@ -279,13 +281,13 @@ class FlightSession:
 
     # -- what the daemon reports ------------------------------------------------------------------------------------
 
-    def heard(self, now: float) -> None:
+    def sign_of_life(self, now: float) -> None:
         """Take note that the daemon lives."""
         self._received_at = now
 
     def status_arrived(self, status: ControlStatus, now: float) -> None:
         """Take `control/status`: it says whether the lease is still held, and what is flown."""
-        self.heard(now)
+        self.sign_of_life(now)
         if self.state is not SessionState.HELD or self.grant is None:
             return
         if status.lease is not None and status.lease.epoch == self.grant.epoch:
@@ -296,11 +298,11 @@ class FlightSession:
 
     def event_arrived(self, event: CommandEvent, now: float) -> None:
         """Take `event/command`: it says which setpoints are refused."""
-        self.heard(now)
+        self.sign_of_life(now)
         grant, token = self.grant, event.token
         is_ours = grant is not None and event.key.startswith("setpoint/") and event.fields.get("epoch") == grant.epoch
         if is_ours and token is not None and token not in _OF_STRANGERS | _OF_THE_END | _OF_THE_WAY:
-            self._refusal = CommandRejectedError(token, event.reason or "no reason given.", event.fix or "")
+            self._refusal = Answer(Status.DENIED, {}, token, event.reason, event.fix).refusal
 
     def take_refusal(self) -> CommandRejectedError | None:
         """Return the newest refusal of a setpoint of this lease, once; None where none was refused since."""
@@ -340,7 +342,7 @@ class FlightSession:
         return self._next(kind, fields, ttl)
 
     def expect_stream(self, now: float, patience: float) -> None:
-        """Wait for the engagement with a stream of the holder's own; see `has_begun`."""
+        """Wait for the engagement with a stream of the holder's own; see `has_started`."""
         self.repeated = None
         self._expect("", now, patience)
 
@@ -359,7 +361,7 @@ class FlightSession:
     def _expect(self, kind: str, now: float, patience: float) -> None:
         self._kind, self._patience, self._since, self._refusal = kind, patience, now, None
 
-    def has_begun(self, now: float) -> bool:
+    def has_started(self, now: float) -> bool:
         """Whether the daemon flies what was wanted last.
 
         Raises:

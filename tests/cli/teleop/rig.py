@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import FlightSession
 from mkdaemon.errors import CommandRejectedError
@@ -30,5 +30,5 @@ class FakeDaemon:
         yield self.lease
         self.given_back += 1
 
-    def session(self) -> Session:
-        return Session(LeaseKeeper(self.take))
+    def session(self) -> TeleopSession:
+        return TeleopSession(LeaseKeeper(self.take))

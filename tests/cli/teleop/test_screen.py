@@ -6,7 +6,7 @@ import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
 from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
@@ -25,7 +25,7 @@ OUTPUT = {"pitch": 12, "roll": -30, "yaw": 0, "throttle": -2, "limited": True}
 
 def show(*, keyboard: bool = False, fly: bool = True, status: dict[str, object] | None = STATUS) -> list[str]:
     async def main() -> list[str]:
-        session: Session = FakeDaemon().session()
+        session: TeleopSession = FakeDaemon().session()
         pad = HandKeyboard(session) if keyboard else HandPad(session, LONG)
         pad.plug_in()
         watcher = Watcher()

@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.config.gamepadfiles import load_mapping
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, pad_facts
-from mkdaemon.gateways.ros2.deck import Deck, Habits
+from mkdaemon.gateways.ros2.deck import FlightDeck, Habits
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 from tests.client.sessionlease import SessionLease
@@ -67,7 +67,7 @@ def fly(story, *refusals, newest=None, hold_for=60.0):
 
     async def main():
         habits = Habits(load_mapping("xbox"), pad_facts(AXES, BUTTONS), hold_for, 1.5)
-        deck = Deck(uav, habits, newest or {})
+        deck = FlightDeck(uav, habits, newest or {})
         running = asyncio.create_task(deck.run())
         await asyncio.sleep(0)
         await story(deck)

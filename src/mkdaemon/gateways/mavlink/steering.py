@@ -155,7 +155,7 @@ class Steering:
                 raise self._failure
             if self.order is not order:
                 raise ManoeuvreError("another order took its place" if self.order else "given back")
-            if self._keeper.flight.has_begun(self._now()):
+            if self._keeper.flight.has_started(self._now()):
                 return
 
     def stream(self, by: By, kind: str, fields: Mapping[str, Any]) -> None:

@@ -48,7 +48,7 @@ class Habits:
     take_off_height: float
 
 
-class Deck:
+class FlightDeck:
     """Decides who flies, holds the lease while somebody does, and gives it back when nobody does.
 
     Attributes:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
-from mkdaemon.cli.mkctl.teleop.padrecording import Recorder
+from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
 from mkdaemon.config.gamepad import Gamepad
@@ -22,7 +22,7 @@ GAP: Final = 0.002
 periods: a longer gap would let a change miss one, and wait for two."""
 
 
-class Session:
+class TeleopSession:
     """Devices, the pure teleop, and the lease.
 
     Attributes:
@@ -44,7 +44,7 @@ class Session:
         self.notice = ""
         self.is_on_ground: bool | None = None
         self.ticked = asyncio.Event()
-        self.recorder: Recorder | None = None
+        self.recorder: PadRecorder | None = None
         self._ask_stop = ask_stop
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
