@@ -36,6 +36,8 @@ UNLISTED: Final = ("doctor.md",)
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
 LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
+REFERENCE: Final = "\n  - Reference:\n"
+"""Begins the part of the navigation whose pages are looked up in, not read."""
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
 _ABROAD: Final = re.compile(r"^[a-z]+:")
 
@@ -43,6 +45,14 @@ _ABROAD: Final = re.compile(r"^[a-z]+:")
 def pages_in_navigation(root: Path) -> list[str]:
     """Return the pages that the navigation of `mkdocs.yml` lists, in its order, as places in the site."""
     return [entry["page"] for entry in _ENTRY.finditer((root / TABLE).read_text(encoding="utf-8"))]
+
+
+def pages_for_users(root: Path) -> list[str]:
+    """Return the pages that the navigation lists before its part for reference, as paths relative to the root."""
+    listed = (root / TABLE).read_text(encoding="utf-8").partition(REFERENCE)[0]
+    outside = {place: page for page, place in FRONT.items()}
+    pages = (entry["page"] for entry in _ENTRY.finditer(listed))
+    return [outside.get(page, f"docs/{page}") for page in pages]
 
 
 def place_in_site(path: str) -> str:

@@ -1,7 +1,7 @@
 """Notices in flight that the battery is low: by the board's own alarm, or by the voltage of the active set. Pure.
 
 A battery sags while the motors work hard, so only what lasts counts, and a little more voltage is not yet the end of
-it. Source: docs/safety.md, "What happens when something fails".
+it. Source: docs/safety.md, "What ends a flight".
 """
 
 from __future__ import annotations

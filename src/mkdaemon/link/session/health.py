@@ -4,7 +4,7 @@ Evidence is kept per direction. *We hear them*: a right frame within `SILENCE_TI
 confirmation to something we sent. Absence counts only where something was to be expected: a stream that was asked
 for, a probe that was sent. Every verdict falls within half a second of the fault, with the link test at its default
 5 Hz: a probe at most 0.2 s after the fault, a second one 0.1 s later because the first stayed unanswered, the verdict
-another 0.1 s later. Source: docs/safety.md, "What happens when something fails".
+another 0.1 s later. Source: docs/safety.md, "What ends a flight".
 """
 
 from __future__ import annotations

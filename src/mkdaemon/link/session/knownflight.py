@@ -3,8 +3,8 @@
 What is known of the boards dies with a gap in telemetry, with boot text, with a lost FlightCtrl and with the port. In
 flight it comes back only where telemetry proves that it is the same aircraft in the same flight: the same NaviCtrl
 release, and flying time, used charge and home that go on from where they were. Within one opening of the port that is
-enough. After another opening, or in another process, a client must confirm it: see docs/link.md, "A FlightCtrl that
-cannot be asked".
+enough. After another opening, or in another process, a client must confirm it: see docs/link.md,
+"A FlightCtrl that cannot be identified".
 """
 
 from __future__ import annotations

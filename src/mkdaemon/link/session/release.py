@@ -4,7 +4,7 @@
 polling keeps them held for ever; 2.12a holds them for 2.0 s. So: neutral sticks, then Config = 0 at least five times,
 each confirmed by its `B` where a `B` can come (never through a NaviCtrl 0.24). Where a confirmation should come and
 does not, the release is repeated for a while, and every request that would refresh the dead-man is silenced for 6 s,
-so that it runs out by itself. Source: docs/safety.md, "The trap that decides the design".
+so that it runs out by itself. Source: docs/safety.md, "Silence is not a release".
 
 Before the FlightCtrl's release is known every frame goes out in both forms in turn, all zero but the number, because
 each generation obeys one of them only, and neither sets the valid bit (Config, bit 0) anywhere:

@@ -1,4 +1,4 @@
-"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Look at it"."""
+"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Check it"."""
 
 from __future__ import annotations
 
