@@ -39,6 +39,10 @@ LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^
 REFERENCE: Final = "\n  - Reference:\n"
 """Begins the part of the navigation whose pages are looked up in, not read."""
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
+_CODE: Final = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?P<words>[^<]*)</code>")
+_BREAKABLE: Final = re.compile(r"\S*[-/]\S*")
+_LONGEST_WORD: Final = 40
+"""Letters of a word that fits into one line of a telephone."""
 _ABROAD: Final = re.compile(r"^[a-z]+:")
 
 
@@ -148,6 +152,15 @@ def build(root: Path, call: Callable[..., subprocess.CompletedProcess[str]] = su
         raise MkError(msg)
 
 
+def keep_words_whole(page: str) -> str:
+    """Return the HTML of a page in which no browser breaks a word of a command or a key at its hyphen or slash."""
+
+    def word(found: re.Match[str]) -> str:
+        return found[0] if len(found[0]) > _LONGEST_WORD else f'<span class="word">{found[0]}</span>'
+
+    return _CODE.sub(lambda code: f"<code>{_BREAKABLE.sub(word, code['words'])}</code>", page)
+
+
 def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
     """Build the site of the documentation.
 
@@ -159,6 +172,8 @@ def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = 
         raise MkError(msg)
     stage = lay_out(root)
     build(root)
+    for page in (root / SITE).rglob("*.html"):
+        page.write_text(keep_words_whole(page.read_text(encoding="utf-8")), encoding="utf-8")
     print(f"built {root / SITE / 'index.html'} of {len(list(stage.rglob('*.md')))} pages")
 
 
