@@ -63,9 +63,9 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line."),
     KeySpec(
         *("control/status", _P, ControlStatus, "1 Hz and on change"),
-        "Who flies, and why nobody does; what is new with every stick frame is in `output`, `estimate` and `error`.",
+        "Phase, holder and reason; values that change with every stick frame are in `output`, `estimate` and `error`.",
     ),
-    KeySpec("control/estimate", _P, ControlEstimate, "every stick frame in the air", "Where the aircraft is believed."),
+    KeySpec("control/estimate", _P, ControlEstimate, "every stick frame in the air", "Estimate of the aircraft."),
     KeySpec("control/preflight", _P, ControlPreflight, "when asked for", "What was found before a flight, with fixes."),
     KeySpec("control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal."),
     KeySpec(
@@ -90,7 +90,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("tf", _P, Transform, "every pose; mounts at 1 Hz", "One edge of the tree of frames."),
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
-    KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
+    KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon released without a request."),
     KeySpec(
         "event/mission",
         _P,

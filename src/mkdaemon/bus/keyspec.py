@@ -43,7 +43,7 @@ class KeySpec:
         carries: model of the payload; None for a payload described by `about`.
         when: how often, or on what.
         about: what it says.
-        reply: model of the answer to a query, inside its `CommandResult`; None where there is none of its own.
+        reply: model of the answer to a query, inside its `CommandResult`; None if there is no separate one.
     """
 
     suffix: str
