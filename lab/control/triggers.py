@@ -164,7 +164,7 @@ TRIGGERS: Final = (
     Trigger(PILOT, pilots_stick, 0.0),
     Trigger("no lease", no_lease, 0.0),
 )
-"""Every trigger of docs/safety.md, "What happens when something fails"."""
+"""Every trigger of docs/safety.md, "What ends a flight"."""
 ELSEWHERE: Final = {
     "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
     "a landing waits for its cone, its images or a certain height": "lab.control.corefuzz",
