@@ -40,6 +40,8 @@ _STREAMS: Final = [spec for spec in TABLE if spec.use is Use.PUBLISHED and spec.
 _SUFFIXES: Final[dict[type[Any] | None, str]] = {spec.carries: spec.suffix for spec in _STREAMS}
 EACH: Final = tuple(spec.pattern for spec in _STREAMS if any(fnmatchcase(spec.pattern, one) for one in KEYS))
 """The same keys as `KEYS`, each by itself."""
+EVENTS: Final = tuple(spec.suffix for spec in TABLE if spec.suffix.startswith("event/"))
+"""Keys of events."""
 SIGN_OF_LIFE: Final = fresh_for("health") or 0.0
 """A daemon whose newest value is older is silent [s]."""
 
