@@ -45,7 +45,7 @@ class Alarm:
 
 BY_TARGET: Final = frozenset(kind.suffix.rpartition("/")[2] for kind in SETPOINTS if issubclass(kind, TargetSetpoint))
 """Manoeuvres that need a target in sight."""
-_STREAMS: Final = {
+STREAMS: Final = {
     "control/status": "control",
     "health": "signs of life",
     "link/health": "link",
@@ -149,7 +149,7 @@ def _eyes(known: Knowledge) -> Iterator[_Said]:
 def _silences(known: Knowledge, *, is_aircraft_alive: bool) -> Iterator[_Said]:
     """Streams that have ended; those of a silent aircraft are no news."""
     for found in known:
-        name = _STREAMS.get(found.key)
+        name = STREAMS.get(found.key)
         if name and known.is_stale(found) and (is_aircraft_alive or not found.key.startswith("state/")):
             yield "stale", f"{name} silent for {age_words(known.age(found))}", Tone.WARN
 
