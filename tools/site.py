@@ -36,13 +36,27 @@ UNLISTED: Final = ("doctor.md",)
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
 LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
+REFERENCE: Final = "\n  - Reference:\n"
+"""Begins the part of the navigation whose pages are looked up in, not read."""
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
+_CODE: Final = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?P<words>[^<]*)</code>")
+_BREAKABLE: Final = re.compile(r"\S*[-/]\S*")
+_LONGEST_WORD: Final = 40
+"""Letters of a word that fits into one line of a telephone."""
 _ABROAD: Final = re.compile(r"^[a-z]+:")
 
 
 def pages_in_navigation(root: Path) -> list[str]:
     """Return the pages that the navigation of `mkdocs.yml` lists, in its order, as places in the site."""
     return [entry["page"] for entry in _ENTRY.finditer((root / TABLE).read_text(encoding="utf-8"))]
+
+
+def pages_for_users(root: Path) -> list[str]:
+    """Return the pages that the navigation lists before its part for reference, as paths relative to the root."""
+    listed = (root / TABLE).read_text(encoding="utf-8").partition(REFERENCE)[0]
+    outside = {place: page for page, place in FRONT.items()}
+    pages = (entry["page"] for entry in _ENTRY.finditer(listed))
+    return [outside.get(page, f"docs/{page}") for page in pages]
 
 
 def place_in_site(path: str) -> str:
@@ -138,6 +152,15 @@ def build(root: Path, call: Callable[..., subprocess.CompletedProcess[str]] = su
         raise MkError(msg)
 
 
+def keep_words_whole(page: str) -> str:
+    """Return the HTML of a page in which no browser breaks a word of a command or a key at its hyphen or slash."""
+
+    def word(found: re.Match[str]) -> str:
+        return found[0] if len(found[0]) > _LONGEST_WORD else f'<span class="word">{found[0]}</span>'
+
+    return _CODE.sub(lambda code: f"<code>{_BREAKABLE.sub(word, code['words'])}</code>", page)
+
+
 def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
     """Build the site of the documentation.
 
@@ -149,6 +172,8 @@ def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = 
         raise MkError(msg)
     stage = lay_out(root)
     build(root)
+    for page in (root / SITE).rglob("*.html"):
+        page.write_text(keep_words_whole(page.read_text(encoding="utf-8")), encoding="utf-8")
     print(f"built {root / SITE / 'index.html'} of {len(list(stage.rglob('*.md')))} pages")
 
 

@@ -13,7 +13,6 @@ import random
 import sys
 import time
 import traceback
-import typing
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -138,7 +137,7 @@ def closed_sets() -> set[str]:
     about = {Concern.LEASE, *MANOEUVRES}
     rows = [row for row in ROWS if about & set(row.concerns) and row.rule not in (Rule.WAITS, Rule.ADVICE)]
     return {
-        *(f"event {kind.__name__}" for kind in typing.get_args(Event)),
+        *(f"event {kind.__name__}" for kind in Event.__subclasses__()),
         *(f"phase {phase}" for phase in Phase),
         *(f"manoeuvre {kind.suffix.removeprefix('setpoint/')}" for kind in SETPOINTS),
         *(f"stage {stage}" for stage in (*LandingPhase, *TakeOffPhase, SEARCHES)),
@@ -269,6 +268,10 @@ class Judge:
                 self.breach(Breach.UNTRUE, "aborted, and flown")
             if world.newest is not None and status.manoeuvre not in (None, world.newest.kind):
                 self.breach(Breach.UNTRUE, f"{status.manoeuvre} is flown, {world.newest.kind} was taken last")
+        if status.reason.endswith("takes too long"):  # the core aborts what does not end, and its client reads so
+            world.aborts, world.is_aborted = status.aborts, phase is Phase.ABORTED
+        if phase is Phase.ABORTED and status.manoeuvre not in (None, "hold", "level") and status.stage not in BLIND:
+            self.breach(Breach.UNTRUE, f"aborted, and {status.manoeuvre} is flown: {status.stage}")
         if status.phase is not phase or status.aborts != world.aborts:
             self.breach(Breach.UNTRUE, f"{status.phase}, {status.aborts} aborts; it is {phase}, {world.aborts} aborts")
         if status.stage != self._stage[0] or not phase.is_in_flight:
@@ -282,6 +285,8 @@ class Judge:
             self.breach(Breach.ENDLESS, f"a landing for {LONGEST_LANDING:.0f} s: {status.stage}")
 
 
+BLIND: Final = (LandingPhase.COMMIT, LandingPhase.DOWN, TakeOffPhase.IDLE, TakeOffPhase.RAMP, TakeOffPhase.FAILED)
+"""Stages that an abort does not change: they end by themselves."""
 MOST_BREACHES: Final = 5
 """Kept of a sequence."""
 

@@ -15,9 +15,9 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
-from mkdaemon.control.batterywatch import LASTING
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.flightwatch import LASTING
 from mkdaemon.control.manoeuvres.manoeuvre import level_at
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
@@ -399,6 +399,8 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     story.streams(TakeOffSetpoint, 1.0, height=1.0)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
     assert story.status.reason == 'aborted: "climbs" takes too long'
+    aborted = [status for status in story.of(PublishStatus) if status.phase is Phase.ABORTED]
+    assert {(status.manoeuvre, status.stage) for status in aborted} == {("hold", "")}, "in its first tick, too"
     story.streams(LandSetpoint, 0.5, after_abort=1)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 
@@ -462,9 +464,8 @@ def test_the_tick_that_is_reported_as_flying_sends_what_is_flown(how):
     seen, tick = [], story.tick
 
     def noted():
-        for action in tick():
-            if isinstance(action, SendSticks):
-                seen.append((story.core.phase, bool(story.status.stage), action.wanted == story.level))
+        frames = [action.wanted for action in tick() if isinstance(action, SendSticks)]
+        seen.extend((story.core.phase, bool(story.status.stage), wanted == story.level) for wanted in frames)
 
     story.tick = noted
     for is_open in (False, True):

@@ -23,7 +23,7 @@ HOW_TO = (
         "record-and-look",
         "troubles",
         "flying",
-        "hardware",
+        "look",
         "teleop",
         "cameras",
         "settings",

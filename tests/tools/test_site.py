@@ -20,6 +20,7 @@ from tools.site import (
     app,
     build,
     examples_page,
+    keep_words_whole,
     moved,
     pages_in_navigation,
     pages_of,
@@ -103,6 +104,20 @@ def test_what_the_builder_says_is_told_without_its_traceback(tmp_path, monkeypat
     with pytest.raises(MkError) as told:
         build(tmp_path, complains)
     assert str(told.value) == "the site was not built:\nWarning: page does not exist"
+
+
+@pytest.mark.parametrize(
+    ("html", "whole"),
+    [
+        ("<code>mkctl fly</code>", "<code>mkctl fly</code>"),
+        ("<code>mkctl take-off 2</code>", '<code>mkctl <span class="word">take-off</span> 2</code>'),
+        ("<pre><span></span><code>a-b</code></pre>", "<pre><span></span><code>a-b</code></pre>"),
+        ("<p>a-b</p>", "<p>a-b</p>"),
+        (f"<code>{'a-' * 21}</code>", f"<code>{'a-' * 21}</code>"),
+    ],
+)
+def test_a_word_of_a_command_is_not_broken(html, whole):
+    assert keep_words_whole(html) == whole
 
 
 def test_a_folder_without_a_navigation_is_refused(capsys, tmp_path):

@@ -346,8 +346,6 @@ class Authority:
             event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
             self.end(event, cause="; ".join(filter(None, (guided.end.words, why if guided.end.is_failure else ""))))
             self.outcome = guided.end.outcome
-        if guided is not None and guided.is_late and self.phase.is_streamed:
-            self.abort(f'"{guided.stage}" takes too long')
         if self._pending is not None:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason

@@ -8,13 +8,15 @@ from dataclasses import replace
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import Concern, NewManoeuvre, Situation, refusal, waits_for
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre
+from mkdaemon.control.admission.rows import refusal, waits_for
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
-from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.manoeuvres.table import Make
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
@@ -35,7 +37,7 @@ class Flown:
         may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
-    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Row]) -> None:
+    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Make]) -> None:
         """Fly nothing yet.
 
         Args:
@@ -50,7 +52,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
-        self._stage, self._stage_since = "", 0.0
+        self._stage, self._stage_since, self._longest = "", 0.0, 0.0
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -107,7 +109,8 @@ class Flown:
         else:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
-            step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
+            step = self._fly(setpoint, before, phase, situation)
+            self._time(step, situation.now)
             if self.is_by_target:
                 step = replace(step, sticks=self._bounded(step, situation))
         self.error, self.may_touch = step.error, step.may_touch
@@ -124,16 +127,22 @@ class Flown:
         """
         sight, sticks = self._sight, step.sticks
         if sight.answer.is_doubted:
-            sticks = _gentle(sticks, DOUBTED / sight.model.rad_per_count)
+            tilt = sight.model.rad_per_count * math.hypot(sticks.pitch, sticks.roll)
+            share = min(1.0, DOUBTED / max(tilt, 1e-9))
+            sticks = sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)
         if step.may_touch or not (sight.has_come_down or situation.grounded):
             return sticks
         return sticks._replace(throttle=min(sticks.throttle, level_at(sight.carrying_gas).throttle))
 
-    def _timed(self, step: Step, now: float) -> Step:
-        """The same, late where its stage has lasted longer than it may."""
-        if step.stage != self._stage or step.is_done or not step.stage:
-            self._stage, self._stage_since = step.stage, now
-        return replace(step, is_late=now - self._stage_since > step.longest) if step.stage else step
+    def _time(self, step: Step, now: float) -> None:
+        """Note how long a stage lasts that is not done."""
+        stage, self._longest = "" if step.is_done else step.stage, step.longest
+        if stage != self._stage:
+            self._stage, self._stage_since = stage, now
+
+    def late_stage(self, now: float) -> str:
+        """The stage that has lasted for longer than it may; empty for none."""
+        return self._stage if now - self._stage_since > self._longest else ""
 
     def _wait(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
@@ -200,7 +209,7 @@ class Flown:
         self._stage, self.may_touch = "", False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
-        return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
+        return self._rows[type(setpoint)](self._sight, self._cfg, setpoint)
 
     def _change(self, after: Manoeuvre, now: float) -> None:
         after.enter(self.current, now)
@@ -217,9 +226,3 @@ class Flown:
             after = Level(self._sight)
         after.enter(before, situation.now)
         self.current = after
-
-
-def _gentle(sticks: Sticks, most: float) -> Sticks:
-    """The same with no more tilt [stick], the same way."""
-    share = min(1.0, most / max(math.hypot(sticks.pitch, sticks.roll), 1e-9))
-    return sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)

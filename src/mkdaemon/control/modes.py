@@ -122,7 +122,7 @@ READY_BUT_OLD: Final = Guard(
     lambda now: now.is_live and now.is_ready and not now.is_fresh,
 )
 UNANSWERED: Final = Guard("the aircraft does not answer its sticks", lambda now: now.is_unanswered)
-ANSWERED: Final = Guard("the flight has begun anew", lambda now: now.is_fresh and not now.is_unanswered)
+ANSWERED: Final = Guard("the flight has restarted", lambda now: now.is_fresh and not now.is_unanswered)
 RESUMED: Final = Guard("the newest setpoint ends the abort", lambda now: now.resumes and now.is_fresh)
 RESUMED_UNANSWERED: Final = Guard(
     "the newest setpoint ends the abort, the aircraft does not answer its sticks",

@@ -1,7 +1,7 @@
 """What harm a request can do, and what must hold before it is sent: a column of the message's declaration.
 
 `protocol` declares it, `control.admission` decides by it; the two never see each other, so the type lives below both.
-Source of the rules: docs/safety.md, "The last function before the wire"; docs/protocol.md, "Danger".
+Source of the rules: docs/safety.md, "The output limiter"; docs/protocol.md, "Danger".
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
-from mkdaemon.control.admission import BoardRequest
+from mkdaemon.control.admission.beginnings import BoardRequest
 from mkdaemon.control.admission.navirows import Place
 from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
-from mkdaemon.control.admission import Procedure
+from mkdaemon.control.admission.beginnings import Procedure
 from mkdaemon.control.events import Feed, ListChanged
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
@@ -43,6 +43,7 @@ from mkdaemon.telemetry.mission import (
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, InFlightRequest, ProcedureState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.settings import OwedSets, SettingsRecoverRequest
+from mkdaemon.telemetry.state import Position
 from mkdaemon.telemetry.status import Status
 
 LEAVE: Final = 1.0
@@ -112,7 +113,7 @@ class ProcedureRunner:
         flown = spec.begins(request)
         if flown is not None:
             self._interlock.require(flown)
-        prepared = spec.prepare(request, self._facts.position(self._clock.now()))
+        prepared = spec.prepare(request, self._facts.newest(Position, self._clock.now()))
         if is_alone:
             await self._find_motors()
         self._interlock.require(wanted)
