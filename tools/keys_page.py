@@ -31,7 +31,7 @@ know.
 Nothing is repeated to look fresh: a value is as old as its `stamp` says.
 
 **Times and units.** `stamp` is one map on every value: `monotonic` [s], `wall` [s; Unix time], `boot` and
-`synchronised`; [time.md](time.md) says what each is good for. A field in seconds or another SI unit has a plain name;
+`synchronised`; [frames](frames.md#time-stamps) explains them. A field in seconds or another SI unit has a plain name;
 every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
 
 **Where.** The daemon listens at `{endpoint}` (Zenoh; `bus.listen` in the configuration); programs connect there with

@@ -1,4 +1,4 @@
-"""The picture of docs/top.md: the terminal view of a vehicle whose state is given here, value by value."""
+"""The picture of docs/look.md: the terminal view of a vehicle whose state is given here, value by value."""
 
 from __future__ import annotations
 

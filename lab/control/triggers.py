@@ -51,7 +51,7 @@ from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
-from mkdaemon.control.batterywatch import LASTING
+from mkdaemon.control.flightwatch import LASTING
 from mkdaemon.virtualtime import run_virtually
 
 GENERATIONS: Final = (
@@ -164,7 +164,7 @@ TRIGGERS: Final = (
     Trigger(PILOT, pilots_stick, 0.0),
     Trigger("no lease", no_lease, 0.0),
 )
-"""Every trigger of docs/safety.md, "What happens when something fails"."""
+"""Every trigger of docs/safety.md, "What ends a flight"."""
 ELSEWHERE: Final = {
     "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
     "a landing waits for its cone, its images or a certain height": "lab.control.corefuzz",

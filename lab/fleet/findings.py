@@ -81,7 +81,7 @@ class CutFindings:
         ground_gap: longest gap of the same key on the ground.
         ground_lost: values that the ground recorder knows it has missed.
         info: the line of `mkctl log info` about that key.
-        check: what `mkctl log check` says of the ground's recording.
+        check: what `mkctl log verify` says of the ground's recording.
         bytes_per_s: on each aircraft's link, to the ground and back, before the cut.
         exit_codes: of the daemons.
     """

@@ -94,7 +94,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("link/traffic", _P, LinkTraffic, "1 Hz", "Bytes and frames by kind, shares of the line.", fresh=_SLOW),
     KeySpec(
         *("control/status", _P, ControlStatus, "1 Hz and on change"),
-        "Who flies, and why nobody does; what is new with every stick frame is in `output`, `estimate` and `error`.",
+        "Phase, holder and reason; values that change with every stick frame are in `output`, `estimate` and `error`.",
         fresh=_SLOW,
     ),
     KeySpec(
@@ -102,7 +102,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         _P,
         ControlEstimate,
         "every stick frame in the air",
-        "Where the aircraft is believed.",
+        "Estimate of the aircraft.",
         fresh=_FLOWN,
     ),
     KeySpec(
@@ -166,7 +166,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("tf", _P, Transform, "every pose; mounts at 1 Hz", "One edge of the tree of frames."),
     KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
-    KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon let go on its own."),
+    KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon released without a request."),
     KeySpec(
         "event/mission",
         _P,
@@ -213,7 +213,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         for kind in SETPOINTS
     ),
     KeySpec("alive", Use.TOKEN, None, "", "The daemon is alive."),
-    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl play --as`."),
+    KeySpec("playing", Use.TOKEN, None, "", "A recording is played under this name: `mkctl log play --as`."),
     KeySpec(
         "client/<holder>",
         Use.TOKEN,

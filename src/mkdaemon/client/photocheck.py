@@ -1,4 +1,4 @@
-"""A print judged by one photograph: what `mkctl target check` shows. Needs OpenCV, the extra `vision`."""
+"""A print judged by one photograph: what `mkdaemon calibrate check-print` shows. Needs OpenCV, the extra `vision`."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def validated(
 
     Args:
         kind: what the file holds.
-        path: the file, for what is told of a mistake.
+        path: the file, for the messages about mistakes.
         text: what stands in it.
         given: values that go before it, by dotted key.
         origins: where each of these comes from.

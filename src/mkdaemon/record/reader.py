@@ -143,7 +143,7 @@ class Recording:
             yield from reading.entries_of(chunk, low, high)
 
     def times(self, wanted: Wanted = lambda facts: True) -> Iterator[tuple[ChannelFacts, int]]:
-        """Channel and time [ns; times of the file] of every entry, in order: what can be told without unpacking it.
+        """Channel and time [ns; times of the file] of every entry, in order: what is known without unpacking it.
 
         Args:
             wanted: chooses channels.
@@ -239,7 +239,7 @@ class Recording:
         return self._definitions.values()
 
     def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
-        """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
+        """The records of a chunk, as far as they are whole, and no more than a file of this length can hold.
 
         Args:
             chunk: of this file, just read.

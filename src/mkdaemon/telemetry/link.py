@@ -167,13 +167,13 @@ class KindHealth(Telemetry):
     key: str
     """The message, as in Zenoh keys: osd, attitude, debug, ..."""
     board: str
-    """Who sends it."""
+    """Board that sends it."""
     frames: int
     """Frames since the port was opened."""
     rate: float
     """Rate over the moving window [Hz]."""
     asked_rate: float | None
-    """Rate asked for [Hz]; None where nobody subscribed."""
+    """Requested rate [Hz]; None without a subscription."""
     age: float
     """Time since the latest frame [s]."""
     is_stale: bool

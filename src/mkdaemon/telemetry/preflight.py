@@ -11,7 +11,7 @@ class Blocks(StrEnum):
     """What a finding that stands prevents."""
 
     LEASE = "lease"
-    """Nobody gets the lease."""
+    """The lease is refused."""
     AUTONOMY = "autonomy"
     """No flight against a target begins; sticks and attitudes fly."""
     NOTHING = "nothing"

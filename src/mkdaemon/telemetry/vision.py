@@ -1,4 +1,4 @@
-"""What the cameras see: tags, poses, how well the eyes work, and the tree of frames.
+"""What the cameras see: tags, poses, quality of vision, and the tree of frames.
 
 Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
 print and z out of the paper. Stamps of what was seen are of the exposure's middle.
@@ -88,7 +88,7 @@ class VisionPose(Seen):
     ambiguity: float | None
     """Residual of the mirrored pose over this one; none where there is no rival, or none was looked for."""
     decided_by: str
-    """What told them apart: `unique` (no rival, or perspective), `image`, `attitude`, `track` (images before)."""
+    """What decided between them: `unique` (no rival, or perspective), `image`, `attitude`, `track` (images before)."""
     decode_age: float
     """Time since a tag of the target was last decoded [s]."""
     delivered: float
@@ -136,7 +136,7 @@ class PoseRefused(Seen):
     refusal: PoseRefusal
     """The first check that the measured pose failed."""
     decode_age: float | None
-    """Time since a tag of the target was last decoded [s], 0 in this image; none where the eyes have to find it."""
+    """Time since a tag of the target was last decoded [s], 0 in this image; None while it must be searched."""
     has_attitude: bool
     """Whether an attitude of the vehicle was used for this image."""
 
@@ -326,7 +326,7 @@ class CameraSetup(Stamped):
     lens: LensShape | None
     """How it projects; null where it is not calibrated."""
     position_flu: Vector3 | None
-    """Its centre in the body frame [m]; null where nobody said how it sits."""
+    """Its centre in the body frame [m]; null if the mounting is unknown."""
     quaternion_flu_from_cam: Quaternion | None
     """Its rotation in the body frame (w, x, y, z); null as above."""
     targets: tuple[TargetShape, ...]

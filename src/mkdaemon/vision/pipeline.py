@@ -239,7 +239,7 @@ class CameraPipeline:
         return f"vision/{image.camera}/image", frame_of(image, stamp, self.cfg.jpeg_quality, self.cfg.jpeg_width)
 
     def mount(self, stamp: Stamp) -> Transform | None:
-        """The camera in the body; None where nobody said how it sits."""
+        """The camera in the body; None if its mounting is unknown."""
         at = self._mounting
         if at is None:
             return None
@@ -402,7 +402,7 @@ def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
 
 
 def exposure_of(control: ExposureControl) -> Exposure:
-    """What a camera is told, and the levels it was told for."""
+    """Exposure settings, and the image levels that they follow from."""
     levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else control.levels._asdict()
     return Exposure(exposure_ms=1000.0 * control.setting.exposure, gain=control.setting.gain, **levels)
 
@@ -423,7 +423,7 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
 def setup_of(
     camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
 ) -> CameraSetup:
-    """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
+    """What a camera is and looks for; no lens without a calibration, no place without a mounting."""
     lens = None
     if intrinsics is not None:
         lens = LensShape(**intrinsics.model_dump(), distortion=intrinsics.distortion.tolist())

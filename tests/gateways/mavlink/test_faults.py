@@ -174,7 +174,7 @@ async def test_a_mode_is_accepted_or_refused_and_never_in_progress():
         ears.command(SET_MODE, 1, 4, 3, confirmation=1)
         await beat(ears, 13.0)
         assert ears.acks == [(SET_MODE, ACCEPTED)] * 2
-        assert "the lease ended" in ears.words and gateway.steering.shown_mode is not Mode.HOLD
+        assert "did not engage" in ears.words and gateway.steering.shown_mode is not Mode.HOLD
 
 
 @virtually

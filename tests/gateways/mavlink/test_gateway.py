@@ -218,7 +218,7 @@ async def test_a_daemon_that_does_not_begin_is_not_waited_for_without_end():
         ears = Ears(gateway)
         ears.command(LAND)
         await beat(ears, 0.5)
-        gateway.value_arrived(rig.status(Phase.LEASED, epoch=rig.EPOCH))
+        vehicle.lease_now.report(Phase.LEASED, reason="waits for a live stream")
         await beat(ears, 13.5)
         assert ears.acks[-1] == (LAND, REJECTED) and vehicle.lease_now is None
         assert "waits for a live stream" in ears.words
@@ -232,8 +232,7 @@ async def test_a_landing_ends_well():
         ears.command(LAND)
         await beat(ears, 0.5)
         flying(gateway, "land")
-        vehicle.lease_now.outcome, vehicle.lease_now.is_lost = Outcome.LANDED, True
-        gateway.value_arrived(rig.status(Phase.FREE, outcome=Outcome.LANDED))
+        vehicle.lease_now.lose("it stands", outcome=Outcome.LANDED)
         await beat(ears, 0.2)
         assert ears.acks == [(LAND, ACCEPTED)] and "landed" in ears.words and gateway.steering.order is None
 
@@ -246,8 +245,8 @@ async def test_who_flew_is_told_why_the_lease_is_lost_and_not_how_the_flight_was
         ears = Ears(gateway)
         ears.command(LAND)
         await beat(ears, 0.5)
-        gateway.value_arrived(rig.status(phase, epoch=rig.EPOCH, reason="as it was before"))
-        vehicle.lease_now.reason, vehicle.lease_now.is_lost = "no setpoint for 1.0 s", True
+        vehicle.lease_now.report(phase, reason="as it was before")
+        vehicle.lease_now.lose("no setpoint for 1.0 s")
         await beat(ears, 0.2)
         assert ears.words.endswith("the aircraft is the pilot's: no setpoint for 1.0 s")
 
@@ -411,7 +410,7 @@ async def test_offboard_hands_each_setpoint_on_as_it_comes_and_repeats_none():
         assert 8 <= count <= 10 and vehicle.setpoints[-1][2]["position"] == (0.0, 1.0, 2.0)
         await beat(ears, 1.0)  # its heart beats, its setpoints have stopped
         assert len(vehicle.setpoints) == count and vehicle.lease_now is not None
-        gateway.value_arrived(rig.status(Phase.FREE, reason="no setpoint for 1.0 s"))
+        vehicle.lease_now.lose("no setpoint for 1.0 s")
         await beat(ears, 0.1)
         assert vehicle.lease_now is None and "no setpoint for 1.0 s" in ears.words
         ears.say(offboard(1.0))

@@ -133,7 +133,7 @@ def test_buttons_command_the_aircraft_that_flies(browser, tmp_path):
         assert math.dist(held, place_of(page)) < 0.5
         press(page, "release", "Release now")
         wait_until(page, lambda: page.locator("#answer").inner_text().startswith("release: released"), "no answer")
-        wait_until(page, lambda: said(page, "control").startswith("nobody holds the lease"), "it was not released")
+        wait_until(page, lambda: said(page, "control").startswith("no client holds the lease"), "it was not released")
         assert "mkctl view" in said(page, "control")
         assert wrong == []
         output, _ = process.communicate(timeout=120)

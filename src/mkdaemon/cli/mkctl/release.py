@@ -21,10 +21,13 @@ BUS_TIME: Final = 1.0
 
 
 async def release(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> int:
-    """Let go of the aircraft, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
+    """Give the aircraft back to the pilot, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
 
-    This does not stop motors. Where the bus is too busy and the daemon runs on this machine, it is asked over its Unix
-    socket. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
+    The lease ends. If the bus is too busy and the daemon runs on this machine, it is asked over its Unix socket.
+    Exit code 0 when it was confirmed or cannot be, 1 otherwise.
+
+    To stop only the manoeuvre, use `mkctl abort`: the aircraft holds, and the lease stays. Neither stops motors: the
+    pilot's sticks do, or on a public fork of the FlightCtrl `mkctl board motors stop`.
 
     Example: mkctl release
 

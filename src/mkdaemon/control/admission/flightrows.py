@@ -299,7 +299,7 @@ def _holder(now: Situation, wanted: TakeLease) -> Verdict:
     return stands(refuse(Token.LEASE_HELD, holder=now.holder, left=now.lease_left))
 
 
-@LEASE_ROWS.row("release under way", _LEASE, "a release is under way and nobody holds the lease", Token.BUSY)
+@LEASE_ROWS.row("release under way", _LEASE, "a release is under way and no client holds the lease", Token.BUSY)
 def _released(now: Situation, wanted: object) -> Verdict:
     is_releasing = not now.holder and now.phase is Phase.RELEASING
     return when(refuse(Token.BUSY, detail="a release is under way") if is_releasing else None)

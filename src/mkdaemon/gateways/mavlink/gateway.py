@@ -143,7 +143,6 @@ class Gateway:
         self.picture.now = now
         self.picture.take(value, now)
         if isinstance(value, ControlStatus):
-            self.steering.status_arrived(value)
             self._announce_hands(value)
             self._announce_verdict()
         elif isinstance(value, MissionEvent):

@@ -59,7 +59,7 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ModeRow:
     """A mode as it is sent and understood.
 
     Attributes:
@@ -88,15 +88,15 @@ _GUIDED = _STICKS | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
 _AUTO = _GUIDED | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
 
 ROWS: Final = (
-    Row(Mode.STABILIZED, (7, 0), 0, (1,), 0, _STICKS),
-    Row(Mode.ALTITUDE, (2, 0), 2, (), mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD, _STICKS, can_be_set=False),
-    Row(Mode.POSITION, (3, 0), 16, (), mavlink.MAV_STANDARD_MODE_POSITION_HOLD, _STICKS),
-    Row(Mode.MISSION, (4, 4), 3, (), mavlink.MAV_STANDARD_MODE_MISSION, _AUTO),
-    Row(Mode.RETURN, (4, 5), 6, (21,), mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY, _AUTO),
-    Row(Mode.TAKEOFF, (4, 2), 13, (), mavlink.MAV_STANDARD_MODE_TAKEOFF, _AUTO),
-    Row(Mode.LAND, (4, 6), 9, (), mavlink.MAV_STANDARD_MODE_LAND, _AUTO),
-    Row(Mode.HOLD, (4, 3), 5, (17,), 0, _AUTO),
-    Row(Mode.OFFBOARD, (6, 0), 4, (20,), 0, _GUIDED),
+    ModeRow(Mode.STABILIZED, (7, 0), 0, (1,), 0, _STICKS),
+    ModeRow(Mode.ALTITUDE, (2, 0), 2, (), mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD, _STICKS, can_be_set=False),
+    ModeRow(Mode.POSITION, (3, 0), 16, (), mavlink.MAV_STANDARD_MODE_POSITION_HOLD, _STICKS),
+    ModeRow(Mode.MISSION, (4, 4), 3, (), mavlink.MAV_STANDARD_MODE_MISSION, _AUTO),
+    ModeRow(Mode.RETURN, (4, 5), 6, (21,), mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY, _AUTO),
+    ModeRow(Mode.TAKEOFF, (4, 2), 13, (), mavlink.MAV_STANDARD_MODE_TAKEOFF, _AUTO),
+    ModeRow(Mode.LAND, (4, 6), 9, (), mavlink.MAV_STANDARD_MODE_LAND, _AUTO),
+    ModeRow(Mode.HOLD, (4, 3), 5, (17,), 0, _AUTO),
+    ModeRow(Mode.OFFBOARD, (6, 0), 4, (20,), 0, _GUIDED),
 )
 """Every mode. ArduCopter has no take-off of its own; 13 (SPORT) is one that no MikroKopter flies."""
 _BY_MODE: Final = {row.mode: row for row in ROWS}
@@ -105,7 +105,7 @@ _BY_SWITCH: Final = {GpsMode.HOLD: Mode.POSITION, GpsMode.COME_HOME: Mode.RETURN
 _LIST_FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 
 
-def row_of(mode: Mode) -> Row:
+def row_of(mode: Mode) -> ModeRow:
     """The row of a mode."""
     return _BY_MODE[mode]
 

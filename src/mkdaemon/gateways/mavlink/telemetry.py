@@ -45,7 +45,7 @@ STICK_US: Final = 500.0 / 127.0
 _MIDDLE_US: Final = 1500.0
 
 
-class Row(NamedTuple):
+class MessageRow(NamedTuple):
     """A message that is sent by itself.
 
     Attributes:
@@ -440,22 +440,22 @@ def _first(*values: float | None) -> float | None:
     return next((value for value in values if value is not None), None)
 
 
-TABLE: Final[dict[str, Row]] = {
-    "SYS_STATUS": Row(system_status, None, 1.0),
-    "SYSTEM_TIME": Row(system_time, None, 1.0),
-    "ATTITUDE": Row(attitude, Attitude, 25.0),
-    "ATTITUDE_QUATERNION": Row(attitude_quaternion, Attitude, 10.0),
-    "LOCAL_POSITION_NED": Row(local_position, ControlEstimate, 25.0),
-    "GLOBAL_POSITION_INT": Row(global_position, Position, 5.0),
-    "GPS_RAW_INT": Row(gps_raw, Gps, 5.0),
-    "VFR_HUD": Row(vfr_hud, None, 4.0),
-    "ALTITUDE": Row(altitude, Altitude, 5.0),
-    "BATTERY_STATUS": Row(battery_status, Battery, 1.0),
-    "RC_CHANNELS": Row(rc_channels, Pilot, 5.0),
-    "HOME_POSITION": Row(home_position, None, 0.5),
-    "EXTENDED_SYS_STATE": Row(extended_state, None, 2.0),
-    "LANDING_TARGET": Row(landing_target, VisionPose, 15.0),
-    "ODOMETRY": Row(odometry, VisionPose, 30.0),
+TABLE: Final[dict[str, MessageRow]] = {
+    "SYS_STATUS": MessageRow(system_status, None, 1.0),
+    "SYSTEM_TIME": MessageRow(system_time, None, 1.0),
+    "ATTITUDE": MessageRow(attitude, Attitude, 25.0),
+    "ATTITUDE_QUATERNION": MessageRow(attitude_quaternion, Attitude, 10.0),
+    "LOCAL_POSITION_NED": MessageRow(local_position, ControlEstimate, 25.0),
+    "GLOBAL_POSITION_INT": MessageRow(global_position, Position, 5.0),
+    "GPS_RAW_INT": MessageRow(gps_raw, Gps, 5.0),
+    "VFR_HUD": MessageRow(vfr_hud, None, 4.0),
+    "ALTITUDE": MessageRow(altitude, Altitude, 5.0),
+    "BATTERY_STATUS": MessageRow(battery_status, Battery, 1.0),
+    "RC_CHANNELS": MessageRow(rc_channels, Pilot, 5.0),
+    "HOME_POSITION": MessageRow(home_position, None, 0.5),
+    "EXTENDED_SYS_STATE": MessageRow(extended_state, None, 2.0),
+    "LANDING_TARGET": MessageRow(landing_target, VisionPose, 15.0),
+    "ODOMETRY": MessageRow(odometry, VisionPose, 30.0),
 }
 """Every message that is sent by itself, but HEARTBEAT and what belongs to a protocol."""
 IDS: Final = {int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}")): name for name in TABLE}

@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import structlog
 
 from mkdaemon.client import Sample, Vehicle
-from mkdaemon.client.setpoints import load_models
+from mkdaemon.client.lease import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics
@@ -31,7 +31,7 @@ from mkdaemon.gateways.ros2.commands import (
     setpoint_frame,
     velocity_fields,
 )
-from mkdaemon.gateways.ros2.deck import Deck
+from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Scene, Types, name_part
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings, settings_of
@@ -180,7 +180,7 @@ class Gateway:
         self._scene = Scene(types, self._settings.frames, newest.values, uav.vehicle)
         rows = [row for row in TOPICS if row.word in self._settings.topics]
         self.publishing = Publishing(node, rows, self._scene, newest, self._pace)
-        self.deck = Deck(uav, self._settings.habits, newest.values)
+        self.deck = FlightDeck(uav, self._settings.habits, newest.values)
         self._keys = topics.keys_of(rows)
         self._clock = Clock()
         self._calls: set[Future[Any]] = set()
@@ -340,7 +340,7 @@ class Gateway:
 class _Refusing:
     """Tells the deck what cannot be flown."""
 
-    def __init__(self, deck: Deck) -> None:
+    def __init__(self, deck: FlightDeck) -> None:
         self._deck = deck
 
     def __enter__(self) -> None:

@@ -11,7 +11,7 @@ import structlog
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.boardsettings import BoardSettings
-from mkdaemon.gateways.ros2.deck import Deck
+from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import status_of
 from mkdaemon.gateways.ros2.messages import Scene
 from mkdaemon.reading.diagnoses import Diagnosis, Level, diagnosis_of
@@ -36,7 +36,7 @@ class Desk:
     """
 
     uav: Vehicle
-    deck: Deck
+    deck: FlightDeck
     scene: Scene
     settings: BoardSettings
 

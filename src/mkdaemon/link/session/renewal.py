@@ -31,7 +31,7 @@ class HeardShare:
     """The shares of requests that the board does not hear, from the fates of link tests in the order of their end.
 
     Attributes:
-        noted: link tests so far.
+        noted: number of link tests.
     """
 
     def __init__(self) -> None:

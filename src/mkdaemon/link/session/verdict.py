@@ -82,7 +82,7 @@ class Cause(Enum):
     PLAIN_TEXT = auto()
     """Text arrives and no frame: the line rate is right."""
     OTHER = auto()
-    """Nobody asks."""
+    """No test is sent."""
 
 
 class Finding(NamedTuple):
@@ -135,7 +135,7 @@ class Verdict:
         return self.finding.cause
 
     def followed_by(self, finding: Finding, now: float, last_arrival: float) -> Verdict:
-        """The verdict after a new finding; another reason for the same condition does not begin it anew.
+        """The verdict after a new finding; another reason for the same condition does not restart it.
 
         Args:
             finding: the new one.

@@ -207,7 +207,7 @@ def tone_curve(levels: Array) -> tuple[float, str]:
 
 LEAST_IMAGES: Final = 8
 LEAST_BANDS: Final = 1.5
-"""Periods of the flicker in an image from which their distance can be told."""
+"""Periods of the flicker in an image from which their distance can be computed."""
 MOST_PER_ROW: Final = 0.1
 """Periods a row at most: a readout of one period in ten rows is none."""
 FINER: Final = 20

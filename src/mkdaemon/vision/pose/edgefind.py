@@ -32,7 +32,7 @@ from mkdaemon.vision.pose.unknowns import Unknown
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
 STEPS = 12.0
-"""A long reach is cut into so many steps."""
+"""Number of steps of a long reach."""
 WIDTH_FACTOR = 0.9
 """Half width of the window in which an edge's centre is taken, over the width of its slope."""
 HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
@@ -40,7 +40,7 @@ HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
 LEAST_OF_A_KIND = 10
-"""Edges of one direction that have a median of their own."""
+"""Least number of edges of one direction for a separate median."""
 LARGE = 0.7
 """Reach over the longest of one direction, of edges that tell how wide they are."""
 QUARTER = 0.25

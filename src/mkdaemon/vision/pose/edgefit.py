@@ -45,7 +45,7 @@ ROOMY = 0.5
 GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
 """Each term of the series of (1 - h)^-1/2 over h times the one before."""
 ROUNDS = 3
-"""Weights and step depend on each other: so often."""
+"""Weights and step depend on each other: number of iterations."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
 

@@ -9,7 +9,7 @@ with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the pr
 curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
 does. What should be blown is left out, and a7 to a9 are asked only where something is: a highlight's slope. B is a
 covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the rows are read
-is fitted too. Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in
+is fitted too. Light, and what a motion lacks, are solved again at every state, both at once: images are linear in
 them. The noise of a fit depends on brightness, and neighbouring pixels share it.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
@@ -52,7 +52,7 @@ LEAST_SHARED = -0.5
 """The same where sharpening has set the noise of neighbours against each other: webcams have -0.2."""
 
 STREAK_PX = 15.0
-"""A streak so long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
+"""A streak this long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
 
 
 def clarity(residual: Array, value: Array) -> Array:
@@ -82,7 +82,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
     Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
-        least: correlation that is believed.
+        least: correlation that is accepted.
 
     Returns:
         The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
@@ -169,7 +169,7 @@ class Part:
 def lit_print(at: PrintSamples) -> Part:
     """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
 
-    What should be blown is told by the light on the other pixels, and left out whether it is or not: the others would
+    What should be blown follows from the light on the other pixels, and left out whether it is or not: the others would
     be too dark by their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks
     against the pose. Where nothing is blown slopes are even: ground beside its shadow would look like a lit print.
     """
@@ -211,7 +211,7 @@ class PhotoStep:
     Attributes:
         unknowns: of the grey values.
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
-            clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+            clarity of mean logarithm zero: a cost by which two states compare, each with its own clarity.
         to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
         length2: of that, in deviations that the noise leaves, squared.
         is_settled: whether neither the pose nor the point spread has far to go.
@@ -420,7 +420,7 @@ class PhotoFit:
             step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
-            # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
+            # Pixels that appear or vanish at the rim change the cost, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
             if step.cost < last or step.length2 < NEARER * left:
                 best, last, left = (at, step), step.cost, step.length2

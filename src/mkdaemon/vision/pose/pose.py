@@ -59,7 +59,7 @@ class Pose:
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
-        seen_motion: what the image alone says about it, where the line time is not told.
+        seen_motion: what the image alone says about it, if the line time is unknown.
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
         shared: factor on the variance by residuals that neighbouring pixels share (`photofit`).

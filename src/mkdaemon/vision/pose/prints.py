@@ -454,7 +454,7 @@ def roots(target: Target) -> tuple[Tag, ...]:
 def sheet_of(target: Target) -> Sheet | None:
     """The sheet of a target that is one print; none where it cannot bend, or has several prints.
 
-    Prints beside each other fix the pose by their places, which nobody tells how a sheet would bend.
+    Prints beside each other fix the pose by their places, which do not show how a sheet bends.
     """
     found = roots(target)
     return Sheet(found[0], target.bend) if len(found) == 1 and target.bend > 0.0 else None

@@ -176,7 +176,7 @@ class Branches:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the likeliest branch is believed."""
+        """Whether the most likely branch is used."""
         return self.lead >= DECIDED
 
     @property

@@ -141,7 +141,7 @@ class LevelKnowledge:
         self.contradicted_deg: float | None = None
 
     def sight(self, seen: Sight) -> Sight:
-        """The image with its attitude; without, while images contradict it. One that none told of for long is tried."""
+        """The image with its attitude; without, while images contradict it. One without evidence for long is tried."""
         if not 0.0 <= seen.time - self._time <= LONGEST:
             self.contradicted_deg = None
         return seen if self.contradicted_deg is None else seen.without_attitude()
@@ -155,7 +155,7 @@ class LevelKnowledge:
         return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
     def refuses(self, level: Level, pose: Pose, *, is_hidden: bool = False) -> bool:
-        """Whether a pose disagrees with what is expected by more than is believed; `is_hidden`: see `Judge.refusal`."""
+        """Whether a pose is too far from the expectation; `is_hidden`: see `Judge.refusal`."""
         spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate

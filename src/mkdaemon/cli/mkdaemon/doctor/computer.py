@@ -32,7 +32,7 @@ NICE_RIGHT: Final = 1 << 23
 TIME_SERVICES: Final = ("systemd-timesyn", "chronyd", "ntpd", "ntpd-rs", "ntp-daemon", "openntpd")
 """Names of processes, as long as the kernel keeps them."""
 SKEW: Final = 0.2
-"""Difference of two clocks from which stamps mislead [s]; docs/time.md."""
+"""Difference of two clocks from which stamps mislead [s]; docs/frames.md."""
 LIMITS: Final = "/etc/security/limits.d/60-mkdaemon.conf"
 """Where a user is granted real-time rights; limits.conf(5)."""
 SYSCTL: Final = "/etc/sysctl.d/60-mkdaemon.conf"
