@@ -72,11 +72,12 @@ def load_models() -> None:
     Done before it is asked for: imports take up to a second, in which setpoints would grow stale, and what the daemon
     said before the lease would seem to be said after it.
     """
-    import mkdaemon.telemetry.control
-    import mkdaemon.telemetry.event
     import mkdaemon.telemetry.signature  # noqa: F401
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant
+    from mkdaemon.telemetry.event import CommandEvent
 
-    setpoint_models()
+    for model in (*setpoint_models().values(), ControlStatus, CommandEvent, HolderGrant):
+        model.model_rebuild()
     typed_value(None, {})
 
 
