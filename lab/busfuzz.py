@@ -1,7 +1,7 @@
 """`python -m lab fuzz --bus`: a stranger puts, deletes, asks and shows tokens under every kind of key expression.
 
 Real time: `mkdaemon run` as a process before simulated boards, and beside it programs that subscribe: `mkctl watch`,
-`mkctl record`, `mkctl view` and the gateways. None may end or write a traceback, and the daemon must go on answering.
+`mkctl log record`, `mkctl view` and the gateways. None may end or write a traceback; the daemon must go on answering.
 """
 
 from __future__ import annotations

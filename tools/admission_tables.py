@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final
 
-from mkdaemon.control.admission import BY_TARGET, MANOEUVRES, ROWS, Concern, Row, Rule
+from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern
+from mkdaemon.control.admission.row import Row, Rule
+from mkdaemon.control.admission.rows import ROWS
 from tools.markdown import table
 
 _LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)

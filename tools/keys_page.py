@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -50,13 +51,18 @@ _TITLES: Final = {
 }
 
 _SAYS: Final = {
-    Use.PUBLISHED: ("payload", "when"),
-    Use.CLIENT: ("payload", "when"),
+    Use.PUBLISHED: ("payload", "when", "fresh (s)"),
+    Use.CLIENT: ("payload", "when", "fresh (s)"),
     Use.QUERY: ("request", "reply"),
     Use.SETPOINT: ("payload",),
     Use.TOKEN: (),
 }
 """What the table of each use says between the key and its meaning."""
+_WORDS: Final = {
+    Use.PUBLISHED: "A last value that is older than `fresh` is stale: no program shows it as the present one. Events "
+    "are of their own moment.\n\n"
+}
+"""What stands before the table of a use."""
 _COMMAND: Final = "cmd/<board>/<message>"
 
 _COMMANDS: Final = """## Commands
@@ -107,7 +113,7 @@ def keys_page(_root: Path | None = None) -> str:
 def _parts() -> Iterator[str]:
     yield _HEAD.replace("{endpoint}", ", ".join(BusConfig().listen))
     for use, title in _TITLES.items():
-        yield f"\n## {title}\n\n"
+        yield f"\n## {title}\n\n{_WORDS.get(use, '')}"
         head = ("key", "who", *_SAYS[use], "what")
         yield from (f"{line}\n" for line in table(head, (_row(spec) for spec in KEYS if spec.use is use)))
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
@@ -129,6 +135,7 @@ def _row(spec: KeySpec) -> tuple[str, ...]:
         "request": link_to(spec.carries) if spec.carries else "none",
         "reply": link_to(spec.reply) if spec.reply else "",
         "when": spec.when,
+        "fresh (s)": "" if spec.fresh is None else "until the next" if math.isinf(spec.fresh) else f"{spec.fresh:g}",
     }
     if spec.suffix == _COMMAND:  # the payload of a request is the message's own fields, as is that of its reply
         cells |= {"request": "its fields", "reply": "the answer's fields"}

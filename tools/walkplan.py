@@ -95,7 +95,7 @@ TUTORIALS: Final = (
             Manner(".venv/bin/mkctl get state/position", Kind.REPEATED, r"altitude_above_start\W+(1\.[89]|2)"),
             Manner(".venv/bin/mkctl lease show", shows="no client holds the lease"),
             Manner(".venv/bin/mkctl stick", shows=r"setpoints; last stick frame: pitch 8,"),
-            Manner(".venv/bin/mkctl get sim/truth", shows="crashed=False"),
+            Manner(".venv/bin/mkctl get sim/truth", shows=r"crashed\W+no"),
             Manner(".venv/bin/mkdaemon doctor", codes=(0, 1, 2, 3), shows="serial"),
             Manner(".venv/bin/mkdaemon run --config configs/cyberquad.toml", Kind.LEFT_OUT, why=NO_AIRCRAFT),
             Manner("export MK_VEHICLE=cyberquad", Kind.LEFT_OUT, why=NO_AIRCRAFT),

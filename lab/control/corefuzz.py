@@ -13,7 +13,6 @@ import random
 import sys
 import time
 import traceback
-import typing
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -138,7 +137,7 @@ def closed_sets() -> set[str]:
     about = {Concern.LEASE, *MANOEUVRES}
     rows = [row for row in ROWS if about & set(row.concerns) and row.rule not in (Rule.WAITS, Rule.ADVICE)]
     return {
-        *(f"event {kind.__name__}" for kind in typing.get_args(Event)),
+        *(f"event {kind.__name__}" for kind in Event.__subclasses__()),
         *(f"phase {phase}" for phase in Phase),
         *(f"manoeuvre {kind.suffix.removeprefix('setpoint/')}" for kind in SETPOINTS),
         *(f"stage {stage}" for stage in (*LandingPhase, *TakeOffPhase, SEARCHES)),
@@ -167,7 +166,7 @@ class Judge:
         self._world, self._cfg = world, world.cfg
         self._status: PublishStatus | None = None
         self._stage: tuple[str, float] = ("", 0.0)
-        self._landing_since, self._was_flying = math.inf, False
+        self._landing_since = math.inf
         self._longest = _longest_stages(world.cfg)
 
     def breach(self, what: Breach, seen: str) -> None:
@@ -196,13 +195,11 @@ class Judge:
                     pass
         self._look_at_release(is_released=is_released, sends=frame is not None)
         status = self._status
-        # In the tick that ends an unanswered flight the sticks are still level.
-        was_flying = self._was_flying
         if status is not None:
             self._look_at_status(status)
         if frame is not None and status is not None:
-            self._look_at_frame(frame, status, was_flying=was_flying)
-            if was_flying and error is not None and image_age <= self._cfg.autopilot.freeze_after:
+            self._look_at_frame(frame, status)
+            if error is not None and image_age <= self._cfg.autopilot.freeze_after:
                 self._look_at_goal(error.manoeuvre, error.goal, status)
 
     def _look_at_release(self, *, is_released: bool, sends: bool) -> None:
@@ -221,7 +218,7 @@ class Judge:
             if asked > max(deadline, world.now) + LATEST:
                 self.breach(Breach.NOT_RELEASED, f"the core sleeps until {asked:.2f} s, past {deadline:.2f} s")
 
-    def _look_at_frame(self, frame: SendSticks, status: PublishStatus, *, was_flying: bool) -> None:
+    def _look_at_frame(self, frame: SendSticks, status: PublishStatus) -> None:
         world, limits, (pitch, roll, yaw, throttle) = self._world, self._cfg.limiter, frame.counts
         phase, kind = world.core.phase, status.manoeuvre or ""
         self.ticks[f"{phase}: {kind} {status.stage}".rstrip()] += 1
@@ -243,7 +240,7 @@ class Judge:
         newest = world.newest
         if newest is None or frame.sequence != newest.sequence:
             self.breach(Breach.UNTRUE, f"setpoint {frame.sequence} is flown, {newest} was taken last")
-        elif isinstance(newest, StickSetpoint) and was_flying and phase is Phase.FLYING and is_fresh:
+        elif isinstance(newest, StickSetpoint) and phase is Phase.FLYING and is_fresh:
             asked = (newest.pitch, newest.roll, newest.yaw, newest.throttle)
             if frame.wanted is not None and tuple(frame.wanted) != asked:
                 self.breach(Breach.UNTRUE, f"{asked} was asked for, {frame.wanted} is flown")
@@ -266,12 +263,15 @@ class Judge:
         reached[f"outcome {status.outcome}"] += 1
         for cause in status.causes:
             reached[f"cause {cause.kind}"] += 1
-        self._was_flying = phase is Phase.FLYING
         if phase is Phase.FLYING:
             if world.is_aborted:
                 self.breach(Breach.UNTRUE, "aborted, and flown")
             if world.newest is not None and status.manoeuvre not in (None, world.newest.kind):
                 self.breach(Breach.UNTRUE, f"{status.manoeuvre} is flown, {world.newest.kind} was taken last")
+        if status.reason.endswith("takes too long"):  # the core aborts what does not end, and its client reads so
+            world.aborts, world.is_aborted = status.aborts, phase is Phase.ABORTED
+        if phase is Phase.ABORTED and status.manoeuvre not in (None, "hold", "level") and status.stage not in BLIND:
+            self.breach(Breach.UNTRUE, f"aborted, and {status.manoeuvre} is flown: {status.stage}")
         if status.phase is not phase or status.aborts != world.aborts:
             self.breach(Breach.UNTRUE, f"{status.phase}, {status.aborts} aborts; it is {phase}, {world.aborts} aborts")
         if status.stage != self._stage[0] or not phase.is_in_flight:
@@ -285,6 +285,8 @@ class Judge:
             self.breach(Breach.ENDLESS, f"a landing for {LONGEST_LANDING:.0f} s: {status.stage}")
 
 
+BLIND: Final = (LandingPhase.COMMIT, LandingPhase.DOWN, TakeOffPhase.IDLE, TakeOffPhase.RAMP, TakeOffPhase.FAILED)
+"""Stages that an abort does not change: they end by themselves."""
 MOST_BREACHES: Final = 5
 """Kept of a sequence."""
 

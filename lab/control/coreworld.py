@@ -280,7 +280,7 @@ class World:
 
     def _show(self, camera: str, target: str, error: tuple[float, float, float]) -> None:
         x, y = PADS[target]
-        place = self.toy.place
+        place = [at - LATENCY * speed for at, speed in zip(self.toy.place, self.toy.velocity, strict=True)]
         seen = (x - place[0] - error[0], y - place[1] - error[1], -place[2] - error[2])
         if math.hypot(seen[0], seen[1]) > -1.3 * seen[2] or seen[2] > -0.02:
             return
@@ -501,8 +501,7 @@ def _trouble(world: World, rng: random.Random) -> None:
     )
     kinds: tuple[tuple[str, Any], ...] = (
         *[("muted", {rng.choice(("images", "images", "images", "attitude", "flight", "battery", "pilot"))})] * 5,
-        # No longer than five images: nothing tells a height that is wrong for longer from a true one.
-        *[("error", (error, world.now + rng.uniform(0.0, 0.25)))] * 3,
+        *[("error", (error, world.now + rng.uniform(0.0, rng.choice((0.25, 0.25, 1.5)))))] * 3,
         *[("second", rng.choice((("forward", "pad", 0.0), ("forward", "pad", 0.6), ("down", "mat", 0.0))))] * 2,
         *[("eye", each) for each in eyes],
         ("images_every", 5),

@@ -51,7 +51,7 @@ from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
-from mkdaemon.control.batterywatch import LASTING
+from mkdaemon.control.flightwatch import LASTING
 from mkdaemon.virtualtime import run_virtually
 
 GENERATIONS: Final = (

@@ -1,7 +1,7 @@
 """A flight that is recorded on the ground, played, and recorded again: the same bytes in the same order, and how late.
 
-Real programs: `mkdaemon run`, `mkctl record` and `mkctl play`. A setpoint and a request are never played; what they
-did is in the values that are. Beside the player a program sleeps and says how late it is woken.
+Real programs: `mkdaemon run`, `mkctl log record` and `mkctl log play`. Setpoints and requests are never played; what
+they did is in the values that are. Beside the player a program sleeps and says how late it is woken.
 """
 
 from __future__ import annotations

@@ -86,7 +86,6 @@ WAITS: Final = 600.0
 """The pilot waits so long, unless he is asked [s]."""
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
 TARGET: Final = ROOT / "configs" / "targets" / "nested.toml"
-GROUPS: Final = {entry.name for entry in mkctl.COMMANDS if entry.target.endswith(":app")}
 WALL: Final = 1.7e9
 """Unix time when virtual time is zero [s]."""
 COVARIANCE: Final = 1e-4 * np.eye(6)
@@ -318,9 +317,9 @@ class Desk:
                 case "wait":
                     return self._there(self._wait())
                 case "mkctl" if words[-1] == "&":
-                    self._begin(mkctl.app, mkctl.move_behind_command(words[:-1], GROUPS), page)
+                    self._begin(mkctl.app, mkctl.move_behind_command(words[:-1], mkctl.GROUPS), page)
                 case "mkctl":
-                    run(mkctl.app, mkctl.move_behind_command(words, GROUPS))
+                    run(mkctl.app, mkctl.move_behind_command(words, mkctl.GROUPS))
                 case "mkdaemon":
                     run(mkdaemon.app, words)
                 case _:

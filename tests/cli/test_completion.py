@@ -39,8 +39,8 @@ def completed(script, words):
 @pytest.mark.parametrize(
     ("words", "among"),
     [
-        ("mkctl ta", {"take-off", "target"}),
-        ("mkctl lease ''", {"take", "release", "show"}),
+        ("mkctl ta", {"take-off"}),
+        ("mkctl lease ''", {"take", "show"}),
         ("mkctl take-off --ve", {"--vehicle"}),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkctl import flightshow, gains, manoeuvres, preflight, script
+from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -36,7 +36,7 @@ NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
         ["attitude", "--pitch", "-3"],
         ["take-off", "2"],
         ["abort"],
-        ["stop"],
+        ["board", "motors", "stop"],
     ],
 )
 def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
@@ -167,19 +167,21 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
 
 async def test_gains_are_shown_with_their_margins(capsys):
     async with fake_daemon() as daemon:
-        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
+        await preflight.preflight(gains=True, connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
         shown = capsys.readouterr().out
         assert "stable with a stick gain" in shown
         assert "0.67 to 1.33, or more" in shown
         assert shown.endswith("safe: the loop bears all that it has to bear\n")
-        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        await preflight.preflight(
+            gains=True, connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True)
+        )
         assert '"gain_margin"' in capsys.readouterr().out
 
 
 async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
     async with flying((0.0, 0.0, 2.0)) as (_, here):
         with pytest.raises(CommandRejectedError) as refusal:
-            await manoeuvres.stop(connection=here)
+            await motors.stop(connection=here)
     assert refusal.value.token == Token.FLYING_STOP
 
 

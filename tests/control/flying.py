@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import refusal
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.control.estimator.model import H, P
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.manoeuvres.table import MANOEUVRES

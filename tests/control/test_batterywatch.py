@@ -10,8 +10,8 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.batterywatch import LASTING, RECOVERED, BatteryWatch
 from mkdaemon.control.events import AbortAsked, StateValue
+from mkdaemon.control.flightwatch import LASTING, RECOVERED, BatteryWatch
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase

@@ -29,15 +29,15 @@ from mkdaemon.control.events import (
     SetpointUnreadable,
     StateValue,
 )
+from mkdaemon.control.flightwatch import SILENCE
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
-from mkdaemon.control.patience import SILENCE
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.state import GpsMode
+from mkdaemon.telemetry.state import Flight, GpsMode
 from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot, pose
 
 
@@ -567,7 +567,7 @@ def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
     drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
     drive.core.feed(LinkVerdict(link_state(LinkCondition.MUTE)), drive.now)
     facts = drive.core.vehicle
-    assert (facts.motors_running(0.0), facts.is_flying(0.0)) == (True, True)
+    assert (facts.motors_running(0.0), facts.newest(Flight, 0.0).is_flying) == (True, True)
     assert facts.link.condition is LinkCondition.MUTE
 
 

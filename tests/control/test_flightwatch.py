@@ -7,13 +7,12 @@ from dataclasses import replace
 import pytest
 
 from mkdaemon.control.events import LinkVerdict, PoseSeen, StateValue
-from mkdaemon.control.flightwatch import FlightWatch
+from mkdaemon.control.flightwatch import FlightWatch, LinePatience
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
+from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.modes import Trigger
-from mkdaemon.control.patience import LinePatience
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, StickSetpoint
@@ -32,7 +31,7 @@ class Anywhere(Goto):
         return Step(Sticks(0.0, 0.0, 0.0, -2.0), self.kind)
 
 
-ANYWHERE = {PositionSetpoint: Row(lambda sight, cfg, new: Anywhere(sight, cfg.autopilot, new))}
+ANYWHERE = {PositionSetpoint: lambda sight, cfg, new: Anywhere(sight, cfg.autopilot, new)}
 
 
 def by_position(drive, seconds):

@@ -231,13 +231,18 @@ def test_a_stage_that_lasts_longer_than_it_may_is_late_until_another_begins_or_i
     flying.step(HOLD, 1.0)
     wanted = Step(Sticks(0.0, 0.0, 0.0, 6.0), "hold", stage="waits", longest=2.0)
     monkeypatch.setattr(Hold, "step", lambda hold, now, *, is_flying: wanted)
-    late = [flying.step(HOLD, at, is_flying=True).is_late for at in (1.1, 3.0, 3.2)]
+
+    def late_at(*times):
+        found = [(flying.flown.late_stage(at), flying.step(HOLD, at, is_flying=True)) for at in times]
+        return [late for late, _ in found]
+
+    late = late_at(1.1, 3.0, 3.2)
     wanted = replace(wanted, stage="waits longer")
-    late += [flying.step(HOLD, at, is_flying=True).is_late for at in (3.3, 5.2, 5.4)]
+    late += late_at(3.3, 5.2, 5.4)
     wanted = replace(wanted, is_done=True)
-    late += [flying.step(HOLD, 5.5, is_flying=True).is_late]
+    late += late_at(5.41, 5.5)[1:]
     wanted = replace(wanted, stage="", is_done=False)
-    assert [*late, flying.step(HOLD, 99.0, is_flying=True).is_late] == [False, False, True] * 2 + [False, False]
+    assert [*late, *late_at(98.0, 99.0)[1:]] == ["", "", "waits", "waits", "", "waits longer", "", ""]
 
 
 def unanswered(*, seen_at=0.0, setpoint=HOLD):

@@ -9,6 +9,7 @@ import pytest
 
 from mkdaemon.control.modes import (
     ALWAYS,
+    ANSWERED,
     CAN_LAND,
     FRESH,
     HELD,
@@ -18,6 +19,7 @@ from mkdaemon.control.modes import (
     READY_BUT_OLD,
     RELEASE_OWED,
     RESUMED,
+    RESUMED_UNANSWERED,
     ROWS,
     SILENT,
     TOO_OLD,
@@ -32,13 +34,15 @@ from mkdaemon.telemetry.control import Phase
 WHEN = {
     ALWAYS: Conditions(),
     SILENT: Conditions(is_held=True, is_silent=True, is_fresh=True),
-    NOT_READY: Conditions(is_held=True, is_live=True, is_fresh=True),
+    NOT_READY: Conditions(is_held=True, is_live=True),
     READY: Conditions(is_held=True, is_live=True, is_ready=True, is_fresh=True),
     READY_BUT_OLD: Conditions(is_held=True, is_live=True, is_ready=True),
     FRESH: Conditions(is_held=True, is_fresh=True),
     CAN_LAND: Conditions(is_held=True, can_land=True),
     TOO_OLD: Conditions(is_held=True),
     UNANSWERED: Conditions(is_held=True, is_fresh=True, is_unanswered=True),
+    ANSWERED: Conditions(is_held=True, is_fresh=True),
+    RESUMED_UNANSWERED: Conditions(is_held=True, is_fresh=True, is_unanswered=True, resumes=True),
     RESUMED: Conditions(is_held=True, is_fresh=True, resumes=True),
     RELEASE_OWED: Conditions(is_held=True, is_release_owed=True),
     HELD: Conditions(is_held=True),
@@ -87,6 +91,7 @@ def test_sticks_are_sent_in_flight_only_and_a_stale_setpoint_never_tilts(situati
             assert row.target is Phase.FLYING
             assert situation.is_fresh
             assert not situation.is_silent
+            assert phase is Phase.LEASED or not situation.is_unanswered
         if row is not None and row.reaction is Reaction.NEUTRAL:
             assert row.target in (phase, Phase.STALE, Phase.UNANSWERED)
             assert row.target is not Phase.FLYING

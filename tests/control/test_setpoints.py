@@ -12,7 +12,7 @@ from mkdaemon.control.actions import ReportCommand
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
+from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
@@ -126,11 +126,12 @@ class Lean(AttitudeFlight):
         return Sticks(self._wanted.pitch * 100, self._wanted.roll * 100, 0.0, 0.0)
 
 
-LEAN = Row(lambda sight, cfg, new: Lean(sight, cfg.autopilot, new, cfg.autopilot.neutral_band))
+def lean(sight, cfg, new):
+    return Lean(sight, cfg.autopilot, new, cfg.autopilot.neutral_band)
 
 
 def test_guidance_can_be_added_for_any_kind():
-    drive = Driver(rows={**STICKS_ALONE, AttitudeSetpoint: LEAN})
+    drive = Driver(rows={**STICKS_ALONE, AttitudeSetpoint: lean})
     epoch = drive.fly()
     for sequence in range(1000, 1050):
         assert drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence)) is None
@@ -139,7 +140,7 @@ def test_guidance_can_be_added_for_any_kind():
 
 
 def test_guidance_says_when_a_flight_may_begin():
-    drive = Driver(rows={AttitudeSetpoint: LEAN})
+    drive = Driver(rows={AttitudeSetpoint: lean})
     epoch = drive.take()
     for sequence in range(100):
         drive.offer(example(AttitudeSetpoint, epoch=epoch, sequence=sequence))

@@ -15,8 +15,10 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
-from mkdaemon.control.batterywatch import LASTING
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.flightwatch import LASTING
+from mkdaemon.control.manoeuvres.manoeuvre import level_at
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Outcome, Phase
@@ -76,6 +78,11 @@ class Story(Driver):
     @property
     def status(self):
         return self.of(PublishStatus)[-1]
+
+    @property
+    def level(self):
+        """Sticks of nothing but what carries the aircraft."""
+        return level_at(self.core._sight.hover_gas)
 
     @property
     def changes(self):
@@ -392,6 +399,8 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     story.streams(TakeOffSetpoint, 1.0, height=1.0)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
     assert story.status.reason == 'aborted: "climbs" takes too long'
+    aborted = [status for status in story.of(PublishStatus) if status.phase is Phase.ABORTED]
+    assert {(status.manoeuvre, status.stage) for status in aborted} == {("hold", "")}, "in its first tick, too"
     story.streams(LandSetpoint, 0.5, after_abort=1)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 
@@ -440,6 +449,88 @@ def test_after_an_abort_while_the_sticks_had_no_answer_the_resumed_position_is_f
     story.streams(PositionSetpoint, 0.5, after_abort=story.status.aborts, **place)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "position")
     assert story.of(PublishError)[-1].value.goal == (1.0, 0.0, 2.0)
+
+
+@pytest.mark.parametrize("how", ["the sticks act again", "the abort is over"])
+def test_the_tick_that_is_reported_as_flying_sends_what_is_flown(how):
+    """The tick that found the answer, or resumed while there was none, was reported as flying and sent level sticks."""
+    story, fields = holding(), {}
+    gate(story, is_open=False)
+    story.streams(LandSetpoint, 0.1)
+    if how == "the abort is over":
+        story.abort()
+        story.streams(LandSetpoint, 0.1)
+        fields = {"after_abort": story.status.aborts}
+    seen, tick = [], story.tick
+
+    def noted():
+        frames = [action.wanted for action in tick() if isinstance(action, SendSticks)]
+        seen.extend((story.core.phase, bool(story.status.stage), wanted == story.level) for wanted in frames)
+
+    story.tick = noted
+    for is_open in (False, True):
+        gate(story, is_open=is_open)
+        story.streams(LandSetpoint, 0.3, **fields)
+    assert set(seen) == {(Phase.UNANSWERED, False, True), (Phase.FLYING, True, False)}
+    assert [phase for phase, _, _ in seen] == sorted((phase for phase, _, _ in seen), reverse=True), "once"
+
+
+def test_without_an_answer_a_climb_shows_no_stage():
+    """It showed "the pilot raises his throttle", for as long as it waited in the air."""
+    story = holding()
+    story.streams(TakeOffSetpoint, 0.3, height=3.0)
+    assert story.status.stage == "climbs"
+    gate(story, is_open=False)
+    story.streams(TakeOffSetpoint, 0.3, height=3.0)
+    assert (story.status.phase, story.status.stage) == (Phase.UNANSWERED, "")
+
+
+HIGHER = {"position": (0.0, 0.0, 2.5), "frame": SetpointFrame.PAD}
+CLIMBING = {"velocity": (0.0, 0.0, 0.5), "frame": SetpointFrame.PAD}
+
+
+def throttles(story, kind, seconds, **fields):
+    """The throttle of every stick frame meanwhile [stick]."""
+    before = len(story.of(SendSticks))
+    story.streams(kind, seconds, **fields)
+    return [frame.counts.throttle for frame in story.of(SendSticks)[before:]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [(HoldSetpoint, {}), (PositionSetpoint, HIGHER), (VelocitySetpoint, CLIMBING), (LandSetpoint, {})],
+)
+def test_what_has_come_down_by_accident_is_not_lifted_by_itself(kind, fields):
+    """The question that was not asked of what is flown: do the feet stand?
+
+    The pilot's throttle pulled a hold, or a landing that was still high, to the ground; as soon as he let go it went
+    up again at 30 counts above hover.
+    """
+    story = holding()
+    story.streams(kind, 0.3, **fields)
+    story.height = 0.10
+    story.streams(kind, 1.0, **fields)
+    hover = story.core._sight.carrying_gas - GAS_CENTRE
+    assert max(throttles(story, kind, 1.5, **fields)) <= round(hover)
+    story.height = None
+    assert max(throttles(story, kind, 0.7, **fields), default=-127) <= round(hover), "blind, too"
+
+
+def test_who_is_shown_off_the_ground_climbs_again():
+    story = holding()
+    story.height = 0.10
+    story.streams(HoldSetpoint, 2.0)
+    story.height = 0.30
+    assert max(throttles(story, HoldSetpoint, 0.5)) > story.core._sight.carrying_gas - GAS_CENTRE + 3.0
+
+
+def test_an_aircraft_whose_motors_stand_still_is_asked_for_no_more_than_carries_it():
+    story = holding()
+    hover = story.core._sight.carrying_gas - GAS_CENTRE
+    assert max(throttles(story, PositionSetpoint, 0.8, **HIGHER)) > hover + 3.0
+    story.tell(MotorsReported(False))
+    after = throttles(story, PositionSetpoint, 0.5, **HIGHER)[5:]
+    assert max(after) <= story.core._sight.carrying_gas - GAS_CENTRE + 0.5
 
 
 def test_a_falling_aircraft_is_not_handed_over():

@@ -7,18 +7,23 @@ import pytest
 from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, REFUSALS_KEPT, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from mkdaemon.telemetry.link import LinkHealth
-from mkdaemon.telemetry.state import Battery, Gps, GpsFix, Position
+from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Pilot, Position
 from mkdaemon.telemetry.vision import PoseRefused, VisionStats
 from tests.control.admission.situations import situation_of
 from tests.control.events import STAMP, flight, link_state, pilot
 
 
+def known(facts, at):
+    """Whether motors run, whether it flies, and the pilot's throttle."""
+    flown, received = facts.newest(Flight, at), facts.newest(Pilot, at)
+    flies = None if flown is None else flown.is_flying
+    return facts.motors_running(at), flies, None if received is None else received.throttle
+
+
 def test_at_first_nothing_is_known():
     facts = VehicleMemory()
     assert facts.link is None
-    assert facts.motors_running(0.0) is None
-    assert facts.is_flying(0.0) is None
-    assert facts.pilot_throttle(0.0) is None
+    assert known(facts, 0.0) == (None, None, None)
     assert not facts.is_testing_motors(0.0)
 
 
@@ -29,9 +34,9 @@ def test_facts_hold_until_they_are_too_old():
     facts.state_received(pilot(20.0), 10.0)
     facts.link_changed(link_state())
     last = 10.0 + FRESH
-    assert (facts.motors_running(last), facts.is_flying(last), facts.pilot_throttle(last)) == (True, True, 20.0)
+    assert known(facts, last) == (True, True, 20.0)
     late = last + 0.01
-    assert (facts.motors_running(late), facts.is_flying(late), facts.pilot_throttle(late)) == (None, None, None)
+    assert known(facts, late) == (None, None, None)
     assert facts.link == link_state()
 
 
@@ -52,7 +57,7 @@ def test_another_opening_of_the_port_voids_what_the_boards_said():
     facts.link_changed(link_state(openings=1))
     assert facts.motors_running(10.0) is False
     facts.link_changed(link_state(openings=2))
-    assert (facts.motors_running(10.0), facts.is_flying(10.0), facts.pilot_throttle(10.0)) == (None, None, None)
+    assert known(facts, 10.0) == (None, None, None)
 
 
 def test_a_motor_test_explains_turning_motors_for_a_while():
@@ -65,7 +70,7 @@ def test_a_motor_test_explains_turning_motors_for_a_while():
 def test_values_that_decide_nothing_are_ignored():
     facts = VehicleMemory()
     facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
-    assert facts.flight(0.0) is None
+    assert facts.newest(Flight, 0.0) is None
 
 
 def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
@@ -74,7 +79,7 @@ def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
     facts.state_received(flight(is_flying=False), 10.0)
     assert facts.limit_line(line) is line
     facts.flightctrl_reported(is_lost=True)
-    assert (facts.motors_running(10.0), facts.is_flying(10.0)) == (None, None)
+    assert known(facts, 10.0) == (None, None, None)
     limited = facts.limit_line(line)
     assert (limited.layout, limited.obstacle) == (None, Obstacle.READ_ONLY)
     assert "FlightCtrl" in limited.reason
@@ -95,20 +100,11 @@ RECEPTION = Gps(**STAMPED, satellites=9, fix=GpsFix.VALID, is_usable=True, is_ho
 CHARGE = Battery(**STAMPED, voltage=16.0, current=None, used_mah=None, is_low=None)
 
 
-@pytest.mark.parametrize(
-    ("told", "ask"),
-    [
-        (flight(is_flying=True), VehicleMemory.flight),
-        (PLACE, VehicleMemory.position),
-        (RECEPTION, VehicleMemory.gps),
-        (pilot(20.0), VehicleMemory.pilot),
-        (CHARGE, VehicleMemory.battery),
-    ],
-)
-def test_every_fact_holds_for_just_two_seconds(told, ask):
+@pytest.mark.parametrize("value", [flight(is_flying=True), PLACE, RECEPTION, pilot(20.0), CHARGE], ids=type)
+def test_every_fact_holds_for_just_two_seconds(value):
     facts = VehicleMemory()
-    facts.state_received(told, 10.0)
-    assert [ask(facts, at) for at in (10.0, 12.0, 12.001)] == [told, told, None]
+    facts.state_received(value, 10.0)
+    assert [facts.newest(type(value), at) for at in (10.0, 12.0, 12.001)] == [value, value, None]
 
 
 def flown_at(voltage, *, throttle=-20.0):
@@ -200,12 +196,11 @@ def test_what_else_is_told_is_kept():
     assert facts.refused_sights == tuple(refused[1:])
 
 
-@pytest.mark.parametrize("ask", [VehicleMemory.position, VehicleMemory.gps, VehicleMemory.battery])
-def test_a_lost_flightctrl_voids_every_fact(ask):
+@pytest.mark.parametrize("value", [PLACE, RECEPTION, CHARGE], ids=type)
+def test_a_lost_flightctrl_voids_every_fact(value):
     facts = VehicleMemory()
-    for told in (PLACE, RECEPTION, CHARGE):
-        facts.state_received(told, 10.0)
+    facts.state_received(value, 10.0)
     assert not facts.is_fc_lost
     facts.flightctrl_reported(is_lost=True)
     assert facts.is_fc_lost
-    assert ask(facts, 10.0) is None
+    assert facts.newest(type(value), 10.0) is None

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from mkdaemon.control.admission import TakeLease, refusal
+from mkdaemon.control.admission.beginnings import TakeLease
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.daemon.pathdelay import WAITING, PathProbe
 from mkdaemon.telemetry.refusals import Token
 from tests.control.admission.situations import GOOD

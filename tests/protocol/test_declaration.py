@@ -11,7 +11,8 @@ import pytest
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.cli.mkctl.send import request_forms
 from mkdaemon.cli.mkdaemon.schema import describe_message
-from mkdaemon.control.admission import BoardRequest, refusal
+from mkdaemon.control.admission.beginnings import BoardRequest
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.link.session.questions import answers
 from mkdaemon.link.session.streamkinds import find_streams
 from mkdaemon.protocol import MESSAGES, Board, FrameDecoder, MessageDecoder

@@ -9,7 +9,8 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
 from mkdaemon.config.control import ControlConfig, LeaseConfig
-from mkdaemon.control.admission import TakeLease, refusal
+from mkdaemon.control.admission.beginnings import TakeLease
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.daemon.preflight import active_set, read_active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.settings import ParameterSet

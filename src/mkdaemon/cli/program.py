@@ -26,6 +26,7 @@ from cyclopts import (
 )
 from cyclopts.argument import Argument
 
+from mkdaemon.cli.renamed import new_name
 from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
@@ -51,12 +52,14 @@ class CommandEntry(NamedTuple):
         target: `module:attribute` of a function or an `App`, imported when the command is used.
         help: one line shown in the list.
         group: heading it stands under.
+        is_shown: it stands in the list.
     """
 
     name: str
     target: str
     help: str
     group: str = "Commands"
+    is_shown: bool = True
 
 
 def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str = "") -> App:
@@ -76,7 +79,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         help=_flowing(about) if is_list else about,
         version=_version,
         help_format="plaintext" if is_list else "markdown",
-        group_commands=Group("Help"),
+        group_commands=Group("Subcommands"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
     headings = list(dict.fromkeys(entry.group for entry in table))
@@ -84,7 +87,8 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
             group = _group(entry.group, headings.index(entry.group))
             line = None if entry.name == chosen else _flowing(entry.help) if is_list else entry.help
-            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number)
+            shown = entry.is_shown
+            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number, show=shown)
     if chosen == COMPLETION:
         from mkdaemon.cli.completion import installer
 
@@ -199,11 +203,24 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
 
 
 def _run(app: App, tokens: Sequence[str]) -> int:
+    if (renamed := new_name(app.name[0], tokens)) is not None:
+        return _complain(app, renamed, EXIT_CONFIG)
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
-    return report_mistakes(
-        app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    )
+
+    def work() -> object:
+        if tokens and {*tokens[1:]} <= {*app.help_flags}:
+            _import_listed(app, tokens[0])
+        return app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+
+    return report_mistakes(app, tokens, work)
+
+
+def _import_listed(app: App, name: str) -> None:
+    """Import the commands of a group whose list is going to be shown, for the first line of their help."""
+    if name in app and (group := app[name]).default_command is None:
+        for one in group:
+            group[one]
 
 
 def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:

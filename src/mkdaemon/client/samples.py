@@ -60,6 +60,13 @@ class Sample:
             raise ProtocolError(msg)
         return typed_value(self.schema, self.fields)
 
+    @property
+    def known(self) -> Any:
+        """The same; None where another version publishes it differently."""
+        with suppress(ProtocolError):
+            return self.value
+        return None
+
 
 def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
     """Unpack a payload; what is no map comes under `value`, what cannot be read or has another encoding under `raw`."""

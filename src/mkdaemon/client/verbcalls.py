@@ -275,16 +275,6 @@ class RouteVerbs(Asking):
             RouteStarted, "route_start", {"confirm": confirm}, 600, on_progress=on_progress, with_holder=True
         )
 
-    async def pause(self) -> None:
-        """Asks to pause a route.
-
-        Always refused, with what the pilot does instead.
-
-        Raises:
-            MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
-        """
-        await self.order("route_pause", {}, 15)
-
     async def end(self, *, confirm: bool = False, on_progress: OnProgress | None = None) -> WaypointsStored:
         """Empty the list, in flight too.
 

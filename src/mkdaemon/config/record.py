@@ -68,7 +68,7 @@ class RecordConfig(Section):
 
     Smaller loses entries on a slow disk; larger takes memory."""
     json_for_viewers: bool = False
-    """Add JSON for viewers; it takes twice the room and delays setpoints (docs/recording.md). `mkctl log recover
+    """Add JSON for viewers; it takes twice the room and delays setpoints (docs/recording.md). `mkctl log repair
     --viewer` adds it later.
 
     True delays setpoints."""

@@ -16,7 +16,7 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.manoeuvre import Step
-from mkdaemon.control.modes import IN_FLIGHT, Conditions, Reaction, Row, Trigger, find_row
+from mkdaemon.control.modes import IN_FLIGHT, READY, Conditions, Reaction, Row, Trigger, find_row
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Outcome, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -185,6 +185,7 @@ class Authority:
         self._next_epoch = first_epoch
         self._lease: Lease | None = None
         self._pending: ReleaseOrder | None = None
+        self._may_begin = False
         self.phase = Phase.FREE
         self.reason = "nobody has taken the lease"
         self.aborts = 0
@@ -292,10 +293,15 @@ class Authority:
         return setpoint is not None and 0 < setpoint.after_abort == self.aborts
 
     def flown_phase(self, now: float) -> Phase:
-        """The phase in which the newest setpoint is flown at a time [s]: an abort that it ends is over."""
+        """The phase in which the newest setpoint is flown at a time [s]: an abort that it ends is over.
+
+        So is a wait for an answer, in the tick after the one that found everything ready.
+        """
         lease = self._lease
-        is_over = lease is not None and self.is_resumed_by(lease.newest) and self._is_fresh(lease, now)
-        return Phase.FLYING if self.phase is Phase.ABORTED and is_over else self.phase
+        if lease is None or not self._is_fresh(lease, now):
+            return self.phase
+        is_over = self.phase is Phase.ABORTED and self.is_resumed_by(lease.newest)
+        return Phase.FLYING if is_over or (self.phase is Phase.UNANSWERED and self._may_begin) else self.phase
 
     @property
     def holder_key(self) -> HolderKey | None:
@@ -340,8 +346,6 @@ class Authority:
             event = Trigger.GUIDANCE_LOST if guided.end.is_failure else Trigger.FLIGHT_FINISHED
             self.end(event, cause="; ".join(filter(None, (guided.end.words, why if guided.end.is_failure else ""))))
             self.outcome = guided.end.outcome
-        if guided is not None and guided.is_late and self.phase.is_streamed:
-            self.abort(f'"{guided.stage}" takes too long')
         if self._pending is not None:
             order, self._pending = self._pending, None
             self.phase, self.reason = Phase.RELEASING, order.reason
@@ -351,7 +355,8 @@ class Authority:
             return None
         words = {"silence": f"{lease.silence(now, is_in_flight=is_in_flight):.2f}"}
         words["obstacle"] = "" if guided is None else guided.obstacle
-        row = self._move(Trigger.TICK, self._judge(lease, guided, now), **words)
+        conditions = self._judge(lease, guided, now)
+        row, self._may_begin = self._move(Trigger.TICK, conditions, **words), READY.holds(conditions)
         if row is None or row.reaction is Reaction.NOTHING:
             return None
         if row.reaction is Reaction.RELEASE:
@@ -400,7 +405,7 @@ class Authority:
 
     def _is_fresh(self, lease: Lease, now: float) -> bool:
         """Whether the newest setpoint of a lease still holds at a time [s]."""
-        return now - lease.arrived <= lease.setpoint_life(self._cfg.limiter)
+        return lease.newest is not None and now - lease.arrived <= lease.setpoint_life(self._cfg.limiter)
 
     def _move(self, event: Trigger, conditions: Conditions | None = None, **words: str) -> Row | None:
         """Take the row of an event, if there is one."""

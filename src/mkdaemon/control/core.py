@@ -12,60 +12,21 @@ from dataclasses import replace
 from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control import events
 from mkdaemon.control.actions import Action, Release, SendSticks
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.admission import (
-    Concern,
-    NewManoeuvre,
-    Situation,
-    TakeLease,
-    findings,
-    is_ready,
-    refusal,
-    refusals,
-)
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, TakeLease
+from mkdaemon.control.admission.rows import findings, is_ready, refusal, refusals
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.authority import Authority, Decision, Fly, ReleaseOrder
 from mkdaemon.control.causes import causes
 from mkdaemon.control.estimator.model import Gap
 from mkdaemon.control.estimator.values import ViewFault
-from mkdaemon.control.events import (
-    DUE,
-    NOTED,
-    AbortAsked,
-    ActiveSetRead,
-    CellsKnown,
-    ClientGone,
-    Event,
-    EyeStats,
-    FlightctrlReported,
-    FrameConfirmed,
-    FrameNotSent,
-    FrameSent,
-    FreeDisk,
-    GuardActed,
-    GuardChanged,
-    LeaseAsked,
-    LineChanged,
-    LinkMeasured,
-    LinkVerdict,
-    ListChanged,
-    ModelKnown,
-    MotorsReported,
-    MotorTestSent,
-    PoseSeen,
-    ReleaseAsked,
-    Released,
-    Reply,
-    SetpointAccepted,
-    SetpointUnreadable,
-    SetpointUnsigned,
-    SightRefused,
-    StateValue,
-)
+from mkdaemon.control.events import DUE, NOTED, Event, Reply
 from mkdaemon.control.flightwatch import FlightWatch
 from mkdaemon.control.flown import Flown
-from mkdaemon.control.manoeuvres.table import MANOEUVRES, Row
+from mkdaemon.control.manoeuvres.table import MANOEUVRES, Make
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pacing import Pacing
@@ -94,7 +55,7 @@ class FlightCore:
         cfg: ControlConfig,
         *,
         first_epoch: int,
-        rows: Mapping[type[Setpoint], Row] = MANOEUVRES,
+        rows: Mapping[type[Setpoint], Make] = MANOEUVRES,
     ) -> None:
         """Start with nobody flying and nothing known.
 
@@ -117,34 +78,34 @@ class FlightCore:
         self._pacing = Pacing(cfg)
         self._line = ControlLine()
         self._handlers: Mapping[type[Event], Callable[[Any, float], Reply | None]] = {
-            SetpointAccepted: self._setpoint_accepted,
-            SetpointUnsigned: self._setpoint_unsigned,
-            SetpointUnreadable: self._setpoint_unreadable,
-            LeaseAsked: self._lease_asked,
-            ReleaseAsked: lambda event, now: self._end(Trigger.RELEASE_REQUESTED, event.request.reason),
-            AbortAsked: self._abort_asked,
-            ClientGone: self._client_gone,
-            StateValue: self._state_received,
-            MotorsReported: lambda event, now: facts.motors_reported(event.are_running, now),
-            FlightctrlReported: self._flightctrl_reported,
-            MotorTestSent: lambda event, now: facts.motor_test_sent(now),
-            ListChanged: lambda event, now: facts.list_changed(now),
-            PoseSeen: self._pose_seen,
-            SightRefused: lambda event, now: facts.sight_refused(event.refused),
-            EyeStats: self._eye_reported,
-            CellsKnown: lambda event, now: facts.cells_known(event.cells),
-            FreeDisk: lambda event, now: facts.disk_measured(event.free),
-            ModelKnown: self._model_known,
-            ActiveSetRead: self._active_set_read,
-            LineChanged: self._line_changed,
-            LinkVerdict: self._link_judged,
-            LinkMeasured: self._link_measured,
-            FrameSent: self._frame_sent,
-            FrameConfirmed: self._frame_confirmed,
-            FrameNotSent: lambda event, now: self._reports.frame_not_sent(event.error, now),
-            GuardChanged: self._guard_changed,
-            GuardActed: lambda event, now: self._end(Trigger.GUARD_ACTED, "no stick frame was written in time"),
-            Released: self._released,
+            events.SetpointAccepted: self._setpoint_accepted,
+            events.SetpointUnsigned: self._setpoint_unsigned,
+            events.SetpointUnreadable: self._setpoint_unreadable,
+            events.LeaseAsked: self._lease_asked,
+            events.ReleaseAsked: lambda event, now: self._end(Trigger.RELEASE_REQUESTED, event.request.reason),
+            events.AbortAsked: self._abort_asked,
+            events.ClientGone: self._client_gone,
+            events.StateValue: self._state_received,
+            events.MotorsReported: lambda event, now: facts.motors_reported(event.are_running, now),
+            events.FlightctrlReported: self._flightctrl_reported,
+            events.MotorTestSent: lambda event, now: facts.motor_test_sent(now),
+            events.ListChanged: lambda event, now: facts.list_changed(now),
+            events.PoseSeen: self._pose_seen,
+            events.SightRefused: lambda event, now: facts.sight_refused(event.refused),
+            events.EyeStats: self._eye_reported,
+            events.CellsKnown: lambda event, now: facts.cells_known(event.cells),
+            events.FreeDisk: lambda event, now: facts.disk_measured(event.free),
+            events.ModelKnown: self._model_known,
+            events.ActiveSetRead: self._active_set_read,
+            events.LineChanged: self._line_changed,
+            events.LinkVerdict: self._link_judged,
+            events.LinkMeasured: self._link_measured,
+            events.FrameSent: self._frame_sent,
+            events.FrameConfirmed: self._frame_confirmed,
+            events.FrameNotSent: lambda event, now: self._reports.frame_not_sent(event.error, now),
+            events.GuardChanged: self._guard_changed,
+            events.GuardActed: lambda event, now: self._end(Trigger.GUARD_ACTED, "no stick frame was written in time"),
+            events.Released: self._released,
         }
 
     # -- events in ------------------------------------------------------------------------------------------------
@@ -164,7 +125,7 @@ class FlightCore:
             self._pacing.hurry()
         return reply
 
-    def _setpoint_accepted(self, event: SetpointAccepted, now: float) -> Reply:
+    def _setpoint_accepted(self, event: events.SetpointAccepted, now: float) -> Reply:
         """Take a streamed setpoint; the newest of the present lease wins.
 
         Refused as in `Authority.check_setpoint` and `_admit`. What is refused in flight changes nothing: a
@@ -201,17 +162,17 @@ class FlightCore:
                 raise error
             self._flown.admitted(wanted)
 
-    def _setpoint_unsigned(self, event: SetpointUnsigned, now: float) -> Reply:
+    def _setpoint_unsigned(self, event: events.SetpointUnsigned, now: float) -> Reply:
         """Refuse what the holder did not sign: `not_leased`, `wrong_epoch`, `not_holder`."""
         error = self._authority.refuse_unsigned(event.setpoint)
         self._reports.setpoint_refused(event.setpoint.suffix, event.setpoint.__dict__, error, now, is_by_holder=False)
         return Reply(refusal=error)
 
-    def _setpoint_unreadable(self, event: SetpointUnreadable, now: float) -> Reply:
+    def _setpoint_unreadable(self, event: events.SetpointUnreadable, now: float) -> Reply:
         self._reports.setpoint_refused(event.key, dict(event.fields), event.error, now, is_by_holder=event.is_by_holder)
         return Reply(refusal=event.error)
 
-    def _lease_asked(self, event: LeaseAsked, now: float) -> Reply:
+    def _lease_asked(self, event: events.LeaseAsked, now: float) -> Reply:
         """Answer a request about the lease; refused as in `Authority`, and with what a check before the lease found."""
         request, found = event.request, event.found
         epoch = -1 if request.epoch is None else request.epoch
@@ -242,16 +203,16 @@ class FlightCore:
                 granted = self._authority.lease(now)
         return Reply(lease=granted, is_due=True)
 
-    def _abort_asked(self, event: AbortAsked, now: float) -> Reply:
+    def _abort_asked(self, event: events.AbortAsked, now: float) -> Reply:
         """Stop the manoeuvre: hold where that is possible, else level; refused with `nothing_flown`."""
         self._authority.abort(event.request.reason)
         return DUE
 
-    def _client_gone(self, event: ClientGone, now: float) -> Reply:
+    def _client_gone(self, event: events.ClientGone, now: float) -> Reply:
         self._authority.client_gone(event.name)
         return DUE
 
-    def _state_received(self, event: StateValue, now: float) -> None:
+    def _state_received(self, event: events.StateValue, now: float) -> None:
         value = event.value
         self._facts.state_received(value, now)
         if isinstance(value, Attitude):
@@ -260,11 +221,11 @@ class FlightCore:
         elif isinstance(value, Pilot) and value.is_gate_open is not None:
             self._sight.answer.gate_reported(now, is_open=value.is_gate_open)
 
-    def _flightctrl_reported(self, event: FlightctrlReported, now: float) -> None:
+    def _flightctrl_reported(self, event: events.FlightctrlReported, now: float) -> None:
         self._facts.flightctrl_reported(is_lost=event.is_lost)
-        self._line_changed(LineChanged(self._line), now)
+        self._line_changed(events.LineChanged(self._line), now)
 
-    def _pose_seen(self, event: PoseSeen, now: float) -> Reply:
+    def _pose_seen(self, event: events.PoseSeen, now: float) -> Reply:
         pose = event.pose
         sight, view = self._sight, checked_view(pose, now)
         if isinstance(view, ViewFault):
@@ -285,11 +246,11 @@ class FlightCore:
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
-    def _eye_reported(self, event: EyeStats, now: float) -> None:
+    def _eye_reported(self, event: events.EyeStats, now: float) -> None:
         self._facts.eye_reported(event.stats)
         self._reports.eyes_reported()
 
-    def _model_known(self, event: ModelKnown, now: float) -> None:
+    def _model_known(self, event: events.ModelKnown, now: float) -> None:
         """Take the model; a read that failed under a lease, or that ends in flight, changes nothing."""
         has_failed = event.unknown is not None and event.unknown.gap is Gap.UNREAD
         if self.phase in IN_FLIGHT or self._is_read_again(has_failed):
@@ -297,7 +258,7 @@ class FlightCore:
         self._sight.model_known(event.model)
         self._preflight.model_known(event.model, event.unknown)
 
-    def _active_set_read(self, event: ActiveSetRead, now: float) -> None:
+    def _active_set_read(self, event: events.ActiveSetRead, now: float) -> None:
         if self.phase in IN_FLIGHT or self._is_read_again(not event.found.is_known):
             return
         self._preflight.active_set = event.found
@@ -306,34 +267,34 @@ class FlightCore:
         """Whether a read failed after one, for the same lease, that did not."""
         return has_failed and self._preflight.active_set.is_known and self._authority.holder_key is not None
 
-    def _line_changed(self, event: LineChanged, now: float) -> None:
+    def _line_changed(self, event: events.LineChanged, now: float) -> None:
         self._line = event.line
         self._preflight.line = self._output.line = self._facts.limit_line(event.line)
 
-    def _frame_sent(self, event: FrameSent, now: float) -> None:
+    def _frame_sent(self, event: events.FrameSent, now: float) -> None:
         self._output.frame_sent(event.number)
         self._sight.answer.frame_written(event.number, now)
 
-    def _frame_confirmed(self, event: FrameConfirmed, now: float) -> None:
+    def _frame_confirmed(self, event: events.FrameConfirmed, now: float) -> None:
         self._output.frame_confirmed(event.number)
         self._sight.answer.frame_confirmed(event.number, now)
 
-    def _link_judged(self, event: LinkVerdict, now: float) -> None:
+    def _link_judged(self, event: events.LinkVerdict, now: float) -> None:
         before = self._facts.link
         if before is not None and before.condition is LinkCondition.ONE_WAY is not event.state.condition:
             self._sight.answer.line_heals()
         self._facts.link_changed(event.state)
-        self._line_changed(LineChanged(self._line), now)
+        self._line_changed(events.LineChanged(self._line), now)
 
-    def _link_measured(self, event: LinkMeasured, now: float) -> None:
+    def _link_measured(self, event: events.LinkMeasured, now: float) -> None:
         self._facts.link_measured(event.health)
         self._sight.link_measured(event.health)
 
-    def _guard_changed(self, event: GuardChanged, now: float) -> None:
+    def _guard_changed(self, event: events.GuardChanged, now: float) -> None:
         """Without the guard no client gets a lease; the holder flies on."""
         self._preflight.has_guard = event.is_alive
 
-    def _released(self, event: Released, now: float) -> Reply:
+    def _released(self, event: events.Released, now: float) -> Reply:
         self._authority.released(now)
         self._reports.phase_changed()
         order, self._release = self._release, None
@@ -417,6 +378,8 @@ class FlightCore:
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
+        if authority.phase.is_streamed and (late := self._flown.late_stage(now)):
+            authority.abort(f'"{late}" takes too long')
         situation, setpoint = self.situation(now), authority.newest
         if setpoint is not None and self._flown.asks(situation):
             situation = self._seen(situation)

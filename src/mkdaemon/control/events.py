@@ -21,11 +21,17 @@ from mkdaemon.telemetry.link import LinkHealth, LinkState
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Anything that the flight core can be told."""
+
+
 # -- what clients want --------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class SetpointAccepted:
+class SetpointAccepted(Event):
     """A streamed setpoint whose signature was verified at the door of the bus.
 
     Attributes:
@@ -38,14 +44,14 @@ class SetpointAccepted:
 
 
 @dataclass(frozen=True, slots=True)
-class SetpointUnsigned:
+class SetpointUnsigned(Event):
     """A streamed setpoint that the holder of the lease did not sign."""
 
     setpoint: Setpoint
 
 
 @dataclass(frozen=True, slots=True)
-class SetpointUnreadable:
+class SetpointUnreadable(Event):
     """Something arrived on the key of a setpoint and is none.
 
     Attributes:
@@ -62,7 +68,7 @@ class SetpointUnreadable:
 
 
 @dataclass(frozen=True, slots=True)
-class LeaseAsked:
+class LeaseAsked(Event):
     """A client asks about the lease.
 
     Attributes:
@@ -77,21 +83,21 @@ class LeaseAsked:
 
 
 @dataclass(frozen=True, slots=True)
-class ReleaseAsked:
+class ReleaseAsked(Event):
     """Somebody asks to end the lease and to release the aircraft."""
 
     request: ReleaseRequest
 
 
 @dataclass(frozen=True, slots=True)
-class AbortAsked:
+class AbortAsked(Event):
     """Somebody asks to stop the manoeuvre; the lease goes on."""
 
     request: AbortRequest
 
 
 @dataclass(frozen=True, slots=True)
-class ClientGone:
+class ClientGone(Event):
     """A client lost its liveliness token."""
 
     name: str
@@ -101,59 +107,59 @@ class ClientGone:
 
 
 @dataclass(frozen=True, slots=True)
-class StateValue:
+class StateValue(Event):
     """A state value from the boards."""
 
     value: Telemetry
 
 
 @dataclass(frozen=True, slots=True)
-class MotorsReported:
+class MotorsReported(Event):
     """What a message says about the motors."""
 
     are_running: bool
 
 
 @dataclass(frozen=True, slots=True)
-class FlightctrlReported:
+class FlightctrlReported(Event):
     """Whether the NaviCtrl hears its FlightCtrl."""
 
     is_lost: bool
 
 
 @dataclass(frozen=True, slots=True)
-class MotorTestSent:
+class MotorTestSent(Event):
     """Motors are about to turn because a client tests them."""
 
 
 @dataclass(frozen=True, slots=True)
-class ListChanged:
+class ListChanged(Event):
     """The daemon changed the NaviCtrl's list of points."""
 
 
 @dataclass(frozen=True, slots=True)
-class PoseSeen:
+class PoseSeen(Event):
     """A camera saw a target."""
 
     pose: VisionPose
 
 
 @dataclass(frozen=True, slots=True)
-class SightRefused:
+class SightRefused(Event):
     """A camera saw a target and its eyes refused the pose."""
 
     refused: PoseRefused
 
 
 @dataclass(frozen=True, slots=True)
-class EyeStats:
+class EyeStats(Event):
     """What a camera says of itself."""
 
     stats: VisionStats
 
 
 @dataclass(frozen=True, slots=True)
-class FreeDisk:
+class FreeDisk(Event):
     """Free space where flights are recorded.
 
     Attributes:
@@ -164,14 +170,14 @@ class FreeDisk:
 
 
 @dataclass(frozen=True, slots=True)
-class CellsKnown:
+class CellsKnown(Event):
     """How many cells the battery has, as configured or remembered."""
 
     cells: int
 
 
 @dataclass(frozen=True, slots=True)
-class ModelKnown:
+class ModelKnown(Event):
     """The model to fly by.
 
     Attributes:
@@ -184,7 +190,7 @@ class ModelKnown:
 
 
 @dataclass(frozen=True, slots=True)
-class ActiveSetRead:
+class ActiveSetRead(Event):
     """The active parameter set of the FlightCtrl was read."""
 
     found: ActiveSet
@@ -194,28 +200,28 @@ class ActiveSetRead:
 
 
 @dataclass(frozen=True, slots=True)
-class LineChanged:
+class LineChanged(Event):
     """What the link can take now is another than before."""
 
     line: ControlLine
 
 
 @dataclass(frozen=True, slots=True)
-class LinkVerdict:
+class LinkVerdict(Event):
     """A verdict on the line."""
 
     state: LinkState
 
 
 @dataclass(frozen=True, slots=True)
-class LinkMeasured:
+class LinkMeasured(Event):
     """Measurements of the line."""
 
     health: LinkHealth
 
 
 @dataclass(frozen=True, slots=True)
-class FrameSent:
+class FrameSent(Event):
     """A stick frame was written to the port.
 
     Attributes:
@@ -226,33 +232,33 @@ class FrameSent:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameConfirmed:
+class FrameConfirmed(Event):
     """The board confirmed an external control frame."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
-class FrameNotSent:
+class FrameNotSent(Event):
     """The line refused a stick frame that the core wanted sent."""
 
     error: CommandRejectedError
 
 
 @dataclass(frozen=True, slots=True)
-class GuardChanged:
+class GuardChanged(Event):
     """Whether the guard is there."""
 
     is_alive: bool
 
 
 @dataclass(frozen=True, slots=True)
-class GuardActed:
+class GuardActed(Event):
     """The guard released the aircraft in the daemon's place."""
 
 
 @dataclass(frozen=True, slots=True)
-class Released:
+class Released(Event):
     """A release has ended.
 
     Attributes:
@@ -260,39 +266,6 @@ class Released:
     """
 
     outcome: ReleaseOutcome | None
-
-
-Event = (
-    SetpointAccepted
-    | SetpointUnsigned
-    | SetpointUnreadable
-    | LeaseAsked
-    | ReleaseAsked
-    | AbortAsked
-    | ClientGone
-    | StateValue
-    | MotorsReported
-    | FlightctrlReported
-    | MotorTestSent
-    | ListChanged
-    | PoseSeen
-    | SightRefused
-    | EyeStats
-    | FreeDisk
-    | CellsKnown
-    | ModelKnown
-    | ActiveSetRead
-    | LineChanged
-    | LinkVerdict
-    | LinkMeasured
-    | FrameSent
-    | FrameConfirmed
-    | FrameNotSent
-    | GuardChanged
-    | GuardActed
-    | Released
-)
-"""Everything that the flight core can be told."""
 
 
 @dataclass(frozen=True, slots=True)

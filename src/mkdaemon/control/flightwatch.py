@@ -1,14 +1,99 @@
-"""What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure."""
+"""What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure.
+
+A battery sags while the motors work hard, so only what lasts counts, and a little more voltage is not yet the end of
+it. Source: docs/safety.md, "What happens when something fails".
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
-from mkdaemon.control.admission import Concern, Situation
-from mkdaemon.control.batterywatch import BatteryWatch
+from mkdaemon.control.admission.beginnings import Concern
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.modes import IN_FLIGHT, Trigger
-from mkdaemon.control.patience import LinePatience
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.refusals import Token, refuse
+
+SILENCE: Final = 0.65
+"""How long a client keeps its lease on a line on which nothing arrives [s]. Silence is reported after 0.35 s: the lease
+ends one second after the last frame, as it does on a line that does not hear us. A radio that loses 15 % each way in
+bursts is silent for half a second in every fifth flight, and a release does not get through before it is heard again.
+"""
+IDLE: Final = 2.0
+"""The same while the lease sends nothing, for a line that has a port [s]. Without stick frames only link tests prove
+the line, and a radio that loses 15 % each way loses five of them in a row now and then. A board that restarts is silent
+for 4.7 s: docs/firmware-notes, "Timing"."""
+LASTING: Final = 3.0
+"""A battery that is low for this long is not only sagging under load [s]."""
+RECOVERED: Final = 1.02
+"""Above the limit times this it is low no longer."""
+
+
+class LinePatience:
+    """Watches the line for the holder of the lease.
+
+    Without a board nobody flies, and not after a reopening either: what the board held is gone. Nor past a board that
+    does not hear us: it drops external control by itself, and must not obey again without warning.
+    """
+
+    def __init__(self, *, one_way: float) -> None:
+        """Start with a good line.
+
+        Args:
+            one_way: patience with a board that does not hear us [s].
+        """
+        self._one_way = one_way
+        self._unusable_since = self._silent_since = math.inf
+        self._openings = 0
+
+    def lease_taken(self, openings: int) -> None:
+        """Note which opening of the port a new lease stands on."""
+        self._openings = openings
+
+    def watch(self, link: LinkState, now: float) -> None:
+        """Note since when the line is unusable, and since when it is silent; who hears nothing is not heard either."""
+        self._unusable_since = math.inf if link.condition.is_usable else min(self._unusable_since, now)
+        self._silent_since = math.inf if link.condition.hears_board else min(self._silent_since, now)
+
+    def is_over(self, link: LinkState, now: float, *, is_idle: bool = False) -> bool:
+        """Whether the lease must end because of the line; `is_idle`: it sends nothing."""
+        has_port = link.condition.hears_board or link.condition.is_silent
+        if link.openings != self._openings or not has_port:
+            return True
+        one_way, silence = (IDLE, IDLE) if is_idle else (self._one_way, SILENCE)
+        return now - self._unusable_since >= one_way or now - self._silent_since >= silence
+
+
+class BatteryWatch:
+    """Looks at the battery of an aircraft that flies.
+
+    Attributes:
+        warning: why it is low, and what to do; None while it is not.
+        has_lasted: it has been low for so long that the flight must end.
+    """
+
+    def __init__(self) -> None:
+        self._low_since: float | None = None
+        self.warning: CommandRejectedError | None = None
+        self.has_lasted = False
+
+    def look(self, now: Situation) -> None:
+        """Look at the newest report; without one nothing changes."""
+        battery, flight = now.battery, now.flight
+        if battery is None:
+            return
+        limit = now.active_set.low_voltage(now.cells)
+        has_alarm = bool(battery.is_low) or (flight is not None and bool(flight.battery_low))
+        if has_alarm or battery.voltage < limit:
+            self._low_since = now.now if self._low_since is None else self._low_since
+            self.warning = refuse(Token.BATTERY_LOW, voltage=battery.voltage)
+            self.has_lasted = now.now - self._low_since >= LASTING
+        elif battery.voltage >= RECOVERED * limit:
+            self._low_since = self.warning = None
+            self.has_lasted = False
 
 
 class Ending(NamedTuple):

@@ -8,13 +8,15 @@ from dataclasses import replace
 from typing import Final
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.admission import Concern, NewManoeuvre, Situation, refusal, waits_for
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre
+from mkdaemon.control.admission.rows import refusal, waits_for
+from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step, ended, level_at
-from mkdaemon.control.manoeuvres.table import Row
+from mkdaemon.control.manoeuvres.table import Make
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
@@ -35,7 +37,7 @@ class Flown:
         may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
-    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Row]) -> None:
+    def __init__(self, cfg: ControlConfig, sight: Sight, rows: Mapping[type[Setpoint], Make]) -> None:
         """Fly nothing yet.
 
         Args:
@@ -50,7 +52,7 @@ class Flown:
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
-        self._stage, self._stage_since = "", 0.0
+        self._stage, self._stage_since, self._longest = "", 0.0, 0.0
 
     # -- at the door ----------------------------------------------------------------------------------------------
 
@@ -107,20 +109,40 @@ class Flown:
         else:
             self._left = None
             self._sight.leave_to_pilot(is_his=False)
-            step = self._timed(self._fly(setpoint, before, phase, situation), situation.now)
-            if self.is_by_target and self._sight.answer.is_doubted:
-                step = replace(step, sticks=_gentle(step.sticks, DOUBTED / self._sight.model.rad_per_count))
+            step = self._fly(setpoint, before, phase, situation)
+            self._time(step, situation.now)
+            if self.is_by_target:
+                step = replace(step, sticks=self._bounded(step, situation))
         self.error, self.may_touch = step.error, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)
         return step
 
-    def _timed(self, step: Step, now: float) -> Step:
-        """The same, late where its stage has lasted longer than it may."""
-        if step.stage != self._stage or step.is_done or not step.stage:
-            self._stage, self._stage_since = step.stage, now
-        return replace(step, is_late=now - self._stage_since > step.longest) if step.stage else step
+    def _bounded(self, step: Step, situation: Situation) -> Sticks:
+        """What a flight by its target may ask for: little tilt without an answer, no lift of an aircraft that stands.
+
+        One that has come down by accident, because the pilot's throttle or stopped motors let it sink, must not go up
+        by itself: only a take-off leaves the ground.
+        """
+        sight, sticks = self._sight, step.sticks
+        if sight.answer.is_doubted:
+            tilt = sight.model.rad_per_count * math.hypot(sticks.pitch, sticks.roll)
+            share = min(1.0, DOUBTED / max(tilt, 1e-9))
+            sticks = sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)
+        if step.may_touch or not (sight.has_come_down or situation.grounded):
+            return sticks
+        return sticks._replace(throttle=min(sticks.throttle, level_at(sight.carrying_gas).throttle))
+
+    def _time(self, step: Step, now: float) -> None:
+        """Note how long a stage lasts that is not done."""
+        stage, self._longest = "" if step.is_done else step.stage, step.longest
+        if stage != self._stage:
+            self._stage, self._stage_since = stage, now
+
+    def late_stage(self, now: float) -> str:
+        """The stage that has lasted for longer than it may; empty for none."""
+        return self._stage if now - self._stage_since > self._longest else ""
 
     def _wait(self, setpoint: Setpoint, phase: Phase, situation: Situation) -> Step:
         """Level, and ready to go on where the aircraft is as soon as it answers and is seen.
@@ -144,7 +166,7 @@ class Flown:
         is_lost = after.is_by_target and (age is None or age > self._cfg.autopilot.exit_after)
         end = ended(Outcome.SIGHT_LOST, target=self._sight.target, age=age or 0.0) if is_lost else None
         sticks = level_at(self._sight.hover_gas)
-        shown = replace(step, is_done=False, stands=False, is_unanswered=True, is_level=True)
+        shown = replace(step, stage="", is_done=False, stands=False, is_unanswered=True, is_level=True)
         return replace(shown, sticks=sticks, obstacle=obstacle, end=end)
 
     def _resumed(self, setpoint: Setpoint, phase: Phase) -> Manoeuvre:
@@ -187,7 +209,7 @@ class Flown:
         self._stage, self.may_touch = "", False
 
     def _make(self, setpoint: Setpoint) -> Manoeuvre:
-        return self._rows[type(setpoint)].make(self._sight, self._cfg, setpoint)
+        return self._rows[type(setpoint)](self._sight, self._cfg, setpoint)
 
     def _change(self, after: Manoeuvre, now: float) -> None:
         after.enter(self.current, now)
@@ -204,9 +226,3 @@ class Flown:
             after = Level(self._sight)
         after.enter(before, situation.now)
         self.current = after
-
-
-def _gentle(sticks: Sticks, most: float) -> Sticks:
-    """The same with no more tilt [stick], the same way."""
-    share = min(1.0, most / max(math.hypot(sticks.pitch, sticks.roll), 1e-9))
-    return sticks._replace(pitch=sticks.pitch * share, roll=sticks.roll * share)

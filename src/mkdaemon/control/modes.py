@@ -122,7 +122,12 @@ READY_BUT_OLD: Final = Guard(
     lambda now: now.is_live and now.is_ready and not now.is_fresh,
 )
 UNANSWERED: Final = Guard("the aircraft does not answer its sticks", lambda now: now.is_unanswered)
+ANSWERED: Final = Guard("the flight has restarted", lambda now: now.is_fresh and not now.is_unanswered)
 RESUMED: Final = Guard("the newest setpoint ends the abort", lambda now: now.resumes and now.is_fresh)
+RESUMED_UNANSWERED: Final = Guard(
+    "the newest setpoint ends the abort, the aircraft does not answer its sticks",
+    lambda now: RESUMED.holds(now) and now.is_unanswered,
+)
 FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
 TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
 CAN_LAND: Final = Guard("a target is in sight", lambda now: now.can_land)
@@ -180,13 +185,14 @@ ROWS: Final = (
     Row((_LEASED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_LEASED,), Trigger.TICK, READY_BUT_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(IN_FLIGHT, Trigger.TICK, SILENT, _RELEASING, Reaction.RELEASE, "no setpoint from {holder} for {silence} s"),
-    Row((_FLYING,), Trigger.TICK, UNANSWERED, _UNANSWERED, Reaction.NEUTRAL, "{obstacle}"),
+    Row(_STREAMED, Trigger.TICK, UNANSWERED, _UNANSWERED, Reaction.NEUTRAL, "{obstacle}"),
     Row(_STREAMED, Trigger.TICK, FRESH, _FLYING, Reaction.STICKS, _FLIES),
     Row(_STREAMED, Trigger.TICK, TOO_OLD, _STALE, Reaction.NEUTRAL, _OLD),
     Row(_ABORTABLE, Trigger.ABORT_REQUESTED, ALWAYS, _ABORTED, Reaction.NOTHING, "aborted: {cause}", is_asked=True),
+    Row((_UNANSWERED,), Trigger.TICK, ANSWERED, _FLYING, Reaction.STICKS, _FLIES),
     Row((_UNANSWERED,), Trigger.TICK, NOT_READY, _UNANSWERED, Reaction.NEUTRAL, "{holder} streams; {obstacle}"),
-    Row((_UNANSWERED,), Trigger.TICK, READY, _FLYING, Reaction.STICKS, _FLIES),
     Row((_UNANSWERED,), Trigger.TICK, ALWAYS, _UNANSWERED, Reaction.NEUTRAL, "{reason}"),
+    Row((_ABORTED,), Trigger.TICK, RESUMED_UNANSWERED, _UNANSWERED, Reaction.NEUTRAL, "{obstacle}"),
     Row((_ABORTED,), Trigger.TICK, RESUMED, _FLYING, Reaction.STICKS, _FLIES),
     Row((_ABORTED,), Trigger.TICK, FRESH, _ABORTED, Reaction.HOLD, "{reason}"),
     Row((_ABORTED,), Trigger.TICK, TOO_OLD, _ABORTED, Reaction.NEUTRAL, "{reason}"),

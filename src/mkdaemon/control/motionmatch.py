@@ -12,7 +12,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -49,13 +49,6 @@ class Match:
     likeness: float
 
 
-class _View(NamedTuple):
-    """Who sees what."""
-
-    target: str
-    camera: str
-
-
 class MotionMatch:
     """The motion of the last seconds, as the boards reported it and as each camera saw it by each target.
 
@@ -64,7 +57,7 @@ class MotionMatch:
 
     def __init__(self) -> None:
         self._reported: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
-        self._seen: dict[_View, deque[tuple[float, float, float]]] = {}
+        self._seen: dict[tuple[str, str], deque[tuple[float, float, float]]] = {}
 
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards, measured at a time [s]; nose down and right side down positive [rad]."""
@@ -84,7 +77,7 @@ class MotionMatch:
             return
         self._seen = {view: seen for view, seen in self._seen.items() if seen[-1][0] >= at - WINDOW}
         angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
-        self._seen.setdefault(_View(target, camera), deque(maxlen=KEPT)).append((at, *angles))
+        self._seen.setdefault((target, camera), deque(maxlen=KEPT)).append((at, *angles))
 
     def match(self, now: float, target: str) -> Match | None:
         """Compare the last seconds by one target; None where there was too little to see, or nothing moved.
@@ -95,7 +88,7 @@ class MotionMatch:
             now: [s; monotonic].
             target: its name.
         """
-        views = [seen for view, seen in self._seen.items() if view.target == target]
+        views = [seen for (name, _), seen in self._seen.items() if name == target]
         found = [match for seen in views if (match := self._match(seen, now)) is not None]
         return min(found, key=lambda match: (match.likeness > -ALIKE, -abs(match.lag)), default=None)
 

@@ -12,7 +12,7 @@ from typing import Final
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.telemetry.navi import NaviFlight, NaviStage
-from mkdaemon.telemetry.state import Flight, GpsFix, GpsMode, Position
+from mkdaemon.telemetry.state import Flight, Gps, GpsFix, GpsMode, Position
 
 PERIOD: Final = 1.0
 """Between two reports of a stage that lasts [s]."""
@@ -56,12 +56,12 @@ class NaviWatch:
 
     def look(self, now: float) -> NaviFlight | None:
         """Return what is new, or due again; None for nothing, and without a NaviCtrl."""
-        flight = self._facts.flight(now)
+        flight = self._facts.newest(Flight, now)
         if flight is None or flight.gps_mode is GpsMode.UNKNOWN or flight.is_flying is None:
             return None
-        gps = self._facts.gps(now)
+        gps = self._facts.newest(Gps, now)
         has_fix = gps is None or gps.fix is not GpsFix.NONE
-        found = self._report(flight, self._facts.position(now) if has_fix else None)
+        found = self._report(flight, self._facts.newest(Position, now) if has_fix else None)
         if found is None:
             return None
         news = (found.stage, found.waypoint, found.waypoints, found.is_route_done, found.is_home, found.hands)

@@ -11,6 +11,7 @@ from mkdaemon.control.limiter import StickCounts, Sticks, count, limit
 from mkdaemon.control.throttlelid import ThrottleLid
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.telemetry.control import ControlLine
+from mkdaemon.telemetry.state import Flight, Pilot
 
 SHORTEST_STEP: Final = 0.01
 """Stick frames are at least this far apart [s]: the boards lose frames beyond 100 Hz."""
@@ -83,9 +84,11 @@ class StickOutput:
             low_cell: voltage of a cell above which throttle is compensated [V]; None for the factory's.
         """
         cfg, ttl = self._cfg.limiter, self._life(order)
-        cap = self._throttle_cap(order, now)
+        cap, wanted = self._throttle_cap(order, now), order.sticks
+        if order.is_level and cap is not None:
+            wanted = wanted._replace(throttle=min(wanted.throttle, cap))
         sticks = limit(
-            order.sticks if cap is None or not order.is_level else _capped(order.sticks, cap),
+            wanted,
             self._last,
             age=order.age,
             ttl=ttl,
@@ -129,20 +132,17 @@ class StickOutput:
         nothing, for the ground, too: it is over in a second.
         """
         facts, now_sent = self._facts, self._last.throttle
-        is_flying, pilots = facts.is_flying(now), facts.pilot_throttle(now)
+        flight, pilot = facts.newest(Flight, now), facts.newest(Pilot, now)
+        is_flying = None if flight is None else flight.is_flying
         may_stand = order.may_touch or is_flying is False or facts.motors_running(now) is False
         if order.age <= self._life(order):
             return now_sent if may_stand else None
-        caps = [pilots] + ([now_sent] if may_stand or is_flying is None else [])
+        caps = [None if pilot is None else pilot.throttle, now_sent if may_stand or is_flying is None else None]
         return min((cap for cap in caps if cap is not None), default=None)
 
     def _life(self, order: Fly) -> float:
         """How long its setpoint holds [s]."""
         return min(order.ttl, self._cfg.limiter.setpoint_ttl)
-
-
-def _capped(sticks: Sticks, cap: float) -> Sticks:
-    return sticks._replace(throttle=min(sticks.throttle, cap))
 
 
 def _differs(counts: StickCounts, asked: Sticks) -> bool:

@@ -7,10 +7,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import UNREAD, ActiveSet
-from mkdaemon.control.admission import (
-    NO_WORK,
-    Situation,
-)
+from mkdaemon.control.admission.situation import NO_WORK, Situation
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.motionmatch import Match, MotionMatch
@@ -19,6 +16,7 @@ from mkdaemon.control.sight import Sight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
+from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
 from mkdaemon.telemetry.vision import VisionPose
 
 MATCHED_FOR: Final = 0.5
@@ -97,11 +95,11 @@ class Preflight:
             active_set=self.active_set,
             motors_running=facts.motors_running(now),
             is_testing_motors=facts.is_testing_motors(now),
-            flight=facts.flight(now),
-            pilot=facts.pilot(now),
-            position=facts.position(now),
-            gps=facts.gps(now),
-            battery=facts.battery(now),
+            flight=facts.newest(Flight, now),
+            pilot=facts.newest(Pilot, now),
+            position=facts.newest(Position, now),
+            gps=facts.newest(Gps, now),
+            battery=facts.newest(Battery, now),
             cells=facts.cells,
             are_cells_doubtful=facts.are_cells_doubtful,
             hover_gas=sight.hover_gas,

@@ -38,6 +38,10 @@ SHORTEST_PAIR: Final = 0.02
 """Two views closer in time give no velocity [s]."""
 LONGEST_PAIR: Final = 0.2
 """Two views farther apart in time give none either [s]."""
+FEET: Final = 0.05
+"""An aircraft whose feet are no higher above the target stands, where images show it for a while [m]."""
+STOOD: Final = 0.3
+"""For so long [s]: wrong images are shorter."""
 
 
 class Sight:
@@ -76,6 +80,7 @@ class Sight:
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._apart = 0.0  # between the two newest images [s]
+        self._low_since = math.inf  # its feet are on the ground by all images from then on [s]
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since = math.inf
 
@@ -181,6 +186,8 @@ class Sight:
         if self._last_view is None or view.at >= self._last_view.at:
             self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
             self._last_view = view
+            is_low = -float(view.position_flu[2]) <= self._cfg.stand_height + FEET
+            self._low_since = min(self._low_since, view.at) if is_low else math.inf
         return before if is_other else ""
 
     def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
@@ -217,6 +224,16 @@ class Sight:
     def is_fresh(self, now: float) -> bool:
         """Whether the target has been seen lately enough to hold or land by it."""
         return self.estimator is not None and now - self.estimator.seen_at <= self._cfg.level_after
+
+    @property
+    def has_come_down(self) -> bool:
+        """Whether its feet stand by the newest images; those that end there say nothing else."""
+        return self._last_view is not None and self._last_view.at - self._low_since >= STOOD
+
+    @property
+    def carrying_gas(self) -> float:
+        """Throttle that carries the aircraft by the estimate, or as it was known before [count of 254]."""
+        return self.hover_gas if self.estimator is None else self.estimator.hover_gas
 
     def pose_age(self, now: float) -> float | None:
         """Time since the newest image of the target that is followed [s]; None where there was none."""

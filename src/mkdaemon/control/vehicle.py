@@ -9,7 +9,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkHealth, LinkState
-from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
+from mkdaemon.telemetry.state import Battery, Pilot
 from mkdaemon.telemetry.vision import PoseRefused, VisionStats
 
 FRESH: Final = 2.0
@@ -128,35 +128,10 @@ class VehicleFacts:
         """Whether motors that turn may turn because of a motor test."""
         return now - self._tested_at <= MOTOR_TEST
 
-    def _newest(self, kind: type[_State], now: float) -> _State | None:
+    def newest(self, kind: type[_State], now: float) -> _State | None:
         """The newest value of a kind; None where no message has given one lately."""
         value, at = self._states.get(kind, (None, now))
         return value if isinstance(value, kind) and now - at <= FRESH else None
-
-    def flight(self, now: float) -> Flight | None:
-        """What the aircraft does; None where no message has said so lately."""
-        return self._newest(Flight, now)
-
-    def is_flying(self, now: float) -> bool | None:
-        """Whether it is in the air; None where no message has said so lately."""
-        flight = self.flight(now)
-        return None if flight is None else flight.is_flying
-
-    def position(self, now: float) -> Position | None:
-        """Where it is by GPS; None where no message has said so lately."""
-        return self._newest(Position, now)
-
-    def gps(self, now: float) -> Gps | None:
-        """Its reception of satellites; None where no message has said so lately."""
-        return self._newest(Gps, now)
-
-    def pilot(self, now: float) -> Pilot | None:
-        """What reaches the aircraft from the pilot; None where no message has said so lately."""
-        return self._newest(Pilot, now)
-
-    def battery(self, now: float) -> Battery | None:
-        """Its battery; None where no message has said so lately."""
-        return self._newest(Battery, now)
 
     def throttle_in_use(self, low_cell: float | None = None) -> ThrottleReport | None:
         """What the FlightCtrl last said of its throttle; None where it does not.
@@ -176,11 +151,6 @@ class VehicleFacts:
             cells = 1 + int(max(voltage, self.highest_voltage) / HIGHEST_CELL)
             share = min(1.0, cells * (low_cell or FACTORY_LOW_CELL) / voltage)
         return ThrottleReport(pilot.throttle_in_use, at, share)
-
-    def pilot_throttle(self, now: float) -> float | None:
-        """The pilot's throttle [stick]; None where no message has said so lately."""
-        pilot = self.pilot(now)
-        return None if pilot is None else pilot.throttle
 
 
 class VehicleMemory(VehicleFacts):

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from mkdaemon.bus.codec import Payload, first_mistake, schema_name
 from mkdaemon.clock import Clock
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.admission import BoardRequest
+from mkdaemon.control.admission.beginnings import BoardRequest
 from mkdaemon.control.events import Feed, MotorTestSent
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.answering import answer_query

@@ -7,6 +7,7 @@ from mkdaemon.link.link import Link
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.state import Flight
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
 
@@ -22,7 +23,7 @@ def vehicle_health(
         note: of the configuration.
         open_endpoints: where everybody in the network may come in.
     """
-    state, flight = facts.link, facts.flight(stamp.monotonic)
+    state, flight = facts.link, facts.newest(Flight, stamp.monotonic)
     return VehicleHealth(
         stamp=stamp,
         is_alive=state is not None and state.condition.hears_board,

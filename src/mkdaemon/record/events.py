@@ -11,7 +11,7 @@ from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 from functools import cache
 from hashlib import blake2b
-from typing import Any, Final, get_args, get_type_hints
+from typing import Any, Final, get_type_hints
 
 import msgpack
 from pydantic import TypeAdapter
@@ -37,7 +37,7 @@ TICK: Final = f"{CORE}Tick"
 DERIVED: Final = frozenset({StateValue, MotorsReported, FlightctrlReported, FrameSent, FrameConfirmed})
 """A replay makes them of recorded bytes, as the daemon does."""
 _KIND: Final = "kind of setpoint"
-_EVENTS: Final[Mapping[str, type[Event]]] = {cls.__name__: cls for cls in get_args(Event)}
+_EVENTS: Final[Mapping[str, type[Event]]] = {cls.__name__: cls for cls in Event.__subclasses__()}
 _FIELDS: Final[dict[type, tuple[str, ...] | None]] = {}
 _SETPOINTS: Final = {kind.suffix: kind for kind in SETPOINTS}
 

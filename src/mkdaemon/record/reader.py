@@ -21,7 +21,7 @@ from typing import BinaryIO, Final
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
 from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, places_in, read_channel, read_metadata

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.countcheck import CountCheck
 from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import MAGIC, Session

@@ -8,19 +8,7 @@ from enum import Enum, StrEnum, auto
 from typing import Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
-
-
-class Tone(StrEnum):
-    """How good a state is, for every display of it."""
-
-    NOTE = "note"
-    """A fact, neither good nor bad."""
-    OK = "ok"
-    """As it should be."""
-    WARN = "warn"
-    """Somebody should look at it."""
-    BAD = "bad"
-    """Somebody must act."""
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class Trait(Enum):
@@ -207,16 +195,26 @@ class ControlLine:
     shortest_step: float = 0.01
 
 
-class ReleaseOutcome(StrEnum):
-    """How a release ended."""
+class ReleaseOutcome(ToneEnum):
+    """How a release ended. This is the one table of outcomes of a release."""
 
-    CONFIRMED = "confirmed"
+    CONFIRMED = "confirmed", "released, and the FlightCtrl confirmed it", Tone.OK
     """The board confirmed five frames."""
-    NOT_OBSERVABLE = "not_observable"
+    NOT_OBSERVABLE = (
+        "not_observable",
+        "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)",
+        Tone.OK,
+    )
     """Sent; no confirmation can come here."""
-    UNCONFIRMED = "unconfirmed"
+    UNCONFIRMED = (
+        *(
+            "unconfirmed",
+            "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)",
+        ),
+        Tone.BAD,
+    )
     """A confirmation could have come and did not; what keeps the sticks alive is silenced."""
-    NOT_SENT = "not_sent"
+    NOT_SENT = "not_sent", "NOT sent, the line is down; it is the first thing sent when the line is back", Tone.BAD
     """No open port: the release is the first thing sent after opening."""
 
 

@@ -38,7 +38,7 @@ class Token(StrEnum):
     MALFORMED = (
         "malformed",
         "the request cannot be read: {detail}.",
-        "Send a msgpack map; `mkctl send --help` shows fields.",
+        "Send a msgpack map; `mkctl board send --help` shows fields.",
     )
     BAD_FIELD = (
         "bad_field",
@@ -170,12 +170,12 @@ class Token(StrEnum):
     MOTORS_UNKNOWN = (
         "motors_unknown",
         "no recent telemetry shows whether the motors run, and {detail}.",
-        "Subscribe to the NaviCtrl's OSD data (`mkctl rates osd 200ms`), or check the cable to the NaviCtrl.",
+        "Subscribe to the NaviCtrl's OSD data (`mkctl board rates osd 200ms`), or check the cable to the NaviCtrl.",
     )
     BOARD_UNPROVEN = (
         "board_unproven",
         "the last version reply does not prove that {board} is on the line ({detail}).",
-        "`mkctl send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
+        "`mkctl board send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
     )
     NEVER = ("never", "{name} is never sent for a client: {detail}.", "{instead}")
     DEAF_TOO_LONG = (
@@ -305,7 +305,7 @@ class Token(StrEnum):
     LOOP_UNSTABLE = (
         "loop_unstable",
         "with {cause} the control loop is not safe for the model of this aircraft: {detail}.",
-        "`mkctl gains` shows the loop; {remedy}.",
+        "`mkctl preflight --gains` shows the loop; {remedy}.",
     )
     GAIN_ON_POTI = (
         "gain_on_poti",
@@ -407,7 +407,7 @@ class Token(StrEnum):
     FLYING = (
         "flying",
         "{name} is not possible in flight, and control is {phase}.",
-        "Return the lease (`mkctl lease release`), stop the motors, repeat.",
+        "Return the lease (`mkctl release`), stop the motors, repeat.",
     )
     IN_FLIGHT_NEEDED = (
         "in_flight_needed",
@@ -482,7 +482,7 @@ class Token(StrEnum):
     ROUTE_ACTIVE = (
         "route_active",
         "the list is active already, at point {index} of {count}.",
-        "The pilot's GPS switch at coming home flies it; `mkctl route end` ends it.",
+        "The pilot's GPS switch at coming home flies it; `mkctl waypoints end` ends it.",
     )
     SWITCH_AT_HOME = (
         "switch_at_home",
@@ -493,13 +493,6 @@ class Token(StrEnum):
         "position_poor",
         "the NaviCtrl's position is not accurate enough for flight: {detail}.",
         "Start the motors under open sky with a fix, which sets home; over a target fly with `--frame pad`.",
-    )
-    PILOTS_SWITCH = (
-        "pilots_switch",
-        "nothing on the serial line pauses a route.",
-        "Turn the GPS switch away from coming home: position hold stays there, free is manual flight; a NaviCtrl "
-        "0.24 continues when the switch is turned back.",
-        Status.UNSUPPORTED,
     )
     UNKNOWN_NAVICTRL = (
         "unknown_navictrl",

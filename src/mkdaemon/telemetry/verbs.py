@@ -117,7 +117,6 @@ VERBS: Final[tuple[Verb, ...]] = (
     ),
     Verb("waypoints_clear", "Empty the list.", mission.WaypointsClearRequest, mission.WaypointsStored),
     Verb("route_start", "Make the list ready.", mission.RouteStartRequest, mission.RouteStarted),
-    Verb("route_pause", "Refused: the pilot's switch pauses a route.", mission.RoutePauseRequest),
     Verb("route_end", "Empty the list, in flight too.", mission.RouteEndRequest, mission.WaypointsStored),
     Verb(
         "navi_goto",

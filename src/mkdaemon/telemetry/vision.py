@@ -12,6 +12,7 @@ from pydantic import Field
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.selfcal import SelfCalibration
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -179,27 +180,27 @@ class AttitudeLoss(StrEnum):
     """The images contradict it."""
 
 
-class EyeState(StrEnum):
-    """Whether a camera delivers poses, and what is in the way if not."""
+class EyeState(ToneEnum):
+    """Whether a camera delivers poses, and what is in the way if not. This is the one table of these states."""
 
-    OK = "ok"
-    DARK = "dark"
-    BLOWN = "blown"
-    FROZEN = "frozen"
-    WRONG_SIZE = "wrong_size"
-    WRONG_KIND = "wrong_kind"
-    UNCALIBRATED = "uncalibrated"
-    TARGET_MISMATCH = "target_mismatch"
-    FAILING = "failing"
+    OK = "ok", "works", Tone.OK
+    DARK = "dark", "too dark", Tone.BAD
+    BLOWN = "blown", "too bright", Tone.BAD
+    FROZEN = "frozen", "images are frozen", Tone.BAD
+    WRONG_SIZE = "wrong_size", "images have the wrong size", Tone.BAD
+    WRONG_KIND = "wrong_kind", "images have the wrong kind", Tone.BAD
+    UNCALIBRATED = "uncalibrated", "not calibrated", Tone.BAD
+    TARGET_MISMATCH = "target_mismatch", "its target contradicts the file", Tone.BAD
+    FAILING = "failing", "the detector fails", Tone.BAD
     """The detector fails on every image."""
-    STALLED = "stalled"
+    STALLED = "stalled", "the detector is stuck", Tone.BAD
     """The detector has not come back from an image."""
-    DEAD = "dead"
+    DEAD = "dead", "the detector has ended", Tone.BAD
     """The thread that looks has ended."""
-    OPENING = "opening"
-    SILENT = "silent"
-    GONE = "gone"
-    ENDED = "ended"
+    OPENING = "opening", "opening", Tone.WARN
+    SILENT = "silent", "no image arrives", Tone.BAD
+    GONE = "gone", "unplugged", Tone.BAD
+    ENDED = "ended", "its images have ended", Tone.WARN
 
 
 class Exposure(Telemetry):

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
-from mkdaemon.control.admission import NO_WORK, Entry, Situation
+from mkdaemon.control.admission.situation import NO_WORK, Entry, Situation
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Phase
 from mkdaemon.telemetry.link import LinkHealth, RoundTripStats
 from mkdaemon.telemetry.selfcal import SelfCalibration
-from mkdaemon.telemetry.state import Battery, Flight, Pilot
+from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
 from mkdaemon.telemetry.vision import EyeState, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
 
@@ -106,10 +106,10 @@ def situation_of(facts, now, phase=Phase.FREE):
         link=facts.link,
         motors_running=facts.motors_running(now),
         is_testing_motors=facts.is_testing_motors(now),
-        flight=facts.flight(now),
-        position=facts.position(now),
-        gps=facts.gps(now),
-        pilot=facts.pilot(now),
-        battery=facts.battery(now),
+        flight=facts.newest(Flight, now),
+        position=facts.newest(Position, now),
+        gps=facts.newest(Gps, now),
+        pilot=facts.newest(Pilot, now),
+        battery=facts.newest(Battery, now),
         cells=facts.cells,
     )

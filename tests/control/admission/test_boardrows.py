@@ -8,8 +8,10 @@ import pytest
 
 import mkdaemon.protocol.messages as messages
 from mkdaemon.config.commands import CommandsConfig
-from mkdaemon.control.admission import BoardRequest, Procedure, Work, refusal
+from mkdaemon.control.admission.beginnings import BoardRequest, Procedure
 from mkdaemon.control.admission.boardrows import BUSY_ROWS, LONGEST_BEEP, PROCEDURE_ROWS, REQUEST_ROWS
+from mkdaemon.control.admission.rows import refusal
+from mkdaemon.control.admission.situation import Work
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.wire import MESSAGES, Board
 from mkdaemon.telemetry.control import Phase

@@ -8,18 +8,9 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
-from mkdaemon.control.admission import (
-    ROWS,
-    Concern,
-    NewManoeuvre,
-    TakeLease,
-    findings,
-    is_ready,
-    refusal,
-    refusals,
-    waits_for,
-)
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, TakeLease
 from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS, MOST_LOSS
+from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusal, refusals, waits_for
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine

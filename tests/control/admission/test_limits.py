@@ -7,16 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.admission import (
-    BoardRequest,
-    Concern,
-    NewManoeuvre,
-    Procedure,
-    TakeLease,
-    findings,
-    refusal,
-    waits_for,
-)
+from mkdaemon.control.admission.beginnings import BoardRequest, Concern, NewManoeuvre, Procedure, TakeLease
+from mkdaemon.control.admission.rows import findings, refusal, waits_for
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.danger import Danger

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.admission import ROWS, NaviGoto, StartRoute, Upload, refusal
+from mkdaemon.control.admission.beginnings import NaviGoto, StartRoute, Upload
 from mkdaemon.control.admission.navirows import FAR, HIGH, LEAST_SATELLITES, NAVI_ROWS
+from mkdaemon.control.admission.rows import ROWS, refusal
 from mkdaemon.telemetry.mission import MissionPoint, PointKind
 from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
 from tests.control.admission.situations import GOOD, flags

@@ -11,30 +11,23 @@ from hypothesis import strategies as st
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.activeset import Gate, GateKind
-from mkdaemon.control.admission import (
+from mkdaemon.control.admission.beginnings import (
     BY_HAND,
     BY_TARGET,
     MANOEUVRES,
-    ROWS,
     BoardRequest,
     Concern,
     NaviGoto,
     NewManoeuvre,
-    OwedSet,
     Procedure,
-    Rule,
     StartRoute,
     TakeLease,
     Upload,
-    Work,
-    findings,
-    is_ready,
-    refusal,
-    refusals,
-    waits_for,
 )
 from mkdaemon.control.admission.navirows import FAR, HIGH
-from mkdaemon.control.admission.situation import ASIDE
+from mkdaemon.control.admission.row import Rule
+from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusal, refusals, waits_for
+from mkdaemon.control.admission.situation import ASIDE, OwedSet, Work
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch

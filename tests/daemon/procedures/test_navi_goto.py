@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from mkdaemon.control.admission import refusal
 from mkdaemon.control.admission.navirows import LEAST_SATELLITES
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.procedures.table import PROCEDURES
 from mkdaemon.errors import CommandRejectedError

@@ -1,4 +1,4 @@
-"""The gateway as a process of its own, before a whole daemon and before `mkctl play`, read by a viewer of its own."""
+"""The gateway as a process of its own, before a whole daemon and before `mkctl log play`, read by a viewer."""
 
 from __future__ import annotations
 

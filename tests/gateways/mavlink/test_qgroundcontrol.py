@@ -172,8 +172,8 @@ async def test_each_is_answered_before_its_time_out(tmp_path, row):
         row.ask(ears)
         while not row.answer(ears):
             assert asyncio.get_running_loop().time() - began < row.waits, (row.what, ears.acks, ears.words)
-            if fake.lease_now is not None and fake.lease_now.status is not None:
-                gateway.value_arrived(fake.lease_now.status)  # as the daemon publishes it
+            if fake.lease_now is not None and fake.lease_now.session.status is not None:
+                gateway.value_arrived(fake.lease_now.session.status)  # as the daemon publishes it
             await beat(ears, 0.05)
 
 

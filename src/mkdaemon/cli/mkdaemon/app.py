@@ -39,9 +39,8 @@ COMMANDS: Final = (
         "Certificates: who may look, fly and record.",
         "Set up",
     ),
-    CommandEntry("calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Calibrate a camera.", "Camera"),
     CommandEntry(
-        "target", "mkdaemon.cli.mkdaemon.target:target", "Print tags, targets and calibration boards.", "Camera"
+        "calibrate", "mkdaemon.cli.mkdaemon.calibrate:app", "Print targets and boards; calibrate a camera.", "Camera"
     ),
     CommandEntry(
         "replay", "mkdaemon.cli.mkdaemon.replay:replay", "A recording through today's code, compared.", "Offline"
@@ -53,7 +52,8 @@ COMMANDS: Final = (
         "detect", "mkdaemon.cli.mkdaemon.detect:detect", "Tags and their poses in images and videos.", "Offline"
     ),
     CommandEntry(
-        "schema", "mkdaemon.cli.mkdaemon.schema:schema", "The message table, or a payload's schema, as JSON.", "Offline"
+        *("schema", "mkdaemon.cli.mkdaemon.schema:schema", "The message table, or payloads' schemas, as JSON."),
+        *("Offline", False),
     ),
 )
 """Every command; a further one is one line here and its module."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre
@@ -139,16 +140,11 @@ def off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
 )
 def in_air(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Nothing that integrates begins while the aircraft stands or is held by hand: its throttle would wind up."""
-    entry = now.entry
-    if now.motors_running is False:
-        detail = "its motors stand still"
-    elif now.flight is not None and now.flight.is_flying is False:
-        detail = "the board says that it does not fly"
-    elif entry is not None and entry.age <= now.cfg.autopilot.entry_age and _feet(now, entry) <= STANDS:
-        detail = f"its feet are {100.0 * max(_feet(now, entry), 0.0):.0f} cm above the target"
-    else:
-        return passed()
-    return _grounded(wanted, detail)
+    entry, detail = now.entry, now.grounded
+    feet = math.inf if entry is None or entry.age > now.cfg.autopilot.entry_age else _feet(now, entry)
+    if not detail and feet <= STANDS:
+        detail = f"its feet are {100.0 * max(feet, 0.0):.0f} cm above the target"
+    return _grounded(wanted, detail) if detail else passed()
 
 
 @BEGIN_ROWS.row(

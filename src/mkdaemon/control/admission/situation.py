@@ -162,6 +162,14 @@ class Situation:
         return self.pilot is not None and not self.pilot.has_signal
 
     @property
+    def grounded(self) -> str:
+        """Why the aircraft does not fly, by what the boards say, in words; empty where it may."""
+        if self.motors_running is False:
+            return "its motors stand still"
+        is_down = self.flight is not None and self.flight.is_flying is False
+        return "the board says that it does not fly" if is_down else ""
+
+    @property
     def is_free(self) -> bool:
         """Whether nobody flies, holds the lease or is taking it."""
         return self.phase is Phase.FREE and not self.work.leases

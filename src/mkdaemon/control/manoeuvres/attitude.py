@@ -19,7 +19,6 @@ class AttitudeFlight(ByHand):
     def _sticks(self) -> Sticks:
         sight, wanted = self._sight, self._wanted
         model = sight.model
-        hover = sight.hover_gas if sight.estimator is None else sight.estimator.hover_gas
-        gas = hover * math.sqrt(wanted.thrust)
+        gas = sight.carrying_gas * math.sqrt(wanted.thrust)
         pitch, roll = wanted.pitch / model.rad_per_count, wanted.roll / model.rad_per_count
         return Sticks(pitch, roll, model.yaw_stick(wanted.yaw_rate), gas - GAS_CENTRE)

@@ -20,9 +20,7 @@ class Level(Manoeuvre):
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks."""
         self.stepped_at = now
-        estimator = self._sight.estimator
-        gas = self._sight.hover_gas if estimator is None else estimator.hover_gas
-        return Step(level_at(gas), self.kind, is_level=True)
+        return Step(level_at(self._sight.carrying_gas), self.kind, is_level=True)
 
     def abort(self, now: float) -> Manoeuvre:
         """It is level."""

@@ -65,7 +65,6 @@ class Step:
         obstacle: what keeps a flight from beginning with it, in words; empty for nothing.
         stage: where it stands, in words; empty for a manoeuvre that has no stages.
         longest: how long its stage may last [s], until it is done: then it is aborted. Every stage has an end.
-        is_late: its stage has lasted longer.
         is_done: what was asked for is reached, and is held from now on.
         end: how it has ended; None while it goes on.
         error: how far the aircraft is from its goal; None without a goal.
@@ -80,7 +79,6 @@ class Step:
     obstacle: str = ""
     stage: str = ""
     longest: float = 0.0
-    is_late: bool = False
     is_done: bool = False
     end: End | None = None
     error: ErrorValue | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
@@ -27,28 +27,17 @@ from mkdaemon.telemetry.setpoint import (
     VelocitySetpoint,
 )
 
-
-class Row(NamedTuple):
-    """One manoeuvre.
-
-    Attributes:
-        make: makes it for a setpoint.
-    """
-
-    make: Callable[[Sight, ControlConfig, Any], Manoeuvre]
-
-
-MANOEUVRES: Final[Mapping[type[Setpoint], Row]] = MappingProxyType(
+Make = Callable[[Sight, ControlConfig, Any], Manoeuvre]
+"""Makes a manoeuvre for a setpoint."""
+MANOEUVRES: Final[Mapping[type[Setpoint], Make]] = MappingProxyType(
     {
-        StickSetpoint: Row(lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band)),
-        AttitudeSetpoint: Row(
-            lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new, cfg.autopilot.neutral_band)
-        ),
-        VelocitySetpoint: Row(lambda sight, cfg, new: Velocity(sight, cfg.autopilot, new)),
-        PositionSetpoint: Row(lambda sight, cfg, new: Goto(sight, cfg.autopilot, new)),
-        HoldSetpoint: Row(lambda sight, cfg, new: Hold(sight, cfg.autopilot)),
-        TakeOffSetpoint: Row(lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new)),
-        LandSetpoint: Row(lambda sight, cfg, new: Land(sight, cfg.autopilot, new.yaw)),
+        StickSetpoint: lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band),
+        AttitudeSetpoint: lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new, cfg.autopilot.neutral_band),
+        VelocitySetpoint: lambda sight, cfg, new: Velocity(sight, cfg.autopilot, new),
+        PositionSetpoint: lambda sight, cfg, new: Goto(sight, cfg.autopilot, new),
+        HoldSetpoint: lambda sight, cfg, new: Hold(sight, cfg.autopilot),
+        TakeOffSetpoint: lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new),
+        LandSetpoint: lambda sight, cfg, new: Land(sight, cfg.autopilot, new.yaw),
     }
 )
 """Every manoeuvre, by the setpoints that are streamed for it."""

@@ -45,43 +45,28 @@ MIDDLE: Final = "m"
 """Key that puts the thrust to hover."""
 ENABLE: Final = "e"
 """Key that switches the enable button on and off."""
-BUTTONS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        " ": "KEY_SPACE",
-        "f": "KEY_F",
-        "l": "KEY_L",
-        "c": "KEY_C",
-        "r": "KEY_R",
-        "T": "KEY_T",
-        "H": "KEY_H",
-        "L": "KEY_G",
-        "X": "KEY_X",
-        "8": "KEY_8",
-        "2": "KEY_2",
-        "4": "KEY_4",
-        "6": "KEY_6",
-    }
-)
-"""Keys that are buttons; what takes off, lands or stops wants the shift key."""
+_FUNCTIONS: Final = {
+    "release": (" ", "KEY_SPACE"),
+    "fine": ("f", "KEY_F"),
+    "thrust_lock": ("l", "KEY_L"),
+    "recentre": ("c", "KEY_C"),
+    "reset": ("r", "KEY_R"),
+    "takeoff": ("T", "KEY_T"),
+    "hold": ("H", "KEY_H"),
+    "land": ("L", "KEY_G"),
+    "stop": ("X", "KEY_X"),
+    "trim_forward": ("8", "KEY_8"),
+    "trim_back": ("2", "KEY_2"),
+    "trim_left": ("4", "KEY_4"),
+    "trim_right": ("6", "KEY_6"),
+}
+"""Keys that are buttons, by what the button does; what takes off, lands or stops wants the shift key."""
+BUTTONS: Final[Mapping[str, str]] = MappingProxyType(dict(_FUNCTIONS.values()))
+"""The button of each of those keys."""
 KEYBOARD: Final = Gamepad(
     name="keyboard",
     channels=ChannelsSection(aileron="KEYS_ROLL", elevator="KEYS_PITCH", throttle="KEYS_THRUST", rudder="KEYS_YAW"),
-    buttons=ButtonsSection(
-        enable="KEY_E",
-        release="KEY_SPACE",
-        fine="KEY_F",
-        thrust_lock="KEY_L",
-        recentre="KEY_C",
-        reset="KEY_R",
-        takeoff="KEY_T",
-        hold="KEY_H",
-        land="KEY_G",
-        stop="KEY_X",
-        trim_forward="KEY_8",
-        trim_back="KEY_2",
-        trim_left="KEY_4",
-        trim_right="KEY_6",
-    ),
+    buttons=ButtonsSection(enable="KEY_E", **{function: button for function, (_, button) in _FUNCTIONS.items()}),
     pitch=AxisSection(rate=20, expo=0, deadzone=0),
     roll=AxisSection(rate=20, expo=0, deadzone=0),
     yaw=AxisSection(rate=30, expo=0, deadzone=0),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
+from mkdaemon.control.teleop.hands import Function
+
 MOVED: Final = 0.5
 """An axis that is so far from where it rested was moved, share of its whole way, -1..1."""
 CALM: Final = 0.15
@@ -30,21 +32,16 @@ STICKS: Final = (
     Question("right_x", "push the RIGHT stick to the RIGHT"),
 )
 """The four axes, each in its positive direction."""
-BUTTONS: Final = (
-    Question("enable", "press the button for ENABLE, held while you fly"),
-    Question("release", "press the button for RELEASE, lets go at once"),
-    Question("fine", "press the button for FINE"),
-    Question("thrust_lock", "press the button for THRUST LOCK"),
-    Question("recentre", "press the button for RE-CENTRE hover thrust"),
-    Question("reset", "press the button for RESET"),
-    Question("takeoff", "press the button for TAKE-OFF"),
-    Question("hold", "press the button for HOLD"),
-    Question("land", "press the button for LAND"),
-    Question("stop", "press the button for STOP the motors"),
-    Question("trim_forward", "press the button for TRIM FORWARD"),
-    Question("trim_back", "press the button for TRIM BACK"),
-    Question("trim_left", "press the button for TRIM LEFT"),
-    Question("trim_right", "press the button for TRIM RIGHT"),
+_WORDS: Final = {
+    Function.ENABLE: "ENABLE, held while you fly",
+    Function.RECENTRE: "RE-CENTRE hover thrust",
+    Function.TAKEOFF: "TAKE-OFF",
+    Function.RELEASE: "RELEASE, lets go at once",
+    Function.STOP: "STOP the motors",
+}
+BUTTONS: Final = tuple(
+    Question(each.value, f"press the button for {_WORDS.get(each, each.value.replace('_', ' ').upper())}")
+    for each in Function
 )
 """The buttons; only the first must be answered."""
 

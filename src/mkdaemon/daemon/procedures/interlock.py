@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from mkdaemon.control.admission import Beginning, OwedSet, Situation, TakeLease, Work, refusal
+from mkdaemon.control.admission.beginnings import Beginning, TakeLease
+from mkdaemon.control.admission.rows import refusal
+from mkdaemon.control.admission.situation import OwedSet, Situation, Work
 from mkdaemon.daemon.procedures.journal import Note
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.procedure import ProcedureProgress

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from mkdaemon.bus.codec import Payload, read_command, schema_name
 from mkdaemon.clock import Clock
-from mkdaemon.control.admission import Procedure
+from mkdaemon.control.admission.beginnings import Procedure
 from mkdaemon.control.events import Feed, ListChanged
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
@@ -36,7 +36,6 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest
 from mkdaemon.telemetry.mission import (
-    RoutePauseRequest,
     RouteStarted,
     WaypointsStored,
     WaypointsUploadRequest,
@@ -44,6 +43,7 @@ from mkdaemon.telemetry.mission import (
 from mkdaemon.telemetry.procedure import Cancelled, CancelRequest, InFlightRequest, ProcedureState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.settings import OwedSets, SettingsRecoverRequest
+from mkdaemon.telemetry.state import Position
 from mkdaemon.telemetry.status import Status
 
 LEAVE: Final = 1.0
@@ -86,7 +86,6 @@ class ProcedureRunner:
             **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
             "labels": self._answer_labels,
             "cancel": self._cancel,
-            "route_pause": self._pause_route,
             "settings_recover": self._recover,
         }
 
@@ -114,7 +113,7 @@ class ProcedureRunner:
         flown = spec.begins(request)
         if flown is not None:
             self._interlock.require(flown)
-        prepared = spec.prepare(request, self._facts.position(self._clock.now()))
+        prepared = spec.prepare(request, self._facts.newest(Position, self._clock.now()))
         if is_alone:
             await self._find_motors()
         self._interlock.require(wanted)
@@ -169,10 +168,6 @@ class ProcedureRunner:
         return CommandResult(
             status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
         )
-
-    async def _pause_route(self, payload: Payload) -> CommandResult:
-        read_command(RoutePauseRequest, payload)
-        raise refuse(Token.PILOTS_SWITCH)
 
     async def _recover(self, payload: Payload) -> CommandResult:
         request = read_command(SettingsRecoverRequest, payload)

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.keys import find
-from mkdaemon.control.admission import Beginning, NaviGoto, StartRoute, Upload
+from mkdaemon.control.admission.beginnings import Beginning, NaviGoto, StartRoute, Upload
 from mkdaemon.daemon.procedures import make
 from mkdaemon.protocol.procedures.steps import Procedure
 from mkdaemon.protocol.wire import Board

@@ -61,7 +61,7 @@ class StandstillWatch:
 
 GAP: Final = 1.05
 """A silence or a standstill of this program longer than this may have been a reboot, or an exchange of the aircraft,
-which takes longer by hand [s]. A lease has ended by then (`control.patience`): no flight ends because of this."""
+which takes longer by hand [s]. A lease has ended by then (`control.flightwatch`): no flight ends because of this."""
 BOOT_TIME: Final = 8.0
 """Text within this time of the first belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
 _SHORTEST: Final = 8

@@ -217,8 +217,15 @@ def _places(wanted: bytes, stored: bytes) -> str:
     return ", ".join(f"byte {offset}" for offset in differing(wanted, stored))
 
 
-def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
+def write_set(slot: int, raw: bytes, patience: Patience, stored_step: Progress | None = None) -> Procedure[bytes]:
     """Write one set and read it back; a difference that comes twice is what the FlightCtrl makes of it.
+
+    Args:
+        slot: number of the set.
+        raw: its bytes.
+        patience: how long to insist on each answer.
+        stored_step: reported when the FlightCtrl has answered that it has stored the set, seconds before it can be
+            read back.
 
     Raises:
         RequestTimeoutError: no answer.
@@ -230,6 +237,8 @@ def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
         written = yield from insist(_store(slot, raw), slow)
         if written.index == 0:
             raise refuse(Token.WRITE_REFUSED, slot=slot)
+        if stored_step is not None:
+            yield stored_step
         yield Pause(_DEAF)
         stored = (yield from insist_twice(_read(slot), patience)).parameters
         if stored in (pad_set(raw), before):

@@ -263,7 +263,7 @@ def _happenings(report: Report) -> str:
         token = f" [{one.token}]" if one.token else ""
         rows.append((f"{one.at:.2f}", sort, Html(escape(one.text + token) + fix), image))
     note = f'<p class="note">{escape(report.picture_note)}</p>' if report.picture_note else ""
-    more = _more(len(report.happenings) - MOST_EVENTS, "events; `mkctl export` has them all")
+    more = _more(len(report.happenings) - MOST_EVENTS, "events; `mkctl log export` has them all")
     return _table(("at (s)", "what", "", "camera"), rows, [one.at for one in listed]) + more + note
 
 

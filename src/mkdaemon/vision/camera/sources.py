@@ -21,7 +21,7 @@ import zenoh
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.exposure import AUTO, MANUAL, TICK, V4l2Controls

@@ -1,4 +1,4 @@
-"""`mkdaemon target`: print tags, nested targets and calibration boards in true size."""
+"""`mkdaemon calibrate print`: print tags, nested targets and calibration boards in true size."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mkdaemon.vision.calibrate.target_print import Page, board_page, target_page
 from mkdaemon.vision.tags.tagmap import Target, build, load
 
 
-def target(
+def print_target(
     output: Annotated[Path, Parameter(help="File to write, .svg or .pdf.")],
     /,
     *,
@@ -38,9 +38,9 @@ def target(
     """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.
 
     Examples:
-        mkdaemon target pad.pdf --target configs/targets/nested.toml
-        mkdaemon target tag.svg --tag 7:0.16
-        mkdaemon target board.pdf --charuco 9x6 --square 0.028
+        mkdaemon calibrate print pad.pdf --target configs/targets/nested.toml
+        mkdaemon calibrate print tag.svg --tag 7:0.16
+        mkdaemon calibrate print board.pdf --charuco 9x6 --square 0.028
 
     Raises:
         ConfigError: not one target was given, it cannot be drawn, or a file is there already.

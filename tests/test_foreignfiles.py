@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lab.files.originals import Kind, originals
-from mkdaemon import reading
+from mkdaemon import foreignfiles
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
@@ -31,13 +31,13 @@ from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load, load_section
 from mkdaemon.daemon.guard import take_report
 from mkdaemon.errors import ConfigError, MkError, VisionError
+from mkdaemon.foreignfiles import DEEPEST, open_regular, parse_json, parse_number, parse_toml, read_text
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
 from mkdaemon.missions.script import read_script
 from mkdaemon.protocol.capture import read_chunks
 from mkdaemon.protocol.framing import DropReason, FrameDecoder
-from mkdaemon.reading import DEEPEST, open_regular, parse_json, parse_number, parse_toml, read_text
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import Views
@@ -173,17 +173,17 @@ OWN = {
     "view/page/server",
     "view/report/page",
 }
-"""Modules that read what this program or the kernel wrote, without `mkdaemon.reading`."""
+"""Modules that read what this program or the kernel wrote, without `mkdaemon.foreignfiles`."""
 
 
 def test_no_module_opens_files_of_others_in_another_way():
-    source = Path(reading.__file__).parent
+    source = Path(foreignfiles.__file__).parent
     opens, reads = set(), set()
     for path in source.rglob("*.py"):
         name = str(path.relative_to(source).with_suffix(""))
         tree = ast.parse(path.read_text(encoding="utf-8"))
         imports = [
-            node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == reading.__name__
+            node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == foreignfiles.__name__
         ]
         if {alias.name for node in imports for alias in node.names} & {"open_regular", "read_bytes", "read_text"}:
             opens.add(name)
@@ -191,7 +191,7 @@ def test_no_module_opens_files_of_others_in_another_way():
         if any(isinstance(call, ast.Attribute) and call.attr in {"read_text", "read_bytes"} for call in calls):
             reads.add(name)
     assert opens == OPENERS.keys()
-    assert reads - {"reading"} == OWN
+    assert reads - {"foreignfiles"} == OWN
     assert set(OPENERS.values()) - {""} <= READERS.keys()
 
 
@@ -485,7 +485,7 @@ def test_a_file_that_fails_while_it_is_read_is_named(capsys):
 def test_a_byte_order_mark_is_no_part_of_a_document(tmp_path):
     path = tmp_path / "a.toml"
     path.write_text("\ufeffa = 1\n", encoding="utf-8")
-    assert reading.read_text(path) == "a = 1\n"
-    assert reading.parse_toml("\ufeffa = 1\n") == {"a": 1}
-    assert reading.parse_json('\ufeff{"a": 1}') == {"a": 1}
-    assert reading.parse_json(b'\xef\xbb\xbf{"a": 1}') == {"a": 1}
+    assert foreignfiles.read_text(path) == "a = 1\n"
+    assert foreignfiles.parse_toml("\ufeffa = 1\n") == {"a": 1}
+    assert foreignfiles.parse_json('\ufeff{"a": 1}') == {"a": 1}
+    assert foreignfiles.parse_json(b'\xef\xbb\xbf{"a": 1}') == {"a": 1}

@@ -1,4 +1,4 @@
-"""`mkctl target check`: is the print to scale, flat, sharp, with its white rim?"""
+"""`mkdaemon calibrate check-print`: is the print to scale, flat, sharp, with its white rim?"""
 
 from __future__ import annotations
 
@@ -6,17 +6,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson, require_length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
-app = App(name="target", help="Prints of targets, looked at.")
 
-
-@app.command
-def check(
+def check_print(
     photo: Annotated[Path, Parameter(help="A photograph that shows the whole print.")],
     /,
     *,
@@ -30,7 +27,7 @@ def check(
     One photograph cannot tell sizes that are all wrong by one factor, unless it is of a calibrated camera and you give
     the distance by tape; nor a bend that the camera looks along. Exit code 1 where something is bad.
 
-    Example: mkctl target check print.jpg --target configs/targets/nested.toml --distance 1.5
+    Example: mkdaemon calibrate check-print print.jpg --target configs/targets/nested.toml --distance 1.5
 
     Raises:
         ConfigError: a file cannot be used, or the picture is of another size than the camera.
