@@ -60,7 +60,7 @@ _SAYS: Final = {
 """What the table of each use says between the key and its meaning."""
 _WORDS: Final = {
     Use.PUBLISHED: "A last value that is older than `fresh` is stale: no program shows it as the present one. Events "
-    "are of their own moment.\n\n"
+    "belong to their moment.\n\n"
 }
 """What stands before the table of a use."""
 _COMMAND: Final = "cmd/<board>/<message>"

@@ -20,10 +20,9 @@ from mkdaemon.cli.mkctl.log import info
 from mkdaemon.cli.mkctl.settings import compare
 from mkdaemon.cli.mkctl.sim_fault import faults
 from mkdaemon.cli.mkctl.status import render
-from mkdaemon.client.samples import typed_value
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
-from mkdaemon.reading import Reading
+from mkdaemon.reading import Reading, key_spec
 from mkdaemon.record.entry import Kind, unpacked
 from mkdaemon.record.reader import Recording
 from mksim.boards.parameters import factory_set
@@ -74,13 +73,14 @@ def faults_picture(_root: Path) -> str:
 
 def _status(recording: str, key: str, word: str) -> str:
     """The screen just before a recorded value says this word under this key."""
-    reading = Reading()
+    reading, now = Reading(), 0.0
     for entry in Recording(ROOT / _RECORDINGS / f"{recording}.mcap").entries(lambda facts: facts.kind is Kind.SAMPLE):
-        fields = unpacked(entry.payload)
+        fields, spec = unpacked(entry.payload), key_spec(entry.suffix)
         now = entry.received
         if entry.suffix == key and word in fields.values():
             break
-        reading.take(entry.suffix, typed_value(entry.encoding.rpartition(";mk.")[2], fields), now)
+        if spec is not None and spec.fresh is not None and spec.carries is not None:
+            reading.take(entry.suffix, spec.carries.model_validate(fields), now)
     else:
         msg = f"{recording}: nothing under {key} says {word}"
         raise ValueError(msg)

@@ -45,8 +45,8 @@ class KeySpec:
         about: what it says.
         reply: model of the answer to a query, inside its `CommandResult`; None if there is no separate one.
         fresh: how old the last value may be and still be the present one [s]: three periods, with the patience that a
-            busy machine needs. Infinity: until the next one, while anything of the daemon is fresh. None: a value is of
-            its own moment only.
+            busy machine needs. Infinity: until the next one, while anything of the daemon is fresh. None: it
+            is an event.
     """
 
     suffix: str

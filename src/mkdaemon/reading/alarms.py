@@ -45,7 +45,7 @@ class Alarm:
 
 BY_TARGET: Final = frozenset(kind.suffix.rpartition("/")[2] for kind in SETPOINTS if issubclass(kind, TargetSetpoint))
 """Manoeuvres that need a target in sight."""
-_STREAMS: Final = {
+STREAMS: Final = {
     "control/status": "control",
     "health": "signs of life",
     "link/health": "link",
@@ -70,13 +70,13 @@ def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
 
     Args:
         known: last values.
-        absence: why nobody publishes for the vehicle; empty while somebody does.
+        absence: why no program publishes for the vehicle; empty while one does.
     """
     if absence:
         return (Alarm("absent", on_one_line(absence), Tone.BAD),)
     if known.is_silent:
-        silence = "no value has arrived" if math.isinf(known.heard) else f"silent for {age_words(known.heard)}"
-        return (Alarm("silent", f"NOTHING FROM THE DAEMON: {silence}", Tone.BAD),)
+        words = "no value has arrived" if math.isinf(known.silence) else f"silent for {age_words(known.silence)}"
+        return (Alarm("silent", f"NOTHING FROM THE DAEMON: {words}", Tone.BAD),)
     found: list[Alarm] = []
     for word, text, tone in _found(known):
         shown = on_one_line(text)
@@ -85,10 +85,10 @@ def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
     return tuple(sorted(found, key=lambda alarm: -RANKS.index(alarm.tone)))
 
 
-_Said = tuple[str, str, Tone]
+_Check = tuple[str, str, Tone]
 
 
-def _found(known: Knowledge) -> Iterator[_Said]:
+def _found(known: Knowledge) -> Iterator[_Check]:
     """Checks in order; of those that are equally bad the first is the worst."""
     health, flight = known.fresh("health", VehicleHealth), known.fresh("state/flight", Flight)
     if health is not None and not health.is_alive:
@@ -113,8 +113,8 @@ def _found(known: Knowledge) -> Iterator[_Said]:
     yield from _rest(known)
 
 
-def _authority(known: Knowledge) -> Iterator[_Said]:
-    """Who flies, what keeps the flight back, and the pilot's hands."""
+def _authority(known: Knowledge) -> Iterator[_Check]:
+    """The holder, what keeps the flight back, and the pilot's hands."""
     status = known.fresh("control/status", ControlStatus)
     if status is None:
         return
@@ -129,7 +129,7 @@ def _authority(known: Knowledge) -> Iterator[_Said]:
         yield "pose", f"NO POSE {'yet' if age is None else f'for {age_words(age)}'}", Tone.WARN
 
 
-def _eyes(known: Knowledge) -> Iterator[_Said]:
+def _eyes(known: Knowledge) -> Iterator[_Check]:
     estimate = known.fresh("control/estimate", ControlEstimate)
     if estimate is not None and estimate.contradicting:
         yield "contradiction", f"CAMERAS CONTRADICT: {', '.join(estimate.contradicting)} not used", Tone.BAD
@@ -146,15 +146,15 @@ def _eyes(known: Knowledge) -> Iterator[_Said]:
             yield "eyes", f"camera {camera} {alarm.replace('_', ' ')}: {text}", Tone.WARN
 
 
-def _silences(known: Knowledge, *, is_aircraft_alive: bool) -> Iterator[_Said]:
+def _silences(known: Knowledge, *, is_aircraft_alive: bool) -> Iterator[_Check]:
     """Streams that have ended; those of a silent aircraft are no news."""
     for found in known:
-        name = _STREAMS.get(found.key)
+        name = STREAMS.get(found.key)
         if name and known.is_stale(found) and (is_aircraft_alive or not found.key.startswith("state/")):
             yield "stale", f"{name} silent for {age_words(known.age(found))}", Tone.WARN
 
 
-def _rest(known: Knowledge) -> Iterator[_Said]:
+def _rest(known: Knowledge) -> Iterator[_Check]:
     health = known.fresh("health", VehicleHealth)
     if health is not None and health.read_only:
         yield "read_only", f"READ ONLY: {health.read_only}", Tone.WARN

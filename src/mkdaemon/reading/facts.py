@@ -100,7 +100,7 @@ def age_words(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.0f} h"
 
 
-# -- who flies --------------------------------------------------------------------------------------------------------
+# -- control ----------------------------------------------------------------------------------------------------------
 
 
 def holder_of(status: ControlStatus) -> str:
@@ -117,7 +117,7 @@ def manoeuvre_words(status: ControlStatus) -> str:
 
 
 def phase_words(status: ControlStatus) -> str:
-    """Who flies and what, as a sentence."""
+    """The holder and the manoeuvre, as a sentence."""
     words = status.phase.words.format(holder=holder_of(status))
     manoeuvre = f": {manoeuvre_words(status)}" if status.phase is Phase.FLYING and status.manoeuvre else ""
     return words[:1].upper() + words[1:] + manoeuvre
@@ -453,7 +453,7 @@ def _flown(known: Knowledge) -> _Found:
 
 _ROWS: Final = (
     _Row("vehicle", "vehicle", _last("health", VehicleHealth, _vehicle)),
-    _Row("control", "who flies", _last("control/status", ControlStatus, _control)),
+    _Row("control", "control", _last("control/status", ControlStatus, _control)),
     _Row("manoeuvre", "manoeuvre", _last("control/status", ControlStatus, _manoeuvre)),
     _Row("hands", "pilot's hands", _last("control/status", ControlStatus, _hands)),
     _Row("flight", "flight", _flown),

@@ -40,6 +40,8 @@ _STREAMS: Final = [spec for spec in TABLE if spec.use is Use.PUBLISHED and spec.
 _SUFFIXES: Final[dict[type[Any] | None, str]] = {spec.carries: spec.suffix for spec in _STREAMS}
 EACH: Final = tuple(spec.pattern for spec in _STREAMS if any(fnmatchcase(spec.pattern, one) for one in KEYS))
 """The same keys as `KEYS`, each by itself."""
+EVENTS: Final = tuple(spec.suffix for spec in TABLE if spec.suffix.startswith("event/"))
+"""Keys of events."""
 SIGN_OF_LIFE: Final = fresh_for("health") or 0.0
 """A daemon whose newest value is older is silent [s]."""
 
@@ -77,14 +79,14 @@ class Knowledge:
         self._last = last
 
     @cached_property
-    def heard(self) -> float:
+    def silence(self) -> float:
         """Age of the newest value of the daemon's streams [s]; infinite before the first."""
         return self.now - max((known.at for known in self._last.values() if _is_stream(known.key)), default=-math.inf)
 
     @property
     def is_silent(self) -> bool:
         """The daemon has missed three of its signs of life."""
-        return self.heard > SIGN_OF_LIFE
+        return self.silence > SIGN_OF_LIFE
 
     def last(self, key: str, kind: type[_Value]) -> Known[_Value] | None:
         """The last value of a key, however old; None before the first, and for one of another kind."""
@@ -135,5 +137,5 @@ def _is_stream(key: str) -> bool:
 
 
 def key_of(value: object) -> str:
-    """The key that a value of the daemon comes under; empty for a value that is of its own moment only."""
+    """The key that a value of the daemon comes under; empty for an event."""
     return _SUFFIXES.get(type(value), "").replace("<camera>", getattr(value, "camera", ""))

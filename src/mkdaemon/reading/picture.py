@@ -52,7 +52,7 @@ class Picture(Knowledge):
         Args:
             last: by their keys.
             now: the moment, on the clock of their times [s].
-            absence: why nobody publishes for the vehicle, one sentence; empty while somebody does.
+            absence: why no program publishes for the vehicle, one sentence; empty while one does.
         """
         super().__init__(last, now)
         self.absence = absence
@@ -77,7 +77,7 @@ class Picture(Knowledge):
 
     @property
     def headline(self) -> str:
-        """The worst thing in words; who flies and what while nothing is wrong."""
+        """The worst thing in words; the holder and the manoeuvre while nothing is wrong."""
         return self.alarms[0].text if self.alarms else on_one_line(self._authority())
 
     @property
@@ -131,7 +131,7 @@ class Reading:
         self._last: dict[str, Known[Any]] = {}
 
     def take(self, key: str, value: object, now: float) -> None:
-        """Keep a value; one that is older than what is known is left, and one that is of its own moment only.
+        """Keep a value; one that is older than what is known is left, and an event.
 
         Args:
             key: without the vehicle.
@@ -153,6 +153,6 @@ class Reading:
 
         Args:
             now: the moment [s].
-            absence: why nobody publishes for the vehicle, one sentence; empty while somebody does.
+            absence: why no program publishes for the vehicle, one sentence; empty while one does.
         """
         return Picture(dict(self._last), now, absence)

@@ -68,8 +68,8 @@ class VisionPose(Seen):
     quaternion_flu_from_target: Quaternion
     """The inverse rotation (w, x, y, z)."""
     covariance: tuple[float, ...]
-    """Of the vehicle's pose, `(6, 6)` by rows over position [m] and rotation vector [rad], target axes; what a
-    calibration cannot know is included."""
+    """Of the vehicle's pose, `(6, 6)` by rows over position and rotation vector, target axes [m2] [m rad] [rad2]; what
+    a calibration cannot know is included."""
     calibration_sd: Vector3 = (0.0, 0.0, 0.0)
     """What all images of this camera have in common of that, because its calibration does not know it: standard
     deviations along the line of sight [m], across it [m], and of the angle [rad]."""

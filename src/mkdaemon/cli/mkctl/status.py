@@ -1,4 +1,4 @@
-"""`mkctl status`: the aircraft, the link and who flies, on one screen."""
+"""`mkctl status`: the aircraft, the link and the lease, on one screen."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STYLES: Final = {Tone.NOTE: "", Tone.OK: "", Tone.WARN: "yellow", Tone.BAD: "bol
 
 
 async def status(*, connection: Connection = HERE) -> int:
-    """Show the aircraft, the link and who flies; the first line is the worst of it.
+    """Show the aircraft, the link and the lease; the first line is the worst of it.
 
     Exit code 0 while the vehicle is alive, 1 while it is not.
 

@@ -44,7 +44,7 @@ _MOST_WORK: Final = 32
 """Answers that are worked on at once; further requests are dropped, and come again."""
 _NUMBER: Final = re.compile(r"[-+.\d]+")
 REPEATED: Final = 10.0
-"""The same verdict, apart from its numbers, is not told again for so long [s]."""
+"""The same verdict, apart from its numbers, is not sent again for this long [s]."""
 _SETTINGS: Final = frozenset({"settings_write", "settings_restore"})
 
 
@@ -100,7 +100,7 @@ class Gateway:
         self._tasks: asyncio.TaskGroup | None = None
         self._beat_at, self._beaten = 0.0, Mode.STABILIZED
         self._hands_words = ""
-        self._told: dict[str, float] = {}
+        self._announced: dict[str, float] = {}
         self._was_wrong = False
 
     async def run(self, on_ready: Callable[[], None]) -> None:
@@ -162,13 +162,13 @@ class Gateway:
         was_wrong, self._was_wrong = self._was_wrong, known.tone.is_wrong
         if not self._was_wrong:
             if was_wrong:
-                self._told.clear()
+                self._announced.clear()
                 self.announce(texts.NOTICE, known.headline)
             return
         gist = _NUMBER.sub("", known.headline)
-        if now - self._told.get(gist, -REPEATED) >= REPEATED or not was_wrong:
+        if now - self._announced.get(gist, -REPEATED) >= REPEATED or not was_wrong:
             self.announce(texts.CRITICAL if known.tone is Tone.BAD else texts.WARNING, known.headline)
-        self._told[gist] = now
+        self._announced[gist] = now
 
     def _announce_hands(self, status: ControlStatus) -> None:
         """What the pilot's hands do changes with the phase, and his operator reads it out."""

@@ -105,7 +105,7 @@ def words_of(error: MkError) -> str:
 
 
 def text_of(event: object) -> tuple[int, str] | None:
-    """Severity and words of an event; None for one that is not told: what was asked for has an answer of its own."""
+    """Severity and words of an event; None for one that is not sent: a command has its answer."""
     line = line_of(event)
     if line is None or line.sort is Sort.PROCEDURE:
         return None

@@ -53,7 +53,7 @@ def status_of(scene: Scene, diagnosis: Diagnosis) -> Any:
 
 
 def control_status(value: ControlStatus, scene: Scene) -> Any:
-    """DiagnosticStatus of who flies and what: the topic `status`."""
+    """DiagnosticStatus of the holder and the manoeuvre: the topic `status`."""
     reading = Reading()
     reading.take("control/status", value, 0.0)
     found = {diagnosis.name: diagnosis for diagnosis in diagnoses_of(reading.at(0.0))}

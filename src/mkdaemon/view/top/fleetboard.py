@@ -115,15 +115,15 @@ class FleetBoard:
         elif vehicle.received_at is None:
             yield from _row(name, "", "", [("no value has arrived yet", State.WARN)])
         else:
-            said = [(picture.headline, picture.tone), *((one.text, one.tone) for one in picture.alarms[1:])]
-            yield from _row(name, _battery(picture), _place(picture), said)
+            worst = [(picture.headline, picture.tone), *((one.text, one.tone) for one in picture.alarms[1:])]
+            yield from _row(name, _battery(picture), _place(picture), worst)
 
 
-def _row(name: str, battery: str, place: str, said: Iterable[tuple[str, State]]) -> Iterator[Row]:
-    """A row of a vehicle; what is said goes on below."""
+def _row(name: str, battery: str, place: str, worst: Iterable[tuple[str, State]]) -> Iterator[Row]:
+    """A row of a vehicle; what is worst goes on below."""
     cells = zip((on_one_line(name), battery, place), _WIDTHS.values(), strict=True)
     head = "".join(f"{text if len(text) < width else f'{text[: width - 2]}>':<{width}}" for text, width in cells)
-    lines = [(line, TONES[tone]) for words, tone in said for line in wrap(words, COLUMNS - _HEAD)]
+    lines = [(line, TONES[tone]) for words, tone in worst for line in wrap(words, COLUMNS - _HEAD)]
     for number, line in enumerate(lines):
         yield [(head if number == 0 else " " * _HEAD, Tone.TITLE if number == 0 else Tone.PLAIN), line]
 

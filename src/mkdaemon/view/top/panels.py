@@ -118,8 +118,8 @@ class Board:
         """The worst first; what else is wrong follows while there is room."""
         head: Row = [(f" {on_one_line(self.vehicle)} ", Tone.BAR), (" ", Tone.PLAIN)]
         room = max(COLUMNS - sum(len(text) for text, _ in head), 1)
-        said = [(picture.headline, picture.tone), *((alarm.text, alarm.tone) for alarm in picture.alarms[1:])]
-        lines = [(line, TONES[how]) for words, how in said for line in wrap(words, room)][:_HEADLINE]
+        worst = [(picture.headline, picture.tone), *((alarm.text, alarm.tone) for alarm in picture.alarms[1:])]
+        lines = [(line, TONES[how]) for words, how in worst for line in wrap(words, room)][:_HEADLINE]
         others = " ".join(on_one_line(name) for name in self.fleet if name != self.vehicle)
         fleet: Row = [(f"   also: {others}", Tone.DIM)] if others else []
         for place, line in enumerate(lines):
@@ -147,7 +147,7 @@ def _one(fact: Fact, width: int) -> Row:
 
 
 def _below(picture: Picture) -> Iterator[Row]:
-    """Who flies, the line, the cameras, what became of what was sent."""
+    """The lease, the line, the cameras, what became of what was sent."""
     cameras = [fact for fact in picture.facts if fact.id.startswith(("eye", "sight"))]
     for fact in (*map(picture.fact, BELOW), *cameras):
         yield from _wrapped(fact.name, fact.aged, TONES[fact.tone])
