@@ -82,16 +82,6 @@ def _value_keys() -> Iterator[str]:
             yield spec.pattern
 
 
-def shown_keys() -> Iterator[tuple[str, str]]:
-    """Every key that carries a typed value and is published or streamed, with the name of its schema."""
-    from mkdaemon.bus.codec import schema_name
-    from mkdaemon.bus.keys import KEYS, Use
-
-    for spec in KEYS:
-        if spec.use in {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT} and spec.carries is not None:
-            yield spec.suffix, schema_name(spec.carries)
-
-
 def _frame_keys() -> Iterator[str]:
     """Keys of frames: every message under each board it belongs to, and those no message fits."""
     from mkdaemon.protocol import MESSAGES, Board

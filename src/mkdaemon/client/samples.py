@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -185,3 +185,13 @@ def known_schema(name: str) -> bytes | None:
     from mkdaemon.bus.schema import schema_json
 
     return schema_json(name)
+
+
+def carried_schemas() -> Iterator[tuple[str, str]]:
+    """Every key that is put, not asked, with the name and version of the schema of its values."""
+    from mkdaemon.bus.codec import schema_name
+    from mkdaemon.bus.keys import KEYS, Use
+
+    for spec in KEYS:
+        if spec.carries is not None and spec.use in {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT}:
+            yield spec.suffix, schema_name(spec.carries)

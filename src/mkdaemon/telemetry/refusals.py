@@ -108,7 +108,7 @@ class Token(StrEnum):
     NO_REPLY = ("no_reply", "{name} is never answered.", "Send it without waiting.", Status.UNSUPPORTED)
     RECORDING = (
         "recording",
-        "a recording is being played: there is no board.",
+        "a recording plays: there is no board.",
         "Connect an aircraft, or name it with --vehicle.",
     )
     NOT_REDIRECTABLE = (

@@ -13,8 +13,7 @@ from typing import Any, Final, Protocol
 import foxglove.messages as fg
 from foxglove import Schema
 
-from mkdaemon.client.patterns import shown_keys
-from mkdaemon.client.samples import viewer_schema, viewer_value
+from mkdaemon.client.samples import carried_schemas, viewer_schema, viewer_value
 from mkdaemon.gateways.foxglove import diagnostics, messages
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import Scene
@@ -114,9 +113,8 @@ def json_keys() -> Iterator[tuple[str, str]]:
     Keys with another open part are left out: frames are found as they come, and what other programs put under names of
     their own (`joy/<pad>`, `sim/camera/<name>`) is not looked for.
     """
-    for suffix, schema in shown_keys():
-        is_open = "<" in suffix.replace(CAMERA, "")
-        if not is_open and suffix not in SHOWN_OTHERWISE:
+    for suffix, schema in carried_schemas():
+        if "<" not in suffix.replace(CAMERA, "") and suffix not in SHOWN_OTHERWISE:
             yield suffix, schema
 
 

@@ -67,6 +67,8 @@ class StampClock:
         self._seen.append((arrived, arrived - driver))
         while self._seen[0][0] < arrived - WINDOW_TIME:
             self._seen.popleft()
+        # The smallest delay of a window is the offset of the clocks, as queues only add to it. Source: D. Mills,
+        # RFC 5905, section 10 (the clock filter of NTP). A constant part of the delay cannot be seen.
         least = self._least_delay()
         if self._believed:
             self._believed = self._least_delay(arrived - RECENT) - least <= LOST
@@ -75,6 +77,7 @@ class StampClock:
         else:
             first = self._seen[0][0]
             middle = 0.5 * (first + arrived)
+            # Clocks that run alike have the same least delay in both halves, but for jitter and drift.
             growth = self._least_delay(middle) - self._least_delay(until=middle)
             self._believed = arrived - first >= PROOF and abs(growth) <= JITTER + DRIFT * (arrived - first)
         return driver + least if self._believed else None

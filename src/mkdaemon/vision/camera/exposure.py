@@ -100,7 +100,9 @@ def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -
 def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
     """The setting after an image that was taken with `now`; `now` itself where a change would not be worth it."""
     brighter = 1.0 / EXPOSURE.step if seen.white >= LIMITS.read.saturated else EXPOSURE.white / max(seen.white, 1.0)
+    # Grey values are in proportion to exposure times gain.
     brightness = now.exposure * now.gain * brighter
+    # Contrast over photon noise grows with the square root of the light: it takes its square in exposure.
     wanted = now.exposure * (EXPOSURE.contrast / max(seen.contrast, 1e-3)) ** 2
     exposure = _within(wanted, now.exposure / EXPOSURE.step, now.exposure * EXPOSURE.step)
     # Too bright at the least gain: shorter. Below half of white at the greatest: longer, as far as motion allows.

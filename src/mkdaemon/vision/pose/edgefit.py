@@ -83,6 +83,8 @@ class EdgeStep:
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
         kinds = kinds_of(telling, samples.upright)
         usual = [telling.nonzero()[0]] if are_placed else kinds
+        # Iteratively reweighted least squares with Tukey's w = (1 - (r / bound)^2)^2, zero beyond the bound.
+        # Source: A. Beaton, J. Tukey, Technometrics 16 (1974), 147.
         residual = edges.offsets
         for _ in range(ROUNDS):
             inside = _inside(np.abs(residual) * np.sqrt(sure), usual) * edges.found

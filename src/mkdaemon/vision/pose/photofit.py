@@ -162,6 +162,8 @@ class Part:
         """What a change of the print changes in the grey values `(n,)`."""
         white, _, _, _, second, third, toe = self.gain[:7].tolist()
         value = self.at.value
+        # With the columns of `lit_print`: d/dv of v(1-v) is 1 - 2v, of v(1-v)(1-2v) it is 1 - 6v + 6v^2, and of the toe
+        # TOE_GAIN / (TOE + v) - 1.
         polynomial = value * (6.0 * third * value - (2.0 * second + 6.0 * third)) + (white + second + third - toe)
         return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
 
@@ -174,6 +176,8 @@ def lit_print(at: PrintSamples) -> Part:
     against the pose. Where nothing is blown slopes are even: ground beside its shadow would look like a lit print.
     """
     tone, (u, v) = at.value * (1.0 - at.value), at.place
+    # grey = w v + b + s u + t v' + c2 v(1-v) + c3 v(1-v)(1-2v) + c4 toe(v), v the print, (u, v') the place on it:
+    # light with a slope, behind a tone curve to third order with a logarithm near black. Linear in w, b, s, t, c.
     toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
     columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
     keep = at.grey < LIMITS.read.saturated
@@ -223,12 +227,14 @@ class PhotoStep:
         unknowns, count = Unknowns(table), self._residual.size
         clear = clarity(self._residual, of_all([part.at.value for part in parts]))
         shown = self._residual * clear
+        # Huber's weights with sigma = 1.4826 median |r|. Source: P. Huber, Robust Statistics, 1981, section 7.8.
         self._size = np.maximum(np.abs(shown), 1e-6)
         self._share = np.minimum(LIMITS.certainty.deviations * max(MAD * median(self._size), 1.0) / self._size, 1.0)
         # Outliers are clipped to the largest residual of what is none.
         clipped = shown * self._share
         squares = float(clipped @ clipped)
         weights = (self._share * clear) ** 2
+        # Variance by the degrees of freedom that are left, then what neighbouring pixels share, and slopes alone.
         noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
         weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
@@ -237,6 +243,7 @@ class PhotoStep:
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
         self.unknowns, self._inverse, self._weights, self._noise = unknowns, inverse, weights, noise
+        # A Gauss-Newton step; its length counts in deviations that the noise leaves: dx^T (noise C)^-1 dx.
         to_go = inverse @ self._right
         self.to_go = to_go[POSE]
         self.length2 = length2(self.to_go, noise * inverse[POSE, POSE])

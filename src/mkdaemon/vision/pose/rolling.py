@@ -98,13 +98,17 @@ class Shutter:
         """
         if not self.is_open or float(known.mean @ known.information @ known.mean) < MOVING2:
             return
+        # Linear regression of k in seen = k known, k the line time over the nominal one: with the weight W of the
+        # residual, information sum(m^T W m) and k = (PRIOR 1 + sum(m^T W y)) / (PRIOR + sum(m^T W m)).
         weight = np.linalg.inv(seen.covariance + self.scale**2 * known.covariance)
         surprise = seen.mean - self._mean * known.mean
+        # A surprise beyond its deviation widens both by the ratio of Birge, Physical Review 40 (1932), 207.
         weight /= max(1.0, float(surprise @ weight @ surprise) / MOTIONS)
         self._images += 1
         self._known += float(known.mean @ weight @ known.mean)
         self._agreed += float(known.mean @ weight @ seen.mean)
         self._mean = max((PRIOR + self._agreed) / (PRIOR + self._known), 0.0)
+        # What no number of images averages out is a share of the line time itself.
         self._variance = 1.0 / (PRIOR + self._known) + (HIDDEN * self._mean) ** 2
         most = (self._mean + 2.0 * sqrt(self._variance)) * self.line_time * self._reach_px * LIMITS.edges.turning_sd
         if self._images >= FEWEST and most < LIMITS.edges.located_px:

@@ -174,6 +174,8 @@ class CameraFilter(Belief):
         samples, edges, unknowns = located
         index, rows, normals, model = samples.index, unknowns.rows, samples.normals, self._fit.model
         seen = model.points[index] @ pose.rotation.T + pose.position
+        # What moves an edge along its normal n: a focal length longer by e, e n . (u - c); a centre beside its place
+        # by d, n . d; k1, by its derivative; a tag larger by e, e times its arm from the tag's centre.
         along = (samples.pixels - self._projection.centre) * normals
         bent = self._projection.k1_jacobian(seen) * normals
         px_per_m = float(self._projection.focal[0] / pose.position[2])
@@ -265,6 +267,9 @@ class HeightFilter(Belief):
         Readings alone, without the belief before them, have a mean and a variance; under a hypothesis that mean has
         both variances. 0 where nothing is known; a barometer that does not move is dead.
         """
+        # Readings alone: 1 / v = 1 / sd^2 - 1 / SCALE_SD^2, m = share / (sd^2 / v). Then m is N(0, v + s^2) with s of
+        # either hypothesis, and ln K = (m^2 (1 / right - 1 / wrong) - ln(wrong / right)) / 2.
+        # Source: H. Jeffreys, Theory of Probability, 1961, chapter 5.
         share, sd = self.scale
         left = 1.0 / sd**2 - 1.0 / SCALE_SD**2
         if self._high[1] - self._low[1] < LEAST_CHANGE or left <= 0.0:

@@ -89,6 +89,9 @@ class _Belief:
 
     def later(self, passed: float) -> _Belief:
         """The same after some time [s]: another kind may have followed, and all drifts."""
+        # A mixture moves on as one Gaussian for each kind, of the same mean and covariance as what led to it:
+        # m_i = sum_j(w_ij m_j), P_i = sum_j(w_ij (P_j + m_j m_j^T)) - m_i m_i^T.
+        # Source: H. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988), 780: interacting multiple models.
         stays = exp(-passed / ANEW)
         anew = (1.0 - stays) * EXPECTED
         came = anew[:, None] * FOLLOWS * np.append(self.weight, 1.0)
@@ -106,6 +109,7 @@ class _Belief:
         if not may_be_deck:
             density[DECKS] = -np.inf
         learns = (density > MISSED)[:, None]
+        # Bayes: w_i is in proportion to w_i N(surprise_i), and to w_i exp(MISSED) for a kind that the fit missed.
         weight = np.exp(np.maximum(density, MISSED)) * self.weight
         weight = np.maximum(weight / weight.sum(), LEAST_WEIGHT)
         mean, spread = self.mean + learns * step, np.where(learns[:, None], after, self.covariance)
