@@ -48,7 +48,6 @@ class SessionLease:
     def grant(self, session: FlightSession) -> None:
         """Give the lease to a session that asks for it."""
         self._session = session
-        session.take()
         grant = HolderGrant(holder="me", epoch=self.epoch, ttl=5.0, left=5.0, secret="s")
         session.granted(grant, self._now)
         if self.engages == 0:
