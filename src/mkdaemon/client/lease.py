@@ -25,6 +25,8 @@ from mkdaemon.errors import LeaseLostError, ManoeuvreError, MkError, ProtocolErr
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
     from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -76,7 +78,8 @@ def load_models() -> None:
     from mkdaemon.telemetry.control import ControlStatus, HolderGrant
     from mkdaemon.telemetry.event import CommandEvent
 
-    for model in (*setpoint_models().values(), ControlStatus, CommandEvent, HolderGrant):
+    models: list[type[BaseModel]] = [*setpoint_models().values(), ControlStatus, CommandEvent, HolderGrant]
+    for model in models:
         model.model_rebuild()
     typed_value(None, {})
 

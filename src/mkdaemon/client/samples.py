@@ -157,6 +157,25 @@ def _messages() -> dict[str, type[WireMessage]]:
     return {cls.__name__: cls for cls in MESSAGES.values()}
 
 
+def viewer_schema(name: str) -> bytes | None:
+    """The JSON Schema of `<Name>.v<N>` as viewers read it, UTF-8 JSON; None where it is not known here.
+
+    Args:
+        name: as encodings name it, for example `Attitude.v1`.
+    """
+    from mkdaemon.record.view import flatten_schema
+
+    found = known_schema(name)
+    return None if found is None else json.dumps(flatten_schema(json.loads(found))).encode()
+
+
+def viewer_value(fields: Mapping[str, Any]) -> Any:
+    """A map as JSON has it: bytes in base64, nothing that is null."""
+    from mkdaemon.record.view import json_value
+
+    return json_value(fields)
+
+
 def known_schema(name: str) -> bytes | None:
     """The JSON Schema of `<Name>.v<N>` as UTF-8 JSON; None where it is not known here.
 

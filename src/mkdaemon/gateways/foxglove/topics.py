@@ -13,12 +13,11 @@ from typing import Any, Final, Protocol
 import foxglove.messages as fg
 from foxglove import Schema
 
-from mkdaemon.client.samples import carried_schemas, known_schema
+from mkdaemon.client.samples import carried_schemas, viewer_schema, viewer_value
 from mkdaemon.gateways.foxglove import diagnostics, messages
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import Scene
 from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, Frames, Poses
-from mkdaemon.record.view import flatten_schema, json_value
 from mkdaemon.telemetry.base import Stamped
 
 CAMERA: Final = "<camera>"
@@ -125,10 +124,9 @@ def json_schema(name: str | None) -> Schema:
     Args:
         name: name and version, for example `Attitude.v1`.
     """
-    found = known_schema(name or "")
-    if found is None:
+    data = viewer_schema(name or "")
+    if data is None:
         return Schema(name="mk.unknown", encoding="jsonschema", data=b'{"type": "object"}')
-    data = json.dumps(flatten_schema(json.loads(found))).encode()
     return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
 
 
@@ -143,6 +141,6 @@ def json_message(fields: dict[str, Any]) -> bytes | None:
     """
     shown = {name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields
     try:
-        return _JSON.encode(json_value(shown)).encode()
+        return _JSON.encode(viewer_value(shown)).encode()
     except ValueError:
         return None
