@@ -146,7 +146,7 @@ class Alarm(StrEnum):
 
     WRONG_SIZE = "wrong_size"
     WRONG_KIND = "wrong_kind"
-    """Images that are no grey values of 8 bits."""
+    """Images that are not 8-bit grey values."""
     UNCALIBRATED = "uncalibrated"
     FROZEN = "frozen"
     DAMAGED = "damaged"

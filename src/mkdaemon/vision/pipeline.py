@@ -50,9 +50,9 @@ from mkdaemon.vision.track.tracker import Tracker, VisionResult
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at their size",
-    Alarm.WRONG_KIND: "the images are no grey values of 8 bits: read the camera in another format",
+    Alarm.WRONG_KIND: "the images are not 8-bit grey values: read the camera in another format",
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
-    Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
+    Alarm.FROZEN: "identical images in a row: the camera is frozen, unplug it or restart its driver",
     Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
     Alarm.DAMAGED: "images arrive damaged and are refused: check cable, power and bandwidth of USB, or the network",
     Alarm.DARK: "the images are dark: lens cap, light or exposure",
