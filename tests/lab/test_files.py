@@ -16,7 +16,7 @@ from lab.files.running import APPS, MOST_CPU, Ended
 from mkdaemon.cli.program import run
 from mkdaemon.telemetry.mission import Mission
 
-OUTSIDE = ("--connect", "play", "run", "doctor", "calibrate")
+OUTSIDE = ("--connect", "play", "run", "doctor", "shutter", "camera")
 """Commands that meet the bus or the machine: only the campaign has a process for each."""
 INSIDE = [one for one in READERS if not set(one.words) & {*OUTSIDE}]
 
