@@ -157,7 +157,7 @@ def readers(endpoint: str, folder: Path) -> dict[str, tuple[str, ...]]:
     whose = ("--connect", endpoint, "--vehicle", VEHICLE)
     found = {
         "watch": (*MKCTL, "watch", "**", *whose),
-        "record": (*MKCTL, "record", "--folder", str(folder / "ground"), *whose),
+        "record": (*MKCTL, "log", "record", "--folder", str(folder / "ground"), *whose),
         "view": (*MKCTL, "view", "--port", "0", "--no-browser", *whose),
         "mavlink": (*PROGRAM, "gateway", "mavlink", "--link", "udpout:127.0.0.1:9", *whose),
         "foxglove": (*PROGRAM, "gateway", "foxglove", "--port", "0", *whose),

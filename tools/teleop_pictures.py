@@ -18,9 +18,9 @@ from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.teleop.shaping import MODES
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.shaping import MODES
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from tools.screensvg import screen_svg, svg_of, svg_text

@@ -147,7 +147,9 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
     """
     findings = CutFindings(seconds, air.loss, air.delay)
     async with fleet(folder, air, seed) as (aircraft, places), connect(CUT, ENDPOINT) as client:
-        recorder = await Program.start([*CLIENT, "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT])
+        recorder = await Program.start(
+            [*CLIENT, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT]
+        )
         watcher = Watcher(client)
         watching = asyncio.create_task(watcher.run(), name="watcher")
         say("the router and three aircraft are started")
@@ -326,5 +328,5 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
                 findings.others_lost += lost
         _, said = await (await Program.start([*CLIENT, "log", "info", str(path)])).output()
         findings.info = next((line.strip() for line in said.splitlines() if f" {key} " in line), "")
-        _, said = await (await Program.start([*CLIENT, "log", "check", str(path)])).output()
+        _, said = await (await Program.start([*CLIENT, "log", "verify", str(path)])).output()
         findings.check = "; ".join(line.strip() for line in said.replace(str(path), path.name).splitlines()[:CHECKED])

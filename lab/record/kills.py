@@ -138,7 +138,7 @@ async def _watched(endpoint: str) -> AsyncIterator[Witness]:
 @asynccontextmanager
 async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """`mkctl log record` into a folder, as soon as it writes; it does not outlive the context."""
-    words = ("-m", "mkdaemon.cli.mkctl.app", "record", "--folder", str(folder), "--connect", endpoint)
+    words = ("-m", "mkdaemon.cli.mkctl.app", "log", "record", "--folder", str(folder), "--connect", endpoint)
     recorder = await asyncio.create_subprocess_exec(
         sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
     )

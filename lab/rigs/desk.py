@@ -34,6 +34,7 @@ from lab.rigs.innerbus import InnerBus, InnerSession
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.names import key
 from mkdaemon.cli.mkctl import app as mkctl
+from mkdaemon.cli.mkctl.commands import GROUPS
 from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import report_mistakes, run
 from mkdaemon.clock import Clock
@@ -317,9 +318,9 @@ class Desk:
                 case "wait":
                     return self._there(self._wait())
                 case "mkctl" if words[-1] == "&":
-                    self._begin(mkctl.app, mkctl.move_behind_command(words[:-1], mkctl.GROUPS), page)
+                    self._begin(mkctl.app, mkctl.move_behind_command(words[:-1], GROUPS), page)
                 case "mkctl":
-                    run(mkctl.app, mkctl.move_behind_command(words, mkctl.GROUPS))
+                    run(mkctl.app, mkctl.move_behind_command(words, GROUPS))
                 case "mkdaemon":
                     run(mkdaemon.app, words)
                 case _:

@@ -6,9 +6,9 @@ import asyncio
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.keys import FACTS, KEYBOARD, Keys
 from mkdaemon.config.gamepad import ButtonsSection, Gamepad, SticksSection
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.control.teleop.keys import FACTS, KEYBOARD, Keys
 
 MAPPING = Gamepad(
     name="pad",

@@ -104,7 +104,7 @@ async def _report(file: Path) -> tuple[float, float]:
     """From the start of `mkctl log report FILE` until its page is written."""
     before = _of_children()
     began = time.monotonic()
-    command = (*MKCTL, "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
+    command = (*MKCTL, "log", "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
     process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=DEVNULL)
     code = await process.wait()
     assert code == 0

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from mkdaemon.cli.mkctl.app import ABOUT, COMMANDS
+from mkdaemon.cli.mkctl.commands import ABOUT, COMMANDS
 from mkdaemon.cli.program import COMPLETION, build, run
 
 ASK = """

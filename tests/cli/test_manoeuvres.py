@@ -7,6 +7,7 @@ import math
 import sys
 from contextlib import asynccontextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -235,6 +236,14 @@ async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
         await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
         assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]
     assert "waiting for a live, neutral stream" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("image_age", "words"), [(0.1, "100 cm from the goal"), (0.9, "no image for 0.9 s")])
+def test_there_is_no_error_to_a_goal_without_images(image_age, words):
+    lease = SimpleNamespace(is_engaged=True, reason="", status=SimpleNamespace(phase=Phase.FLYING, stage=""))
+    shown = flightshow.Shown()
+    shown.position, shown.image_age = (0.0, 0.0, 2.0), image_age
+    assert flightshow._line(lease, shown, (0.0, 0.0, 1.0)) == f"at x +0.00 y +0.00 z 2.00 m, {words}"
 
 
 async def test_a_flight_that_does_not_begin_fails(monkeypatch):

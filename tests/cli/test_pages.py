@@ -9,8 +9,9 @@ import shutil
 import pytest
 
 from lab.rigs.walk import is_answer, steps_of
-from mkdaemon.cli.mkctl.app import GROUPS, move_behind_command
 from mkdaemon.cli.mkctl.app import app as mkctl
+from mkdaemon.cli.mkctl.app import move_behind_command
+from mkdaemon.cli.mkctl.commands import GROUPS
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from tests.places import DATA, DOCS, ROOT

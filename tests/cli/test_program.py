@@ -15,9 +15,10 @@ from cyclopts import App
 
 from lab.__main__ import CAMPAIGNS
 from lab.__main__ import app as lab_app
+from mkdaemon.cli.listing import CommandEntry
 from mkdaemon.cli.mkctl import app as mkctl
 from mkdaemon.cli.mkdaemon import app as mkdaemon
-from mkdaemon.cli.program import CommandEntry, build, run
+from mkdaemon.cli.program import build, run
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mksim.config import PilotPlan
 
@@ -256,6 +257,7 @@ def test_an_interrupt_while_importing_is_silent():
         "class Slow(types.ModuleType):\n"
         "    def __getattr__(self, name): os.kill(os.getpid(), signal.SIGINT); raise AssertionError('still here')\n"
         "sys.modules['mkdaemon.cli.mkdaemon.app'] = Slow('slow')\n"
+        "sys.argv = ['mkdaemon', 'run']\n"
         "entry.mkdaemon()"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -299,7 +301,7 @@ def test_a_command_is_imported_without_the_collector(tmp_path):
     (tmp_path / "looked.py").write_text("import gc\nseen = gc.isenabled()\n", encoding="utf-8")
     code = (
         "import gc, sys\n"
-        "from mkdaemon.cli.program import CommandEntry, main\n"
+        "from mkdaemon.cli.listing import CommandEntry\nfrom mkdaemon.cli.program import main\n"
         "import atexit; atexit.register(lambda: print(sys.modules['looked'].seen, gc.isenabled()))\n"
         "main('x', 'x', [CommandEntry('look', 'looked:seen', 'x')], ['look'])"
     )

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NoReturn
 
 from cyclopts import (
     App,
@@ -26,6 +26,7 @@ from cyclopts import (
 )
 from cyclopts.argument import Argument
 
+from mkdaemon.cli.listing import CommandEntry
 from mkdaemon.cli.renamed import new_name
 from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
@@ -44,24 +45,6 @@ _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
 _OPTION: Final = re.compile(r"--?[A-Za-z]")
 
 
-class CommandEntry(NamedTuple):
-    """One command of a table.
-
-    Attributes:
-        name: on the command line.
-        target: `module:attribute` of a function or an `App`, imported when the command is used.
-        help: one line shown in the list.
-        group: heading it stands under.
-        is_shown: it stands in the list.
-    """
-
-    name: str
-    target: str
-    help: str
-    group: str = "Commands"
-    is_shown: bool = True
-
-
 def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str = "") -> App:
     """Make a program from its table. A command whose module is not installed is left out and breaks no other.
 
@@ -72,13 +55,11 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
     """
     table = tuple(table)
-    # Markdown takes a quarter of the processor time of the list of commands, which has none to speak of.
-    is_list = all(entry.name != chosen for entry in table)
     app = App(
         name=name,
-        help=_flowing(about) if is_list else about,
+        help=about,
         version=_version,
-        help_format="plaintext" if is_list else "markdown",
+        help_format="markdown",
         group_commands=Group("Subcommands"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
@@ -86,7 +67,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     for number, entry in enumerate(table):
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
             group = _group(entry.group, headings.index(entry.group))
-            line = None if entry.name == chosen else _flowing(entry.help) if is_list else entry.help
+            line = None if entry.name == chosen else entry.help
             shown = entry.is_shown
             app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number, show=shown)
     if chosen == COMPLETION:
@@ -102,12 +83,6 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
 def _group(heading: str, place: int) -> Group:
     """One object a heading: a program that is made twice shares the commands that have been imported, and theirs."""
     return Group(heading, sort_key=place)
-
-
-def _flowing(text: str) -> str:
-    """Markdown of whole paragraphs and `code` as plain text that the terminal may wrap."""
-    paragraphs = (" ".join(part.split()) for part in text.split("\n\n"))
-    return "\n\n".join(paragraphs).replace("`", "")
 
 
 def _version() -> str:

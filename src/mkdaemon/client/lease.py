@@ -25,6 +25,8 @@ from mkdaemon.errors import LeaseLostError, ManoeuvreError, MkError, ProtocolErr
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
     from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -72,11 +74,13 @@ def load_models() -> None:
     Done before it is asked for: imports take up to a second, in which setpoints would grow stale, and what the daemon
     said before the lease would seem to be said after it.
     """
-    import mkdaemon.telemetry.control
-    import mkdaemon.telemetry.event
     import mkdaemon.telemetry.signature  # noqa: F401
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant
+    from mkdaemon.telemetry.event import CommandEvent
 
-    setpoint_models()
+    models: list[type[BaseModel]] = [*setpoint_models().values(), ControlStatus, CommandEvent, HolderGrant]
+    for model in models:
+        model.model_rebuild()
     typed_value(None, {})
 
 

@@ -96,10 +96,10 @@ def _found(known: Knowledge) -> Iterator[_Check]:
     if flight is not None and flight.emergency_landing:
         yield "emergency", "EMERGENCY LANDING: receiver lost", Tone.BAD
     yield from _authority(known)
-    if (pilot := known.fresh("state/pilot", Pilot)) is not None and not pilot.has_signal:
-        yield "receiver", f"NO RECEIVER SIGNAL: {100 * pilot.rc_quality:.0f} %", Tone.BAD
     if health is not None and health.error:
         yield "error", f"ERROR: {health.error}", Tone.BAD
+    if (pilot := known.fresh("state/pilot", Pilot)) is not None and not pilot.has_signal:
+        yield "receiver", f"NO RECEIVER SIGNAL: {100 * pilot.rc_quality:.0f} %", Tone.BAD
     battery = known.fresh("state/battery", Battery)
     if battery is not None and (alarm := battery_alarm(battery, known)) is not None:
         yield "battery", *alarm

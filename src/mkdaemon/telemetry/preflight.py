@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Final
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
+
+LEAST_DISK: Final = 200e6
+"""Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
 
 
 class Blocks(StrEnum):

@@ -305,7 +305,7 @@ class Token(StrEnum):
     LOOP_UNSTABLE = (
         "loop_unstable",
         "with {cause} the control loop is not safe for the model of this aircraft: {detail}.",
-        "`mkctl preflight --gains` shows the loop; {remedy}.",
+        "`mkctl preflight` shows the cause; {remedy}.",
     )
     GAIN_ON_POTI = (
         "gain_on_poti",

@@ -37,8 +37,8 @@ class ToneEnum(StrEnum):
     words: str
     tone: Tone
 
-    def __new__(cls, word: str, words: str, tone: Tone) -> Self:
-        """Declare one."""
+    def __new__(cls, word: str, words: str = "", tone: Tone = Tone.NOTE) -> Self:
+        """Declare one; a call with a word alone returns the member, as of every enumeration."""
         member = str.__new__(cls, word)
         member._value_ = word
         member.words, member.tone = words, tone

@@ -16,6 +16,7 @@ from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
 from mkdaemon.protocol.wire import Board
+from mkdaemon.reading import fresh_for
 from mkdaemon.telemetry.refusals import Token, refuse
 
 app = App(name="motors", help="Motor test, propellers off; and the stop that a public fork of the FlightCtrl takes.")
@@ -129,14 +130,10 @@ def _confirm(setpoint: int) -> None:
         raise ConfigError(msg)
 
 
-FRESH: Final = 3.0
-"""Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
-
-
 async def motors_running(client: Vehicle) -> bool | None:
-    """Whether motors run, by the last flight state; None where nobody has told lately."""
+    """Whether motors run, by the last flight state; None while it is not fresh."""
     flight = await client.state.flight.latest()
-    return None if flight is None or flight.age >= FRESH else flight.value.motors_running
+    return None if flight is None or flight.age > (fresh_for("state/flight") or 0.0) else flight.value.motors_running
 
 
 async def refuse_running(client: Vehicle, why: str) -> None:

@@ -12,9 +12,9 @@ import structlog
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
+from mkdaemon.client.teleop.inputs import PadFacts
+from mkdaemon.client.teleop.teleop import Output, Teleop
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.inputs import PadFacts
-from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.commands import CommandStream
 

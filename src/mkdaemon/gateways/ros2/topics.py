@@ -110,9 +110,10 @@ TOPICS: Final = (
     Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
     Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
     Topic("status", "control/status", _STATUS, diagnostics.control_status, quality=Quality.LATCHED),
-    Topic("events", "event/log", _LOG, conversions.log_event, quality=Quality.RELIABLE),
-    Topic("events", "event/failsafe", _LOG, conversions.failsafe_event, quality=Quality.RELIABLE),
-    Topic("events", "event/mode", _LOG, conversions.mode_event, quality=Quality.RELIABLE),
+    *(
+        Topic("events", f"event/{name}", _LOG, conversions.event, quality=Quality.RELIABLE)
+        for name in ("log", "failsafe", "mode")
+    ),
     Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
     Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
 )

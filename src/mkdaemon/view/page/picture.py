@@ -47,6 +47,8 @@ SHALLOW: Final = 0.02
 """But not nearer than this [m]."""
 LARGE: Final = ("height", "battery", "pose")
 """Facts whose numbers are seen first."""
+_LEFT_OUT: Final = ("vehicle", "speed", "place", "port", "firmware")
+"""Facts for which the page has no room: the scene shows the place, the alarms what is wrong with the vehicle."""
 _SOURCES: Final = {"estimate": "as the flight core believes", "pose": "as a camera saw it", "gps": "by GPS"}
 
 
@@ -216,7 +218,7 @@ class Picture:
             "verdict": {"text": known.headline, "tone": known.tone},
             "alarms": [asdict(alarm) for alarm in known.alarms[1:]],
             "large": [_large(known.fact(word)) for word in LARGE],
-            "lines": [fact.as_map() | {"text": fact.aged} for fact in known.facts],
+            "lines": [fact.as_map() | {"text": fact.aged} for fact in known.facts if _is_line(fact)],
             "scene": self._scene(known, place),
             "cameras": [self._camera(known, name, place) for name in known.cameras()],
             "offers": self._offers(known),
@@ -319,6 +321,11 @@ class Picture:
             for pose in look.poses.get(sequence, {}).values()
             for corners in project(setup, pose)
         ]
+
+
+def _is_line(fact: Fact) -> bool:
+    """Whether a fact has a line: large numbers and captions of cameras have none beside them."""
+    return fact.id not in (*LARGE[::2], *_LEFT_OUT) and not fact.id.startswith("sight-")
 
 
 def _large(fact: Fact) -> dict[str, Any]:

@@ -33,10 +33,10 @@ from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.teleop.keys import KEYBOARD
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.gamepadfiles import own_folder
 from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.keys import KEYBOARD
 from mkdaemon.errors import ConfigError, MkError
 
 SECRET: Final = "MK_JOY_SECRET"

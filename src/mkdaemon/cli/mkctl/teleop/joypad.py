@@ -11,7 +11,7 @@ from mkdaemon.cli.mkctl.teleop.padsearch import Mappings
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.joy import PREFIX, JoySender
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.telemetry.joy import Joy
 

@@ -10,9 +10,9 @@ from typing import Any, Final, Literal, TextIO
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceState
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.teleop import Output
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.control.teleop.teleop import Output
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import read_text
 

@@ -10,7 +10,7 @@ from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
 from mkdaemon.cli.mkctl.teleop.padrecording import PadLine
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client import Vehicle
-from mkdaemon.control.teleop.inputs import PadFacts
+from mkdaemon.client.teleop.inputs import PadFacts
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.sim import SimTruth

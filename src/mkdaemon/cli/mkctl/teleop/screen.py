@@ -12,7 +12,7 @@ from rich.text import Text
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.client.session import SessionState
-from mkdaemon.control.teleop.hands import Hands
+from mkdaemon.client.teleop.hands import Hands
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.tone import Tone
 

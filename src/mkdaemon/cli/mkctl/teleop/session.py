@@ -11,8 +11,8 @@ from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
+from mkdaemon.client.teleop.teleop import Output, Teleop
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError
 
 PERIOD: Final = 0.02

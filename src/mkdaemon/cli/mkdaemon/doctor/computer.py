@@ -12,9 +12,9 @@ from typing import Final
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Typed, Values
 from mkdaemon.cli.mkdaemon.service.units import MARK, unit_text
 from mkdaemon.cli.mkdaemon.service.units import UNITS as SERVICE_UNITS
-from mkdaemon.control.admission.flightrows import LEAST_DISK
 from mkdaemon.daemon.priority import CORES
 from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.telemetry.preflight import LEAST_DISK
 
 BUSY: Final = 0.7
 """Load a core above which the machine counts as busy."""

@@ -7,8 +7,7 @@ import tomllib
 
 import pytest
 
-from mkdaemon.config.gamepad import ButtonsSection, SticksSection
-from mkdaemon.control.teleop.learning import (
+from mkdaemon.client.teleop.learning import (
     BUTTONS,
     CALM,
     MOVED,
@@ -18,6 +17,7 @@ from mkdaemon.control.teleop.learning import (
     moved_axis,
     pressed_control,
 )
+from mkdaemon.config.gamepad import ButtonsSection, SticksSection
 
 NOTHING: frozenset[str] = frozenset()
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mkdaemon.client.teleop.shaping import MODES, AxisNames, Thrust, shape
 from mkdaemon.config.gamepad import ThrustSection
-from mkdaemon.control.teleop.shaping import MODES, AxisNames, Thrust, shape
-from tests.control.teleop.pads import STICKS, gamepad
+from tests.client.teleop.pads import STICKS, gamepad
 
 SHARES = st.floats(-1.0, 1.0)
 CFG = ThrustSection(lowest=-100, hover=0, highest=50, expo=0, deadzone=0)

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 HALF: Final = 0.5
 """An axis beyond this share of its way counts as pressed where it serves as a button."""
+
+
+class HandSticks(NamedTuple):
+    """Stick offsets [stick; FLU]: pitch + nose down, roll + right side down, yaw + nose left, throttle + lift."""
+
+    pitch: float
+    roll: float
+    yaw: float
+    throttle: float
 
 
 @dataclass(frozen=True, slots=True)

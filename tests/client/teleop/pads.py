@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from mkdaemon.client.teleop.hands import Hands
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.teleop import Output, Teleop
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.hands import Hands
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.control.teleop.teleop import Output, Teleop
 
 LOW, MIDDLE, HIGH = -32768, 0, 32767
 STICKS = {"left_x": "ABS_X", "left_y": "-ABS_Y", "right_x": "ABS_RX", "right_y": "-ABS_RY"}

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.teleop.hands import AXIS_AGE, QUIET
-from mkdaemon.control.teleop.teleop import RELEASE_AFTER, Output, Teleop
-from tests.control.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
+from mkdaemon.client.teleop.hands import AXIS_AGE, QUIET
+from mkdaemon.client.teleop.teleop import RELEASE_AFTER, Output, Teleop
+from tests.client.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
 
 def kind(output: Output) -> str | None:

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
+from mkdaemon.client.teleop.hands import Function
+from mkdaemon.client.teleop.inputs import AxisRange, PadInputs
 from mkdaemon.config.gamepad import MOST_TRIM
-from mkdaemon.control.teleop.hands import Function
-from mkdaemon.control.teleop.inputs import AxisRange, PadInputs
-from tests.control.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
+from tests.client.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
+from mkdaemon.client.teleop.inputs import HandSticks, PadFacts, PadInputs
+from mkdaemon.client.teleop.shaping import LOWEST, AxisNames, Thrust, shape
 from mkdaemon.config.gamepad import MOST_TRIM, AxisSection, Gamepad
-from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.teleop.inputs import PadFacts, PadInputs
-from mkdaemon.control.teleop.shaping import LOWEST, AxisNames, Thrust, shape
 
 AXIS_AGE: Final = 0.25
 """An axis or enable button not known for longer counts as lost [s]: neutral sticks reach the wire within 350 ms."""
@@ -225,7 +224,7 @@ class Hands:
         axes = ((self.axes.pitch, self.pad.pitch), (self.axes.roll, self.pad.roll), (self.axes.yaw, self.pad.yaw))
         return max(abs(self._share(axis, feel)) for axis, feel in axes)
 
-    def wish(self, *, is_engaged: bool) -> Sticks:
+    def wish(self, *, is_engaged: bool) -> HandSticks:
         """What the sticks ask for now.
 
         Args:
@@ -241,7 +240,7 @@ class Hands:
         counts = {axis: share * scale * getattr(self.pad, axis).rate for axis, share in shares.items()}
         if is_engaged:
             counts = {axis: value + self.trim(axis) for axis, value in counts.items()}
-        return Sticks(**{axis: _clip(value) for axis, value in counts.items()}, throttle=self.thrust.value)
+        return HandSticks(**{axis: _clip(value) for axis, value in counts.items()}, throttle=self.thrust.value)
 
     def trim(self, axis: str) -> float:
         """Trim of an axis [stick]."""

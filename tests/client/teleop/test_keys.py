@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.teleop.hands import HELD_FOR
-from mkdaemon.control.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, REPEATED, STEP, TAP, Keys
-from mkdaemon.control.teleop.teleop import Output, Teleop
+from mkdaemon.client.teleop.hands import HELD_FOR
+from mkdaemon.client.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, REPEATED, STEP, TAP, Keys
+from mkdaemon.client.teleop.teleop import Output, Teleop
 
 
 class Typist:

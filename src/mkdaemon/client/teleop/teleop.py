@@ -9,10 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from mkdaemon.client.teleop.hands import DEFLECTED, Function, Hands, Lapse
+from mkdaemon.client.teleop.inputs import HandSticks, PadFacts
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.limiter import Sticks
-from mkdaemon.control.teleop.hands import DEFLECTED, Function, Hands, Lapse
-from mkdaemon.control.teleop.inputs import PadFacts
 
 RELEASE_AFTER: Final = 0.9
 """So long after the pad was last in order the aircraft is let go of [s]; the daemon would do it after 1.0 s."""
@@ -155,7 +154,7 @@ class Teleop:
         throttle = hands.thrust.value
         if lapse.is_input_lost:
             throttle = min(throttle, hands.thrust.hover)
-        neutral = Sticks(0.0, 0.0, 0.0, throttle)
+        neutral = HandSticks(0.0, 0.0, 0.0, throttle)
         return Output(Wanted("stick", neutral._asdict()), f"neutral: {lapse.reason}", is_neutral=True)
 
     def _begin(self, function: Function, hands: Hands) -> None:

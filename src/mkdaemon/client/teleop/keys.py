@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.config.gamepad import AxisSection, ButtonsSection, ChannelsSection, Gamepad, ThrustSection
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
 
 TAP: Final = 0.3
 """How long one press deflects a stick [s]."""

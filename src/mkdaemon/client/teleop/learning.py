@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from mkdaemon.control.teleop.hands import Function
+from mkdaemon.client.teleop.hands import Function
 
 MOVED: Final = 0.5
 """An axis that is so far from where it rested was moved, share of its whole way, -1..1."""
