@@ -89,7 +89,7 @@ TUTORIALS: Final = (
             Manner("make demo", shows="landed on the target, motors stand", patience=1800.0),
             Manner(".venv/bin/mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner(".venv/bin/mkdaemon run --config configs/sim.toml", Kind.STAYS, DAEMON),
-            Manner(".venv/bin/mkctl status  ", Kind.REPEATED, r"nobody holds the lease(.|\n)*external control v2"),
+            Manner(".venv/bin/mkctl status  ", Kind.REPEATED, r"no client holds the lease(.|\n)*external control v2"),
             Manner(".venv/bin/mkctl watch", Kind.INTERRUPTED, r"state/\w+"),
             Manner(".venv/bin/mkctl get rx/nc/osd", shows=r"^rx/nc/osd"),
             Manner(".venv/bin/mkctl get state/position", Kind.REPEATED, r"altitude_above_start\W+(1\.[89]|2)"),

@@ -67,7 +67,7 @@ async def test_an_unknown_protocol_is_a_configuration_error():
 
 async def test_nobody_there_is_said_with_the_endpoint():
     endpoint = free_endpoint()
-    with pytest.raises(MkError, match=f"^nobody answers at {endpoint}: is mkdaemon running there"):
+    with pytest.raises(MkError, match=f"^no program answers at {endpoint}: is mkdaemon running there"):
         await open_session(session_config("client", connect=[endpoint], patience=0.05))
 
 

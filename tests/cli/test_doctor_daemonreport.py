@@ -98,5 +98,5 @@ async def test_nobody_is_asked_without_the_certificate_that_is_needed(monkeypatc
 
 async def test_nobody_there_is_told_with_the_reason():
     report = await asyncio.to_thread(ask_daemon, load(None), ["tcp/127.0.0.1:1"])
-    assert "nobody answers at tcp/127.0.0.1:1" in report.failure
+    assert "no program answers at tcp/127.0.0.1:1" in report.failure
     assert report.daemons == 0

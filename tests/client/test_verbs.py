@@ -66,7 +66,7 @@ async def test_a_missing_daemon_is_named_beside_those_that_are_there():
             with pytest.raises(MkError, match=r"no daemon for vehicle other at tcp/.*; there is fake: use --vehicle"):
                 await ask
         assert await uav.vehicles() == [VEHICLE]
-    with pytest.raises(MkError, match="nobody answers at"):
+    with pytest.raises(MkError, match="no program answers at"):
         async with connect(VEHICLE, free_endpoint()):
             pytest.fail("there is nobody")
 

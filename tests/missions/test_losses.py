@@ -62,7 +62,7 @@ def test_what_is_lost_is_listed_with_its_points(tmp_path: Path) -> None:
         "event of point 2",
     )
     alone = Mission(points=(ROUND.points[0], ROUND.points[2], *ROUND.points[2:], ROUND.points[2]))
-    assert write_mission(alone, tmp_path / "alone.plan")[-1] == "point 1, which nobody looks at"
+    assert write_mission(alone, tmp_path / "alone.plan")[-1] == "point 1, which no point looks at"
     assert write_mission(alone, tmp_path / "again.plan")[0] == "name of points 2, 3 and 4"
 
 

@@ -1,4 +1,4 @@
-"""Answers leave on a thread of their own: a client that asks and does not read holds up no loop.
+"""Answers leave on a separate thread: a client that asks and does not read does not delay the loop.
 
 Whether a reply waits or is dropped is the asker's choice (Zenoh's QoS of the query), and it waits up to
 `bus.session.STALL`: a client that sent 100 queries and read no answer held the loop for 6.0 s. The end of a query is

@@ -1,6 +1,6 @@
 """Values on the bus: msgpack maps, an encoding string that names them, and their JSON Schema.
 
-Maps and not arrays, so readers need no table and additions break nobody.
+Maps and not arrays, so readers need no table and additions break no reader.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def encode_map(value: dict[str, Any]) -> bytes:
 
 
 def with_age(packed: bytes, age: float) -> bytes:
-    """Add to a packed value of our own how old it is [s], as answers with last values carry it."""
+    """Add to one of our packed values how old it is [s], as answers with last values carry it."""
     return encode_map({**msgpack.unpackb(packed), "age": round(age, 6)})
 
 

@@ -1,8 +1,8 @@
-"""Commands asked over the bus: each in a task of its own, bounded, and answered off the loop.
+"""Commands over the bus: each in a separate task, bounded, and answered off the loop.
 
-What ends a flight has a way of its own (`floods.URGENT`): neither commands that are being worked on nor answers that
+What ends a flight has a separate way (`floods.URGENT`): neither commands that are being worked on nor answers that
 wait or are not read make it `busy`. Beside 4,000 queries a second for `do/lease` every `do/release` was obeyed, but
-3 of 5 askers were told that there were too many queries.
+3 of 5 clients were refused for too many queries.
 """
 
 from __future__ import annotations

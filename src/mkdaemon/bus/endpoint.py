@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def reserved_endpoint() -> Iterator[str]:
-    """A TCP endpoint on loopback that nobody else is given for as long as the context lasts.
+    """A TCP endpoint on loopback that no other caller gets while the context lasts.
 
     It stays bound, with SO_REUSEADDR and without listening: the system hands it to no other program by chance, and
     whoever is told it may listen there, because Zenoh and asyncio set SO_REUSEADDR as well. Where nobody listens, a

@@ -29,7 +29,7 @@ def is_local(endpoint: str) -> bool:
 
 
 def open_endpoints(config: zenoh.Config) -> tuple[str, ...]:
-    """Endpoints of a session that the network reaches and that ask nobody who he is.
+    """Endpoints of a session that the network reaches and that accept unknown clients.
 
     Closed are those under TLS with client certificates (`enable_mtls`), and all of them where users have passwords
     (`transport/auth/usrpwd/dictionary_file`).

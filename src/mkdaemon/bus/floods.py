@@ -39,7 +39,7 @@ SESSIONS: Final = 300
 """Clients at a time. With those that are silent this stays well below 1,024 open files: so many a service may have, and
 pyserial cannot watch a port that was opened after them (select(2), FD_SETSIZE)."""
 PENDING_TIME: Final = 5.0
-"""A connection that has not introduced itself for so long is closed [s]."""
+"""A connection that has not introduced itself within this time is closed [s]."""
 ALL_OTHERS: Final = "others"
 URGENT: Final[Mapping[str, float]] = {"do/release": 20.0, "do/abort": 20.0}
 """Commands that end a flight or a manoeuvre, which anyone may: what else is asked makes them wait for nothing."""
@@ -109,7 +109,7 @@ class ShedCounter:
 
 
 class Budget:
-    """So many a second, and as many at once; from any thread."""
+    """Allows a number a second, and as many at once; from any thread."""
 
     def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with a full second's worth.

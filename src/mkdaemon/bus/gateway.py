@@ -36,7 +36,7 @@ from mkdaemon.config.bus import BusConfig
 
 _JSON: Final = "application/schema+json"
 LOOK: Final = 0.05
-"""How long it is looked, each time, for setpoints put where nobody may [s]."""
+"""Duration of each look for setpoints at the plain keys [s]."""
 TOKEN_LOOK: Final = 0.02
 """Between two looks at the token of the client that is watched [s]."""
 TOKENS: Final = 8
@@ -53,7 +53,7 @@ class Bus:
 
     Attributes:
         open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
-        setpoint_root: below which the holder of the lease puts setpoints; nobody else is told.
+        setpoint_root: below which the holder of the lease puts setpoints; only the holder knows it.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class Bus:
         self._watched: zenoh.Subscriber[Any] | None = None
         self._uninvited: dict[str, Callable[[Arrived], None]] = {}
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
-        # One of its own, so that who reads no last values holds up no answer to a command.
+        # A separate one: a client that does not read last values does not delay answers to commands.
         self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
 
     @classmethod
@@ -100,7 +100,7 @@ class Bus:
         Args:
             cfg: the session.
             vehicle: its name in every key.
-            recorder: hears of everything published and asked; nobody by default.
+            recorder: receives everything published and asked; none by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
             private_images: keys that only a camera's sender knows, by the plain ones.
             clock: what a second is, for messages that are too many in it [s].
@@ -232,7 +232,7 @@ class Bus:
         self._uninvited[suffix] = recorded
 
     async def refuse_uninvited(self) -> None:
-        """Look for setpoints at the plain keys for a moment, and have the newest refused; nobody may put any there.
+        """Look for setpoints at the plain keys for a moment, and have the newest refused; none is allowed there.
 
         Only for a moment: while somebody subscribes, everything that is put there comes to this computer's door.
         """

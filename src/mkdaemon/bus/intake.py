@@ -58,7 +58,7 @@ class Arrived(NamedTuple):
 
 
 class SetpointIntake:
-    """Hands setpoints of a key to the loop, those of the holder on a way of their own: of these the newest alone.
+    """Hands setpoints of a key to the loop, those of the holder separately: of these the newest alone.
 
     It is not one slot for all, or a stranger's setpoint, refused a moment later, would displace the pilot's. The
     holder's are handed over `PERIOD` apart at least: one that floods costs the loop no more than one that does not,

@@ -15,7 +15,7 @@ from typing import Final
 REQUEST_BYTES: Final = 1024
 """Longest request with its newline [bytes]."""
 VERBS: Final = ("release", "cancel")
-"""What can be asked for: to let go of the aircraft, and to end the procedure that runs, a motor test for example."""
+"""What can be asked for: to release the aircraft, and to end the procedure that runs, a motor test for example."""
 SERVICE_FOLDER: Final = Path("/run/mkdaemon")
 """What systemd makes for the service (`RuntimeDirectory=`)."""
 _PORT: Final = re.compile(r":(\d+)(?:[?#].*)?$")

@@ -10,7 +10,7 @@ ROOT: Final = "mk"
 
 
 REPLAY: Final = "replay"
-"""Root of everything that is played without a name of its own."""
+"""Root of everything that is played without another name."""
 
 
 def key(vehicle: str, suffix: str, root: str = ROOT) -> str:

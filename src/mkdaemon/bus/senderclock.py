@@ -18,7 +18,7 @@ DRIFT: Final = 1e-3
 
 
 class SenderClock:
-    """Learns the clock of whoever holds the lease; from any thread."""
+    """Estimates the clock of the lease's holder; from any thread."""
 
     def __init__(self) -> None:
         self._epoch: int | None = None

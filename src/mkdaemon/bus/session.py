@@ -21,7 +21,7 @@ from mkdaemon.foreignfiles import DEEPEST, read_text
 
 ENDPOINT_SAMPLE: Final = "tcp/127.0.0.1:7447"
 STALL: Final = 1.0
-"""A client that takes nothing for so long, though its queue of 1 MiB is full, is disconnected [s]; Zenoh's own is 5."""
+"""A client whose full queue of 1 MiB does not move within this time is disconnected [s]; Zenoh's own is 5."""
 _ENDPOINT: Final = re.compile(r"(?P<protocol>[a-z][a-z-]*)/(?P<address>[^?#]+)")
 _WITH_PORT: Final = frozenset({"tcp", "udp", "tls", "quic", "ws"})
 _PORT: Final = re.compile(r"[^:]*:(?P<port>\d{1,5})|\[[0-9a-fA-F:.%a-z]+\]:(?P<port6>\d{1,5})")
@@ -97,7 +97,7 @@ def _measured_settings(mode: str, lease: float, patience: float) -> dict[str, ob
     }
     if mode == "peer":
         settings["connect/exit_on_failure"] = False
-        # What must not be lost (the end of a query) waits so long for a client that takes nothing; then it is cut off.
+        # What must not be lost (the end of a query) waits this long for a stuck client; then it is cut off.
         settings["transport/link/tx/queue/congestion_control/block/wait_before_close"] = int(STALL * 1_000_000)
     return settings
 
@@ -146,7 +146,7 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
     """Open a session without holding up the loop.
 
     Raises:
-        MkError: an endpoint is in use, or nobody answers at it.
+        MkError: an endpoint is in use, or no program answers at it.
         ConfigError: an endpoint cannot be understood.
     """
     try:
@@ -173,7 +173,7 @@ async def open_session(config: zenoh.Config, *, listen: Sequence[str] = ()) -> z
                     " or one side asks for a certificate, the other has none (docs/security.md); or it is no mkdaemon"
                 )
                 raise MkError(msg) from error
-            msg = f"nobody answers at {where}: is mkdaemon running there? (`mkdaemon run` here, or --connect elsewhere)"
+            msg = f"no program answers at {where}: is mkdaemon running there? (`mkdaemon run`, or --connect elsewhere)"
             raise MkError(msg) from error
         msg = f"Zenoh session: {text}"
         raise ConfigError(msg) from error

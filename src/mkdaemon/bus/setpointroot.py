@@ -1,10 +1,10 @@
-"""Where setpoints come in: below a root that only holders of a lease are told.
+"""Where setpoints arrive: below a root that only holders of a lease know.
 
 Each sample of a key with a subscriber in Python costs the interpreter, on one of the two threads on which Zenoh
 receives from every connection. Two strangers that put 300,000 setpoints a second between them held up the pilot's for
-0.05 s, p99 0.41 s, and 30 milliseconds where nobody subscribed to the strangers' key (two cores, `lab attack`).
+0.05 s, p99 0.41 s, and 30 milliseconds without a subscriber at the strangers' key (two cores, `lab attack`).
 
-The root's second chunk is a number that nobody guesses. It begins with `@`: such a chunk is matched by no wildcard, so
+The root's second chunk is a secret random number. It begins with `@`: such a chunk is matched by no wildcard, so
 that neither a put to `mk/**` arrives there, nor a subscriber of `mk/**` hears what does. What arrives is put once more
 to the plain key (`setpoint/stick`) by the daemon, for everybody to see.
 
@@ -33,7 +33,7 @@ _CHUNK_BYTES: Final = 16
 
 
 def new_setpoint_root(connect: Sequence[str] = ()) -> str:
-    """A root that nobody guesses: `setpoint/@<number>`, or `setpoint/<number>` behind a router with access rules.
+    """A secret root: `setpoint/@<number>`, or `setpoint/<number>` behind a router with access rules.
 
     Args:
         connect: endpoints of the routers of the daemon.

@@ -1,4 +1,4 @@
-"""Who is there: vehicles whose daemon is alive, and recordings that are played, as they come and go."""
+"""Vehicles whose daemon is alive, and recordings that are played, as they appear and disappear."""
 
 from __future__ import annotations
 

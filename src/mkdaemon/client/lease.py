@@ -132,7 +132,7 @@ class Lease:
 
     @property
     def setpoints(self) -> int:
-        """Setpoints streamed so far."""
+        """Number of setpoints streamed."""
         return self.session.sequence
 
     @property

@@ -146,7 +146,7 @@ class Player:
 
     Attributes:
         pace: speed and pause; changed by `adjust` only.
-        sent: what was put so far, in this round.
+        sent: what was put in this round.
         rounds: how often the end was reached.
         was_sought: somebody asked for another place, so what was put is no whole recording.
     """

@@ -26,7 +26,7 @@ def lost(mission: Mission, back: Mission) -> tuple[str, ...]:
         if point.kind is PointKind.POI and _place(point) not in kept
     ]
     if gone:
-        found.append(f"{_listed(gone)}, which nobody looks at")
+        found.append(f"{_listed(gone)}, which no point looks at")
     return tuple(found)
 
 

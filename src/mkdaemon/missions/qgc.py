@@ -232,7 +232,7 @@ def _roi(items: list[dict[str, Any]], poi: MissionPoint | None) -> dict[str, Any
 
 
 def _lines(text: str, count: int) -> list[int]:
-    """Line on which each of the `count` mission items begins; line 1 where that cannot be told."""
+    """Line on which each of the `count` mission items begins; line 1 if unknown."""
     start = next((m.end() for m in _ITEMS.finditer(text, text.find('"mission"'))), None)
     lines: list[int] = []
     decoder = json.JSONDecoder()

@@ -104,7 +104,7 @@ def age_words(seconds: float) -> str:
 
 
 def holder_of(status: ControlStatus) -> str:
-    """Who holds the lease."""
+    """Holder of the lease."""
     return "nobody" if status.lease is None else status.lease.holder
 
 

@@ -17,7 +17,7 @@ _ABSENT: Final = "(absent)"
 _SPLIT_BY: Final = {"event/command": "key", "event/failsafe": "action"}
 """Keys under which more than one part of the daemon publishes, and the field that tells them apart."""
 CUT: Final = 0.05
-"""At the end of a recording a value may be missing or new for so long [s]: what came out of the last entries may not
+"""Time at the end of a recording in which a value may be missing or new [s]: what came out of the last entries may not
 have been recorded any more."""
 
 
@@ -26,7 +26,7 @@ class Output:
     """Something that came out of the replay.
 
     Attributes:
-        kind: a value that is published, or what the flight core was told and answered.
+        kind: a value that is published, or an event of the flight core and its answer.
         suffix: key without `mk/<vehicle>/`.
         payload: msgpack.
         encoding: names its schema.

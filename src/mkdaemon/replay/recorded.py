@@ -60,7 +60,7 @@ class Recorded:
 
     @property
     def stopped_at(self) -> float | None:
-        """When the daemon was told to stop [s]; None where it did not end in order."""
+        """When the daemon was asked to end [s]; None if it did not end in order."""
         return next((entry.received for entry in self.notices(Notice.STOP)), None)
 
     @property
@@ -107,7 +107,7 @@ class Recorded:
         return (entry for entry in self.of(Kind.NOTICE) if Notice.of(entry) is notice)
 
     def first_epoch(self) -> int:
-        """Epoch of the first lease; 0 where nobody took one."""
+        """Epoch of the first lease; 0 without one."""
         for entry in self.of(Kind.EVENT):
             epoch = part_of(entry, _epoch_of)
             if epoch is not None:

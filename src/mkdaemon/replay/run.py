@@ -1,6 +1,6 @@
-"""Tells today's flight core what a recorded one was told, decodes the recorded bytes, and looks at the images again.
+"""Feeds today's flight core with recorded events, decodes the recorded bytes, and processes the images again.
 
-Nothing runs here but pure code, entry by entry: the decoder, the translators, the flight core, the eyes. What stands
+Nothing runs here but pure code, entry by entry: the decoder, the translators, the flight core, vision. What stands
 between them is the daemon's own `Deck`.
 """
 

@@ -21,7 +21,7 @@ ATTITUDES: Final = 200
 """Attitudes that are known of an image; as many as `mkdaemon.vision.worker` keeps."""
 
 LATE: Final = 0.1
-"""Something that is seen today and was not then would have been published so long after the image came [s]."""
+"""Time after an image at which something new in it would have been published [s]."""
 
 
 def has_every_image(recorded: Recorded, cfg: Config) -> bool:

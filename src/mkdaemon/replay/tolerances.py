@@ -21,7 +21,7 @@ class Within:
     """Two floats may differ; an integer is none.
 
     Attributes:
-        absolute: by so much, in the unit of the field.
+        absolute: in the unit of the field.
         relative: or by this share of the larger one.
     """
 
@@ -105,8 +105,8 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("record/status", "*", _OUT, "of the recorder and its disk"),
     Rule("bus/counts", "*", _OUT, "of the bus, which a replay has not"),
     Rule("vision/*/stats", "*", _OUT, "rates, latencies and counts of camera threads: load of the machine"),
-    Rule("vision/*/setup", "*", _OUT, "told from the files of the recorded machine"),
-    Rule("control/fence", "*", _OUT, "told from the configuration, by a timer"),
+    Rule("vision/*/setup", "*", _OUT, "from the files of the recorded machine"),
+    Rule("control/fence", "*", _OUT, "from the configuration, by a timer"),
     Rule("vision/*/image", "*", _OUT, "a picture for viewing, coded by another release of a library"),
     Rule("*", "*stamp.wall", Within(_SLEW), "the system clock was read at other moments and is slewed meanwhile"),
     Rule("*", "*since.wall", Within(_SLEW), "as above, of the moment a condition began"),

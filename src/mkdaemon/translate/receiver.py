@@ -48,7 +48,7 @@ class ReceiverWatch:
         self.reception = Reception.LIVE
 
     def look(self, code: ErrorCode) -> None:
-        """Take the code of a frame; call it before anything else of that frame is believed."""
+        """Take the code of a frame; call it before anything else of that frame is used."""
         if code not in _HIDES:
             self.reception = _MEANS.get(code, Reception.LIVE)
 

@@ -165,7 +165,7 @@ def test_ended_lease_needs_the_enable_button_anew() -> None:
     pad.teleop.ended("somebody took the lease")
     output = pad.tick()
     assert output.setpoint is None
-    assert output.reason.startswith("somebody took the lease; let go")
+    assert output.reason.startswith("somebody took the lease; release")
     pad.tick(BTN_TL=0)
     assert kind(pad.tick(BTN_TL=1)) == "stick"
 

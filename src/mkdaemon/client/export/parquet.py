@@ -14,7 +14,7 @@ from mkdaemon.client.export.values import Row
 from mkdaemon.errors import MkError
 
 LONG: Final = 100
-"""Text counts as one more cell for every so many characters."""
+"""Number of characters of a text that count as one cell."""
 _TYPES: Final = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
 
 

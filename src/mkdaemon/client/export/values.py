@@ -87,7 +87,7 @@ class Value:
         return None if self.fields.get(name) is None else self.number(name)
 
     def numbers(self, name: str, count: int) -> list[float]:
-        """A field that is a list of so many numbers.
+        """A field that is a list of numbers.
 
         Raises:
             MkError: it is none.

@@ -17,9 +17,9 @@ USABLE_LOSS: Final = 5.0
 GOOD_TRIP: Final = 125.0
 """99th percentile of the round trip up to which a line is good [ms]: a radio's longest way there and back."""
 USABLE_SILENCE: Final = 1.0
-"""A link that answers nothing for so long takes the lease from who flies [s]; docs/link.md."""
+"""A link without an answer for this time ends the lease in flight [s]; docs/link.md."""
 TIMER_DELAY: Final = (4.0, 12.0)
-"""A median under light load that is so much longer than the shortest round trips of a wire is that of answers that wait
+"""A median under light load longer than the shortest round trips of a wire by this is that of answers that wait
 for a USB adapter's timer of 16 ms, half of it on average [ms]; without one half of them do not wait at all."""
 ENOUGH: Final = 3
 """Fewer losses say nothing [1]."""

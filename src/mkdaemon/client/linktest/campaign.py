@@ -34,15 +34,15 @@ STREAMS: Final[dict[str, dict[str, dict[str, float]]]] = {
 WITNESS: Final = {"nc": ("osd", 0.5), "fc": ("debug", 0.5)}
 """The stream that says whether motors run, and its slowest interval [s]."""
 SETTLING: Final = 1.0
-"""Streams run so long before the measurement begins [s]."""
+"""Time for which streams run before the measurement [s]."""
 BEAT: Final = 0.25
-"""`link/health` comes at least so often from a daemon that runs [s]: 5 Hz, and what a busy loop costs."""
+"""Longest period of `link/health` from a daemon that runs [s]: 5 Hz, and what a busy loop costs."""
 LOOKING: Final = 0.2
 """Between two looks at the clock [s]."""
 LOWEST: Final = -100.0
 """Throttle of the stick frames [stick from the centre]: the lowest that the limiter lets through by default."""
 FOREIGN_TOKEN: Final = 0x8000
-"""Patterns of link tests of our own count from here; the daemon's begin at 1."""
+"""Patterns of our link tests count from here; the daemon's begin at 1."""
 _EXTRA: Final = ("link/health", "link/traffic", "health")
 
 

@@ -152,7 +152,7 @@ def histogram(trips_ms: Sequence[float], width_ms: float, bins: int) -> list[int
 
 
 def losses_over_time(probes: Sequence[Probe], seconds: float, slices: int) -> list[float | None]:
-    """Share of lost probes in each of so many equal parts of the time [0..1]; None where none was sent.
+    """Share of lost probes in each of equal parts of the time [0..1]; None where none was sent.
 
     Args:
         probes: of one kind.

@@ -115,7 +115,7 @@ class Ledger:
                 self._confirmed(frame.fields.frame, now)
 
     def take_replaced(self, total: int) -> None:
-        """Note how many confirmations the board could not send so far.
+        """Note how many confirmations the board could not send.
 
         A FlightCtrl keeps one number to confirm: while it sends something else a newer number replaces the older one,
         whose frame has arrived all the same.

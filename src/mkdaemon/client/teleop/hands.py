@@ -110,7 +110,7 @@ class Hands:
         self._look(at)
 
     def asked(self, state: Mapping[str, float], at: float) -> None:
-        """Take the state; see `PadInputs.asked`. What is pressed the first time is stuck until it was let go of."""
+        """Take the state; see `PadInputs.asked`. What is pressed the first time is ignored until its release."""
         self.inputs.asked(state, at)
         if not self._is_known:
             self._is_known = True
@@ -118,7 +118,7 @@ class Hands:
         self._look(at)
 
     def _look(self, at: float) -> None:
-        """Note what was pressed and let go of, and move the thrust."""
+        """Note what was pressed and released, and move the thrust."""
         if not self._is_known:
             return
         for function, reference in self._buttons.items():
@@ -166,7 +166,7 @@ class Hands:
 
     @property
     def is_enabled(self) -> bool:
-        """Whether the enable button is held, and was let go of before."""
+        """Whether the enable button is held, and was released before."""
         return Function.ENABLE in self._down
 
     @property
@@ -180,7 +180,7 @@ class Hands:
         Args:
             pressed: what was pressed just now.
             now: [s].
-            is_on_ground: the aircraft is known to stand; None where nobody says.
+            is_on_ground: the aircraft is known to stand; None if unknown.
         """
         enable = self._buttons[Function.ENABLE]
         if not self._is_known:
@@ -188,7 +188,7 @@ class Hands:
         if missing := self.inputs.missing([*self.axes.all, enable]):
             return f"{self.facts.name} has no {', '.join(missing)}: another pad? `mkctl teleop --learn`"
         if Function.ENABLE in self._stuck:
-            return f"{enable} was pressed at the start: let go of it"
+            return f"{enable} was pressed at the start: release it"
         if not self.has_seen_zero:
             return "pull the thrust stick to its lowest once"
         if (lost := self._input_lost(now)) is not None:
@@ -196,7 +196,7 @@ class Hands:
         if is_on_ground and self.inputs.axis(self.axes.throttle) > LOWEST:
             return "the aircraft stands: hold the thrust stick at its lowest to begin"
         if self.is_enabled and Function.ENABLE not in pressed:
-            return f"let go of {enable} and press it again"
+            return f"release {enable} and press it again"
         return ""
 
     def lapse(self, now: float) -> Lapse | None:

@@ -1,4 +1,4 @@
-"""A keyboard as a pad: keys come when they are pressed, and nothing says when they are let go of.
+"""A keyboard as a pad: keys come when they are pressed, and their release is not reported.
 
 A terminal sends a character for a press, after a pause more of them while the key is held, and nothing at its end. So a
 key deflects its stick for a moment, again with every repetition; thrust stays where keys have put it; the enable button
@@ -126,7 +126,7 @@ class Keys:
             self._pressed[BUTTONS[key]] = at + PRESS
 
     def let_go(self) -> None:
-        """Switch the enable button off and centre the sticks: the aircraft was let go of."""
+        """Switch the enable button off and centre the sticks: the aircraft was released."""
         self.is_enabled = False
         self._tilted.clear()
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from mkdaemon.client.teleop.hands import Function
 
 MOVED: Final = 0.5
-"""An axis that is so far from where it rested was moved, share of its whole way, -1..1."""
+"""An axis counts as moved at this distance from its rest, share of its whole way, -1..1."""
 CALM: Final = 0.15
 """An axis this close to where it rested is at rest again."""
 
@@ -36,7 +36,7 @@ _WORDS: Final = {
     Function.ENABLE: "ENABLE, held while you fly",
     Function.RECENTRE: "RE-CENTRE hover thrust",
     Function.TAKEOFF: "TAKE-OFF",
-    Function.RELEASE: "RELEASE, lets go at once",
+    Function.RELEASE: "RELEASE, at once",
     Function.STOP: "STOP the motors",
 }
 BUTTONS: Final = tuple(

@@ -14,11 +14,11 @@ from mkdaemon.client.teleop.inputs import HandSticks, PadFacts
 from mkdaemon.config.gamepad import Gamepad
 
 RELEASE_AFTER: Final = 0.9
-"""So long after the pad was last in order the aircraft is let go of [s]; the daemon would do it after 1.0 s."""
+"""Time after the pad was last in order at which the aircraft is released [s]; the daemon would do it after 1.0 s."""
 KINDS: Final[Mapping[Function, str]] = {Function.TAKEOFF: "takeoff", Function.HOLD: "hold", Function.LAND: "land"}
 """Setpoints that buttons stream, by the last word of their key."""
 THRUST_MOVED: Final = 0.25
-"""A thrust stick moved by so much of its way takes over from a manoeuvre."""
+"""Share of its way by which a moved thrust stick takes over from a manoeuvre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Teleop:
     """Any number of pads; one of them flies.
 
     Attributes:
-        hands: every pad that is there, by a name of its own.
+        hands: every connected pad, by its name.
         pilot: name of the pad that flies; None while none does.
         manoeuvre: kind of the setpoint a button began; None while the sticks fly.
     """
@@ -76,13 +76,13 @@ class Teleop:
         return self.hands[name]
 
     def detach(self, name: str, reason: str) -> None:
-        """Forget a pad that is gone; the aircraft is let go of if it flew."""
+        """Forget a pad that is gone; the aircraft is released if it flew."""
         self.hands.pop(name, None)
         if name == self.pilot:
             self._lost = reason
 
     def ended(self, reason: str) -> None:
-        """Take note that the lease has ended, or was refused; the enable button must be pressed anew."""
+        """Take note that the lease has ended, or was refused; the enable button must be pressed again."""
         self.pilot = self.manoeuvre = None
         self._news = reason
 
@@ -97,7 +97,7 @@ class Teleop:
         Args:
             now: [s].
             is_engaged: the daemon sends what is streamed.
-            is_on_ground: the aircraft is known to stand; None where nobody says.
+            is_on_ground: the aircraft is known to stand; None if unknown.
         """
         pressed = {name: hands.take_presses(now) for name, hands in self.hands.items()}
         if self._lost is not None:

@@ -247,7 +247,7 @@ class FlightDeck:
             MkError: it was refused, or ended on the way.
         """
         if self.flown == PAD:
-            raise MkError("the pad of joy flies: let go of its enable button first")
+            raise MkError("the pad of joy flies: release its enable button first")
         self._end_verb(f"{name} was asked for")
         self._shut_streams()
         self.flown = name
