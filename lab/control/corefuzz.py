@@ -31,7 +31,7 @@ from mkdaemon.control.admission.rows import ROWS
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import Event
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
-from mkdaemon.control.manoeuvres.land import LandingPhase
+from mkdaemon.control.manoeuvres.land import LONGEST_WAIT, LandingLimits, LandingPhase
 from mkdaemon.control.manoeuvres.take_off import TakeOffLimits, TakeOffPhase
 from mkdaemon.telemetry.control import CauseKind, Outcome, Phase
 from mkdaemon.telemetry.setpoint import SETPOINTS, PositionSetpoint, StickSetpoint
@@ -40,7 +40,7 @@ EVENTS: Final = 300
 """Happenings of a sequence."""
 PAUSES: Final = (0.0, 0.0, 0.0, 0.0, 0.05, 0.1)
 """After a happening [s]; 0: the next one comes before the core has ticked."""
-LONG_PAUSES: Final = (*(5.0,) * 24, 80.0)
+LONG_PAUSES: Final = (*(5.0,) * 24, 100.0)
 """In which the client takes off or lands [s]; the longest is one in which every landing has to end."""
 CALM: Final = (1, 1, 4, 15)
 """How much more often than `HAPPENINGS` says nothing happens; drawn for each sequence."""
@@ -52,8 +52,8 @@ NOTICED: Final = 1.0
 """Nothing notices at once that the aircraft has come down by accident [s]."""
 LATEST: Final = 0.06
 """The core may ask for its tick this much after a deadline [s]: the boards must be able to take the frame."""
-LONGEST_LANDING: Final = 75.0
-"""What a landing may wait for, and its way down from the fence [s]."""
+LONGEST_LANDING: Final = LandingLimits().patience + LONGEST_WAIT + 10 * LONGEST_STEP
+"""What a landing may wait for, without its way down [s]."""
 QUICK: Final = ControlConfig(
     limiter=LimiterConfig(setpoint_ttl=0.2),
     lease=LeaseConfig(engage_after=0.2, release_after=0.5, ttl=1.0),
@@ -166,7 +166,7 @@ class Judge:
         self._world, self._cfg = world, world.cfg
         self._status: PublishStatus | None = None
         self._stage: tuple[str, float] = ("", 0.0)
-        self._landing_since = math.inf
+        self._landing_until = math.inf
         self._longest = _longest_stages(world.cfg)
 
     def breach(self, what: Breach, seen: str) -> None:
@@ -276,13 +276,16 @@ class Judge:
             self.breach(Breach.UNTRUE, f"{status.phase}, {status.aborts} aborts; it is {phase}, {world.aborts} aborts")
         if status.stage != self._stage[0] or not phase.is_in_flight:
             self._stage = status.stage, world.now
-        lands = phase.is_in_flight and status.manoeuvre == "land"
-        self._landing_since = min(self._landing_since, world.now) if lands else math.inf
+        lands = phase.is_in_flight and phase is not Phase.UNANSWERED and status.manoeuvre == "land"
+        if not lands:
+            self._landing_until = math.inf
+        elif self._landing_until == math.inf:
+            self._landing_until = world.now + LONGEST_LANDING + world.toy.place[2] / LandingLimits().slow_sink
         lasts = world.now - self._stage[1]
         if lasts > self._longest.get(status.stage, math.inf):
             self.breach(Breach.ENDLESS, f"{status.stage} for {lasts:.1f} s")
-        if world.now - self._landing_since > LONGEST_LANDING:
-            self.breach(Breach.ENDLESS, f"a landing for {LONGEST_LANDING:.0f} s: {status.stage}")
+        if world.now > self._landing_until:
+            self.breach(Breach.ENDLESS, f"a landing for more than {LONGEST_LANDING:.0f} s: {status.stage}")
 
 
 BLIND: Final = (LandingPhase.COMMIT, LandingPhase.DOWN, TakeOffPhase.IDLE, TakeOffPhase.RAMP, TakeOffPhase.FAILED)

@@ -407,7 +407,7 @@ def settle(world: World, rng: random.Random) -> None:
         world.wanted, world.asks = TakeOffSetpoint, {"height": 0.5}
     else:
         world.wanted, world.asks = LandSetpoint, {}
-        world.trouble.images_every = rng.choice((1, 1, 3, 5, 8))
+        world.trouble.images_every = rng.choice((1, 1, 3, 5, 8, 10))
 
 
 def _lean(world: World, rng: random.Random) -> None:

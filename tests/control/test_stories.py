@@ -405,6 +405,30 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 
 
+@pytest.mark.parametrize(("is_low", "ends_in"), [(False, Phase.ABORTED), (True, Phase.FREE)])
+def test_a_landing_whose_stages_alternate_ends_as_a_whole(is_low, ends_in):
+    """The question that was not asked: what comes when no stage is late, and the aircraft does not come down?
+
+    By an image a second it approached, searched and descended in turn, each for less than it may.
+    """
+    story = holding()
+    if is_low:
+        story.streams_low(LASTING + 0.3)
+        assert story.core.phase is Phase.LANDING
+    story.height, longest = None, 12.0 + 60.0 + 2.0 / 0.28
+    kind = HoldSetpoint if is_low else LandSetpoint
+    for _ in range(round(longest / 1.5) + 2):
+        story.see(2.0)
+        story.streams(kind, 1.5)
+        if story.core.phase not in (Phase.FLYING, Phase.LANDING):
+            break
+    story.run(0.3)
+    assert story.now == pytest.approx(longest + (LASTING if is_low else 0.0), abs=6.0)
+    reason = story.status.reason
+    assert reason.endswith("takes too long"), reason
+    assert story.core.phase in (ends_in, Phase.RELEASING)
+
+
 def test_of_two_targets_in_sight_one_is_named_and_a_low_battery_lands_on_the_one_that_is_flown_by():
     story = Story(2.0)
 

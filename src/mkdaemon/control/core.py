@@ -378,8 +378,12 @@ class FlightCore:
         authority = self._authority
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
-        if authority.phase.is_streamed and (late := self._flown.late_stage(now)):
-            authority.abort(f'"{late}" takes too long')
+        if late := self._flown.late_stage(now):
+            cause = f'"{late}" takes too long'
+            if authority.phase is Phase.LANDING:
+                authority.end(Trigger.GUIDANCE_LOST, cause=cause)
+            elif authority.phase.is_streamed:
+                authority.abort(cause)
         situation, setpoint = self.situation(now), authority.newest
         if setpoint is not None and self._flown.asks(situation):
             situation = self._seen(situation)

@@ -51,6 +51,7 @@ class Flown:
         self._cfg, self._sight, self._rows = cfg, sight, rows
         self._phase: Phase | None = None
         self._left: Manoeuvre | None = None
+        self._timed: Manoeuvre | None = None
         self._admitted: NewManoeuvre | None = None
         self._stage, self._stage_since, self._longest = "", 0.0, 0.0
 
@@ -137,8 +138,10 @@ class Flown:
     def _time(self, step: Step, now: float) -> None:
         """Note how long a stage lasts that is not done."""
         stage, self._longest = "" if step.is_done else step.stage, step.longest
-        if stage != self._stage:
-            self._stage, self._stage_since = stage, now
+        is_timed_whole = self.current is not None and self.current.is_timed_whole
+        if stage != self._stage and not (is_timed_whole and stage and self._timed is self.current):
+            self._stage_since = now
+        self._stage, self._timed = stage, self.current
 
     def late_stage(self, now: float) -> str:
         """The stage that has lasted for longer than it may; empty for none."""

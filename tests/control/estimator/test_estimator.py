@@ -207,6 +207,16 @@ def test_one_wild_image_is_rejected():
     assert estimator.estimate(plant.now).position == pytest.approx(before, abs=0.02)
 
 
+def test_an_estimate_that_images_contradict_by_far_doubts_itself_at_each_of_them():
+    """After a doubt that was too small it believed itself again, for as many images as before the first one."""
+    plant = Plant()
+    estimator = run(plant, 5.0)
+    for k in range(10):
+        at = plant.now + k / 30.0
+        estimator.target_seen(view(at, plant.axes, 7.0, 0.0), at)
+    assert estimator.estimate(plant.now + 0.3).position[2] == pytest.approx(7.0, abs=0.5)
+
+
 def test_the_hover_throttle_moves_until_the_model_explains_the_height():
     estimator = flown()
     estimator.advance(5.0)

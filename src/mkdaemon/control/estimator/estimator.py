@@ -392,7 +392,7 @@ class Estimator:
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
-            self._cameras.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
+            self._cameras.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE)
             if is_trusted:
                 self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
@@ -423,7 +423,7 @@ class Estimator:
             Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
         )
         if ratio is not None:
-            self._heights.judged(view.camera, is_refused=doubt is None and max(map(abs, ratio.tolist())) > GATE)
+            self._heights.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].

@@ -172,6 +172,7 @@ class Landing:
         phase: where it stands.
         down_since: since when the feet stand [s]; infinite before.
         is_on_target: they stand on the target, as far as the estimate could tell when they touched.
+        longest: how long it may last [s]: until every condition is so wide that it commits, and the way down.
     """
 
     def __init__(self, limits: LandingLimits, estimate: Estimate) -> None:
@@ -183,6 +184,7 @@ class Landing:
         self._committed = self._up_at = estimate.at
         self._fall: Fall | None = None
         self._waited = 0.0
+        self.longest = limits.patience + LONGEST_WAIT + self._height / limits.slow_sink
 
     def goal(self, estimate: Estimate, yaw: float | None, step: float) -> Goal:
         """Decide how to go on, and return where to.
@@ -217,12 +219,6 @@ class Landing:
             self._settle(estimate, height, error, step)
         share = self._commit_gas(estimate.at) if self.phase is LandingPhase.COMMIT else None
         return Goal(position=np.array([0.0, 0.0, self._height]), yaw=yaw, climb=climb, gas_share=share)
-
-    @property
-    def longest(self) -> float:
-        """How long its stage may last [s]: until every condition is so wide that it commits, and the way down."""
-        limits = self._limits
-        return limits.patience + LONGEST_WAIT + self._height / limits.slow_sink
 
     def approach_again(self, height: float) -> None:
         """Begin the approach once more at a height above the target [m]."""
@@ -284,6 +280,7 @@ class Land(ByTarget):
     """Goes down on the target; once committed or standing, what the eyes see no longer matters."""
 
     kind: ClassVar[str] = "land"
+    is_timed_whole: ClassVar[bool] = True
 
     def __init__(self, sight: Sight, cfg: AutopilotConfig, yaw: float | None = None) -> None:
         """Land with a heading [rad], None for any."""
@@ -308,7 +305,8 @@ class Land(ByTarget):
         if self.landing is not None and self.landing.phase is LandingPhase.DOWN:
             self.stepped_at = now
             return self._stand(self.landing, now)
-        return super().step(now, is_flying=is_flying)
+        step = super().step(now, is_flying=is_flying)
+        return step if self.landing is None else replace(step, longest=self.landing.longest)
 
     def _stand(self, landing: Landing, now: float) -> Step:
         """Level at the lowest throttle, until the aircraft has stood long enough to be released."""
@@ -333,6 +331,6 @@ class Land(ByTarget):
         self._sight.hover_gas = estimate.hover_gas
         if landing.phase is LandingPhase.COMMIT or estimate.age <= self._cfg.level_after:
             may_touch = landing.phase is LandingPhase.COMMIT
-            return Step(sticks, self.kind, stage=stage, longest=landing.longest, error=error, may_touch=may_touch)
-        level = Step(level_at(estimate.hover_gas), self.kind, stage=stage, longest=landing.longest, is_level=True)
+            return Step(sticks, self.kind, stage=stage, error=error, may_touch=may_touch)
+        level = Step(level_at(estimate.hover_gas), self.kind, stage=stage, is_level=True)
         return replace(level, end=self._lost_sight(estimate), error=error)

@@ -95,12 +95,14 @@ class Manoeuvre(ABC):
         kind: its shown name.
         is_by_target: it follows what images of a target show.
         keeps_place: it goes on by itself when its setpoints say nothing new.
+        is_timed_whole: its stages come again and again, so all of them together may last for `Step.longest`.
         stepped_at: when it was asked last [s].
     """
 
     kind: ClassVar[str]
     is_by_target: ClassVar[bool] = False
     keeps_place: ClassVar[bool] = False
+    is_timed_whole: ClassVar[bool] = False
 
     def __init__(self, sight: Sight, setpoint: Any = None) -> None:
         """Prepare, by what is known of the target and, where there is one, by its setpoint; `enter` begins it."""
