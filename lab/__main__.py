@@ -8,7 +8,8 @@ from typing import Final
 
 import structlog
 
-from mkdaemon.cli.program import CommandEntry, build, run
+from mkdaemon.cli.listing import CommandEntry
+from mkdaemon.cli.program import build, run
 
 CAMPAIGNS: Final = (
     CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second, against pymavlink."),

@@ -1,7 +1,7 @@
 """`python -m lab fuzz --bus`: a stranger puts, deletes, asks and shows tokens under every kind of key expression.
 
 Real time: `mkdaemon run` as a process before simulated boards, and beside it programs that subscribe: `mkctl watch`,
-`mkctl record`, `mkctl view` and the gateways. None may end or write a traceback, and the daemon must go on answering.
+`mkctl log record`, `mkctl view` and the gateways. None may end or write a traceback; the daemon must go on answering.
 """
 
 from __future__ import annotations
@@ -157,7 +157,7 @@ def readers(endpoint: str, folder: Path) -> dict[str, tuple[str, ...]]:
     whose = ("--connect", endpoint, "--vehicle", VEHICLE)
     found = {
         "watch": (*MKCTL, "watch", "**", *whose),
-        "record": (*MKCTL, "record", "--folder", str(folder / "ground"), *whose),
+        "record": (*MKCTL, "log", "record", "--folder", str(folder / "ground"), *whose),
         "view": (*MKCTL, "view", "--port", "0", "--no-browser", *whose),
         "mavlink": (*PROGRAM, "gateway", "mavlink", "--link", "udpout:127.0.0.1:9", *whose),
         "foxglove": (*PROGRAM, "gateway", "foxglove", "--port", "0", *whose),

@@ -36,16 +36,16 @@ def full_disk():
 
 
 def print_target(folder, *words):
-    return mkdaemon, folder / "x.svg", ["target", folder / "x.svg", "--tag", "7:0.16", *words]
+    return mkdaemon, folder / "x.svg", ["calibrate", "print", folder / "x.svg", "--tag", "7:0.16", *words]
 
 
 def print_board(folder, *words):
-    return mkdaemon, folder / "x.pdf", ["target", folder / "x.pdf", "--charuco", "9x6", *words]
+    return mkdaemon, folder / "x.pdf", ["calibrate", "print", folder / "x.pdf", "--charuco", "9x6", *words]
 
 
 def write_target_file(folder, *words):
     own = folder / "own.toml"
-    return mkdaemon, own, ["target", folder / "y.svg", "--tag", "7:0.16", "--write-target", own, *words]
+    return mkdaemon, own, ["calibrate", "print", folder / "y.svg", "--tag", "7:0.16", "--write-target", own, *words]
 
 
 def convert_mission(folder, *words):

@@ -1,22 +1,15 @@
-"""The tables of admission in docs/flying.md and docs/safety.md, made from the rows of control/admission.
-
-The prose of both pages is written by hand; a table stands between `<!-- admission NAME -->` and `<!-- end -->`.
-"""
+"""The tables of admission in docs/modes.md, made from the rows of control/admission."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import Final
 
 from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern
 from mkdaemon.control.admission.row import Row, Rule
 from mkdaemon.control.admission.rows import ROWS
-from mkdaemon.errors import MkError
 from tools.markdown import table
 
-PLACE: Final = re.compile(r"(?P<begin><!-- admission (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
 _IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
 _TOGETHER: Final[Mapping[tuple[Concern, ...], str]] = {
@@ -26,35 +19,6 @@ _TOGETHER: Final[Mapping[tuple[Concern, ...], str]] = {
     _IN_SIGHT: "every manoeuvre by the target but take-off",
 }
 """Concerns that have a name together."""
-
-
-def flying_page(root: Path) -> str:
-    """Return docs/flying.md with the tables of checks and manoeuvres made anew.
-
-    Raises:
-        MkError: a table that is not known.
-    """
-    return _filled(root / "docs/flying.md")
-
-
-def safety_page(root: Path) -> str:
-    """Return docs/safety.md with the table of all else that may begin made anew.
-
-    Raises:
-        MkError: a table that is not known.
-    """
-    return _filled(root / "docs/safety.md")
-
-
-def _filled(page: Path) -> str:
-    def made(place: re.Match[str]) -> str:
-        name = place["name"]
-        if name not in TABLES:
-            msg = f"{page.name}: no table '{name}'; known are {', '.join(TABLES)}"
-            raise MkError(msg)
-        return place["begin"] + "\n".join(TABLES[name]()) + "\n" + place["end"]
-
-    return PLACE.sub(made, page.read_text(encoding="utf-8"))
 
 
 def _is_of_flight(row: Row) -> bool:

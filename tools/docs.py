@@ -30,10 +30,12 @@ GENERATED: Final[Mapping[str, str]] = {
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/doctor.md": "tools.doctor_page:doctor_page",
+    "docs/figures/architecture.svg": "tools.page_drawings:architecture_picture",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
     "docs/figures/flying.svg": "tools.page_drawings:flying_picture",
     "docs/figures/hardware.svg": "tools.page_drawings:hardware_picture",
     "docs/figures/operations.svg": "tools.page_drawings:operations_picture",
+    "docs/figures/phases.svg": "tools.phases_picture:phases_picture",
     "docs/figures/quickstart.svg": "tools.page_drawings:quickstart_picture",
     "docs/figures/recording.svg": "tools.page_screens:recording_picture",
     "docs/figures/replay.svg": "tools.page_drawings:replay_picture",
@@ -55,12 +57,10 @@ GENERATED: Final[Mapping[str, str]] = {
 
 FILLED: Final[Mapping[str, str]] = {
     "docs/lab/accuracy.md": "tools.accuracy_tables:accuracy_page",
-    "docs/flying.md": "tools.admission_tables:flying_page",
     "docs/lab/genuine-triggers.md": "tools.genuine_tables:triggers_page",
     "docs/lab/genuine.md": "tools.genuine_tables:genuine_page",
     "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
     "docs/lab/scale.md": "tools.fleet_tables:scale_page",
-    "docs/safety.md": "tools.admission_tables:safety_page",
     "docs/troubles.md": "tools.message_tables:troubles_page",
     "docs/waypoints.md": "tools.items_table:waypoints_page",
 }

@@ -11,7 +11,11 @@ from tools.markdown import table
 
 _PLACE: Final = re.compile(r"(<!-- items: .*? -->\n).*?(<!-- end of items -->)", re.DOTALL)
 _COLUMNS: Final = ("item", "parameter", "becomes", "says nothing", "anything else")
-_OTHERWISE: Final = {Otherwise.REFUSED: "refused", Otherwise.NOTED: "left out and told", Otherwise.NOTHING: "ignored"}
+_OTHERWISE: Final = {
+    Otherwise.REFUSED: "refused",
+    Otherwise.NOTED: "left out and reported",
+    Otherwise.NOTHING: "ignored",
+}
 
 
 def waypoints_page(root: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -30,7 +31,7 @@ know.
 Nothing is repeated to look fresh: a value is as old as its `stamp` says.
 
 **Times and units.** `stamp` is one map on every value: `monotonic` [s], `wall` [s; Unix time], `boot` and
-`synchronised`; [time.md](time.md) says what each is good for. A field in seconds or another SI unit has a plain name;
+`synchronised`; [frames](frames.md#time-stamps) explains them. A field in seconds or another SI unit has a plain name;
 every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
 
 **Where.** The daemon listens at `{endpoint}` (Zenoh; `bus.listen` in the configuration); programs connect there with
@@ -50,13 +51,18 @@ _TITLES: Final = {
 }
 
 _SAYS: Final = {
-    Use.PUBLISHED: ("payload", "when"),
-    Use.CLIENT: ("payload", "when"),
+    Use.PUBLISHED: ("payload", "when", "fresh (s)"),
+    Use.CLIENT: ("payload", "when", "fresh (s)"),
     Use.QUERY: ("request", "reply"),
     Use.SETPOINT: ("payload",),
     Use.TOKEN: (),
 }
 """What the table of each use says between the key and its meaning."""
+_WORDS: Final = {
+    Use.PUBLISHED: "A last value that is older than `fresh` is stale: no program shows it as the present one. Events "
+    "belong to their moment.\n\n"
+}
+"""What stands before the table of a use."""
 _COMMAND: Final = "cmd/<board>/<message>"
 
 _COMMANDS: Final = """## Commands
@@ -107,7 +113,7 @@ def keys_page(_root: Path | None = None) -> str:
 def _parts() -> Iterator[str]:
     yield _HEAD.replace("{endpoint}", ", ".join(BusConfig().listen))
     for use, title in _TITLES.items():
-        yield f"\n## {title}\n\n"
+        yield f"\n## {title}\n\n{_WORDS.get(use, '')}"
         head = ("key", "who", *_SAYS[use], "what")
         yield from (f"{line}\n" for line in table(head, (_row(spec) for spec in KEYS if spec.use is use)))
     yield f"\n{_COMMANDS}\n{_FLYING}\n{_REFUSALS}"
@@ -129,6 +135,7 @@ def _row(spec: KeySpec) -> tuple[str, ...]:
         "request": link_to(spec.carries) if spec.carries else "none",
         "reply": link_to(spec.reply) if spec.reply else "",
         "when": spec.when,
+        "fresh (s)": "" if spec.fresh is None else "until the next" if math.isinf(spec.fresh) else f"{spec.fresh:g}",
     }
     if spec.suffix == _COMMAND:  # the payload of a request is the message's own fields, as is that of its reply
         cells |= {"request": "its fields", "reply": "the answer's fields"}

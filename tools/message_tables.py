@@ -1,6 +1,6 @@
-"""The table of messages in docs/troubles.md: every refusal, camera alarm, state of the line and cause, as printed.
+"""The tables of messages in docs/troubles.md: every refusal, camera alarm, state of the line and cause, as printed.
 
-The prose of the page is written by hand; the table stands between `<!-- messages -->` and `<!-- end -->`.
+The prose of the page is written by hand; the tables stand between `<!-- messages -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -21,8 +22,8 @@ from tools.markdown import table
 
 PAGE: Final = "docs/troubles.md"
 PLACE: Final = re.compile(r"(?P<begin><!-- messages -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
-_LINE: Final = "`mkctl health`; [link.md](link.md)"
-_CAMERA: Final = "[cameras.md](cameras.md)"
+_LINE: Final = "`mkctl health`; [link](link.md#states)"
+_CAMERA: Final = "[vision](vision.md#states-and-alarms)"
 
 
 class Message(NamedTuple):
@@ -43,7 +44,7 @@ def messages() -> list[Message]:
     found += [Message(f"link {condition.value}", _LINE) for condition in LinkCondition]
     found += [_cut(reason, _LINE) for reason in verdict_reasons()]
     found += [_alarm(alarm) for alarm in Alarm]
-    found += [Message(kind.words, "[flying.md](flying.md)") for kind in CauseKind]
+    found += [Message(kind.words, "[safety](safety.md#what-ends-a-flight)") for kind in CauseKind]
     return sorted(found, key=lambda message: re.sub(r"\W+", " ", message.printed).casefold())
 
 
@@ -55,10 +56,16 @@ def verdict_reasons() -> Iterator[str]:
 
 
 def troubles_page(root: Path) -> str:
-    """Return docs/troubles.md with the table of messages made from today's tables."""
-    rows = "\n".join(table(("printed", "what to do"), messages()))
+    """Return docs/troubles.md with the tables of messages made from today's tables, one for each first letter."""
+    letters = groupby(messages(), key=lambda message: _first_letter(message.printed))
+    parts = ["\n".join([f"### {letter}\n", *table(("printed", "what to do"), found)]) for letter, found in letters]
+    rows = "\n\n".join(parts)
     text = (root / PAGE).read_text(encoding="utf-8")
-    return PLACE.sub(lambda place: f"{place['begin']}{rows}\n{place['end']}", text)
+    return PLACE.sub(lambda place: f"{place['begin']}\n{rows}\n\n{place['end']}", text)
+
+
+def _first_letter(printed: str) -> str:
+    return re.sub(r"\W+", "", printed)[:1].upper()
 
 
 def _alarm(alarm: StrEnum) -> Message:

@@ -152,8 +152,55 @@ DRAWINGS: Final = {
             Arrow("ctl", "unit", "asks"),
         ),
     ),
+    "architecture": Drawing(
+        {
+            "guard": Box(1, 0, ("process: guard", "neutral, then release, if", "the daemon falls silent")),
+            "core": Box(2, 0, ("FlightCore", "feed(event, now), tick(now)", "pure, no clock")),
+            "recorder": Box(3, 0, ("thread recorder", "writes recordings")),
+            "fc": Box(0, 1, ("FlightCtrl",)),
+            "link": Box(1, 1, ("task link", "port, frames, requests,", "health")),
+            "control": Box(2, 1, ("task control", "feeds and ticks the core,", "sends what it decides")),
+            "zenoh": Box(3, 1, ("Zenoh's threads", "copy what arrives,", "verify its signature")),
+            "clients": Box(4, 1, ("processes: clients", "mkctl, gateways,", "your program")),
+            "nc": Box(0, 2, ("NaviCtrl",)),
+            "sink": Box(1, 2, ("BusSink, translate", "frames to SI values,", "for the core and Zenoh")),
+            "procedures": Box(2, 2, ("task procedures", "settings, waypoints")),
+            "answers": Box(3, 2, ("threads bus.*", "answers to queries")),
+            "camera": Box(0, 3, ("camera",)),
+            "images": Box(1, 3, ("threads camera-NAME", "wait for images")),
+            "vision": Box(2, 3, ("thread vision", "tags, pose; PoseSeen goes", "to the core")),
+        },
+        (
+            Arrow("fc", "link", "bytes", both=True),
+            Arrow("nc", "link", "bytes", both=True),
+            Arrow("guard", "fc", "release"),
+            Arrow("link", "guard", "stick frames"),
+            Arrow("link", "sink", "Message"),
+            Arrow("control", "link", "sticks"),
+            Arrow("control", "core", "events, actions", both=True),
+            Arrow("core", "recorder", "events"),
+            Arrow("sink", "control", "StateValue"),
+            Arrow("zenoh", "control", "setpoint"),
+            Arrow("zenoh", "procedures", "query"),
+            Arrow("procedures", "answers"),
+            Arrow("answers", "zenoh"),
+            Arrow("zenoh", "clients", "mk/NAME/...", both=True),
+            Arrow("camera", "images", "images"),
+            Arrow("images", "vision", "newest"),
+        ),
+    ),
 }
 """By page."""
+
+
+def arrow_head() -> str:
+    """Return the definition of an arrow's head, `url(#tip)`."""
+    return _HEAD
+
+
+def architecture_picture(_root: Path) -> str:
+    """Return processes, threads and tasks of the daemon, as SVG."""
+    return _draw(DRAWINGS["architecture"])
 
 
 def quickstart_picture(_root: Path) -> str:

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from unittest.mock import patch
 
 from rich.text import Span, Text
@@ -20,9 +20,9 @@ from mkdaemon.cli.mkctl.log import info
 from mkdaemon.cli.mkctl.settings import compare
 from mkdaemon.cli.mkctl.sim_fault import faults
 from mkdaemon.cli.mkctl.status import render
-from mkdaemon.client.verdict import STANDS_ON, verdict_of
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
+from mkdaemon.reading import Reading, key_spec
 from mkdaemon.record.entry import Kind, unpacked
 from mkdaemon.record.reader import Recording
 from mksim.boards.parameters import factory_set
@@ -73,23 +73,19 @@ def faults_picture(_root: Path) -> str:
 
 def _status(recording: str, key: str, word: str) -> str:
     """The screen just before a recorded value says this word under this key."""
-    known: dict[str, tuple[float, dict[str, Any]]] = {}
+    reading, now = Reading(), 0.0
     for entry in Recording(ROOT / _RECORDINGS / f"{recording}.mcap").entries(lambda facts: facts.kind is Kind.SAMPLE):
-        fields = unpacked(entry.payload)
+        fields, spec = unpacked(entry.payload), key_spec(entry.suffix)
         now = entry.received
         if entry.suffix == key and word in fields.values():
             break
-        known[entry.suffix] = (now, fields)
+        if spec is not None and spec.fresh is not None and spec.carries is not None:
+            reading.take(entry.suffix, spec.carries.model_validate(fields), now)
     else:
         msg = f"{recording}: nothing under {key} says {word}"
         raise ValueError(msg)
-    screen = {suffix: {**fields, "age": now - seen} for suffix, (seen, fields) in known.items()}
     with _typed("mkctl status --vehicle t") as lines:
-        known_kinds = {
-            suffix: kind.model_validate(screen[suffix]) for suffix, kind in STANDS_ON.items() if suffix in screen
-        }
-        worst, _ = verdict_of(*map(known_kinds.get, STANDS_ON))
-        Console(width=_COLUMNS).print(render("t", screen, worst))
+        Console(width=_COLUMNS).print(render("t", reading.at(now)))
     return _screen(lines)
 
 

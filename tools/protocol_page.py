@@ -88,7 +88,8 @@ def _message(layouts: list[type[WireMessage]]) -> Iterator[str]:
         reply = f"answer `{spec.reply}`" if spec.reply else "no answer"
         anyone = ", obeyed whatever the address" if spec.any_address else ""
         yield f"`{spec.id}` to {boards}{anyone}; {reply}."
-        yield f"Key `cmd/{spec.boards[0].word}/{spec.key}`, command line `mkctl send {spec.key.replace('_', '-')}`."
+        name = spec.key.replace("_", "-")
+        yield f"Key `cmd/{spec.boards[0].word}/{spec.key}`, command line `mkctl board send {name}`."
         yield _asking(spec)
         dangers = dict.fromkeys(cls.spec.danger.effect for cls in layouts if cls.spec.danger)
         yield from (f"**Danger**: {danger}." for danger in dangers)

@@ -1,4 +1,4 @@
-"""`python -m tools.report_picture RECORDING`: the picture of docs/report.md, out of a recording of the demonstration.
+"""`python -m tools.report_picture RECORDING`: the picture of docs/look.md, out of a recording of the demonstration.
 
 Needs Debian's Chromium. `mkdaemon demo --fast` makes the recording.
 """

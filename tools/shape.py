@@ -1,8 +1,9 @@
 """`python -m tools.shape`: the shape of the source tree, printed and checked.
 
 It prints how many lines each package has, which files are the longest, and how often packages import each other. It
-fails when a file or a function is too long, when two modules of one package share a name, or when modules import each
-other in a circle. The layers are held by import-linter (`pyproject.toml`).
+fails when a file or a function is too long, when two modules of one package share a name, when more classes of the
+product share a name than today, or when modules import each other in a circle. The layers are held by import-linter
+(`pyproject.toml`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ LONGEST_FUNCTION: Final = 60
 FOLDERS: Final = ("src", "lab", "tools", "tests", "examples")
 LIMITED: Final = ("src", "lab", "tools", "examples")
 """Folders whose files have the limits."""
+SAME_CLASSES: Final = 106
+"""Public classes of the product whose name another one has already. This number only goes down."""
 PRODUCT: Final = ("mkdaemon", "mksim")
 """What is installed."""
 WHOLE: Final = ("mksim",)
@@ -127,6 +130,32 @@ def find_same_names(paths: Iterable[str]) -> list[str]:
     ]
 
 
+def same_classes(root: Path) -> dict[str, list[str]]:
+    """Return the public classes of the product that share a name, each with the files that define one."""
+    places: dict[str, list[str]] = {}
+    for path in sorted(path for package in PRODUCT for path in (root / "src" / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(path.relative_to(root).as_posix())
+    return {name: same for name, same in places.items() if len(same) > 1}
+
+
+def find_same_classes(same: Mapping[str, Collection[str]], most: int = SAME_CLASSES) -> list[str]:
+    """Return a sentence where classes share names more or less often than the budget says.
+
+    Args:
+        same: as `same_classes` finds them.
+        most: the budget.
+    """
+    count = sum(len(files) - 1 for files in same.values())
+    if count == most:
+        return []
+    if count < most:
+        return [f"{count} classes share a name with another one: set SAME_CLASSES in tools/shape.py to {count}"]
+    names = ", ".join(sorted(same, key=lambda name: (-len(same[name]), name)))
+    return [f"{count} classes share a name with another one; {most} are allowed: give the new one its own ({names})"]
+
+
 def count_imports(packages: Collection[str] = PRODUCT) -> dict[str, Counter[str]]:
     """Return how many modules of each package import one of each other package, counted by module.
 
@@ -196,18 +225,19 @@ def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
     """Print the sizes of packages and the imports between them, and check files, functions, names and circles.
 
     Raises:
-        MkError: a file or a function is too long, two modules of a package share a name, or imports make a circle.
+        MkError: a file or a function is too long, modules or classes share a name, or imports make a circle.
     """
     lines = count_lines(root)
     _print_sizes(measure_packages(lines), lines)
     _print_imports(count_imports())
     faults = [*find_long_files(lines), *find_long_functions(root), *find_same_names(lines)]
+    faults += find_same_classes(same_classes(root))
     faults += [f"imports make a circle: {', '.join(circle)}" for name in PRODUCT for circle in find_circles(name)]
     if faults:
         print(*faults, sep="\n")
         raise MkError(f"{len(faults)} faults of the shape")
     limits = f"no file above {LONGEST_FILE} lines, no function above {LONGEST_FUNCTION}"
-    print(f"{limits}, no name twice in one package, no circle of imports")
+    print(f"{limits}, no name twice in one package, no circle of imports; {SAME_CLASSES} classes share a name")
 
 
 def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:

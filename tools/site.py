@@ -1,7 +1,8 @@
 """`python -m tools.site`: the documentation as a static site, in build/site.
 
 The pages of docs/, the README and the examples are laid out in build/pages, with their links, as `mkdocs.yml` expects
-them; `zensical` (`make site` installs it) builds the site and stops at every link or anchor that leads nowhere.
+them; `zensical` (`make site` installs it) builds the site and stops at every link or anchor that leads nowhere. Pages
+of docs/lab/ are for those who change the code: they stay in the repository, and the site names their files.
 """
 
 from __future__ import annotations
@@ -28,16 +29,34 @@ FRONT: Final = {"README.md": "index.md"}
 """Pages outside docs/ whose place in the site has another name."""
 OUTSIDE: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Pages outside docs/ that the site has too."""
+LAB: Final = "docs/lab/"
+"""Pages of the repository that are not in the site."""
+UNLISTED: Final = ("doctor.md",)
+"""Pages of the site that its navigation does not list; links and search find them."""
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
 LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
+REFERENCE: Final = "\n  - Reference:\n"
+"""Begins the part of the navigation whose pages are looked up in, not read."""
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
+_CODE: Final = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?P<words>[^<]*)</code>")
+_BREAKABLE: Final = re.compile(r"\S*[-/]\S*")
+_LONGEST_WORD: Final = 40
+"""Letters of a word that fits into one line of a telephone."""
 _ABROAD: Final = re.compile(r"^[a-z]+:")
 
 
 def pages_in_navigation(root: Path) -> list[str]:
     """Return the pages that the navigation of `mkdocs.yml` lists, in its order, as places in the site."""
     return [entry["page"] for entry in _ENTRY.finditer((root / TABLE).read_text(encoding="utf-8"))]
+
+
+def pages_for_users(root: Path) -> list[str]:
+    """Return the pages that the navigation lists before its part for reference, as paths relative to the root."""
+    listed = (root / TABLE).read_text(encoding="utf-8").partition(REFERENCE)[0]
+    outside = {place: page for page, place in FRONT.items()}
+    pages = (entry["page"] for entry in _ENTRY.finditer(listed))
+    return [outside.get(page, f"docs/{page}") for page in pages]
 
 
 def place_in_site(path: str) -> str:
@@ -65,10 +84,11 @@ def moved(text: str, page: str, titles: Mapping[str, str]) -> str:
         if _ABROAD.match(found["target"]):
             return found[0]
         path = posixpath.normpath(posixpath.join(posixpath.dirname(page), found["target"]))
-        anchor = found["anchor"] or ""
+        anchor, words = found["anchor"] or "", found["words"]
+        if path.startswith(LAB):
+            return f"`{path}`" if words.endswith(".md") else f"{words} (`{path}`)"
         if path.startswith("examples/"):
             anchor = f"#{PurePosixPath(path).stem}"
-        words = found["words"]
         head = f"[{titles[path]}](" if words and words.endswith(".md") and path in titles else found["head"]
         return f"{head}{posixpath.relpath(place_in_site(path), here or '.')}{anchor})"
 
@@ -77,7 +97,8 @@ def moved(text: str, page: str, titles: Mapping[str, str]) -> str:
 
 def pages_of(root: Path) -> list[str]:
     """Return the pages of the tree that the site has, relative to the root, with slashes."""
-    return [*OUTSIDE, *(path.relative_to(root).as_posix() for path in sorted((root / "docs").rglob("*.md")))]
+    pages = (path.relative_to(root).as_posix() for path in sorted((root / "docs").rglob("*.md")))
+    return [*OUTSIDE, *(page for page in pages if not page.startswith(LAB))]
 
 
 def titles_of(root: Path) -> dict[str, str]:
@@ -103,7 +124,8 @@ def lay_out(root: Path) -> Path:
     for page in titles:
         _write(stage / place_in_site(page), moved((root / page).read_text(encoding="utf-8"), page, titles))
     _write(stage / EXAMPLES, examples_page(root))
-    shutil.copytree(root / "docs" / "figures", stage / "figures")
+    for folder in ("figures", "site"):
+        shutil.copytree(root / "docs" / folder, stage / folder)
     return stage
 
 
@@ -130,6 +152,15 @@ def build(root: Path, call: Callable[..., subprocess.CompletedProcess[str]] = su
         raise MkError(msg)
 
 
+def keep_words_whole(page: str) -> str:
+    """Return the HTML of a page in which no browser breaks a word of a command or a key at its hyphen or slash."""
+
+    def word(found: re.Match[str]) -> str:
+        return found[0] if len(found[0]) > _LONGEST_WORD else f'<span class="word">{found[0]}</span>'
+
+    return _CODE.sub(lambda code: f"<code>{_BREAKABLE.sub(word, code['words'])}</code>", page)
+
+
 def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
     """Build the site of the documentation.
 
@@ -141,6 +172,8 @@ def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = 
         raise MkError(msg)
     stage = lay_out(root)
     build(root)
+    for page in (root / SITE).rglob("*.html"):
+        page.write_text(keep_words_whole(page.read_text(encoding="utf-8")), encoding="utf-8")
     print(f"built {root / SITE / 'index.html'} of {len(list(stage.rglob('*.md')))} pages")
 
 

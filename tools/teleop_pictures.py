@@ -15,12 +15,12 @@ from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
 from lab.stories.losses import silence_log
 from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.teleop.shaping import MODES
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.shaping import MODES
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from tools.screensvg import screen_svg, svg_of, svg_text
@@ -73,7 +73,7 @@ async def _flown_screen() -> list[Text]:
     watcher = Watcher()
     published.followers.append(watcher.take)
     async with cockpit(Boards("2.12a"), _SEED, outlet=published) as flown:
-        session = Session(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(_SEED)).lease))
+        session = TeleopSession(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(_SEED)).lease))
         stop = asyncio.Event()
         running = asyncio.create_task(session.run(stop))
         pad = HandPad(session, "Xbox pad")

@@ -19,6 +19,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
+from tools.site import TABLE, pages_for_users
 
 PAGES: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/**/*.md")
 REFUSED: Final[Mapping[str, str]] = {
@@ -78,6 +79,10 @@ _UNREAD: Final = re.compile(
 )
 
 
+LONGEST_PAGE: Final = 900
+"""Words that a page for a user may have."""
+_NOT_COUNTED: Final = re.compile(r"^ *```.*?^ *```|<!-- .*?-->.*?<!-- end.*?-->", re.DOTALL | re.MULTILINE)
+"""Code, and tables that are made: what a reader types, compares or looks up."""
 DIALECT: Final = "tools/dialect.toml"
 COUNTED: Final[Mapping[str, tuple[str, ...]]] = {"docs": PAGES, "src": ("src/**/*.py",)}
 """Where phrases are counted, by the name of the budget."""
@@ -128,6 +133,11 @@ def prose_of(text: str) -> str:
     return _UNREAD.sub(lambda part: re.sub(r"[^\n]", " ", part[0]), text)
 
 
+def length_of(text: str) -> int:
+    """Number of words of a page, without its code and the tables that are made."""
+    return sum(bool(re.search(r"\w", word)) for word in _NOT_COUNTED.sub(" ", text).split())
+
+
 def dialect_counts(root: Path) -> Iterator[Count]:
     """Count every phrase of the dialect in the prose of pages, and in sources as they stand; none without its table."""
     table = root / DIALECT
@@ -158,15 +168,17 @@ def words(
     root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
     lower: Annotated[bool, Parameter(help="Write the present numbers of the dialect's phrases as budgets.")] = False,
 ) -> None:
-    """Check the words of the pages, and that the phrases of the old dialect become fewer.
+    """Check the words of the pages, their length, and that the phrases of the old dialect become fewer.
 
     Raises:
-        MkError: a page says or spells something in another way than the others, or a phrase became more frequent.
+        MkError: a page says or spells something in another way than the others, is too long, or a phrase became more
+            frequent.
     """
     counts = list(dialect_counts(root))
     if lower:
         lower_budgets(root, counts)
     _require_words(root)
+    _require_short_pages(root)
     wrong = [
         f"{DIALECT}: `{c.phrase}` stands {c.found} times in {c.place}, {c.budget} are allowed: write {c.instead}"
         for c in counts
@@ -199,6 +211,23 @@ def _require_words(root: Path) -> None:
         msg = f"words that the pages do not use: {len(told)}; tools/words.py has the list"
         raise MkError(msg)
     print(f"{len(pages)} pages use the words of the list")
+
+
+def _require_short_pages(root: Path) -> None:
+    """Check the length of the pages for users; a tree without a navigation has none.
+
+    Raises:
+        MkError: one has too many words.
+    """
+    if not (root / TABLE).is_file():
+        return
+    lengths = {page: length_of((root / page).read_text(encoding="utf-8")) for page in pages_for_users(root)}
+    long = [f"{page}: {length} words" for page, length in lengths.items() if length > LONGEST_PAGE]
+    if long:
+        print("\n".join(long))
+        msg = f"pages for users with more than {LONGEST_PAGE} words: {len(long)}"
+        raise MkError(msg)
+    print(f"{len(lengths)} pages for users have at most {max(lengths.values(), default=0)} words")
 
 
 app = App(name="words", default_command=words, default_parameter=Parameter(negative=()))

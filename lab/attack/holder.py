@@ -8,6 +8,7 @@ that the time of the last one is known when it is killed. END is `silent`, or `k
 from __future__ import annotations
 
 import asyncio
+import math
 import mmap
 import os
 import signal
@@ -19,6 +20,7 @@ from typing import Final
 
 from mkdaemon.client import connect
 from mkdaemon.client.lease import Lease
+from mkdaemon.client.session import FlightSession
 
 NOTE: Final = struct.Struct("<dd")
 """Times of the last put and of the first one of the flood [s; monotonic]; 0 before it."""
@@ -42,7 +44,9 @@ async def main(endpoint: str, vehicle: str, rate: float, seconds: float, notes: 
     Raises:
         NotEngagedError: the daemon did not begin to send sticks.
     """
-    async with connect(vehicle, endpoint) as uav, uav.lease(holder="flood") as lease:
+    # A hostile client does not ask whether the lease is still its own.
+    session = FlightSession(silence=math.inf)
+    async with connect(vehicle, endpoint) as uav, uav.lease(session, holder="flood") as lease:
         await lease.stick(throttle=0.0, seconds=0.2)
         await lease.stick(throttle=0.0, pitch=TILT, seconds=0.5)
         sent = _flood(lease, rate, seconds, notes)
@@ -55,13 +59,11 @@ async def main(endpoint: str, vehicle: str, rate: float, seconds: float, notes: 
 def _flood(lease: Lease, rate: float, seconds: float, notes: mmap.mmap) -> int:
     """Put setpoints, without a look at what the daemon says; returns how many."""
     sticks = {"pitch": TILT, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-    # A hostile client does not ask whether the lease is still its own.
-    put = lease._setpoints.put  # noqa: SLF001
     began, sent = time.monotonic(), 0
     while (now := time.monotonic()) < began + seconds:
         due = int((now - began) * rate) if rate else sent + 1
         while sent < due:
-            put("stick", 0.3, sticks)
+            lease.put("stick", sticks)
             notes[:] = NOTE.pack(time.monotonic(), began)
             sent += 1
         if rate:

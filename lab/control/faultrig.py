@@ -1,7 +1,7 @@
 """A flight through the flight core to which things happen: client, line, camera, boards, computer and air fail.
 
-Everything the core hands to the line is checked against the rules of docs/safety.md, "The last function before the
-wire", by a second implementation that shares no code with it.
+Everything the core hands to the line is checked against the rules of docs/safety.md, "The output limiter", by a
+second implementation that shares no code with it.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
         return VelocitySetpoint(**stream, velocity=speed, frame=SetpointFrame.BODY)
 
     rig.at(at, lambda now: setattr(rig, "stream", wanted))
-    return Expectation((*LOST_SIGHT, "land cannot begin from sticks or attitude"))
+    return Expectation((*LOST_SIGHT, "land cannot start from sticks or attitude"))
 
 
 def taken_over(rig: FaultRig, at: float, rng: random.Random) -> Expectation:

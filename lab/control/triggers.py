@@ -124,52 +124,51 @@ class Trigger:
         return DEAD_MAN[boards.fc] if self.at is None else self.at
 
 
-BLIND: Final = "the target is out of sight, flown by position or velocity"
-BATTERY: Final = "the battery is low: the board's alarm, or the voltage of the active set"
-NO_DATA: Final = "no board data"
-SWITCHES: Final = (
-    "height control is switched on, or the GPS switch is turned to hold or coming home under a flight by position"
-)
-PILOT: Final = "pilot closes the gate or moves a stick"
+BLIND: Final = "the target is out of sight"
+BATTERY: Final = "the battery is low"
+NO_DATA: Final = "no data from the boards, or no answers"
+NO_LINK: Final = "the link is down or absent"
+SWITCHES: Final = "height control on, or GPS switch not at free, in flight by position"
+PILOT: Final = "the pilot closes the gate or moves a stick"
 GUARD: Final = "the daemon hangs or dies"
-ENDED: Final = "somebody asks for a release, or another client takes the lease by force"
+ENDED: Final = "`mkctl release`, or another client takes the lease with `--force`"
 TRIGGERS: Final = (
-    Trigger("setpoint older than its time to live", stale, 0.3),
-    Trigger("still nothing", silent, 1.0),
+    Trigger("the newest setpoint is too old", stale, 0.3),
+    Trigger("still no setpoint", silent, 1.0),
     Trigger("the client's session ends", client_gone, 0.0),
     Trigger(BLIND, blind_frozen, 0.2),
     Trigger(BLIND, blind_searches, 1.0),
     Trigger(BLIND, blind_release, 3.0),
     Trigger(BLIND, eyes_stalled, 1.0),
-    Trigger("take-off without an image of a flying aircraft", blind_takeoff, 1.2),
+    Trigger("no image confirms a take-off", blind_takeoff, 1.2),
     Trigger(BATTERY, battery_lands, LASTING),
     Trigger(BATTERY, battery_released, LASTING),
-    Trigger("somebody asks for an abort", aborted, 0.0),
+    Trigger("`mkctl abort`", aborted, 0.0),
     Trigger(ENDED, release_asked, 0.0),
     Trigger(ENDED, taken_over, 0.0),
     Trigger(NO_DATA, line_silent, 1.0),
     Trigger(NO_DATA, line_garbage, 1.0),
-    Trigger(NO_DATA, unplugged, 0.0),
-    Trigger(NO_DATA, replugged, 0.03),
-    Trigger("the board does not hear us", one_way, 1.5),
-    Trigger("nothing of ours reaches the FlightCtrl any more", dead_man, None, Shown.ON_A_CABLE),
+    Trigger(NO_DATA, one_way, 1.5),
+    Trigger(NO_LINK, unplugged, 0.0),
+    Trigger(NO_LINK, replugged, 0.03),
+    Trigger("nothing reaches the FlightCtrl", dead_man, None, Shown.ON_A_CABLE),
     Trigger(SWITCHES, height_control, 0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
     Trigger(SWITCHES, gps_switch, 0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
     Trigger("the pilot's throttle is lower than ours", throttle_capped, 0.4, slack=2 * TELEMETRY),
     Trigger("the receiver is lost", receiver_lost, 0.0, slack=TELEMETRY),
-    Trigger("the daemon stood still for longer than a setpoint lives", daemon_stalled, 0.0),
+    Trigger("the daemon stood still for 0.3 s", daemon_stalled, 0.0),
     Trigger(GUARD, guard_neutral, 0.25),
     Trigger(GUARD, guard_release, 0.8),
     Trigger(PILOT, gate_shut, 0.0),
     Trigger(PILOT, pilots_stick, 0.0),
-    Trigger("no lease", no_lease, 0.0),
+    Trigger("no client holds the lease", no_lease, 0.0),
 )
-"""Every trigger of docs/safety.md, "What happens when something fails"."""
+"""Every trigger of docs/safety.md, "What ends a flight"."""
 ELSEWHERE: Final = {
-    "the aircraft does not answer its sticks, in a flight by the target": "lab.hil.triggers",
-    "a landing waits for its cone, its images or a certain height": "lab.control.corefuzz",
-    "a take-off does not arrive at its height": "lab.control.corefuzz",
-    "a pad is unplugged, its enable button let go of, a terminal gone": "lab.teleop.losses",
+    "the aircraft does not follow its sticks": "lab.hil.triggers",
+    "a landing waits": "lab.control.corefuzz",
+    "a take-off does not reach its height": "lab.control.corefuzz",
+    "a gamepad is lost": "lab.teleop.losses",
 }
 """Rows of that table whose times another campaign measures, and its module."""
 

@@ -20,10 +20,10 @@ from typing import Final, Literal, NoReturn
 
 from cyclopts import App
 
-from mkdaemon.cli.mkctl.app import COMMANDS as MKCTL
 from mkdaemon.cli.mkctl.app import app as mkctl
-from mkdaemon.cli.mkdaemon.app import COMMANDS as MKDAEMON
+from mkdaemon.cli.mkctl.commands import COMMANDS as MKCTL
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
+from mkdaemon.cli.mkdaemon.commands import COMMANDS as MKDAEMON
 from mkdaemon.cli.program import run
 
 MOST_CPU: Final = 5.0

@@ -1,6 +1,6 @@
 """`python -m lab fleet --case cut`: three aircraft, each in a network of its own; the link of one is lossy, and is cut.
 
-Ground: a Zenoh router, `mkctl record`, the fleet view, and a client that flies the second aircraft by its sticks. Every
+Ground: a Zenoh router, `mkctl log record`, the fleet view, and a client that flies the second aircraft by sticks. Every
 process reads the same monotonic clock, so times of the recordings and of the ground compare.
 """
 
@@ -48,7 +48,7 @@ PATIENCE: Final = 30.0
 LOOK: Final = 0.02
 """Between two looks at the fleet view [s]."""
 CHECKED: Final = 3
-"""Lines of `mkctl log check` that are kept."""
+"""Lines of `mkctl log verify` that are kept."""
 MOMENTS: Final = (0.2, 4.0)
 """When an aircraft that is cut off is asked [s after the cut]: before the router has noticed, and later."""
 
@@ -84,7 +84,7 @@ class Watcher:
             async for sample in samples:
                 name, _, suffix = sample.suffix.partition("/")
                 now = time.monotonic()
-                self.board.take(name, suffix, sample.fields, now)
+                self.board.take(name, suffix, sample.known, now)
                 self.heard[name].append(now)
                 if suffix == WATCHED:
                     self.times[name].append(now)
@@ -147,7 +147,9 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
     """
     findings = CutFindings(seconds, air.loss, air.delay)
     async with fleet(folder, air, seed) as (aircraft, places), connect(CUT, ENDPOINT) as client:
-        recorder = await Program.start([*CLIENT, "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT])
+        recorder = await Program.start(
+            [*CLIENT, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT]
+        )
         watcher = Watcher(client)
         watching = asyncio.create_task(watcher.run(), name="watcher")
         say("the router and three aircraft are started")
@@ -326,5 +328,5 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
                 findings.others_lost += lost
         _, said = await (await Program.start([*CLIENT, "log", "info", str(path)])).output()
         findings.info = next((line.strip() for line in said.splitlines() if f" {key} " in line), "")
-        _, said = await (await Program.start([*CLIENT, "log", "check", str(path)])).output()
+        _, said = await (await Program.start([*CLIENT, "log", "verify", str(path)])).output()
         findings.check = "; ".join(line.strip() for line in said.replace(str(path), path.name).splitlines()[:CHECKED])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Final
 
-from mkdaemon.view.top.panels import STALE
+from mkdaemon.reading.known import SIGN_OF_LIFE
 
 TOLD: Final = 1.0
 """The fleet view says `stale` so long after its own limit at the latest [s]."""
@@ -81,7 +81,7 @@ class CutFindings:
         ground_gap: longest gap of the same key on the ground.
         ground_lost: values that the ground recorder knows it has missed.
         info: the line of `mkctl log info` about that key.
-        check: what `mkctl log check` says of the ground's recording.
+        check: what `mkctl log verify` says of the ground's recording.
         bytes_per_s: on each aircraft's link, to the ground and back, before the cut.
         exit_codes: of the daemons.
     """
@@ -115,7 +115,7 @@ class CutFindings:
     def claims(self) -> dict[str, bool]:
         """What must be so, in words, and whether it is."""
         return {
-            "the fleet view says stale": _within(self.told_stale, STALE + TOLD) or _within(self.told_gone, GONE),
+            "the fleet view says stale": _within(self.told_stale, SIGN_OF_LIFE + TOLD) or _within(self.told_gone, GONE),
             "the fleet view says gone": _within(self.told_gone, GONE),
             "the others are untouched": self._others_are_untouched,
             "commands refuse clearly": bool(self.refusals) and all(refusal.holds for refusal in self.refusals),

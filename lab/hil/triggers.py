@@ -378,7 +378,7 @@ STORIES: Final[dict[str, Story]] = {
     "receiver_lost": Story(receiver_lost, {"released": (0.0, 1.0)}),
     "line_cut": Story(line_cut, {"released": (1.9, 2.2)}),
 }
-"""Times from the event to what the firmware holds [s]; docs/safety.md, "What happens when something fails"."""
+"""Times from the event to what the firmware holds [s]; docs/safety.md, "What ends a flight"."""
 
 
 def tell(firmware: str, seed: int, names: tuple[str, ...] = ()) -> dict[str, dict[str, Any]]:

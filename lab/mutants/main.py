@@ -29,6 +29,7 @@ from mkdaemon.errors import ConfigError, MkError
 
 SUBJECTS: Final[Mapping[str, tuple[str, ...]]] = {
     "src/mkdaemon/control": ("tests/control", "tests/translate"),
+    "src/mkdaemon/client/teleop": ("tests/client/teleop",),
     "src/mkdaemon/link/session/release.py": ("tests/link/test_release.py", "tests/link/test_steering.py"),
     "src/mkdaemon/guard.py": ("tests/guard", "tests/daemon/test_guard.py"),
 }

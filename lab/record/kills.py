@@ -137,8 +137,8 @@ async def _watched(endpoint: str) -> AsyncIterator[Witness]:
 
 @asynccontextmanager
 async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
-    """`mkctl record` into a folder, as soon as it writes; it does not outlive the context."""
-    words = ("-m", "mkdaemon.cli.mkctl.app", "record", "--folder", str(folder), "--connect", endpoint)
+    """`mkctl log record` into a folder, as soon as it writes; it does not outlive the context."""
+    words = ("-m", "mkdaemon.cli.mkctl.app", "log", "record", "--folder", str(folder), "--connect", endpoint)
     recorder = await asyncio.create_subprocess_exec(
         sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
     )

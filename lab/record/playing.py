@@ -1,7 +1,7 @@
 """A flight that is recorded on the ground, played, and recorded again: the same bytes in the same order, and how late.
 
-Real programs: `mkdaemon run`, `mkctl record` and `mkctl play`. A setpoint and a request are never played; what they
-did is in the values that are. Beside the player a program sleeps and says how late it is woken.
+Real programs: `mkdaemon run`, `mkctl log record` and `mkctl log play`. Setpoints and requests are never played; what
+they did is in the values that are. Beside the player a program sleeps and says how late it is woken.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ async def _fly(folder: Path, seconds: float) -> None:
         Pilot(client, "pilot") as pilot,
     ):
         await wait_for_control(client)
-        recorder = await _mkctl("record", "--folder", f"{folder}/flown", "--connect", daemon.endpoint, "--json")
+        recorder = await _mkctl("log", "record", "--folder", f"{folder}/flown", "--connect", daemon.endpoint, "--json")
         await wait_until(lambda: any((folder / "flown").glob("*.mcap")))
         await pilot.engage(lambda: simulation.is_controlled)
         for number in range(4):
@@ -71,8 +71,8 @@ async def _fly(folder: Path, seconds: float) -> None:
 async def _play(folder: Path, first: Path) -> dict[str, Any]:
     """What the player, the recorder and the sleeper said of themselves."""
     with reserved_endpoint() as endpoint:
-        recorder = await _mkctl("record", "--folder", f"{folder}/played", "--connect", endpoint, "--json")
-        player = await _mkctl("play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
+        recorder = await _mkctl("log", "record", "--folder", f"{folder}/played", "--connect", endpoint, "--json")
+        player = await _mkctl("log", "play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
         sleeper = await _program("-m", "lab.record.sleeper")
         said, _ = await player.communicate()
         slept = json.loads(await _end(sleeper))

@@ -15,6 +15,7 @@ from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.lease import Lease
 from mkdaemon.client.samples import Sample
+from mkdaemon.client.session import FlightSession
 from mkdaemon.client.transport import Transport
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.command import LeaseRequest
@@ -101,19 +102,22 @@ class CockpitClient:
         return Answer(Status.ACCEPTED, {} if state is None else state.model_dump())
 
     @asynccontextmanager
-    async def lease(self) -> AsyncIterator[Lease]:
+    async def lease(self, session: FlightSession | None = None) -> AsyncIterator[Lease]:
         """Hold the lease; see `uav.lease()`.
 
         Raises:
             CommandRejectedError: it was refused.
         """
         queue: asyncio.Queue[Sample] = asyncio.Queue()
+        session = session or FlightSession()
+        session.take()
         self._published.listeners.append(queue)
         try:
             granted = await self._flown.flight.lease(LeaseRequest(action="take", holder=self.name))
             assert isinstance(granted, LeaseGrant)
             transport = cast("Transport", self)
-            async with Lease(transport, self.name, HolderGrant(**dict(granted)), _listen(queue)) as lease:
+            session.granted(HolderGrant(**dict(granted)), asyncio.get_running_loop().time())
+            async with Lease(transport, self.name, session, _listen(queue)) as lease:
                 yield lease
         finally:
             self._published.listeners.remove(queue)

@@ -34,6 +34,7 @@ from lab.rigs.innerbus import InnerBus, InnerSession
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.names import key
 from mkdaemon.cli.mkctl import app as mkctl
+from mkdaemon.cli.mkctl.commands import GROUPS
 from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import report_mistakes, run
 from mkdaemon.clock import Clock
@@ -86,7 +87,6 @@ WAITS: Final = 600.0
 """The pilot waits so long, unless he is asked [s]."""
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
 TARGET: Final = ROOT / "configs" / "targets" / "nested.toml"
-GROUPS: Final = {entry.name for entry in mkctl.COMMANDS if entry.target.endswith(":app")}
 WALL: Final = 1.7e9
 """Unix time when virtual time is zero [s]."""
 COVARIANCE: Final = 1e-4 * np.eye(6)

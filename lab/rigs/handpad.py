@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.keys import FACTS, KEYBOARD, Keys
 from mkdaemon.config.gamepad import ButtonsSection, Gamepad, SticksSection
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.control.teleop.keys import FACTS, KEYBOARD, Keys
 
 MAPPING = Gamepad(
     name="pad",
@@ -28,7 +28,7 @@ class HandPad:
         alarms: how often it shook.
     """
 
-    def __init__(self, session: Session, name: str = "pad") -> None:
+    def __init__(self, session: TeleopSession, name: str = "pad") -> None:
         self.name = name
         self.facts = PadFacts(name, dict.fromkeys(_STICKS, AxisRange(-_FULL, _FULL)), frozenset({"BTN_TL", "BTN_EAST"}))
         self.alarms = 0
@@ -89,7 +89,7 @@ class HandKeyboard:
         keys: the pad that its keys stand for.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: TeleopSession) -> None:
         self.name, self.facts, self.keys = "keyboard", FACTS, Keys()
         self._session = session
         self._is_there = True

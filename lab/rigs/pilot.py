@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -12,10 +13,11 @@ from typing import Final, Self
 import zenoh
 
 from lab.rigs.waiting import PATIENCE, wait_until
-from mkdaemon.bus.codec import encode_map
 from mkdaemon.client import Vehicle
+from mkdaemon.client.lease import SetpointSender
+from mkdaemon.client.session import FlightSession
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.signature import stamped_proof
+from mkdaemon.telemetry.control import HolderGrant
 
 ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
@@ -30,6 +32,7 @@ class Pilot:
 
     Attributes:
         sticks: what it streams [stick; FLU].
+        session: numbers it.
         epoch: of its lease.
         secret: of its lease.
         puts: when it put its setpoints [s; monotonic].
@@ -42,10 +45,10 @@ class Pilot:
         self.secret = ""
         self.puts: list[float] = []
         self._client = client
-        # A stranger knows the plain key alone.
-        self._publisher = client.stream("setpoint/stick")
+        # Rogue on purpose: it listens to nobody, and streams on under a lease that it has lost.
+        self.session = FlightSession(silence=math.inf)
+        self._sender: SetpointSender | None = None
         self._period = 1.0 / rate
-        self._sequence = 0
         self._task: asyncio.Task[None] | None = None
 
     async def take(self, *, force: bool = False) -> bool:
@@ -53,9 +56,15 @@ class Pilot:
         fields = {"action": "take", "holder": self.name, "force": force}
         answer = await self._client.command("do", "lease", fields)
         if answer.is_accepted:
-            self.epoch, self.secret, self._sequence = int(answer.reply["epoch"]), answer.reply["secret"], 0
-            self._publisher = self._client.stream(f"{answer.reply['setpoint_root']}/stick")
+            self.accept(answer.as_a(HolderGrant))
         return answer.is_accepted
+
+    def accept(self, grant: HolderGrant) -> None:
+        """Stream under a lease, which may be a forged one."""
+        self.epoch, self.secret = grant.epoch, grant.secret
+        self.session.take()
+        self.session.granted(grant, asyncio.get_running_loop().time())
+        self._sender = SetpointSender(self._client, grant)
 
     async def engage(self, is_controlled: Callable[[], bool]) -> None:
         """Take the lease and wait until the aircraft obeys.
@@ -102,11 +111,10 @@ class Pilot:
         due = loop.time()
         with suppress(zenoh.ZError):  # the daemon may be killed while it streams: that is what some stories are about
             while True:
-                self._sequence += 1
-                fields = {**self.sticks, "epoch": self.epoch, "sequence": self._sequence, "ttl": 0.3}
-                payload = encode_map(fields)
                 self.puts.append(time.monotonic())
-                proof = stamped_proof(self.secret, "setpoint/stick", payload, time.monotonic())
-                self._publisher.put(payload, attachment=proof)
+                if self._sender is not None:
+                    setpoint = self.session.stream("stick", self.sticks, loop.time())
+                    assert setpoint is not None
+                    self._sender.send(setpoint)
                 due = max(due + self._period, loop.time())
                 await asyncio.sleep(due - loop.time())

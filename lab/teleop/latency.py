@@ -24,7 +24,7 @@ from lab.rigs.waiting import wait_until
 from lab.stories.losses import percentile
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
@@ -75,7 +75,7 @@ async def fly(endpoint: str, moves: str, seed: str) -> None:
     rng = random.Random(seed)
     device = PipedPad()
     async with connected(endpoint) as uav:
-        session = Session(LeaseKeeper(uav.lease))
+        session = TeleopSession(LeaseKeeper(uav.lease))
         pad = EvdevPad(device, session.reported)
         session.attach(pad, find_mapping(pad.id, pad.facts.name, load_mappings()))
         stop = asyncio.Event()

@@ -18,7 +18,7 @@ from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
 from lab.stories.deaths import measure_loss
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
@@ -78,7 +78,7 @@ class _Operator:
     def __init__(self, flown: Cockpit, published: PublishedValues, name: str, rng: random.Random) -> None:
         self.flown, self.rng, self.name = flown, rng, name
         self.client = CockpitClient(flown, published, name, rng)
-        self.session = Session(LeaseKeeper(self.client.lease))
+        self.session = TeleopSession(LeaseKeeper(self.client.lease))
         self.stop = asyncio.Event()
         self.pad = HandPad(self.session)
         self.second = HandPad(self.session, "second")

@@ -1,4 +1,4 @@
-"""How soon a long recording is seen: `mkctl view` until its page shows the aircraft, `mkctl report` until it is there.
+"""How soon a long recording is seen: `mkctl view` until its page shows the aircraft, `mkctl log report` until it ends.
 
 The recording is the demonstration's, again and again with times that go on, until it has `ENTRIES` entries.
 """
@@ -101,10 +101,10 @@ async def _view(file: Path) -> tuple[float, float]:
 
 
 async def _report(file: Path) -> tuple[float, float]:
-    """From the start of `mkctl report FILE` until its page is written."""
+    """From the start of `mkctl log report FILE` until its page is written."""
     before = _of_children()
     began = time.monotonic()
-    command = (*MKCTL, "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
+    command = (*MKCTL, "log", "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
     process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=DEVNULL)
     code = await process.wait()
     assert code == 0

@@ -1,7 +1,7 @@
 """The clock that stamps.
 
 Monotonic time orders and measures; wall time compares machines. Wall time is monotonic time plus an offset, and the
-offset follows the system clock: whoever sets it, NTP or a person, later stamps are right again. docs/time.md.
+offset follows the system clock: when NTP or a person sets it, later stamps are right again. docs/frames.md.
 """
 
 from __future__ import annotations

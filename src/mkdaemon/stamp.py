@@ -8,7 +8,7 @@ from mkdaemon.described import Described
 
 
 class Stamp(Described):
-    """A moment, on the monotonic and on the system clock; docs/time.md.
+    """A moment, on the monotonic and on the system clock; docs/frames.md.
 
     Compare and subtract `monotonic` where `boot` is equal; use `wall` between machines and across restarts, and look
     at `synchronised` before believing it.

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from mkdaemon.cli.mkctl.app import move_behind_command
 
 GROUPS = {"lease", "sim"}
+MKCTL = Path(sys.executable).with_name("mkctl")
 
 
 @pytest.mark.parametrize(
@@ -51,8 +55,31 @@ def test_a_misspelt_command_is_answered_without_importing_the_others():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     code, modules = map(int, done.stdout.split())
-    assert (code, modules < 10) == (2, True)
+    assert (code, modules < 14) == (2, True)
     assert done.stderr == 'mkctl: Unknown command "statsu". Did you mean "status"? See `mkctl --help`.\n'
+
+
+@pytest.mark.parametrize("program", ["mkctl", "mkdaemon"])
+def test_the_list_of_commands_fits_80_columns_and_needs_no_library(program):
+    code = (
+        f"import sys; sys.argv = ['{program}', '--help']; from mkdaemon.cli.entry import {program} as run; run()\n"
+        "print(*({'cyclopts', 'rich', 'zenoh', 'pydantic'} & set(sys.modules)), file=sys.stderr)"
+    )
+    narrow = os.environ | {"COLUMNS": "80"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=narrow)
+    assert done.stderr == "\n"
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    table = importlib.import_module(f"mkdaemon.cli.{program}.commands").COMMANDS
+    listed = [line.split()[0] for line in lines if line.startswith("  ") and line[2] != " "]
+    assert listed == [entry.name for entry in table if entry.is_shown]
+
+
+def test_a_list_that_no_one_reads_to_its_end_is_no_error():
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(["mkctl"], executable=MKCTL, stdout=write, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_help_imports_nothing_that_only_a_command_needs():

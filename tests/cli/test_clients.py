@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from contextlib import asynccontextmanager, contextmanager
 
 import pytest
@@ -71,7 +72,7 @@ def test_a_first_look_around(serve, mkctl):
         code, out, _ = mkctl("get", "rx/nc/osd", "state/battery")
         assert code == 0
         assert "rx/nc/osd" in out
-        assert "voltage=" in out
+        assert re.search(r"voltage +[\d.]+ V", out)
         assert "s ago" in out
         code, out, _ = mkctl("get", "state/*", "--json")
         assert {json.loads(line)["key"] for line in out.splitlines()} >= {"state/battery", "state/attitude"}
@@ -79,9 +80,9 @@ def test_a_first_look_around(serve, mkctl):
         assert [json.loads(line)["key"] for line in out.splitlines()] == ["state/attitude"] * 3
         code, out, _ = mkctl("health")
         assert "link test" in out
-        code, out, err = mkctl("rates", "osd", "250ms")
+        code, out, err = mkctl("board", "rates", "osd", "250ms")
         assert (code, "osd             250 ms" in out) == (0, True), out + err
-        code, _, err = mkctl("rates", "osd", "10ms")
+        code, _, err = mkctl("board", "rates", "osd", "10ms")
         assert code == 1
         assert "line_budget" in err
         assert "% of the line" in err
@@ -90,15 +91,15 @@ def test_a_first_look_around(serve, mkctl):
 def test_flying_by_hand_from_the_command_line(serve, mkctl):
     with serve() as flown:
         code, out, _ = mkctl("lease", "show")
-        assert (code, out.strip()) == (0, "nobody holds the lease")
+        assert (code, out.strip()) == (0, "no client holds the lease")
         code, out, _ = mkctl("lease", "take", "--holder", "tester", "--json")
         assert (code, json.loads(out)["holder"]) == (0, "tester")
         with flown.other_client(hold) as lease:
             code, _, err = mkctl("lease", "take", "--holder", "other")
             assert (code, err.startswith("mkctl: lease_held: somebody holds the lease")) == (1, True)
             assert "--force" in err
-            code, out, _ = mkctl("lease", "release", str(lease["epoch"]), lease["secret"])
-            assert code == 0
+            assert lease["epoch"] > 0
+            assert mkctl("release")[0] == 0
         flown.wait_for_phase("free")
         fly = ("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
         code, out, err = mkctl(*fly)
@@ -122,13 +123,12 @@ def test_mistakes_are_one_line(serve, mkctl):
             ),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
             (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
-            (("rates", "osd"), "which interval"),
+            (("board", "rates", "osd"), "which interval"),
             (("stick", "--throttle", "0", "--pitch", "300"), "--pitch 300: give a number from -127 to 127"),
             (("stick", "--throttle", "nan"), "--throttle nan: give a number"),
             (("stick", "--throttle", "0", "--rate", "0"), "--rate 0: give a number above 0"),
-            (("rates", "osd", "soon"), "'soon' is no interval"),
-            (("rates", "sod", "100ms"), "no stream"),
-            (("lease", "release", "5", "f00"), "not_leased"),
+            (("board", "rates", "osd", "soon"), "'soon' is no interval"),
+            (("board", "rates", "sod", "100ms"), "no stream"),
         ):
             code, _, err = mkctl(*arguments)
             assert code in {1, 2}
@@ -142,7 +142,7 @@ def test_what_is_not_there_is_said_beside_what_is(serve, mkctl):
         code, out, err = mkctl("get", "state/battery", "state/positon")
         hint = "did you mean state/position?"
         assert (code, err) == (0, f"mkctl: no value for state/positon of vehicle cockpit (yet); {hint}\n")
-        assert out.startswith("state/battery  voltage=")
+        assert re.match(r"state/battery  [\d.]+ s ago\n  voltage +[\d.]+ V\n", out)
         code, out, _ = mkctl("get", "mk/cockpit/state/battery")  # a whole key, as another program shows it
         assert (code, out.startswith("state/battery")) == (0, True)
         code, out, _ = mkctl("get", "**", "--json")

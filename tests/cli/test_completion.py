@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from mkdaemon.cli.mkctl.app import ABOUT, COMMANDS
+from mkdaemon.cli.mkctl.commands import ABOUT, COMMANDS
 from mkdaemon.cli.program import COMPLETION, build, run
 
 ASK = """
@@ -39,8 +39,8 @@ def completed(script, words):
 @pytest.mark.parametrize(
     ("words", "among"),
     [
-        ("mkctl ta", {"take-off", "target"}),
-        ("mkctl lease ''", {"take", "release", "show"}),
+        ("mkctl ta", {"take-off"}),
+        ("mkctl lease ''", {"take", "show"}),
         ("mkctl take-off --ve", {"--vehicle"}),
     ],
 )

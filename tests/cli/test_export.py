@@ -1,4 +1,4 @@
-"""`mkctl export`: what is written, and what is refused."""
+"""`mkctl log export`: what is written, and what is refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def export(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def call(*words):
-        code = run(app, ["export", *map(str, words)])
+        code = run(app, ["log", "export", *map(str, words)])
         shown = capsys.readouterr()
         return code, shown.out, shown.err
 

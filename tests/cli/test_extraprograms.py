@@ -7,7 +7,7 @@ import tomllib
 import pytest
 
 from mkdaemon.cli.mkdaemon import extraprograms
-from mkdaemon.cli.mkdaemon.app import COMMANDS
+from mkdaemon.cli.mkdaemon.commands import COMMANDS
 from mkdaemon.cli.program import build, run
 from tests.cli.oneprocess import run_commands
 from tests.places import ROOT

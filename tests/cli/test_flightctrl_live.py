@@ -76,7 +76,7 @@ def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl:
     file.write_text(head.replace("revision = 106", "revision = 103").replace(raw, f'raw = "67{"00" * 135}"'))
     code, _, err = ctl(at, "settings", "restore", str(file))
     assert code == EXIT_FAILURE
-    assert "the file holds revision 103 and the FlightCtrl speaks revision 106" in err
+    assert "the file has revision 103, the FlightCtrl 106" in err
     file.write_text(head.replace(raw, 'raw = "6a00"'))
     code, _, err = ctl(at, "settings", "restore", str(file))
     assert code == EXIT_CONFIG
@@ -85,35 +85,35 @@ def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl:
 
 def test_mixer_and_motor_controllers(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mixer.toml"
-    assert ctl(at, "mixer", "read", str(file))[::2] == (EXIT_OK, "")
+    assert ctl(at, "board", "mixer", "read", str(file))[::2] == (EXIT_OK, "")
     file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
-    code, _, err = ctl(at, "mixer", "write", str(file))
+    code, _, err = ctl(at, "board", "mixer", "write", str(file))
     assert code == EXIT_CONFIG
     assert "--confirm" in err
-    assert ctl(at, "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
-    assert "1 = [60, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
+    assert ctl(at, "board", "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
+    assert "1 = [60, 64, 0, 64]" in ctl(at, "board", "mixer", "read")[1]
 
-    assert "current_limit        30 A" in ctl(at, "motor-controllers", "read", "2")[1]
+    assert "current_limit        30 A" in ctl(at, "board", "motor-controllers", "read", "2")[1]
     code, out, _ = ctl(
-        at, "motor-controllers", "write", "2", "--current-limit", "20", "--reverse", "--confirm", "--json"
+        at, "board", "motor-controllers", "write", "2", "--current-limit", "20", "--reverse", "--confirm", "--json"
     )
     found = json.loads(out)
     assert (found["current_limit"], found["reverse"], found["pwm_scaling"]) == (20, True, 255)
-    assert json.loads(ctl(at, "motor-controllers", "read", "2", "--json")[1])["current_limit"] == 20
-    code, _, err = ctl(at, "motor-controllers", "write", "2", "--current-limit", "21")
+    assert json.loads(ctl(at, "board", "motor-controllers", "read", "2", "--json")[1])["current_limit"] == 20
+    code, _, err = ctl(at, "board", "motor-controllers", "write", "2", "--current-limit", "21")
     assert code == EXIT_CONFIG
     assert "repeat with --confirm" in err
 
 
 def test_motors_turn_and_stop(at: list[str], ctl: Ctl) -> None:
-    code, _, err = ctl(at, "motors", "test", "1")
+    code, _, err = ctl(at, "board", "motors", "test", "1")
     assert code == EXIT_CONFIG
     assert "take the propellers off" in err
-    assert ctl(at, "motors", "test", "1", "2", "--seconds", "1", "--propellers-off")[:2] == (
+    assert ctl(at, "board", "motors", "test", "1", "2", "--seconds", "1", "--propellers-off")[:2] == (
         EXIT_OK,
         "motors stopped\n",
     )
 
 
 def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "display")[1].startswith("FlightCtrl ")
+    assert ctl(at, "board", "display")[1].startswith("FlightCtrl ")

@@ -152,7 +152,7 @@ def test_the_daemons_are_started_with_options_that_exist():
 
 def test_the_command_shows_by_default(capsys):
     assert run(app, ["install-service", "recorder", "--programs", "/opt/x/bin"]) == 0
-    assert "ExecStart=/opt/x/bin/mkctl record" in capsys.readouterr().out
+    assert "ExecStart=/opt/x/bin/mkctl log record" in capsys.readouterr().out
     assert run(app, ["install-service", "--programs", "/home/me/bin"]) == 2
     assert "may look below /home" in capsys.readouterr().err
     assert run(app, ["install-service", "--vehicle", "../x"]) == 2

@@ -47,28 +47,28 @@ def test_info_shows_keys_and_marks(capsys, whole):
     assert len(fields["marks"]) == 1
 
 
-def test_check_tells_whether_a_recording_is_whole(capsys, whole, damaged):
-    assert log(capsys, "check", whole)[0] == EXIT_OK
-    code, out, _ = log(capsys, "check", whole, damaged)
+def test_verify_shows_whether_a_recording_is_whole(capsys, whole, damaged):
+    assert log(capsys, "verify", whole)[0] == EXIT_OK
+    code, out, _ = log(capsys, "verify", whole, damaged)
     assert code == EXIT_FAILURE
     assert "whole.mcap: whole, 201 entries" in out
     assert "damaged.mcap: not whole" in out
-    assert "mkctl log recover" in out
+    assert "mkctl log repair" in out
     assert "missing by their numbers" in out
-    code, out, _ = log(capsys, "check", damaged, "--json")
+    code, out, _ = log(capsys, "verify", damaged, "--json")
     assert json.loads(out)["damages"]
 
 
-def test_recover_writes_beside_the_old_one_and_never_over_another(capsys, damaged):
-    code, out, _ = log(capsys, "recover", damaged)
+def test_repair_writes_beside_the_old_one_and_never_over_another(capsys, damaged):
+    code, out, _ = log(capsys, "repair", damaged)
     assert code == EXIT_OK
     target = damaged.with_name("damaged-recovered.mcap")
     assert f"{target}: " in out
     assert "are missing by their numbers" in out
     assert len(list(Recording(target).entries())) >= 160
-    code, _, err = log(capsys, "recover", damaged)
+    code, _, err = log(capsys, "repair", damaged)
     assert (code, "--force" in err) == (EXIT_CONFIG, True)
-    code, out, _ = log(capsys, "recover", damaged, "--force", "--viewer", "--json")
+    code, out, _ = log(capsys, "repair", damaged, "--force", "--viewer", "--json")
     assert json.loads(out)["file"] == str(target)
 
 
@@ -128,6 +128,6 @@ def test_mistakes_are_one_line(capsys, whole, words):
 
 
 def test_a_file_that_is_not_there_is_one_line(capsys, tmp_path):
-    for words in (["info", tmp_path / "no.mcap"], ["check", tmp_path / "no.mcap"], ["recover", tmp_path / "no.mcap"]):
+    for words in (["info", tmp_path / "no.mcap"], ["verify", tmp_path / "no.mcap"], ["repair", tmp_path / "no.mcap"]):
         code, _, err = log(capsys, *words)
         assert (code, "cannot be opened" in err) == (EXIT_FAILURE, True)

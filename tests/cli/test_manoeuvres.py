@@ -7,12 +7,13 @@ import math
 import sys
 from contextlib import asynccontextmanager
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkctl import flightshow, gains, manoeuvres, preflight, script
+from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
@@ -36,7 +37,7 @@ NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
         ["attitude", "--pitch", "-3"],
         ["take-off", "2"],
         ["abort"],
-        ["stop"],
+        ["board", "motors", "stop"],
     ],
 )
 def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
@@ -167,19 +168,21 @@ async def test_checks_before_a_flight_are_shown_with_what_to_do(capsys):
 
 async def test_gains_are_shown_with_their_margins(capsys):
     async with fake_daemon() as daemon:
-        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
+        await preflight.preflight(gains=True, connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint))
         shown = capsys.readouterr().out
         assert "stable with a stick gain" in shown
         assert "0.67 to 1.33, or more" in shown
         assert shown.endswith("safe: the loop bears all that it has to bear\n")
-        await gains.gains(connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True))
+        await preflight.preflight(
+            gains=True, connection=Connection(vehicle=VEHICLE, connect=daemon.endpoint, json=True)
+        )
         assert '"gain_margin"' in capsys.readouterr().out
 
 
 async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
     async with flying((0.0, 0.0, 2.0)) as (_, here):
         with pytest.raises(CommandRejectedError) as refusal:
-            await manoeuvres.stop(connection=here)
+            await motors.stop(connection=here)
     assert refusal.value.token == Token.FLYING_STOP
 
 
@@ -233,6 +236,14 @@ async def test_what_the_daemon_waits_for_is_shown(capsys, monkeypatch):
         await manoeuvres.velocity(0.0, 0.0, 0.0, seconds=0.1, connection=here)
         assert daemon.setpoints[-1]["velocity"] == [0.0, 0.0, 0.0]
     assert "waiting for a live, neutral stream" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("image_age", "words"), [(0.1, "100 cm from the goal"), (0.9, "no image for 0.9 s")])
+def test_there_is_no_error_to_a_goal_without_images(image_age, words):
+    lease = SimpleNamespace(is_engaged=True, reason="", status=SimpleNamespace(phase=Phase.FLYING, stage=""))
+    shown = flightshow.Shown()
+    shown.position, shown.image_age = (0.0, 0.0, 2.0), image_age
+    assert flightshow._line(lease, shown, (0.0, 0.0, 1.0)) == f"at x +0.00 y +0.00 z 2.00 m, {words}"
 
 
 async def test_a_flight_that_does_not_begin_fails(monkeypatch):

@@ -35,7 +35,7 @@ def test_rows_without_a_motor_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[motors\n", "no TOML: .*`mkctl mixer read FILE` writes one"),
+        ("[motors\n", "no TOML: .*`mkctl board mixer read FILE` writes one"),
         ("name = 'x'\n", r"no table \[motors\]"),
         ("[motors]\n17 = [1, 2, 3, 4]\n", "motor '17'; motors are 1 to 16"),
         ("[motors]\n1 = [1, 2, 3]\n", r"motor 1 is \[1, 2, 3\]; write \[throttle, pitch, roll, yaw\]"),

@@ -1,4 +1,4 @@
-"""`mkctl navi` and `mkctl goto --frame home` against a daemon without boards: what is asked, shown and returned."""
+"""`mkctl waypoints fly`, `home`, `status`, and `goto --frame home`, against a daemon without boards."""
 
 from __future__ import annotations
 
@@ -80,11 +80,11 @@ async def test_a_route_is_uploaded_made_ready_and_followed(capsys, tmp_path):
     (tmp_path / "field.csv").write_text(POINTS)
     async with navictrl(READY, is_active=True) as (daemon, here):
         with pytest.raises(ManoeuvreError, match=r"not there within 0.3 s: ready; the pilot does what ready needs"):
-            await navi.route(tmp_path / "field.csv", confirm=True, patience=0.3, connection=here)
+            await navi.fly(tmp_path / "field.csv", confirm=True, patience=0.3, connection=here)
         verbs = [suffix for suffix, _ in daemon.asked]
     assert verbs[-2:] == ["do/waypoints_upload", "do/route_start"], "a list that is active already needs no start"
     async with navictrl(READY, REACHED) as (_, here):
-        await navi.route(confirm=True, connection=here)
+        await navi.fly(confirm=True, connection=here)
     assert "the last of 1 points is reached" in capsys.readouterr().out
 
 
@@ -102,18 +102,17 @@ async def test_the_way_home_is_followed_and_an_aircraft_that_lands_first_ends_it
 async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
     async with navictrl(ROUTE, report(NaviStage.HOME, waypoint=0, waypoints=0)) as (_, here):
         with pytest.raises(ManoeuvreError, match="list is gone"):
-            await navi.goto(1.0, 0.0, 2.0, heading=180, confirm=True, connection=here)
+            await manoeuvres.goto(1.0, 0.0, 2.0, frame="home", confirm=True, connection=here)
 
 
 @pytest.mark.parametrize(
     ("words", "code", "found"),
     [
-        (["navi", "goto", "10", "0", "2"], EXIT_CONFIG, "repeat with --confirm"),
         (["goto", "10", "0", "2", "--frame", "home"], EXIT_CONFIG, "repeat with --confirm"),
-        (["navi", "route"], EXIT_CONFIG, "repeat with --confirm"),
-        (["navi", "home"], EXIT_CONFIG, "repeat with --confirm"),
-        (["navi", "goto", "nan", "0", "2", "--confirm"], EXIT_CONFIG, "east nan"),
-        (["navi", "home", "--confirm", "--patience", "0"], EXIT_CONFIG, "--patience"),
+        (["waypoints", "fly"], EXIT_CONFIG, "repeat with --confirm"),
+        (["waypoints", "home"], EXIT_CONFIG, "repeat with --confirm"),
+        (["goto", "nan", "0", "2", "--frame", "home", "--confirm"], EXIT_CONFIG, "x nan"),
+        (["waypoints", "home", "--confirm", "--patience", "0"], EXIT_CONFIG, "--patience"),
     ],
 )
 def test_what_is_not_confirmed_or_cannot_be_is_refused_before_anything_is_asked(words, code, found, capsys):

@@ -92,32 +92,32 @@ def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:
 
 
 def test_navictrl_parameters_labels_and_display(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "nc-param", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
-    assert ctl(at, "nc-param", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
-    assert ctl(at, "nc-param", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
-    code, _, err = ctl(at, "nc-param", "set", "target_speed", "99999")
+    assert ctl(at, "board", "parameters", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
+    assert ctl(at, "board", "parameters", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
+    assert ctl(at, "board", "parameters", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
+    code, _, err = ctl(at, "board", "parameters", "set", "target_speed", "99999")
     assert (code, "<= 32767" in err) == (EXIT_CONFIG, True)
-    code, _, err = ctl(at, "nc-param", "get", "speed")
+    code, _, err = ctl(at, "board", "parameters", "get", "speed")
     assert code == EXIT_CONFIG
     assert "use one of target_speed, heading_setpoint" in err
-    first = ctl(at, "labels", "nc")[1].splitlines()
+    first = ctl(at, "board", "labels", "nc")[1].splitlines()
     assert len(first) == 32
-    assert ctl(at, "labels", "nc")[1].splitlines() == first  # kept, not asked again
-    lines = ctl(at, "display", "nc", "--once")[1].splitlines()
+    assert ctl(at, "board", "labels", "nc")[1].splitlines() == first  # kept, not asked again
+    lines = ctl(at, "board", "display", "nc", "--once")[1].splitlines()
     assert [len(line) for line in lines] == [20] * 4
 
 
 def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "display")[1].startswith("NaviCtrl ")
+    assert ctl(at, "board", "display")[1].startswith("NaviCtrl ")
 
 
 def test_send_prints_the_typed_answer_and_refusals(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "send", "echo-request", "--pattern", "0x5AA5")[1].split() == ["pattern", "23205"]
-    code, _, err = ctl(at, "send", "echo-request", "--pattern", "70000")
+    assert ctl(at, "board", "send", "echo-request", "--pattern", "0x5AA5")[1].split() == ["pattern", "23205"]
+    code, _, err = ctl(at, "board", "send", "echo-request", "--pattern", "70000")
     assert (code, err.strip()) == (EXIT_CONFIG, "mkctl: --pattern: '70000' does not fit; it takes: 0..65535.")
-    code, out, _ = ctl(at, "send", "waypoint-request", "--index", "9", "--json")
+    code, out, _ = ctl(at, "board", "send", "waypoint-request", "--index", "9", "--json")
     assert json.loads(out)["reply"] == {"count": 0}
-    code, _, err = ctl(at, "send", "redirect", "--port", "fc")
+    code, _, err = ctl(at, "board", "send", "redirect", "--port", "fc")
     assert code == EXIT_FAILURE
     assert "not_confirmed" in err
 
@@ -129,6 +129,6 @@ def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
     code, out, err = ctl(at, "settings", "backup", str(tmp_path / "backup"))
     assert (code, err) == (EXIT_OK, "")
     assert "set 3 is live, byte for byte as before" in out
-    assert "1 = [64, 64, 0, 64]" in ctl(at, "mixer", "read")[1]
-    assert ctl(at, "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
+    assert "1 = [64, 64, 0, 64]" in ctl(at, "board", "mixer", "read")[1]
+    assert ctl(at, "board", "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
     assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False

@@ -9,8 +9,9 @@ import shutil
 import pytest
 
 from lab.rigs.walk import is_answer, steps_of
-from mkdaemon.cli.mkctl.app import COMMANDS, move_behind_command
 from mkdaemon.cli.mkctl.app import app as mkctl
+from mkdaemon.cli.mkctl.app import move_behind_command
+from mkdaemon.cli.mkctl.commands import GROUPS
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import run
 from tests.places import DATA, DOCS, ROOT
@@ -18,7 +19,6 @@ from tests.places import DATA, DOCS, ROOT
 PROGRAMS = {"mkctl": mkctl, "mkdaemon": mkdaemon}
 PAGES = sorted([ROOT / "README.md", *DOCS.glob("*.md")])
 BLOCK = re.compile(r"^ *```(\w*)\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
-TWO_WORDS = {entry.name for entry in COMMANDS if entry.target.endswith(":app")}
 CALL = re.compile(r"(\$ )?[\w./]*mk(ctl|daemon) ")
 SHORTENED = ("…", "...")
 """Stand for words that are the reader's own."""
@@ -38,7 +38,7 @@ def test_every_command_of_a_page_exists_with_its_options():
     wrong, count = [], 0
     for page in PAGES:
         for program, words in commands_of(page):
-            tokens = move_behind_command(words, TWO_WORDS) if program == "mkctl" else words
+            tokens = move_behind_command(words, GROUPS) if program == "mkctl" else words
             count += 1
             try:
                 PROGRAMS[program].parse_args(tokens, exit_on_error=False, print_error=False)

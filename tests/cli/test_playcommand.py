@@ -1,4 +1,4 @@
-"""`mkctl play` on a terminal and without one: keys, the bar, the verdict."""
+"""`mkctl log play` on a terminal and without one: keys, the bar, the verdict."""
 
 from __future__ import annotations
 

@@ -15,9 +15,10 @@ from cyclopts import App
 
 from lab.__main__ import CAMPAIGNS
 from lab.__main__ import app as lab_app
+from mkdaemon.cli.listing import CommandEntry
 from mkdaemon.cli.mkctl import app as mkctl
 from mkdaemon.cli.mkdaemon import app as mkdaemon
-from mkdaemon.cli.program import CommandEntry, build, run
+from mkdaemon.cli.program import build, run
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mksim.config import PilotPlan
 
@@ -45,14 +46,14 @@ def test_help_lists_every_command_without_importing_one(program, capsys):
     assert run(program, ["--help"]) == 0
     out = capsys.readouterr().out
     table = mkctl.COMMANDS if program is mkctl.app else mkdaemon.COMMANDS
-    assert all(entry.name in out for entry in table)
+    assert all(entry.name in out for entry in table if entry.is_shown)
 
 
 @pytest.mark.parametrize("program", [mkctl, mkdaemon], ids=["mkctl", "mkdaemon"])
 def test_help_lists_the_commands_in_the_order_of_the_table(program, capsys):
     assert run(program.app, ["--help"]) == 0
     shown = re.findall(r"^│ ([a-z-]+) ", capsys.readouterr().out, re.MULTILINE)
-    assert shown == [entry.name for entry in program.COMMANDS]
+    assert shown == [entry.name for entry in program.COMMANDS if entry.is_shown]
     assert program.COMMANDS[0].name in {"status", "run"}
 
 
@@ -256,6 +257,7 @@ def test_an_interrupt_while_importing_is_silent():
         "class Slow(types.ModuleType):\n"
         "    def __getattr__(self, name): os.kill(os.getpid(), signal.SIGINT); raise AssertionError('still here')\n"
         "sys.modules['mkdaemon.cli.mkdaemon.app'] = Slow('slow')\n"
+        "sys.argv = ['mkdaemon', 'run']\n"
         "entry.mkdaemon()"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -299,7 +301,7 @@ def test_a_command_is_imported_without_the_collector(tmp_path):
     (tmp_path / "looked.py").write_text("import gc\nseen = gc.isenabled()\n", encoding="utf-8")
     code = (
         "import gc, sys\n"
-        "from mkdaemon.cli.program import CommandEntry, main\n"
+        "from mkdaemon.cli.listing import CommandEntry\nfrom mkdaemon.cli.program import main\n"
         "import atexit; atexit.register(lambda: print(sys.modules['looked'].seen, gc.isenabled()))\n"
         "main('x', 'x', [CommandEntry('look', 'looked:seen', 'x')], ['look'])"
     )

@@ -1,4 +1,4 @@
-"""`mkctl report` as a command: the file it writes, and mistakes in one line."""
+"""`mkctl log report` as a command: the file it writes, and mistakes in one line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def report(capsys, *words):
-    code = run(app, ["report", *map(str, words)])
+    code = run(app, ["log", "report", *map(str, words)])
     shown = capsys.readouterr()
     return code, shown.out, shown.err
 

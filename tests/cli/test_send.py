@@ -106,5 +106,5 @@ def test_answers_are_shown_with_units_and_names() -> None:
 
 def test_the_command_line_of_the_protocol_page_exists() -> None:
     page = (DOCS / "protocol.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"mkctl send ([a-z0-9-]+)", page))
+    named = set(re.findall(r"mkctl board send ([a-z0-9-]+)", page))
     assert named == {form.command for form in FORMS.values()}

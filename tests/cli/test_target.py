@@ -1,4 +1,4 @@
-"""`mkdaemon target`: prints from files, tags and boards; mistakes are one line."""
+"""`mkdaemon calibrate print`: prints from files, tags and boards; mistakes are one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.places import CONFIGS
 
 
 def target(*words: object) -> int:
-    return run(app, ["target", *(str(word) for word in words)])
+    return run(app, ["calibrate", "print", *(str(word) for word in words)])
 
 
 @pytest.mark.parametrize(

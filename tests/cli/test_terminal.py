@@ -154,12 +154,12 @@ def test_what_a_recording_says(printed, recording):
     assert "FAKED" in shown
     assert "[bold red]B[/] :smile:" in shown
     printed(mkctl, "log", "info", recording, "--json")
-    printed(mkctl, "log", "check", recording)
+    printed(mkctl, "log", "verify", recording)
     printed(mkctl, "log", "list", recording.parent)
-    printed(mkctl, "log", "recover", recording)
+    printed(mkctl, "log", "repair", recording)
     printed(mkctl, "log", "cut", recording, "-o", recording.with_name(f"{NAME[:50]}.cut"))
-    printed(mkctl, "export", recording, "-o", recording.with_name(f"{NAME[:50]}"))
-    printed(mkctl, "export", recording, "-f", "gpx", "-o", recording.with_name(f"{NAME[:50]}.gpx"))
+    printed(mkctl, "log", "export", recording, "-o", recording.with_name(f"{NAME[:50]}"))
+    printed(mkctl, "log", "export", recording, "-f", "gpx", "-o", recording.with_name(f"{NAME[:50]}.gpx"))
     printed(mkdaemon, "replay", "--verify", recording)
 
 
@@ -172,7 +172,7 @@ def test_what_a_recording_says(printed, recording):
         (mkdaemon, ("security", "show"), ".pem", "{}"),
         (mkctl, ("fly", "--check"), ".toml", '[[step]]\n"{}" = 1\ndo = "land"'),
         (mkctl, ("teleop", "--mapping"), ".toml", '"{}" = 1'),
-        (mkctl, ("mixer", "write"), ".toml", 'name = "{}"\n[motors]\n1 = [1, 2, 3, 4]'),
+        (mkctl, ("board", "mixer", "write"), ".toml", 'name = "{}"\n[motors]\n1 = [1, 2, 3, 4]'),
         (mkctl, ("settings", "compare"), ".toml", 'revision = "{}"'),
         (mkctl, ("settings", "compare"), ".json", '{{"{}": 1}}'),
         (mkctl, ("waypoints", "verify"), ".csv", "latitude,longitude,altitude,{}\n1,2,{},4"),
@@ -180,10 +180,10 @@ def test_what_a_recording_says(printed, recording):
         (mkctl, ("waypoints", "verify"), ".gpx", '<gpx><wpt lat="{}" lon="2"/></gpx>'),
         (mkctl, ("waypoints", "verify"), ".plan", '{{"fileType": "{}"}}'),
         (mkctl, ("status", "--zenoh-file"), ".json5", '{{"{}": 1}}'),
-        (mkctl, ("log", "check"), ".mcap", "{}"),
+        (mkctl, ("log", "verify"), ".mcap", "{}"),
         (mkdaemon, ("decode",), ".jsonl", '{{"t": "{}"}}'),
         (mkdaemon, ("detect",), ".png", "{}"),
-        (mkdaemon, ("target", "out.svg", "--target"), ".toml", '[[targets]]\nname = "{}"\n"{}" = 2'),
+        (mkdaemon, ("calibrate", "print", "out.svg", "--target"), ".toml", '[[targets]]\nname = "{}"\n"{}" = 2'),
         (mkdaemon, ("calibrate", "camera", "-o", "camera.toml"), ".png", "{}"),
     ],
 )
@@ -209,12 +209,17 @@ async def test_what_a_daemon_and_strangers_put_on_the_bus(capsys):
         daemon.bus.publish("event/log", LogEvent(stamp=CLOCK.stamp(), level=EVIL, text=EVIL))
         here = ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
         daemon.replies |= {"do/mark": dict}
-        for words in (["get", "event/log"], ["get", "event/log", "--json"], ["log", "mark", NAME]):
+        for words in (
+            ["get", "event/log"],
+            ["get", "event/log", "--lines"],
+            ["get", "event/log", "--json"],
+            ["log", "mark", NAME],
+        ):
             await asyncio.to_thread(run, mkctl, [*words, *here])
             out, err = capsys.readouterr()
             check(out, err)
             assert "FAKED" in out
-        for words in (["watch", "event/log", "-n", "1"], ["watch", "event/log", "-n", "1", "--table"]):
+        for words in (["watch", "event/log", "-n", "1"], ["watch", "event/log", "-n", "1", "--lines"]):
             watching = asyncio.create_task(asyncio.to_thread(run, mkctl, [*words, *here]))
             while not watching.done():
                 daemon.bus.publish("event/log", LogEvent(stamp=CLOCK.stamp(), level=EVIL, text=EVIL))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mkdaemon.cli.mkctl.values import REPEAT, Columns, Pacer
+from mkdaemon.cli.mkctl.values import REPEAT, Columns, Pacer, field_lines
 
 ATTITUDE = {
     "stamp": {"monotonic": 1.0},
@@ -31,15 +31,37 @@ def test_other_units_are_those_of_the_declaration():
     assert lines[2].split() == ["16.8", "-", "12", "no"]
 
 
-def test_vectors_have_a_column_for_each_axis_and_what_is_long_has_none():
+def test_vectors_and_maps_have_a_column_for_each_part_and_what_is_long_its_number():
     fields = {"position": [1.0, 2.0, 3.0], "covariance": [[1.0] * 3] * 3, "six": [0] * 6, "map": {"a": 1}}
-    _, heading, row = Columns().lines("control/estimate", fields)
-    assert heading.split("  ") == ["position x m", "position y m", "position z m"]
-    assert row.split() == ["1", "2", "3"]
+    _, heading, row = Columns(100).lines("control/estimate", fields)
+    headings = ["position x m", "position y m", "position z m", "covariance", "six", "a"]
+    assert [part.strip() for part in heading.split("  ") if part.strip()] == headings
+    assert [part.strip() for part in row.split("  ") if part.strip()] == ["1", "2", "3", "3 values", "6 values", "1"]
+
+
+def test_everything_fits_80_columns():
+    fields = {f"a_field_with_a_name_{number}": "x" * (number * 9) for number in range(12)}
+    columns = Columns(80)
+    first, second = columns.lines("state/else", fields), columns.lines("state/else", fields)
+    assert max(map(len, first)) <= 80 and first[1:] == second, "what is folded has its headings every time"
+    assert columns.lines("state/else", {"text": "y" * 100})[-1] == "y" * 77 + "..."
+    shown = field_lines("state/else", {"age": 2.0, "text": "word " * 40, **fields}, 80)
+    assert max(map(len, shown)) <= 80 and shown[0] == "state/else  2.00 s ago"
+    assert " ".join(" ".join(shown).split()).count("word") == 40, "nothing is cut"
+
+
+def test_the_last_value_has_a_field_a_line_with_its_unit():
+    fields = {"voltage": 16.8, "current": None, "is_low": False, "age": 0.5}
+    assert field_lines("state/battery", fields, 80) == [
+        "state/battery  0.50 s ago",
+        "  voltage                    16.8 V",
+        "  current                    - A",
+        "  is_low                     no",
+    ]
 
 
 def test_a_heading_comes_again_after_another_key_and_after_some_lines():
-    columns = Columns()
+    columns = Columns(80)
     counts = [len(columns.lines("state/attitude", ATTITUDE)) for _ in range(REPEAT + 2)]
     assert counts == [3, *[1] * (REPEAT - 1), 3, 1]
     assert len(columns.lines("state/battery", {"voltage": 1.0})) == 3

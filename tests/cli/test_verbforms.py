@@ -27,10 +27,12 @@ def test_every_verb_has_a_command_with_help_for_its_fields(verb, capsys):
         assert (f"--{name.replace('_', '-')}" in out) == (name != "holder")
 
 
-def test_a_service_without_a_command_of_its_own_has_one_from_the_table(capsys):
-    assert run(mkctl, ["route", "--help"]) == 0
-    out = capsys.readouterr().out
-    assert all(verb.method in out for verb in VERBS if verb.service == "route")
+def test_a_verb_without_a_command_of_its_own_has_one_from_the_table(capsys):
+    routes = [verb for verb in VERBS if verb.service == "route"]
+    assert routes
+    for verb in routes:
+        assert run(mkctl, ["waypoints", verb.method, "--help"]) == 0
+        assert verb.about in " ".join(capsys.readouterr().out.split())
 
 
 async def ask(name, given, **connection):

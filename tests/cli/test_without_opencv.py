@@ -20,7 +20,7 @@ SIMULATOR_FIX = "the simulated camera needs OpenCV, which is not installed: pip 
 MISSING = ("cv2", "pyapriltags")
 OF_CAMERAS = (
     ("detect", "picture.png"),
-    ("target", "x.svg", "--tag", "7:0.16"),
+    ("calibrate", "print", "x.svg", "--tag", "7:0.16"),
     ("calibrate", "camera", "pictures", "-o", "camera.toml"),
 )
 OF_SIMULATED_CAMERAS = (

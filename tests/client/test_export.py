@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mkdaemon.client.export import tables
-from mkdaemon.client.export.tables import write_csv, write_parquet
+from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
 from mkdaemon.client.export.tracks import gpx, kml, tracks_of
 from mkdaemon.client.export.values import Value, read_values, unit_of
 from mkdaemon.errors import ConfigError, MkError
@@ -38,6 +38,33 @@ def test_a_table_has_every_value_of_its_key_with_units_in_the_header(tmp_path):
     assert rows[0]["altitude [m]"] == "12.0"
     assert unit_of("Velocity.v1", "velocity_enu") == "m/s"
     assert unit_of("Nobody.v1", "field") == ""
+
+
+@pytest.mark.parametrize(
+    ("schema", "path", "unit"),
+    [
+        ("Velocity.v1", "velocity_enu.2", "m/s"),
+        ("ControlEstimate.v1", "covariance.0.0", "m2"),
+        ("ControlEstimate.v1", "covariance.2.1", "m2/s"),
+        ("ControlEstimate.v1", "covariance.1.2", "m2/s2"),
+        ("VisionPose.v1", "covariance.0", "m2"),
+        ("VisionPose.v1", "covariance.5", "m rad"),
+        ("VisionPose.v1", "covariance.18", "m rad"),
+        ("VisionPose.v1", "covariance.35", "rad2"),
+        ("VisionPose.v1", "calibration_sd.1", "m"),
+        ("VisionPose.v1", "calibration_sd.2", "rad"),
+        ("VisionPose.v1", "position_cam.0", "m"),
+    ],
+)
+def test_every_element_has_its_own_unit(schema, path, unit):
+    assert unit_of(schema, path) == unit
+
+
+def test_what_is_empty_has_a_column():
+    (table,) = tables_of(
+        [made("vision/down/stats", "VisionStats.v1", refused={}, alarms={}, attitude_lost={})]
+    ).values()
+    assert list(table.columns)[2:] == ["refused", "alarms", "attitude_lost"]
 
 
 def test_parquet_has_the_same_numbers(tmp_path):

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.client import setpoints as setpoints_module
+from mkdaemon.client.session import FlightSession
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import LeaseState, Outcome, Phase
 from mkdaemon.telemetry.event import CommandEvent
@@ -97,15 +97,14 @@ async def test_status_from_before_the_lease_does_not_end_it():
             await lease.stick(throttle=0, seconds=0.1)
 
 
-async def test_a_silent_daemon_is_a_lost_lease(monkeypatch):
-    monkeypatch.setattr(setpoints_module, "SILENCE", 0.3)
-    async with connected(engages=1) as (_, uav), uav.lease() as lease:
+async def test_a_silent_daemon_is_a_lost_lease():
+    async with connected(engages=1) as (_, uav), uav.lease(FlightSession(silence=0.3)) as lease:
         with pytest.raises(LeaseLostError, match="the daemon has not been heard"):
             await lease.stick(throttle=0, seconds=60)
 
 
 async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
-    monkeypatch.setattr(setpoints_module, "ENGAGING", 0.3)
+    monkeypatch.setattr("mkdaemon.client.lease.ENGAGING", 0.3)
     async with connected(engages=None) as (daemon, uav):
         with pytest.raises(NotEngagedError, match="waiting for a live, neutral stream"):
             async with uav.lease() as lease:
@@ -181,7 +180,7 @@ async def test_velocities_and_attitudes_are_streamed():
 
 
 async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monkeypatch):
-    monkeypatch.setattr(setpoints_module, "GRACE", 0.2)
+    monkeypatch.setattr("mkdaemon.client.session.GRACE", 0.2)
     async with connected() as (daemon, uav), uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
         with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
@@ -202,7 +201,7 @@ async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
 async def test_refusals_of_a_strangers_setpoints_under_our_epoch_are_not_ours():
     async with connected() as (daemon, uav), uav.lease() as lease:
         for token in (Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED):
-            lease._event_arrived(refused_setpoint(token))
+            lease.session.event_arrived(refused_setpoint(token), asyncio.get_running_loop().time())
         await lease.stick(throttle=0, seconds=0.1)
         assert daemon.setpoints
 
@@ -212,7 +211,7 @@ async def test_a_refusal_that_overtakes_the_word_of_the_lost_lease_leaves_its_re
         flying = asyncio.create_task(lease.stick(throttle=0, seconds=30))
         await wait_until(lambda: lease.is_engaged)
         for token in (Token.WRONG_EPOCH, Token.NOT_LEASED):
-            lease._event_arrived(refused_setpoint(token))
+            lease.session.event_arrived(refused_setpoint(token), asyncio.get_running_loop().time())
         before = lease.setpoints
         await wait_until(lambda: lease.setpoints > before + 2)
         daemon.lose("other took the lease from me")

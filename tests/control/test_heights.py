@@ -25,8 +25,11 @@ def test_a_way_by_the_camera_is_warned_with_what_it_is_by_the_barometer():
     assert found.odds == 1.0
     assert found.words == "a way of 4.00 m is 3.60 +- 0.10 m by the barometer"
     assert found.refusal.token == "heights_contradicted"
-    assert "4.00 m up or down by camera down over pad is 3.60 +- 0.10 m by the barometer" in found.refusal.reason
-    assert "+10 % off" in found.refusal.reason
+    assert (
+        "camera down over pad measured a climb or descent of 4.00 m, the barometer 3.60 +- 0.10 m"
+        in found.refusal.reason
+    )
+    assert "an error of +10 %" in found.refusal.reason
 
 
 def test_the_comparison_that_contradicts_the_most_is_warned():

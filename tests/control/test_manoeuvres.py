@@ -115,7 +115,7 @@ def test_who_flies_by_stick_does_not_take_off_in_the_air():
     with pytest.raises(CommandRejectedError) as refusal:
         flying.admit(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
     assert refusal.value.token == Token.NOT_ON_GROUND
-    assert "a take-off begins on the ground" in refusal.value.reason
+    assert "a take-off starts on the ground" in refusal.value.reason
 
 
 def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():

@@ -58,8 +58,8 @@ def test_heights_that_the_barometer_contradicts_are_told_once_with_their_scale()
         facts.eye_reported(eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=odds),)))
         reports.eyes_reported()
     [warning] = reports.take()
-    assert "2.00 +- 0.10 m by the barometer" in warning.text
-    assert "+20 % off" in warning.text
+    assert "the barometer 2.00 +- 0.10 m" in warning.text
+    assert "an error of +20 %" in warning.text
 
 
 class Told:

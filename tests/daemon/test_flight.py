@@ -7,6 +7,7 @@ import pytest
 from lab.rigs.live import LiveDaemon, live_daemon
 from lab.rigs.pilot import Pilot
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.telemetry.control import HolderGrant
 
 pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.03)]
 """Two link tests unanswered for 0.1 s each are an outage, a setpoint lives for 0.3 s, and one standstill seldom comes
@@ -60,9 +61,9 @@ async def test_a_stranger_who_reads_the_bus_cannot_fly_under_the_lease_of_anothe
     async with live_daemon() as flown, flown.client() as client, client.token("alice"), flown.client() as other:
         pilot = await engage(flown, client, "alice")
         stranger = Pilot(other, "alice")
-        stranger.epoch, stranger.sticks["pitch"] = flown.values("control/status")[-1]["lease"]["epoch"], 60.0
-        stranger._sequence = 5000
         assert not await stranger.take()
+        stranger.accept(HolderGrant(**flown.values("control/status")[-1]["lease"], secret="guessed", takes_stamps=True))
+        stranger.sticks["pitch"], stranger.session.sequence = 60.0, 5000
         async with stranger:
             await flown.until(lambda: any(event["token"] == "not_holder" for event in flown.values("event/command")))
         assert (await other.command("do", "lease", {"action": "release", "epoch": pilot.epoch})).token == "not_holder"

@@ -118,7 +118,7 @@ async def test_rates_are_shown_and_changed(desk):
         ("rates", {"stream": "osd", "interval": 3.0}, "bad_field", "interval"),
         ("rates", {"stream": "osd", "interval": float("nan")}, "bad_field", "interval"),
         ("rates", {"kind": "osd"}, "bad_field", "kind is no field"),
-        ("lease", {"action": "renew"}, "not_leased", "nobody holds"),
+        ("lease", {"action": "renew"}, "not_leased", "no client holds"),
         ("relase", {}, "unknown_verb", "release"),
         ("fly", {}, "unknown_verb", "lease or release or gains or preflight"),
         ("rates", b"\xc1", "malformed", "msgpack"),

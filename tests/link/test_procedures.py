@@ -169,7 +169,7 @@ async def test_who_keeps_no_note_cannot_put_the_live_set_at_risk():
     async with rig(flight_ctrl()) as r:
         await ready(r)
         flight = r.socket.aircraft.flight
-        with pytest.raises(ProtocolError, match="nobody keeps a note"):
+        with pytest.raises(ProtocolError, match="there is no note"):
             await run_procedure(r.link, backup_settings(PATIENCE), SilentObserver())
         assert flight.live.raw == flight.eeprom.sets[3]
 

@@ -278,7 +278,7 @@ def test_the_shortest_release_is_one_frame_or_both_forms_with_the_old_one_first_
 
 
 def test_figures_of_a_release_that_are_told_elsewhere():
-    """docs/safety.md, "Release"; docs/firmware-notes.md."""
+    """docs/safety.md, "Silence is not a release"; docs/firmware-notes.md."""
     assert (REPEATS, REPEATS_EITHER) == (5, 11)
     assert (CONFIRM_WAIT, SPACING, GIVE_UP, REMIND) == (0.06, 0.025, 1.5, 0.5)
     assert QUIET_TIME == 6.0 > 1.1 * 5.3

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions import FORMATS
+from mkdaemon.missions import FORMATS, qgc
 from mkdaemon.missions.items import ARDUPILOT, COMMANDS, GENERIC, PX4, Otherwise
 from mkdaemon.missions.source import MissionDraft
 
@@ -182,6 +182,12 @@ def test_a_mission_that_waits_is_refused_except_where_the_word_is_not_read() -> 
     with pytest.raises(ConfigError, match="wait here"):
         drafted({**WAY, "autoContinue": False}, HIGH)
     assert len(drafted({**WAY, "autoContinue": False}, HIGH, autopilot=ARDUPILOT).mission.points) == 2
+
+
+def test_a_plan_for_ardupilot_that_waits_says_that_it_goes_on() -> None:
+    plan = {"firmwareType": ARDUPILOT, "items": [{**WAY, "autoContinue": False}, {**HIGH, "autoContinue": False}]}
+    notes = qgc.read(json.dumps({"fileType": "Plan", "mission": plan}), "x.plan").notes
+    assert notes == ("x.plan:1: autoContinue is false, and ArduPilot goes on all the same",)
 
 
 def test_a_short_hold_is_no_flight_through() -> None:

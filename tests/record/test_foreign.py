@@ -43,7 +43,7 @@ def test_what_another_writer_wrote_is_whole(tmp_path: Path, way: str) -> None:
     times = [at for _, at in found.times()]
     assert list(found.entries(first=times[20], last=times[20])) == ours[20:21], "the second reading goes by places"
     target = tmp_path / "c.mcap"
-    assert run(mkctl, ["log", "recover", str(found.path), "-o", str(target)]) == 0
+    assert run(mkctl, ["log", "repair", str(found.path), "-o", str(target)]) == 0
     assert list(Recording(target).entries()) == ours
 
 

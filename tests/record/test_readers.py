@@ -25,7 +25,7 @@ KINDS = {"object": dict, "array": list, "string": str, "boolean": bool, "integer
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
-    """A recording of the daemon with JSON for viewers: what `mkctl log recover --viewer` writes."""
+    """A recording of the daemon with JSON for viewers: what `mkctl log repair --viewer` writes."""
     path = tmp_path_factory.mktemp("shown") / "shown.mcap"
     recover(FLIGHT, path, view=JsonView(schema_json))
     return path

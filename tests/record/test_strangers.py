@@ -37,7 +37,7 @@ def test_a_time_of_another_age_is_unreadable(tmp_path, at, which):
     good = BASE.offset_ns + 10**12
     times = (at, good) if which == "log" else (good, at)
     source = recording(tmp_path / "a.mcap", [sample(1)], then=lambda one: one._chunk.add(1, 2, *times, b"x"))
-    for words in (("recover",), ("cut", "--from", "0"), ("cut", "--to", "-0"), ("merge",)):
+    for words in (("repair",), ("cut", "--from", "0"), ("cut", "--to", "-0"), ("merge",)):
         target = tmp_path / f"{'-'.join(words)}.mcap"
         assert run(mkctl, ["log", words[0], str(source), "-o", str(target), *words[1:]]) == 0
         assert [one.sequence for one in Recording(target).entries()] == [1]

@@ -279,7 +279,7 @@ def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words
 
 def test_a_recording_of_before_events_were_kept_is_refused_with_what_can_still_be_done(tmp_path):
     old = [entry for entry in Recording(STICKS).entries() if entry.kind is not Kind.EVENT]
-    with pytest.raises(ConfigError, match=r"cannot be verified.*mkctl play"):
+    with pytest.raises(ConfigError, match=r"cannot be verified.*mkctl log play"):
         verify([written(tmp_path / "old.mcap", old)])
 
 

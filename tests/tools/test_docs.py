@@ -23,7 +23,7 @@ HOW_TO = (
         "record-and-look",
         "troubles",
         "flying",
-        "hardware",
+        "look",
         "teleop",
         "cameras",
         "settings",
@@ -111,7 +111,7 @@ def test_tables_are_not_broken_by_bars():
 
 
 def test_every_source_of_a_message_is_explained():
-    page = (ROOT / "docs" / "sources.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "firmware-notes.md").read_text(encoding="utf-8")
     assert [source.name for source in Source if f"| {source} |" not in page] == []
     used = {source for cls in MESSAGES.values() for source in cls.spec.sources}
     assert used == set(Source)

@@ -13,8 +13,10 @@ from tools.shape import (
     find_circles,
     find_long_files,
     find_long_functions,
+    find_same_classes,
     find_same_names,
     measure_packages,
+    same_classes,
 )
 
 
@@ -51,6 +53,20 @@ def test_packages_that_import_each_other_are_a_circle_although_their_modules_are
     modules = {"east/one": ["west.one"], "west/one": [], "west/two": ["east.two"], "east/two": []}
     name = make_package("shaped_rooms", modules)
     assert find_circles(name) == [[f"{name}.east", f"{name}.west"]]
+
+
+def test_classes_of_the_product_that_share_a_name_are_counted_against_the_budget(tmp_path):
+    texts = {"mkdaemon/a": "class Row:\n    class Inner: ...\n", "mkdaemon/b/c": "class Row: ...\nclass _Row: ...\n"}
+    texts |= {"mksim/d": "class Row: ...\nclass _Row: ...\n", "other/e": "class Inner: ...\n"}
+    for name, text in texts.items():
+        path = tmp_path / "src" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    same = same_classes(tmp_path)
+    assert same == {"Row": ["src/mkdaemon/a.py", "src/mkdaemon/b/c.py", "src/mksim/d.py"]}
+    assert find_same_classes(same, 2) == []
+    assert "give the new one its own (Row)" in find_same_classes(same, 1)[0]
+    assert "set SAME_CLASSES in tools/shape.py to 2" in find_same_classes(same, 3)[0]
 
 
 def test_a_file_above_the_limit_is_named():

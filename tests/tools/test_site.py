@@ -16,9 +16,11 @@ from tests.places import DOCS, ROOT
 from tools import site
 from tools.site import (
     EXAMPLES,
+    UNLISTED,
     app,
     build,
     examples_page,
+    keep_words_whole,
     moved,
     pages_in_navigation,
     pages_of,
@@ -31,13 +33,15 @@ PLACES = [*(place_in_site(page) for page in pages_of(ROOT)), EXAMPLES]
 
 def test_every_page_stands_in_the_navigation_once():
     listed = Counter(pages_in_navigation(ROOT))
-    assert [page for page in PLACES if page not in listed] == [], "give it a line in the navigation of mkdocs.yml"
+    unlisted = [page for page in PLACES if page not in listed]
+    assert unlisted == list(UNLISTED), "give it a line in the navigation of mkdocs.yml"
     assert [page for page in listed if page not in PLACES] == [], "mkdocs.yml names a page that is not there"
     assert [page for page, count in listed.items() if count > 1] == []
 
 
 def test_every_link_leads_to_a_page_or_a_picture():
     there = {*PLACES, *(path.relative_to(DOCS).as_posix() for path in (DOCS / "figures").iterdir())}
+    assert not any(page.startswith("lab/") for page in there)
     lost = []
     for page in pages_of(ROOT):
         text, here = moved((ROOT / page).read_text(encoding="utf-8"), page, {}), posixpath.dirname(place_in_site(page))
@@ -51,9 +55,8 @@ def test_every_link_leads_to_a_page_or_a_picture():
     [
         ("README.md", "[a](docs/safety.md)", "[a](safety.md)"),
         ("README.md", "![a](docs/figures/view.png)", "![a](figures/view.png)"),
-        ("docs/safety.md", "[a](lab/stories.md#b)", "[a](lab/stories.md#b)"),
-        ("docs/lab/stories.md", "[a](../safety.md)", "[a](../safety.md)"),
-        ("docs/lab/stories.md", "[a](../../README.md)", "[a](../index.md)"),
+        ("docs/safety.md", "[a](lab/stories.md#b)", "a (`docs/lab/stories.md`)"),
+        ("docs/safety.md", "[lab/stories.md](lab/stories.md)", "`docs/lab/stories.md`"),
         ("docs/architecture.md", "[a](../CONTRIBUTING.md#commits)", "[a](CONTRIBUTING.md#commits)"),
         ("docs/library.md", "[a](../examples)", "[a](examples.md)"),
         ("docs/library.md", "[a](../examples/fly_square.py)", "[a](examples.md#fly_square)"),
@@ -68,12 +71,11 @@ def test_a_link_is_moved_with_its_page(page, link, expected):
     ("link", "expected"),
     [
         ("see [safety.md](safety.md)", "see [Safety](safety.md)"),
-        ("see [lab/control.md](lab/control.md#landing)", "see [Control: figures](lab/control.md#landing)"),
         ("see [the ladder](safety.md), [other.md](other.md)", "see [the ladder](safety.md), [other.md](other.md)"),
     ],
 )
 def test_a_link_named_as_a_file_shows_the_title_of_its_page(link, expected):
-    titles = {"docs/safety.md": "Safety", "docs/lab/control.md": "Control: figures"}
+    titles = {"docs/safety.md": "Safety"}
     assert moved(link, "docs/flying.md", titles) == expected
 
 
@@ -102,6 +104,20 @@ def test_what_the_builder_says_is_told_without_its_traceback(tmp_path, monkeypat
     with pytest.raises(MkError) as told:
         build(tmp_path, complains)
     assert str(told.value) == "the site was not built:\nWarning: page does not exist"
+
+
+@pytest.mark.parametrize(
+    ("html", "whole"),
+    [
+        ("<code>mkctl fly</code>", "<code>mkctl fly</code>"),
+        ("<code>mkctl take-off 2</code>", '<code>mkctl <span class="word">take-off</span> 2</code>'),
+        ("<pre><span></span><code>a-b</code></pre>", "<pre><span></span><code>a-b</code></pre>"),
+        ("<p>a-b</p>", "<p>a-b</p>"),
+        (f"<code>{'a-' * 21}</code>", f"<code>{'a-' * 21}</code>"),
+    ],
+)
+def test_a_word_of_a_command_is_not_broken(html, whole):
+    assert keep_words_whole(html) == whole
 
 
 def test_a_folder_without_a_navigation_is_refused(capsys, tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from mkdaemon.cli.program import run
 from tests.places import ROOT
-from tools.words import REFUSED, app, refused_words
+from tools.words import LONGEST_PAGE, REFUSED, app, length_of, refused_words
 
 
 @pytest.mark.parametrize(
@@ -82,6 +82,26 @@ def test_budgets_are_lowered_and_never_raised(capsys, tmp_path):
     (tmp_path / "README.md").write_text("It lets go. They let go.\n", encoding="utf-8")
     assert run(app, [*root, "--lower"]) == 1
     assert (tmp_path / "tools" / "dialect.toml").read_text(encoding="utf-8") == lowered
+
+
+def test_the_length_of_a_page_is_that_of_its_prose_and_hand_written_tables():
+    page = (
+        "# A title\n\nIt `mkctl fly`s -> well.\n```sh\nmkctl top\n```\n| a | b |\n<!-- made -->\n| c |\n<!-- end -->\n"
+    )
+    assert length_of(page) == 8  # A, title, It, mkctl, flys, well, a, b
+
+
+def test_a_page_for_users_that_is_too_long_is_named(capsys, tmp_path):
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "mkdocs.yml").write_text("nav:\n  - How-to:\n      - A: a.md\n  - Reference:\n      - B: b.md\n")
+    (tmp_path / "docs" / "b.md").write_text("word " * 2 * LONGEST_PAGE)
+    (tmp_path / "docs" / "a.md").write_text("word " * LONGEST_PAGE)
+    assert run(app, ["--root", str(tmp_path)]) == 0
+    (tmp_path / "docs" / "a.md").write_text("word " * (LONGEST_PAGE + 1))
+    assert run(app, ["--root", str(tmp_path)]) == 1
+    out, err = capsys.readouterr()
+    assert "a.md: 901 words" in out
+    assert "more than 900 words: 1" in err
 
 
 def test_the_pages_of_this_tree_use_the_words(capsys):

@@ -15,6 +15,7 @@ from mkdaemon.client.linktest.advice import judge
 from mkdaemon.client.linktest.campaign import _Line
 from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import Ledger, Probe, ProbeKind
+from mkdaemon.reading import Reading
 from mkdaemon.telemetry.link import FATES, Fates, LinkHealth, RoundTripStats, Why, fates_of
 from mkdaemon.view.page.picture import Picture
 from mkdaemon.view.report.facts import link_rows
@@ -40,13 +41,15 @@ NAMES = {"need no answer": "silent"}
 
 
 def in_status():
-    return drawn(render_status("mk1", {"link/health": HEALTH.model_dump()}))
+    reading = Reading()
+    reading.take("link/health", HEALTH, 1000.0)
+    return drawn(render_status("mk1", reading.at(1000.0)))
 
 
 def in_top():
     board = Board("mk1")
-    board.take("link/state", link_state(1000.0).model_dump(), 1000.0)
-    board.take("link/health", HEALTH.model_dump(), 1000.0)
+    board.take("link/state", link_state(1000.0), 1000.0)
+    board.take("link/health", HEALTH, 1000.0)
     return "\n".join("".join(text for text, _ in row) for row in board.rows(1000.0))
 
 

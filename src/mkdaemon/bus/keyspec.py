@@ -43,7 +43,10 @@ class KeySpec:
         carries: model of the payload; None for a payload described by `about`.
         when: how often, or on what.
         about: what it says.
-        reply: model of the answer to a query, inside its `CommandResult`; None where there is none of its own.
+        reply: model of the answer to a query, inside its `CommandResult`; None if there is no separate one.
+        fresh: how old the last value may be and still be the present one [s]: three periods, with the patience that a
+            busy machine needs. Infinity: until the next one, while anything of the daemon is fresh. None: it
+            is an event.
     """
 
     suffix: str
@@ -52,6 +55,7 @@ class KeySpec:
     when: str
     about: str
     reply: type[BaseModel] | None = None
+    fresh: float | None = None
 
     @property
     def pattern(self) -> str:

@@ -17,7 +17,7 @@ import zenoh
 from mkdaemon.bus.linger import LingerSweep
 from mkdaemon.bus.tls import explain_tls_failure
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.reading import DEEPEST, read_text
+from mkdaemon.foreignfiles import DEEPEST, read_text
 
 ENDPOINT_SAMPLE: Final = "tcp/127.0.0.1:7447"
 STALL: Final = 1.0

@@ -5,18 +5,30 @@ import _signal  # type: ignore[import-not-found]
 
 _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
 
-from typing import NoReturn  # noqa: E402
+import sys  # noqa: E402
+
+from mkdaemon.cli.listing import asks_for_list, print_list  # noqa: E402
 
 
-def mkdaemon() -> NoReturn:
+def mkdaemon() -> None:
     """Run `mkdaemon`."""
+    from mkdaemon.cli.mkdaemon.commands import ABOUT, COMMANDS
+
+    if asks_for_list(sys.argv[1:]):
+        print_list("mkdaemon", ABOUT, COMMANDS)
+        return
     from mkdaemon.cli.mkdaemon.app import main
 
     main()
 
 
-def mkctl() -> NoReturn:
+def mkctl() -> None:
     """Run `mkctl`."""
+    from mkdaemon.cli.mkctl.commands import ABOUT, COMMANDS
+
+    if asks_for_list(sys.argv[1:]):
+        print_list("mkctl", ABOUT, COMMANDS)
+        return
     from mkdaemon.cli.mkctl.app import main
 
     main()

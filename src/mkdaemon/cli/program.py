@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import cache
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NoReturn
 
 from cyclopts import (
     App,
@@ -26,6 +26,8 @@ from cyclopts import (
 )
 from cyclopts.argument import Argument
 
+from mkdaemon.cli.listing import CommandEntry
+from mkdaemon.cli.renamed import new_name
 from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
 
@@ -43,22 +45,6 @@ _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
 _OPTION: Final = re.compile(r"--?[A-Za-z]")
 
 
-class CommandEntry(NamedTuple):
-    """One command of a table.
-
-    Attributes:
-        name: on the command line.
-        target: `module:attribute` of a function or an `App`, imported when the command is used.
-        help: one line shown in the list.
-        group: heading it stands under.
-    """
-
-    name: str
-    target: str
-    help: str
-    group: str = "Commands"
-
-
 def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str = "") -> App:
     """Make a program from its table. A command whose module is not installed is left out and breaks no other.
 
@@ -69,22 +55,21 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
     """
     table = tuple(table)
-    # Markdown takes a quarter of the processor time of the list of commands, which has none to speak of.
-    is_list = all(entry.name != chosen for entry in table)
     app = App(
         name=name,
-        help=_flowing(about) if is_list else about,
+        help=about,
         version=_version,
-        help_format="plaintext" if is_list else "markdown",
-        group_commands=Group("Help"),
+        help_format="markdown",
+        group_commands=Group("Subcommands"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
     headings = list(dict.fromkeys(entry.group for entry in table))
     for number, entry in enumerate(table):
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
             group = _group(entry.group, headings.index(entry.group))
-            line = None if entry.name == chosen else _flowing(entry.help) if is_list else entry.help
-            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number)
+            line = None if entry.name == chosen else entry.help
+            shown = entry.is_shown
+            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number, show=shown)
     if chosen == COMPLETION:
         from mkdaemon.cli.completion import installer
 
@@ -98,12 +83,6 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
 def _group(heading: str, place: int) -> Group:
     """One object a heading: a program that is made twice shares the commands that have been imported, and theirs."""
     return Group(heading, sort_key=place)
-
-
-def _flowing(text: str) -> str:
-    """Markdown of whole paragraphs and `code` as plain text that the terminal may wrap."""
-    paragraphs = (" ".join(part.split()) for part in text.split("\n\n"))
-    return "\n\n".join(paragraphs).replace("`", "")
 
 
 def _version() -> str:
@@ -199,11 +178,24 @@ def run(app: App, tokens: Sequence[str] | None = None) -> int:
 
 
 def _run(app: App, tokens: Sequence[str]) -> int:
+    if (renamed := new_name(app.name[0], tokens)) is not None:
+        return _complain(app, renamed, EXIT_CONFIG)
     if (mistake := _unknown_command(app, tokens)) is not None:
         return _complain(app, mistake, EXIT_CONFIG)
-    return report_mistakes(
-        app, tokens, lambda: app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-    )
+
+    def work() -> object:
+        if tokens and {*tokens[1:]} <= {*app.help_flags}:
+            _import_listed(app, tokens[0])
+        return app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+
+    return report_mistakes(app, tokens, work)
+
+
+def _import_listed(app: App, name: str) -> None:
+    """Import the commands of a group whose list is going to be shown, for the first line of their help."""
+    if name in app and (group := app[name]).default_command is None:
+        for one in group:
+            group[one]
 
 
 def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object]) -> int:

@@ -81,12 +81,12 @@ class ControlKeys:
         self.status: Stream[ControlStatus] = Stream(
             transport, "control/status", "mkdaemon.telemetry.control:ControlStatus"
         )
-        """`control/status`, 1 Hz and on change: Who flies, and why nobody does; what is new with every stick frame
-        is in `output`, `estimate` and `error`."""
+        """`control/status`, 1 Hz and on change: Phase, holder and reason; values that change with every stick frame
+        are in `output`, `estimate` and `error`."""
         self.estimate: Stream[ControlEstimate] = Stream(
             transport, "control/estimate", "mkdaemon.telemetry.control:ControlEstimate"
         )
-        """`control/estimate`, every stick frame in the air: Where the aircraft is believed."""
+        """`control/estimate`, every stick frame in the air: Estimate of the aircraft."""
         self.preflight: Stream[ControlPreflight] = Stream(
             transport, "control/preflight", "mkdaemon.telemetry.preflight:ControlPreflight"
         )
@@ -145,7 +145,7 @@ class EventKeys:
         self.failsafe: Stream[FailsafeEvent] = Stream(
             transport, "event/failsafe", "mkdaemon.telemetry.event:FailsafeEvent"
         )
-        """`event/failsafe`, on occurrence: The daemon let go on its own."""
+        """`event/failsafe`, on occurrence: The daemon released without a request."""
         self.mission: Stream[MissionEvent] = Stream(
             transport, "event/mission", "mkdaemon.telemetry.mission:MissionEvent"
         )

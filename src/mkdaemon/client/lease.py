@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any, Final, Literal
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 from mkdaemon.client.asking import client_name
-from mkdaemon.client.setpoints import RATE, SIGHTING, SetpointStream, load_models
-from mkdaemon.client.transport import Transport
-from mkdaemon.errors import LeaseLostError, ManoeuvreError
+from mkdaemon.client.samples import Sample, typed_value
+from mkdaemon.client.session import (
+    ENGAGING,
+    RATE,
+    SIGHTING,
+    TTL,
+    FlightSession,
+    RepeatedSetpoint,
+    setpoint_models,
+)
+from mkdaemon.client.setpointcalls import SetpointCalls
+from mkdaemon.client.transport import SetpointPublisher, Transport
+from mkdaemon.errors import LeaseLostError, ManoeuvreError, MkError, ProtocolError
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import HolderGrant, LeaseState
+    from pydantic import BaseModel
+
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
+    from mkdaemon.telemetry.setpoint import Setpoint
 
 LANDING: Final = 60.0
 """Longest time of a landing [s]; from 2 m it takes about ten."""
@@ -25,14 +40,191 @@ PROBES: Final = 3
 """Measurements of the path before it counts as slow: a busy machine is slow for a moment."""
 
 
-class Lease(SetpointStream):
+GIVING_BACK: Final = 3.0
+"""Longest wait for the answer when the lease is given back [s]; the end of the liveliness token ends it as well."""
+
+
+class SetpointSender:
+    """Signs setpoints of one lease and puts them."""
+
+    def __init__(self, transport: Transport, grant: HolderGrant) -> None:
+        self._transport, self._grant = transport, grant
+        self._publishers: dict[str, tuple[SetpointPublisher, str]] = {}
+
+    def send(self, setpoint: Setpoint) -> None:
+        """Put one."""
+        from mkdaemon.bus.codec import encode, encoding_of
+        from mkdaemon.telemetry.signature import sign, stamped_proof
+
+        suffix, secret = setpoint.suffix, self._grant.secret
+        if suffix not in self._publishers:
+            publisher = self._transport.stream(f"{self._grant.setpoint_root}/{setpoint.kind}")
+            self._publishers[suffix] = (publisher, encoding_of(type(setpoint)))
+        publisher, encoding = self._publishers[suffix]
+        payload, is_stamped = encode(setpoint), self._grant.takes_stamps
+        proof = (
+            stamped_proof(secret, suffix, payload, time.monotonic()) if is_stamped else sign(secret, suffix, payload)
+        )
+        publisher.put(payload, encoding=encoding, attachment=proof)
+
+
+def load_models() -> None:
+    """Import what a lease needs.
+
+    Done before it is asked for: imports take up to a second, in which setpoints would grow stale, and what the daemon
+    said before the lease would seem to be said after it.
+    """
+    import mkdaemon.telemetry.signature  # noqa: F401
+    from mkdaemon.telemetry.control import ControlStatus, HolderGrant
+    from mkdaemon.telemetry.event import CommandEvent
+
+    models: list[type[BaseModel]] = [*setpoint_models().values(), ControlStatus, CommandEvent, HolderGrant]
+    for model in models:
+        model.model_rebuild()
+    typed_value(None, {})
+
+
+class Lease:
     """The right to fly; made by `uav.lease()`.
 
     Attributes:
         holder: name others see.
         epoch: number of the lease; every setpoint carries it.
+        session: decides what is streamed.
         set: sends one setpoint; for programs that stream at their own rate, at least twice a second.
     """
+
+    def __init__(
+        self, transport: Transport, holder: str, session: FlightSession, statuses: AsyncIterator[Sample]
+    ) -> None:
+        assert session.grant is not None
+        self.holder, self.epoch, self.session = holder, session.grant.epoch, session
+        self.set = SetpointCalls(self.put)
+        self._transport, self._statuses = transport, statuses
+        self._sender = SetpointSender(transport, session.grant)
+        self._loop = asyncio.get_running_loop()
+        self._following: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> Self:
+        self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._following is not None:
+            self._following.cancel()
+        await asyncio.shield(self._give_back())
+
+    async def _give_back(self) -> None:
+        """Release the aircraft; nothing where the daemon has said that this lease is over, as after a landing."""
+        if (fields := self.session.release()) is not None:
+            with suppress(MkError):
+                await self._transport.command("do", "lease", fields, patience=GIVING_BACK)
+
+    async def _follow(self) -> None:
+        """Let the session know what the daemon reports."""
+        async for sample in self._statuses:
+            with suppress(ProtocolError):  # put there by another program than the daemon
+                value, now = sample.value, self._loop.time()
+                if sample.suffix == "control/status":
+                    self.session.status_arrived(value, now)
+                else:
+                    self.session.event_arrived(value, now)
+
+    @property
+    def setpoints(self) -> int:
+        """Setpoints streamed so far."""
+        return self.session.sequence
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether the daemon has begun to send what is streamed to the aircraft."""
+        return self.session.is_engaged
+
+    @property
+    def status(self) -> ControlStatus | None:
+        """What the daemon last said of this lease: phase, manoeuvre, stage; None before it said anything."""
+        return self.session.status
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the manoeuvre ended by itself; None while it has not."""
+        return self.session.outcome
+
+    @property
+    def reason(self) -> str:
+        """Why the lease stands where it stands, one sentence, for example what the daemon waits for."""
+        return self.session.reason
+
+    def put(self, kind: str, fields: Mapping[str, Any], ttl: float = TTL) -> None:
+        """Send one setpoint of a kind that is only known by its name; see `set`.
+
+        Args:
+            kind: last word of a key `setpoint/<kind>`.
+            fields: of the setpoint, without epoch and sequence.
+            ttl: age at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            CommandRejectedError: `bad_field`: a field is missing, unknown or out of range.
+            MkError: there is no such kind of setpoint.
+        """
+        self.send(self.session.stream(kind, fields, self._loop.time(), ttl))
+
+    def send(self, setpoint: Setpoint | None) -> None:
+        """Sign a setpoint that the session made, and put it; None is nothing."""
+        if setpoint is not None:
+            self._sender.send(setpoint)
+
+    async def renew(self) -> LeaseState:
+        """Keep the lease without streaming; it ends by itself otherwise.
+
+        Raises:
+            LeaseLostError: it has ended; says why.
+            CommandRejectedError: it has ended.
+        """
+        from mkdaemon.telemetry.control import LeaseState
+
+        fields = self.session.renew(self._loop.time())
+        return (await self._transport.command("do", "lease", fields)).as_a(LeaseState)
+
+    async def pause(self, seconds: float) -> None:
+        """Keep the lease for some time without flying [s]; in flight it would grow stale.
+
+        Raises:
+            LeaseLostError: it has ended.
+            CommandRejectedError: it has ended.
+        """
+        await self.renew()
+        await asyncio.sleep(seconds)
+        self.session.require_held(self._loop.time())
+
+    async def fly(self, wanted: RepeatedSetpoint) -> None:
+        """Repeat a setpoint until its time is over, or it is done. Ends a reported abort: the program flies on.
+
+        Raises:
+            LeaseLostError: the lease has ended; says why.
+            NotEngagedError: the daemon did not engage.
+            ManoeuvreError: not done in time, aborted, or another setpoint took its place.
+            CommandRejectedError: a setpoint is refused.
+        """
+        session, clock = self.session, self._loop.time
+        session.require_held(clock())
+        session.resume()
+        session.fly(wanted, clock())
+        while session.repeated is wanted:
+            now = clock()
+            # With sticks flown already a refusal counts at once: the estimate does not restart.
+            if not session.is_engaged:
+                session.has_started(now)
+            setpoint = session.step(now)
+            if session.is_engaged and (refusal := session.take_refusal()) is not None:
+                raise refusal
+            self.send(setpoint)
+            if setpoint is not None:
+                await asyncio.sleep(max(session.due - clock(), 0.0))
+        session.require_held(clock())
+        if session.finished is not wanted:
+            raise ManoeuvreError(f"{wanted.kind}: another setpoint took its place")
 
     async def stick(
         self,
@@ -65,7 +257,8 @@ class Lease(SetpointStream):
             CommandRejectedError: a stick is out of range.
         """
         sticks = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
-        await self._fly("stick", sticks, {**sticks, "pitch": 0.0, "roll": 0.0, "yaw": 0.0}, seconds, rate)
+        lead = {**sticks, "pitch": 0.0, "roll": 0.0, "yaw": 0.0}
+        await self.fly(RepeatedSetpoint("stick", sticks, ENGAGING, seconds, rate, lead=lead))
 
     async def attitude(
         self,
@@ -96,7 +289,8 @@ class Lease(SetpointStream):
             CommandRejectedError: a number is out of range.
         """
         wanted = {"pitch": pitch, "roll": roll, "yaw_rate": yaw_rate, "thrust": thrust}
-        await self._fly("attitude", wanted, {**wanted, "pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0}, seconds, rate)
+        lead = {**wanted, "pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0}
+        await self.fly(RepeatedSetpoint("attitude", wanted, ENGAGING, seconds, rate, lead=lead))
 
     async def velocity(
         self,
@@ -126,7 +320,7 @@ class Lease(SetpointStream):
             CommandRejectedError: `no_estimate`: no target was seen; `no_frame`; `bad_field`.
         """
         wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate}
-        await self._fly("velocity", wanted, wanted, seconds, rate, patience=SIGHTING)
+        await self.fly(RepeatedSetpoint("velocity", wanted, SIGHTING, seconds, rate))
 
     async def hold(self, *, seconds: float, rate: float = RATE) -> None:
         """Stay where the aircraft is over a target in sight, for some time.
@@ -140,7 +334,7 @@ class Lease(SetpointStream):
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
         """
-        await self._fly("hold", {}, {}, seconds, rate, patience=SIGHTING)
+        await self.fly(RepeatedSetpoint("hold", {}, SIGHTING, seconds, rate))
 
     async def take_off(
         self, height: float, *, target: str = "", patience: float = TAKING_OFF, rate: float = RATE
@@ -162,7 +356,8 @@ class Lease(SetpointStream):
             ManoeuvreError: not at height in time, or aborted.
             CommandRejectedError: `bad_field`: the height is out of range.
         """
-        await self._fly_until_done("takeoff", {"height": height, "target": target}, patience, rate)
+        wanted = {"height": height, "target": target}
+        await self.fly(RepeatedSetpoint("takeoff", wanted, SIGHTING, patience, rate, is_until_done=True))
 
     async def goto(
         self,
@@ -197,10 +392,9 @@ class Lease(SetpointStream):
             CommandRejectedError: as `velocity`.
         """
         wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
-        if seconds is None:
-            await self._fly_until_done("position", wanted, patience, rate)
-        else:
-            await self._fly("position", wanted, wanted, seconds, rate, patience=SIGHTING)
+        is_free = seconds is None
+        limit = patience if seconds is None else seconds
+        await self.fly(RepeatedSetpoint("position", wanted, SIGHTING, limit, rate, is_until_done=is_free))
 
     async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
         """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.
@@ -220,9 +414,8 @@ class Lease(SetpointStream):
         """
         from mkdaemon.telemetry.control import Outcome
 
-        wanted = {"yaw": yaw}
         try:
-            await self._fly("land", wanted, wanted, patience, rate, patience=SIGHTING)
+            await self.fly(RepeatedSetpoint("land", {"yaw": yaw}, SIGHTING, patience, rate))
         except LeaseLostError:
             if self.outcome is not Outcome.LANDED:
                 raise
@@ -239,13 +432,21 @@ class Leases:
 
     @asynccontextmanager
     async def __call__(
-        self, *, force: bool = False, ttl: float | None = None, holder: str | None = None, use_remembered: bool = False
+        self,
+        session: FlightSession | None = None,
+        /,
+        *,
+        force: bool = False,
+        ttl: float | None = None,
+        holder: str | None = None,
+        use_remembered: bool = False,
     ) -> AsyncIterator[Lease]:
         """Hold the lease for as long as the context lasts; on leaving, however, it is given back at once.
 
         A liveliness token stands beside it: when this program dies, the daemon releases the aircraft.
 
         Args:
+            session: decides what is streamed, and outlives this lease; a new one where None.
             force: take it from its present holder.
             ttl: life without setpoints or renewal, if shorter than configured [s].
             holder: name others see; else user, machine and process.
@@ -256,11 +457,13 @@ class Leases:
             MkError: no daemon speaks for this vehicle.
         """
         load_models()
-        name = holder or client_name()
+        session, name = session or FlightSession(), holder or client_name()
+        session.take()
         watch = self._transport.watch("control/status", "event/command", are_known=True)
         async with self._transport.token(name), watch as statuses:
             granted = await self.take(force=force, ttl=ttl, holder=name, use_remembered=use_remembered)
-            async with Lease(self._transport, name, granted, statuses) as lease:
+            session.granted(granted, asyncio.get_running_loop().time())
+            async with Lease(self._transport, name, session, statuses) as lease:
                 yield lease
 
     async def take(

@@ -1,4 +1,4 @@
-"""The lease of a program that flies now and then: taken with the first setpoint, given back when nothing is flown."""
+"""The lease of a program that flies now and then: taken when a flight begins, given back when it ends."""
 
 from __future__ import annotations
 
@@ -8,62 +8,50 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any, Final
 
 from mkdaemon.client.lease import Lease
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.client.session import BUSY_PAUSE, FlightSession, SessionState
+from mkdaemon.errors import MkError
 
-BUSY: Final = "busy"
-"""Token of the refusal while the release of the lease before is under way."""
-BUSY_TRIES: Final = 20
-"""How often a lease is asked for that is refused as busy; a release takes up to 1.5 s."""
-BUSY_PAUSE: Final = 0.1
-"""Between two of these [s]."""
 LOOKING: Final = 0.01
 """Between two looks whether a lease that was asked for is held [s]."""
 
 
 class LeaseKeeper:
-    """Holds the lease while somebody flies.
+    """Carries out what a flight session decides: takes the lease, puts setpoints, gives the lease back.
 
-    Args:
-        take: takes the lease for as long as its context lasts.
+    Attributes:
+        flight: the session, which decides.
     """
 
-    def __init__(self, take: Callable[[], AbstractAsyncContextManager[Lease]]) -> None:
+    def __init__(self, take: Callable[[FlightSession], AbstractAsyncContextManager[Lease]]) -> None:
+        """Hold nothing yet.
+
+        Args:
+            take: takes the lease of a session for as long as its context lasts.
+        """
+        self.flight = FlightSession()
         self._take = take
+        self._lease: Lease | None = None
         self._task: asyncio.Task[None] | None = None
         self._end = asyncio.Event()
-        self.lease: Lease | None = None
-        self._failure: str | None = None
+        self._loop = asyncio.get_running_loop()
 
     @property
     def is_engaged(self) -> bool:
         """Whether the daemon sends what is streamed."""
-        return self.lease is not None and self.lease.is_engaged
+        return self.flight.is_engaged
 
-    @property
-    def words(self) -> str:
-        """Where the lease stands, in words."""
-        if self.lease is not None:
-            return self.lease.reason
-        return "the lease is asked for" if self._task is not None and not self._end.is_set() else ""
-
-    def ask(self) -> None:
-        """Ask for the lease where it is not held and not asked for yet.
-
-        Raises:
-            MkError: the lease was refused; says why.
-        """
-        if self._failure is not None:
-            reason, self._failure = self._failure, None
-            raise MkError(reason)
-        if self._task is not None and self._task.done():
-            ended, self._task = self._task, None
-            ended.result()
-        if self._task is None:
-            self._end.clear()
+    def begin(self) -> None:
+        """Begin a flight by a decision of the pilot or program that flies: ask for the lease unless it is held."""
+        if self.flight.state is SessionState.LOST:
+            self._end.set()
+        self.flight.resume()
+        self.flight.take()
+        self._end.clear()
+        if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._hold(), name="lease on demand")
 
     def stream(self, kind: str, fields: Mapping[str, Any]) -> None:
-        """Put a setpoint; the lease is asked for where it is not held, and until then nothing is put.
+        """Put a setpoint of a stream; until the lease is held nothing is put.
 
         Args:
             kind: last word of a key `setpoint/<kind>`.
@@ -73,31 +61,35 @@ class LeaseKeeper:
             CommandRejectedError: `bad_field`: the setpoint is none.
             MkError: the lease was refused or has ended; says why.
         """
-        self.ask()
-        if self.lease is not None:
-            self.lease.put(kind, fields)
+        setpoint = self.flight.stream(kind, fields, self._loop.time())
+        if self._lease is not None:
+            self._lease.send(setpoint)
+
+    def step(self) -> None:
+        """Put the next setpoint of what the session repeats.
+
+        Raises:
+            MkError: the lease was refused or has ended; says why.
+        """
+        setpoint = self.flight.step(self._loop.time())
+        if self._lease is not None:
+            self._lease.send(setpoint)
 
     async def take(self) -> Lease:
-        """Ask for the lease and wait until it is held.
+        """Begin a flight and wait until the lease is held.
 
         Raises:
             MkError: the lease was refused; says why.
         """
-        while True:
-            self.ask()
-            if self.lease is not None:
-                return self.lease
+        self.begin()
+        while self._lease is None or self.flight.state is not SessionState.HELD:
+            self.flight.take()
             await asyncio.sleep(LOOKING)
-
-    def take_refusal(self) -> str | None:
-        """The newest refusal of what was streamed, once; None where nothing was refused."""
-        refusal = None if self.lease is None else self.lease.take_refusal()
-        return None if refusal is None else str(refusal)
+        return self._lease
 
     def give_back(self) -> None:
-        """Give the lease back; the aircraft is released. What is under way ends by itself."""
-        self.lease = None
-        self._failure = None
+        """End the flight; the aircraft is released. What is under way ends by itself."""
+        self.flight.end()
         self._end.set()
 
     async def close(self) -> None:
@@ -107,23 +99,13 @@ class LeaseKeeper:
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _hold(self) -> None:
-        for _ in range(BUSY_TRIES):
+        """Hold the lease for as long as one is wanted; a flight may begin while the lease before it ends."""
+        while self.flight.is_wanted:
             try:
-                async with self._take() as lease:
-                    if not self._end.is_set():
-                        self.lease = lease
+                async with self._take(self.flight) as self._lease:
                     await self._end.wait()
-            except CommandRejectedError as error:
-                if error.token == BUSY and not self._end.is_set():
-                    await asyncio.sleep(BUSY_PAUSE)
-                    continue
-                self._fail(str(error))
             except MkError as error:
-                self._fail(str(error))
-            return
-        self._fail("the daemon is busy with a release: press again")
-
-    def _fail(self, reason: str) -> None:
-        self.lease = None
-        if not self._end.is_set():
-            self._failure = reason
+                if self.flight.refused(error):
+                    await asyncio.sleep(BUSY_PAUSE)
+            finally:
+                self._lease = None

@@ -1,4 +1,4 @@
-"""A print judged by one photograph: what `mkctl target check` shows. Needs OpenCV, the extra `vision`."""
+"""A print judged by one photograph: what `mkdaemon calibrate check-print` shows. Needs OpenCV, the extra `vision`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.reading import LONGEST_PICTURE, read_bytes
+from mkdaemon.foreignfiles import LONGEST_PICTURE, read_bytes
 
 if TYPE_CHECKING:
     from mkdaemon.vision.calibrate.printcheck import PrintFinding

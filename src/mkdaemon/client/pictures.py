@@ -32,6 +32,19 @@ def small_jpeg(payload: bytes, width: int, quality: int = 75) -> bytes | None:
         return None
 
 
+def decoded(coded: bytes) -> bytes | None:
+    """Pixels of a JPEG or PNG, rows from the top; None where they are damaged, or OpenCV is not there."""
+    try:
+        from mkdaemon.vision.camera.image import PictureError
+        from mkdaemon.vision.camera.imagecodec import decode_picture
+    except ImportError:
+        return None
+    try:
+        return decode_picture(coded).tobytes()
+    except PictureError:
+        return None
+
+
 def viewable(image: CameraFrame) -> tuple[bytes, str]:
     """An image as every program reads it, without OpenCV: its bytes, and `jpeg` or `png`."""
     if image.coding != "gray8":

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, Self
 
 from mkdaemon.bus.keys import Use, find
 from mkdaemon.bus.names import REPLAY, ROOT
-from mkdaemon.client.playsource import Choice, Progress, Source
+from mkdaemon.client.playsource import Choice, PlaySource, Progress
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.entry import NANOSECONDS, Entry, nanoseconds
@@ -189,10 +189,10 @@ class Selection:
     last: float
     zero: float
     name: str | None
-    _source: Source
+    _source: PlaySource
 
     @classmethod
-    def of(cls, source: Source, name: str | None, progress: Progress = lambda position: None) -> Selection:
+    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> Selection:
         """Look through a recording once.
 
         Args:

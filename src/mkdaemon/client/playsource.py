@@ -16,7 +16,7 @@ Choice = Callable[[str], bool]
 """Chooses keys."""
 
 
-class Source(Protocol):
+class PlaySource(Protocol):
     """Values that can be played. All times are those of the file [ns]."""
 
     def times(self, progress: Progress) -> Iterator[tuple[ChannelFacts, int]]:
@@ -47,7 +47,7 @@ class RecordedSamples:
         self._first, self._last = first or 0, last
 
     def times(self, progress: Progress) -> Iterator[tuple[ChannelFacts, int]]:
-        """See `Source`; reads the whole file once.
+        """See `PlaySource`; reads the whole file once.
 
         Raises:
             MkError: it cannot be read.
@@ -59,7 +59,7 @@ class RecordedSamples:
                 yield facts, at
 
     def entries(self, first: int, last: int | None = None, choice: Choice | None = None) -> Iterator[Entry]:
-        """See `Source`."""
+        """See `PlaySource`."""
         ends = [one for one in (last, self._last) if one is not None]
         yield from self._recording.again().entries(
             lambda facts: self._is_wanted(facts) and (choice is None or choice(facts.key)),
@@ -68,7 +68,7 @@ class RecordedSamples:
         )
 
     def latest(self, before: int) -> list[Entry]:
-        """See `Source`."""
+        """See `PlaySource`."""
         return self._recording.again().latest(self._is_wanted, before)
 
     def _is_wanted(self, facts: ChannelFacts) -> bool:

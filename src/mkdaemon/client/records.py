@@ -27,7 +27,7 @@ class Records(RecordsVerbs):
 
         It begins when the first value has arrived, or after five seconds without one.
 
-        `mkdaemon.client.export.values.read_values` reads it back; `mkctl play` shows it to other programs.
+        `mkdaemon.client.export.values.read_values` reads it back; `mkctl log play` shows it to other programs.
 
         Args:
             folder: of the files.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -59,6 +59,13 @@ class Sample:
             msg = f"{self.suffix} carries {self.schema}, no {carried}; update mkdaemon here or there"
             raise ProtocolError(msg)
         return typed_value(self.schema, self.fields)
+
+    @property
+    def known(self) -> Any:
+        """The same; None where another version publishes it differently."""
+        with suppress(ProtocolError):
+            return self.value
+        return None
 
 
 def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
@@ -150,6 +157,25 @@ def _messages() -> dict[str, type[WireMessage]]:
     return {cls.__name__: cls for cls in MESSAGES.values()}
 
 
+def viewer_schema(name: str) -> bytes | None:
+    """The JSON Schema of `<Name>.v<N>` as viewers read it, UTF-8 JSON; None where it is not known here.
+
+    Args:
+        name: as encodings name it, for example `Attitude.v1`.
+    """
+    from mkdaemon.record.view import flatten_schema
+
+    found = known_schema(name)
+    return None if found is None else json.dumps(flatten_schema(json.loads(found))).encode()
+
+
+def viewer_value(fields: Mapping[str, Any]) -> Any:
+    """A map as JSON has it: bytes in base64, nothing that is null."""
+    from mkdaemon.record.view import json_value
+
+    return json_value(fields)
+
+
 def known_schema(name: str) -> bytes | None:
     """The JSON Schema of `<Name>.v<N>` as UTF-8 JSON; None where it is not known here.
 
@@ -159,3 +185,13 @@ def known_schema(name: str) -> bytes | None:
     from mkdaemon.bus.schema import schema_json
 
     return schema_json(name)
+
+
+def carried_schemas() -> Iterator[tuple[str, str]]:
+    """Every key that is put, not asked, with the name and version of the schema of its values."""
+    from mkdaemon.bus.codec import schema_name
+    from mkdaemon.bus.keys import KEYS, Use
+
+    for spec in KEYS:
+        if spec.carries is not None and spec.use in {Use.PUBLISHED, Use.CLIENT, Use.SETPOINT}:
+            yield spec.suffix, schema_name(spec.carries)

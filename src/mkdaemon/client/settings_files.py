@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 from mkdaemon.errors import ConfigError, MkError, ProtocolError
 from mkdaemon.files import refuse_existing, save
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, read_text
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
-from mkdaemon.reading import LONGEST_SETTINGS, read_text
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
 
 _SUFFIXES: Final = (".toml", ".json")
@@ -19,7 +19,7 @@ _ALL: Final = 5
 """Sets of a FlightCtrl."""
 
 
-class Source(NamedTuple):
+class SetSource(NamedTuple):
     """A parameter set and where it came from.
 
     Attributes:
@@ -85,7 +85,7 @@ def write_backup(
     return tuple(paths)
 
 
-def read_sets(source: Path) -> dict[int, Source]:
+def read_sets(source: Path) -> dict[int, SetSource]:
     """Read a backup, file or folder, by slot.
 
     Raises:
@@ -98,7 +98,7 @@ def read_sets(source: Path) -> dict[int, Source]:
             raise ConfigError(msg)
     else:
         paths = [source]
-    sets: dict[int, Source] = {}
+    sets: dict[int, SetSource] = {}
     for path in paths:
         try:
             content = SettingsFile.parse(read_text(path, limit=LONGEST_SETTINGS))
@@ -114,7 +114,7 @@ def read_sets(source: Path) -> dict[int, Source]:
         if content.slot in sets:
             msg = f"{path}: slot {content.slot} is also in {sets[content.slot].name}; keep one of them"
             raise ConfigError(msg)
-        sets[content.slot] = Source(content.parameters, str(path))
+        sets[content.slot] = SetSource(content.parameters, str(path))
     return sets
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, ClassVar, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from mkdaemon.client.samples import Sample
 
 if TYPE_CHECKING:
+    from mkdaemon.reading import Picture
     from mkdaemon.telemetry.control import ControlStatus
     from mkdaemon.telemetry.link import LinkHealth, LinkState
     from mkdaemon.telemetry.record import RecordStatus
@@ -17,43 +17,6 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.vehicle import VehicleHealth
 
 _Value = TypeVar("_Value")
-SEEN: Final = 1.0
-"""A target that was seen longer ago is not in sight [s]; the slowest camera in use delivers five images meanwhile."""
-WEAK_CELL: Final = 3.5
-"""A lithium cell below this has less than a tenth left, less under load [V]."""
-_FRESH: Final = (
-    ("state/attitude", 1.0),
-    ("link/state", float("inf")),
-    ("link/health", 1.5),
-    ("control/estimate", 0.5),
-    ("control/error", 0.5),
-    ("control/output", 0.5),
-    ("control/fence", float("inf")),
-    ("vision/*/setup", float("inf")),
-    ("vision/*/pose", 1.0),
-    ("vision/*/tags", 1.0),
-    ("*", 3.5),
-)
-"""How old a value of a key may be before it is stale [s], the first that fits: three periods of what comes at least
-once a second, a second of what cameras see and half of what the flight core decides. What is published when it changes,
-or comes from a file, is true until something else is said."""
-
-
-def fresh_for(suffix: str) -> float:
-    """How old a value of a key may be before it is stale [s]."""
-    return next(seconds for pattern, seconds in _FRESH if fnmatchcase(suffix, pattern))
-
-
-PATTERNS: Final = (
-    "health",
-    "link/state",
-    "link/health",
-    "control/status",
-    "state/*",
-    "vision/*/stats",
-    "vision/*/pose",
-    "record/status",
-)
 
 
 class _Last(Generic[_Value]):
@@ -120,3 +83,12 @@ class VehicleStatus:
         """
         sample = self.samples.get(suffix)
         return None if sample is None else sample.age
+
+    def picture(self) -> Picture:
+        """What the values mean together when they were asked for; those that another version publishes are left out."""
+        from mkdaemon.reading import Reading
+
+        reading = Reading()
+        for suffix, sample in self.samples.items():
+            reading.take(suffix, sample.known, -(sample.age or 0.0))
+        return reading.at(0.0)

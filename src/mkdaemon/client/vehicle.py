@@ -14,7 +14,7 @@ from mkdaemon.client.navi import Navi
 from mkdaemon.client.records import Records
 from mkdaemon.client.samples import Sample, message_from
 from mkdaemon.client.settings import Settings
-from mkdaemon.client.summary import PATTERNS, VehicleStatus
+from mkdaemon.client.summary import VehicleStatus
 from mkdaemon.client.verbcalls import VerbCalls
 from mkdaemon.errors import MkError, ProtocolError
 
@@ -55,8 +55,10 @@ class Vehicle(VerbCalls):
         Raises:
             MkError: no daemon speaks for this vehicle.
         """
+        from mkdaemon.reading.known import KEYS
+
         found: dict[str, Sample] = {}
-        for pattern in PATTERNS:
+        for pattern in KEYS:
             found |= await self.get_all(pattern)
         if not found and (absence := await self.absence()) is not None:
             raise MkError(absence)

@@ -187,7 +187,7 @@ class WaypointsVerbs(Asking):
 
         Args:
             points: The points in the order they are flown.
-            in_flight: Allow it with running motors, or with nobody knowing whether they run: it takes effect at once.
+            in_flight: Allow it with running motors, or while their state is unknown: it takes effect at once.
             source: Where they came from, for the event.
             allow_unusual: Take points that are more than 5 km away, below the start or more than 500 m above it.
             on_progress: called with every step.
@@ -243,7 +243,7 @@ class WaypointsVerbs(Asking):
         """Empty the NaviCtrl's list and see that it is empty.
 
         Args:
-            in_flight: Allow it with running motors, or with nobody knowing whether they run: it takes effect at once.
+            in_flight: Allow it with running motors, or while their state is unknown: it takes effect at once.
             on_progress: called with every step.
 
         Raises:
@@ -274,16 +274,6 @@ class RouteVerbs(Asking):
         return await self.ask(
             RouteStarted, "route_start", {"confirm": confirm}, 600, on_progress=on_progress, with_holder=True
         )
-
-    async def pause(self) -> None:
-        """Asks to pause a route.
-
-        Always refused, with what the pilot does instead.
-
-        Raises:
-            MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
-        """
-        await self.order("route_pause", {}, 15)
 
     async def end(self, *, confirm: bool = False, on_progress: OnProgress | None = None) -> WaypointsStored:
         """Empty the list, in flight too.
@@ -493,9 +483,9 @@ class VerbCalls(KeyTree):
         self.records = RecordsVerbs(self)
 
     async def release(self, reason: str = "asked for") -> ReleaseReport:
-        """Let go of the aircraft now.
+        """Release the aircraft now.
 
-        Anyone may, with or without a lease.
+        Every client may, with or without a lease.
 
         Args:
             reason: Published with the event; what is longer is cut, never refused.

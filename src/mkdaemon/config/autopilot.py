@@ -35,7 +35,7 @@ class AutopilotConfig(Section):
 
     Higher than the camera can see the target from ends flights in sight loss."""
     fence_floor: float = Field(default=0.3, ge=0, le=10)
-    """Setpoints lower above the target are raised to this height [m]; landing is a thing of its own.
+    """Setpoints lower above the target are raised to this height [m]; landings are exempt.
 
     Lower lets a setpoint touch the ground without landing."""
     velocity_lead: float = Field(default=1.5, gt=0, le=5)
@@ -70,7 +70,7 @@ class AutopilotConfig(Section):
     freeze_after: float = Field(default=0.2, gt=0, le=2)
     """Without an image for this long the reference stands still [s].
 
-    Longer follows a reference that nobody sees; shorter stands still at every lost image."""
+    Longer follows a reference without a measurement; shorter stops at every lost image."""
     search_after: float = Field(default=1.0, gt=0, le=5)
     """Without an image for this long the aircraft rises and returns to where the target was seen last [s].
 

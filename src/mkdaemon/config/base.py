@@ -10,7 +10,7 @@ from mkdaemon.described import Described
 
 
 class Reloadable:
-    """Marks a key that a running daemon takes up anew: `Annotated[int, RELOADABLE]`; every other needs a restart."""
+    """Marks a key that a running daemon reloads: `Annotated[int, RELOADABLE]`; every other needs a restart."""
 
 
 RELOADABLE: Final = Reloadable()

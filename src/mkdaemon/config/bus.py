@@ -28,7 +28,7 @@ class BusConfig(Section):
     zenoh_file: Path | None = None
     """A Zenoh configuration file (JSON5), for TLS and access control; `listen` and `connect` are added to it.
 
-    A wrong file ends the daemon at its start; without one nothing is encrypted and nobody is asked who he is."""
+    A wrong file ends the daemon at its start; without one nothing is encrypted and clients are not authenticated."""
     lease: float = Field(default=2.0, ge=0.5, le=30.0)
     """A client whose session is silent for this long counts as gone [s].
 
@@ -39,7 +39,7 @@ class BusConfig(Section):
 
     Lower refuses questions of a busy ground station; higher lets a flood take memory."""
     local_group: str | None = None
-    """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; unset: nobody else.
+    """Group whose members may use the Unix socket for `mkctl release` beside the daemon's own user; unset: none.
     The daemon's user must be in it.
 
     Members may release the aircraft at any moment, and nothing else."""

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import read_text
+from mkdaemon.foreignfiles import read_text
 
 CameraName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
 

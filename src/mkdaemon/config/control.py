@@ -10,13 +10,13 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.base import Section
 
 LOWEST_HOVER: Final = -67.0
-"""Smallest throttle that is believed to carry an aircraft [stick from the centre]: 60 counts of 254."""
+"""Smallest throttle that may be hover throttle [stick from the centre]: 60 counts of 254."""
 HIGHEST_HOVER: Final = 63.0
-"""Largest throttle that is believed to carry an aircraft [stick from the centre]: 190 counts of 254."""
+"""Largest throttle that may be hover throttle [stick from the centre]: 190 counts of 254."""
 
 
 class LimiterConfig(Section):
-    """Bounds of every stick command, whoever asks. Stick counts are the receiver's, full deflection about 125."""
+    """Bounds of every stick command of every client. Stick counts are the receiver's, full deflection about 125."""
 
     max_pitch: int = Field(default=60, ge=0, le=127)
     """Largest pitch command [stick].
@@ -76,7 +76,7 @@ class LeaseConfig(Section):
     release_after: float = Field(default=1.0, gt=0, le=5)
     """Silence after which a flying client loses the lease and the aircraft is released [s].
 
-    Longer flies on with neutral sticks for so long after a client died; shorter releases at a hiccup of the
+    Longer keeps neutral sticks for that time after a client died; shorter releases at a hiccup of the
     network."""
     engage_after: float = Field(default=1.0, ge=0, le=10)
     """A stream must have lived this long, with neutral sticks, before its first command is sent [s].
@@ -97,7 +97,7 @@ class LeaseConfig(Section):
     allow_constant_gate: bool = False
     """Fly although ExternalControl is a constant, so that no switch of the transmitter ends external control.
 
-    True: nothing on the transmitter ends external control; only the daemon, or its guard, lets go."""
+    True: nothing on the transmitter ends external control; only the daemon or its guard ends it."""
 
 
 class ControlConfig(Section):
@@ -109,12 +109,12 @@ class ControlConfig(Section):
 
     Lower answers later; higher takes the line from telemetry."""
     real_time: bool | None = None
-    """Run the event loop and the eyes at the lowest real-time priority, and the daemon's threads before other programs;
+    """Run the event loop and vision at the lowest real-time priority, and the daemon's threads before other programs;
     what that can starve: docs/operations.md. Unset: as a service of systemd only.
 
     True can starve the shell on a machine with one core; false comes late beside busy programs."""
     guard: bool = True
-    """A process of its own releases the aircraft when the daemon dies or stands still; docs/safety.md.
+    """A separate process releases the aircraft if the daemon dies or hangs; docs/safety.md.
 
     False: a daemon that dies in flight leaves its last sticks until the boards' own time-out, up to 5 s."""
     limiter: LimiterConfig = LimiterConfig()

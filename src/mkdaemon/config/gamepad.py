@@ -49,7 +49,7 @@ class ButtonsSection(Section):
     """What presses do. An axis is a button with `+` or `-` behind its name, for example "ABS_HAT0X-", "ABS_Z+"."""
 
     enable: Press
-    """The enable button: nothing is sent unless it is held; letting go of it lets go of the aircraft."""
+    """The enable button: nothing is sent unless it is held; releasing it releases the aircraft."""
     fine: Press | None = None
     """Small deflections of pitch, roll and yaw, on and off."""
     thrust_lock: Press | None = None
@@ -65,7 +65,7 @@ class ButtonsSection(Section):
     land: Press | None = None
     """Land on the target in sight; hold it for half a second."""
     release: Press | None = None
-    """Let go of the aircraft at once."""
+    """Release the aircraft at once."""
     stop: Press | None = None
     """Ask for the motors to stop, which few firmwares can; hold it for one second."""
     trim_forward: Press | None = None
@@ -141,7 +141,7 @@ class Gamepad(Section):
     takeoff_height: float = Field(default=1.5, ge=0.5, le=10)
     """Of a take-off by button [m]."""
     quiet_after: float | None = Field(default=None, ge=0.5, le=60)
-    """A pad with a deflected stick that reports nothing for so long counts as gone [s]. Unset: 2 s by radio
+    """A pad with a deflected stick that reports nothing for this time counts as gone [s]. Unset: 2 s by radio
     (Bluetooth), never by cable. The kernel keeps the last values of a pad whose radio is out of reach."""
 
     @model_validator(mode="after")

@@ -42,8 +42,8 @@ class ConfigKey(NamedTuple):
         default: as the file would have it; `unset` or `*required*`.
         limits: what values there may be; empty for any.
         meaning: what it is for.
-        consequence: what a wrong value does; empty where that is not told.
-        is_reloadable: a running daemon takes it up anew.
+        consequence: what a wrong value does; empty if it is not documented.
+        is_reloadable: a running daemon reloads it.
     """
 
     section: str
@@ -109,7 +109,7 @@ def section_at(model: type[BaseModel], section: str) -> FieldInfo:
 
 
 def section_model(annotation: Any) -> type[BaseModel] | None:
-    """The model of a field that is a section, or a list of sections, of its own."""
+    """The model of a field that is a section, or a list of sections."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     if get_origin(annotation) in (tuple, Union, types.UnionType):

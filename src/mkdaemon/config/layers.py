@@ -15,7 +15,7 @@ from mkdaemon.config.mistakes import line_of
 from mkdaemon.config.reader import COMMAND_LINE, read_file, validated
 from mkdaemon.config.root import Config, DaemonSections
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_toml
+from mkdaemon.foreignfiles import parse_toml
 
 PREFIX: Final = "MKDAEMON_"
 """Of variables of the environment that are keys: `MKDAEMON_LINK__PORT` is `link.port`."""

@@ -16,7 +16,7 @@ from mkdaemon.config.base import Section
 from mkdaemon.config.mistakes import explain
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 
 _Section = TypeVar("_Section", bound=Section)
 COMMAND_LINE: Final = "command line"
@@ -58,7 +58,7 @@ def validated(
 
     Args:
         kind: what the file holds.
-        path: the file, for what is told of a mistake.
+        path: the file, for the messages about mistakes.
         text: what stands in it.
         given: values that go before it, by dotted key.
         origins: where each of these comes from.

@@ -14,13 +14,13 @@ class RecordedImages(Section):
     """Which images of the cameras are recorded."""
 
     hz: Annotated[float, RELOADABLE] = Field(default=2.0, ge=0.0, le=120.0)
-    """Images a second and camera; 0 for none. A replay through the eyes needs every image, as `png`.
+    """Images a second and camera; 0 for none. A replay of vision needs every image, as `png`.
 
     Higher fills the disk: 5.5 MB a second at 30 Hz, 640x480 and `png`."""
     coding: Annotated[Literal["jpeg", "png"], RELOADABLE] = "jpeg"
     """`jpeg` is small, `png` is exact and takes five times the room.
 
-    A replay through the eyes of `jpeg` images gives other poses."""
+    A replay of vision with `jpeg` images gives other poses."""
     jpeg_quality: Annotated[int, RELOADABLE] = Field(default=80, ge=1, le=100)
     """100 is the best.
 
@@ -33,7 +33,7 @@ class RecordConfig(Section):
     enabled: bool = True
     """Record whenever the daemon runs; a recording that plays is not recorded again.
 
-    False: nobody can see afterwards what happened."""
+    False: a flight cannot be examined afterwards."""
     folder: Path | None = None
     """Where; unset: `recordings` in the folder of `vehicle.state_folder`.
 
@@ -47,11 +47,11 @@ class RecordConfig(Section):
 
     Shorter makes many files."""
     total_mb: Annotated[int, RELOADABLE] = Field(default=4000, ge=1)
-    """All recordings of this vehicle in the folder may take so much [MB].
+    """Largest size of all recordings of this vehicle in the folder [MB].
 
     Smaller deletes old flights sooner."""
     free_mb: Annotated[int, RELOADABLE] = Field(default=1000, ge=1)
-    """So much of the disk is left free for others [MB].
+    """Space of the disk that stays free for other programs [MB].
 
     Smaller lets recordings fill the disk of the system."""
     delete_oldest: Annotated[bool, RELOADABLE] = True
@@ -62,13 +62,13 @@ class RecordConfig(Section):
     """Time between two moments at which everything is brought to the disk itself, so that it survives a power failure
     [s]; 0: when the system does. What a killed daemon wrote survives in any case.
 
-    Longer loses so much at a power failure; shorter wears out a memory card."""
+    Longer loses more at a power failure; shorter wears out a memory card."""
     queue_mb: int = Field(default=32, ge=1, le=1024)
-    """So much may wait in memory for a slow disk; beyond it entries are lost and counted [MB].
+    """Largest amount that waits in memory for a slow disk; beyond it entries are lost and counted [MB].
 
     Smaller loses entries on a slow disk; larger takes memory."""
     json_for_viewers: bool = False
-    """Add JSON for viewers; it takes twice the room and delays setpoints (docs/recording.md). `mkctl log recover
+    """Add JSON for viewers; it takes twice the room and delays setpoints (docs/recording.md). `mkctl log repair
     --viewer` adds it later.
 
     True delays setpoints."""

@@ -26,7 +26,7 @@ class VehicleConfig(Section):
     """Folder of what must survive a restart, for example which parameter set has to be live; unset: systemd's
     `$STATE_DIRECTORY/<name>`, else `$XDG_STATE_HOME/mkdaemon/<name>`, else `~/.local/state/mkdaemon/<name>`.
 
-    In a folder that does not survive, a sudden end leaves the aircraft with a parameter set that nobody puts back."""
+    In a folder that does not survive, a sudden end leaves the aircraft with a parameter set that is not restored."""
     note: Annotated[str, RELOADABLE] = Field(default="", max_length=200)
     """Free text shown by `mkctl status`, for example airframe and battery.
 

@@ -1,7 +1,7 @@
 """What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure.
 
 A battery sags while the motors work hard, so only what lasts counts, and a little more voltage is not yet the end of
-it. Source: docs/safety.md, "What happens when something fails".
+it. Source: docs/safety.md, "What ends a flight".
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The last pure function before the wire: range, slew, age, no NaN, no stick gesture.
 
 It imports no controller and trusts none: whatever asks, nothing outside these bounds leaves the daemon.
-Source of the rules: docs/safety.md, "The last function before the wire".
+Source of the rules: docs/safety.md, "The output limiter".
 """
 
 from __future__ import annotations

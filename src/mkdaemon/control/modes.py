@@ -133,7 +133,7 @@ TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held
 CAN_LAND: Final = Guard("a target is in sight", lambda now: now.can_land)
 RELEASE_OWED: Final = Guard("another release was asked for meanwhile", lambda now: now.is_release_owed)
 HELD: Final = Guard("a client holds the lease", lambda now: now.is_held)
-NOT_HELD: Final = Guard("nobody holds the lease", lambda now: not now.is_held)
+NOT_HELD: Final = Guard("no client holds the lease", lambda now: not now.is_held)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Watches the NaviCtrl's own flight: which stage, how far, what the pilot's hands do. Pure.
 
 The NaviCtrl flies by the pilot's GPS switch alone; what it does is told by its mode flags, its waypoint number and its
-distances. Source: docs/waypoints.md, "Starting, pausing and ending a route"; docs/firmware-notes.md, section 8.
+distances. Source: docs/waypoints.md, "Fly a target or a route"; docs/firmware-notes.md, section 8.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the pilot's hands do, by phase, manoeuvre and stage: one table, published in `control/status`. Pure.
 
 Stock firmware takes the smaller of the pilot's throttle and ours, so his stick is the lid of every flight:
-docs/flying.md, "Who holds what: the throttle". docs/modes.md shows the table.
+docs/flying.md, "Who controls the throttle". docs/modes.md shows the table.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Notices that the pilot's throttle caps ours: stock firmware takes the smaller of the two. Pure.
 
 The FlightCtrl reports the throttle it flies with. Where that stays below everything we sent for a while, it is the
-pilot's stick. Source: docs/flying.md, "Who holds what: the throttle"; docs/protocol.md, "Debug channels of the
+pilot's stick. Source: docs/flying.md, "Who controls the throttle"; docs/protocol.md, "Debug channels of the
 FlightCtrl" and the field `throttle` of the NaviCtrl's OSD data.
 
 It reports the throttle after the compensation of the battery's voltage: at 14.8 V a hover reads 19 counts less than

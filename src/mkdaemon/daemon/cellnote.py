@@ -17,7 +17,7 @@ from mkdaemon.control.events import CellsKnown
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.files import write_whole
-from mkdaemon.reading import read_bytes
+from mkdaemon.foreignfiles import read_bytes
 
 NAME: Final = "battery.json"
 LOOK: Final = 5.0

@@ -16,12 +16,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.files import write_whole
+from mkdaemon.foreignfiles import read_bytes
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import ControlForm, Evidence
 from mkdaemon.protocol.generations import Release
-from mkdaemon.reading import read_bytes
 from mkdaemon.stamp import Stamp
 
 NAME: Final = "flight.json"

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon import guard
+from mkdaemon.foreignfiles import parse_json, read_text
 from mkdaemon.guard import Line, Word
-from mkdaemon.reading import parse_json, read_text
 
 PING_PERIOD: Final = 0.2
 """Time between two questions whether it is there [s]."""

@@ -32,6 +32,7 @@ from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.link import Link, Opener
 from mkdaemon.link.ports.port import open_port
 from mkdaemon.link.session.guarding import LineGuard
+from mkdaemon.telemetry.base import build_models
 from mkdaemon.telemetry.control import ControlFence
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -111,6 +112,7 @@ class Wiring:
             ConfigError: the port cannot exist, the line cannot carry the configured rates, a camera is wrong, or a
                 value makes the control loop unsafe.
         """
+        build_models()
         self._cfg, self._bus, self._clock = cfg, bus, clock
         if cfg.cameras:
             require_safe_loop(cfg.control)

@@ -36,12 +36,12 @@ SWITCH_TIME: Final = 0.03
 MOTORS_WAIT: Final = 3.0
 """How long to wait for telemetry that tells whether the motors run [s]."""
 ASK_AGAIN: Final = (0.1, 0.2, 0.4)
-"""Pauses between rounds of questions while nobody answers; the last one repeats [s]."""
+"""Pauses between rounds of questions without an answer; the last one repeats [s]."""
 LOOK_AGAIN: Final = (1.0, 4.0, 15.0, 60.0)
 """Pauses between looks behind a NaviCtrl while its FlightCtrl is unknown; the last one repeats [s]. Each costs 0.6 s
 of telemetry; their number is `link.flightctrl_looks`."""
 STILL: Final = 0.3
-"""A NaviCtrl that passes the line through has said nothing for so long after three questions of 0.15 s [s]."""
+"""A NaviCtrl that passes the line through is silent for this long after three questions of 0.15 s [s]."""
 DISCOVERY_TIME: Final = 4.0
 """How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
 
@@ -66,7 +66,7 @@ async def discover_flightctrl(link: Link, *, until: asyncio.Event) -> None:
 
     Args:
         link: its boards are discovered.
-        until: ends it, too: the boards must be discovered anew.
+        until: ends it, too: the boards must be identified again.
     """
     pauses = chain(LOOK_AGAIN, repeat(LOOK_AGAIN[-1]))
     while link.lacks_flightctrl and not until.is_set():

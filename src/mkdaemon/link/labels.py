@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mkdaemon.files import write_whole
+from mkdaemon.foreignfiles import parse_json, read_text
 from mkdaemon.link.procedures import Observer, run_procedure
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.labels import LABELS
 from mkdaemon.protocol.procedures.labels import read_labels as labels_procedure
 from mkdaemon.protocol.wire import Board
-from mkdaemon.reading import parse_json, read_text
 
 if TYPE_CHECKING:
     from mkdaemon.link.link import Link

@@ -195,7 +195,7 @@ class Link:
             board: who is asked; by default the board at the end of the wire, or the only one that understands it.
             timeout: wait for the first answer [s]; by default what this command takes.
             retries: further attempts; by default what repeating this command may do.
-            purpose: REQUEST, or BACKGROUND for what nobody waits for.
+            purpose: REQUEST, or BACKGROUND if no caller waits.
 
         Raises:
             CommandRejectedError: the board cannot be reached, too much waits, or the message has no answer.

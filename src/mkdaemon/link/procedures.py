@@ -1,7 +1,7 @@
 """Runs procedures of the protocol over a link: directly, or through a NaviCtrl that passes the line through.
 
 A procedure is a pure generator (`mkdaemon.protocol.procedures`); here its requests become frames, its pauses time. Each
-request behind a NaviCtrl is a passage of its own, so that telemetry, which stops meanwhile, tells about the motors
+request behind a NaviCtrl is a separate passage, so that telemetry, which stops meanwhile, tells about the motors
 before the next one.
 """
 
@@ -45,10 +45,10 @@ class InterruptedProcedureError(MkError):
 
 
 class Observer(Protocol):
-    """Who hears how a procedure goes, and may forbid its requests."""
+    """Receives the progress of a procedure, and may forbid its requests."""
 
     def progress(self, progress: Progress) -> None:
-        """The procedure has come so far."""
+        """Progress of the procedure."""
 
     async def live_set_at_risk(self, wanted: LiveSet) -> None:
         """From the next request on another set may be live; an `MkError` ends the procedure before that."""
@@ -75,7 +75,7 @@ class SilentObserver:
         Raises:
             ProtocolError: always.
         """
-        msg = f"nobody keeps a note of the live set {wanted.active}"
+        msg = f"there is no note of the live set {wanted.active}"
         raise ProtocolError(msg)
 
     async def live_set_proven(self) -> None:
@@ -100,7 +100,7 @@ async def run_procedure(
         link: the line.
         procedure: what to do.
         observer: hears of it.
-        purpose: of every request; BACKGROUND for what nobody waits for.
+        purpose: of every request; BACKGROUND if no caller waits.
 
     Raises:
         MkError: whatever the procedure, the observer or the link raised.

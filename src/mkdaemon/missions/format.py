@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
+from mkdaemon.foreignfiles import read_text
 from mkdaemon.missions import csv, gpx, kml, qgc, wpl, wpl110
 from mkdaemon.missions.kmz import read_kmz
 from mkdaemon.missions.losses import lost
 from mkdaemon.missions.source import MissionDraft
-from mkdaemon.reading import read_text
 from mkdaemon.telemetry.mission import Mission
 
 log = logging.getLogger(__name__)

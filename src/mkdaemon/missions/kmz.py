@@ -9,8 +9,8 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO, Final
 
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.missions.source import Place
-from mkdaemon.reading import open_regular
 
 _DAMAGED: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, RuntimeError, EOFError, ValueError)
 """What reading a ZIP file raises; a method of compression that is not known is a RuntimeError, too."""

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.foreignfiles import parse_json
 from mkdaemon.missions import items as table
 from mkdaemon.missions.items import (
     ARDUPILOT,
@@ -32,7 +33,6 @@ from mkdaemon.missions.items import (
     checked,
 )
 from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
-from mkdaemon.reading import parse_json
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
 _SAME_SPEED, _DEFAULT_SPEED = -1, -2
@@ -87,9 +87,21 @@ def read(text: str, name: str) -> MissionDraft:
         raise Place(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
     require_few(name, len(items))
     firmware = mission.get("firmwareType") if isinstance(mission, dict) else None
-    places = (Place(name, line) for line in _lines(text, len(items)))
-    draft = draft_of(items, places, firmware if isinstance(firmware, int) else GENERIC)
-    return replace(draft, notes=(*_beside(plan), *draft.notes))
+    autopilot = firmware if isinstance(firmware, int) else GENERIC
+    places = [Place(name, line) for line in _lines(text, len(items))]
+    draft = draft_of(items, places, autopilot)
+    return replace(draft, notes=(*_beside(plan), *_waits(places, items, autopilot), *draft.notes))
+
+
+def _waits(places: Sequence[Place], items: Sequence[Any], autopilot: int) -> Iterator[str]:
+    """The first point at which a plan for ArduPilot is to wait; for other autopilots such a plan is refused."""
+    if autopilot == ARDUPILOT:
+        waiting = (place for place, item in zip(places, items, strict=True) if _is_waiting(item))
+        yield from (f"{place}: autoContinue is false, and ArduPilot goes on all the same" for place in [*waiting][:1])
+
+
+def _is_waiting(item: Mapping[str, Any]) -> bool:
+    return item.get("autoContinue", True) in (False, 0)
 
 
 def _beside(plan: dict[str, Any]) -> Iterator[str]:
@@ -241,7 +253,7 @@ def _take(place: Place, item: Any, reading: _Reading) -> None:
     if not isinstance(params, list) or len(params) != 7:
         raise place.wrong("an item needs 7 params", "save the plan again")
     # ArduPilot does not read autoContinue, and the programs written for it leave it at 0.
-    if item.get("autoContinue", True) in (False, 0) and reading.autopilot != ARDUPILOT:
+    if _is_waiting(item) and reading.autopilot != ARDUPILOT:
         raise place.wrong("the mission is to wait here (autoContinue)", "give the waypoint a hold time of up to 255 s")
     found = checked(place, item.get("command"), item.get("frame"), params, reading.autopilot)
     if reading.is_returning:

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 
 _Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Speed = Annotated[float, Field(ge=-5.0, le=5.0)]

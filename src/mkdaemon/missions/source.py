@@ -11,7 +11,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_number
+from mkdaemon.foreignfiles import parse_number
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 MOST_POINTS: Final = 2000

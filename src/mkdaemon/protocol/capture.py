@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final, NamedTuple
 
 from mkdaemon.errors import MkError
+from mkdaemon.foreignfiles import parse_json
 from mkdaemon.protocol.boards import Direction
-from mkdaemon.reading import parse_json
 
 _BLOCK: Final = 4096
 _LONGEST_LINE: Final = 1 << 16

@@ -55,7 +55,7 @@ class Dialect:
         layouts: layout of each (board, command letter) that the frame itself does not tell.
         extern_control: class to fly with; None: do not.
         extern_control_layout: its layout.
-        dead_man: how the FlightCtrl lets go by itself.
+        dead_man: how the FlightCtrl drops stick commands by itself.
         stick_filter: external control passes the receiver's stick filter.
         read_only_reason: why nothing that acts may be sent; None where it may.
         unsupported: reason by (board, message key) for requests this firmware does not know.

@@ -54,7 +54,7 @@ class Foreign(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What the boards have shown of themselves so far.
+    """What the boards have shown of themselves.
 
     Attributes:
         releases: release each board named in its version reply.

@@ -255,7 +255,7 @@ def Text(mk: str, length: int, *, pad: str = "\0", trim: bool = True) -> WireFie
 
 
 def Raw(mk: str, length: int) -> WireField:  # noqa: N802
-    """Declare `length` bytes without a meaning of their own here."""
+    """Declare `length` bytes whose meaning is declared elsewhere."""
     return WireField(code="s", mk=mk, count=length, is_bytes=True)
 
 

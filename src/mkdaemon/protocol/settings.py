@@ -1,4 +1,4 @@
-"""Parameter sets of the FlightCtrl by name, for every revision known; bytes nobody names survive untouched.
+"""Parameter sets of the FlightCtrl by name, for every revision known; bytes without a name stay unchanged.
 
 A `ParameterSet` is its raw bytes, from the revision byte to the end of the name, as they cross the line behind their
 index. Nothing is stored beside them, so a round trip is exact. Source: docs/protocol.md, "Settings".

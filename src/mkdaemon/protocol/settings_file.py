@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
+from mkdaemon.foreignfiles import parse_json, parse_toml
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value, is_useful, layout_of, poti_number, poti_reference
 from mkdaemon.protocol.settings_fields import Kind
-from mkdaemon.reading import parse_json, parse_toml
 
 _FORMAT: Final = "mikrokopter-parameter-set"
 

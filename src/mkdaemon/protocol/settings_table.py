@@ -46,7 +46,7 @@ REVISIONS: Final[dict[int, str]] = {
     113: "FC 2.20",
     114: "FC 2.21c",
 }
-"""Revisions with a layout of their own, and the FlightCtrl releases that use it."""
+"""Revisions with another layout, and the FlightCtrl releases that use it."""
 
 SAME_LAYOUT: Final = {75: 74, 86: 85, 87: 85, 89: 88, 91: 90, 93: 92, 96: 95}
 """Revisions that share an earlier layout."""

@@ -1,4 +1,4 @@
-"""Where the layout of a message comes from; docs/sources.md says what each of these is."""
+"""Where the layout of a message comes from; docs/firmware-notes.md, "Sources", explains each."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Stream:
 
     Attributes:
         key: the message that is streamed, as in keys.
-        renews: place in the order in which a stream nobody wants is asked for with interval 0, to renew the others
+        renews: order in which an unwanted stream is requested with interval 0, to renew the others
             without costing a frame; None for a stream that is answered even then.
         is_vital: a flight by setpoints or images needs it.
     """
@@ -71,7 +71,7 @@ class MessageSpec:
         firmware: which firmware releases speak this layout.
         marker: values of the first byte that tell this layout from others of the same length; empty for any.
         recognise: whether a payload of the right length is this layout, where its contents tell; None for any.
-        any_address: boards also act on it when it is addressed to another board or to nobody.
+        any_address: boards also act on it when it is addressed to another board or to none.
         open_ended: longer payloads are this message too (newer firmware appends fields).
         policies: how each board is asked, where that is not `DEFAULT_POLICY`.
         matches: whether an answer with the right letter answers this very request; None: every one does.

@@ -79,7 +79,7 @@ class TrafficDecoder:
 
 
 def decode_chunks(chunks: Iterable[Chunk]) -> Iterator[Decoded]:
-    """Decode recorded bytes in order; what is unfinished at the end is a loss of its own."""
+    """Decode recorded bytes in order; an unfinished frame at the end is a loss."""
     decoder = TrafficDecoder()
     t: float | None = None
     for chunk in chunks:

@@ -88,7 +88,7 @@ class WireMessage(Described):
         return self.spec.wire(name).to_si(getattr(self, name))
 
     def to_frame(self, address: Board | None = None) -> bytes:
-        """Return the message as a frame, addressed to its own board unless told otherwise.
+        """Return the message as a frame, addressed to its own board by default.
 
         Raises:
             EncodeError: see `encode`.

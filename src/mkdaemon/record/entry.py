@@ -24,7 +24,7 @@ HOLDER: Final = "holder"
 STRANGER: Final = "stranger"
 """Issuer of any other setpoint."""
 SEQUENCES: Final = 1 << 32
-"""A sequence number begins again at zero after so many."""
+"""Number of values after which a sequence number restarts at zero."""
 
 
 EARLIEST: Final = NANOSECONDS
@@ -52,11 +52,11 @@ class Kind(StrEnum):
     PORT_LOST = "port_lost"
     """The line was lost or closed; the payload is a map of `reason`."""
     IMAGE = "image"
-    """What a camera saw, kept by the recorder at a rate of its own; the payload is a `CameraFrame`."""
+    """A camera's image, kept at the recorder's rate; the payload is a `CameraFrame`."""
     EVENT = "event"
-    """What the flight core was told and answered, or that it decided; see `events`."""
+    """An event of the flight core with its answer, or its decision; see `events`."""
     NOTICE = "notice"
-    """What the daemon was told or decided beside all this; see `Notice`."""
+    """Other events and decisions of the daemon; see `Notice`."""
 
 
 class Congestion(StrEnum):
@@ -142,7 +142,7 @@ class Entry(NamedTuple):
         attachment: Zenoh's attachment.
         qos: how it was put.
         source: Zenoh id of the session that a setpoint or query says it comes from, `local` for the Unix socket; empty
-            where it says none. Nobody checks it: only a signature proves who sent something.
+            where it says none. It is not checked: only a signature proves a sender.
     """
 
     kind: Kind
@@ -213,7 +213,7 @@ class Notice(StrEnum):
     SETPOINT_REFUSED = "setpoint_refused"
     """The setpoint before it was refused: `key` without `mk/<vehicle>/`, `sequence` of its entry, `token`, `reason`."""
     STOP = "stop"
-    """The daemon was told to end in order; nothing else is said."""
+    """The daemon was asked to end in order."""
 
     @property
     def suffix(self) -> str:

@@ -1,4 +1,4 @@
-"""What the flight core was told, as a recording keeps it: one entry for each event and each tick.
+"""Events of the flight core in a recording: one entry for each event and each tick.
 
 The payload is a msgpack map of `event`, its fields, and `reply`, what the core answered; the class of the event is the
 last part of the key. Events that follow from recorded bytes by pure code are left out (`DERIVED`).
@@ -31,7 +31,7 @@ from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.setpoint import SETPOINTS, Setpoint
 
 CORE: Final = "core/"
-"""Keys of what the flight core was told begin so, behind `mk/<vehicle>/`."""
+"""Beginning of the keys of the flight core's events, after `mk/<vehicle>/`."""
 TICK: Final = f"{CORE}Tick"
 """The flight core decided: a map of `slept` [s], or nothing."""
 DERIVED: Final = frozenset({StateValue, MotorsReported, FlightctrlReported, FrameSent, FrameConfirmed})
@@ -51,7 +51,7 @@ def pack_event(event: Event, reply: Reply | None, key: bytes | None = None) -> b
     """An event and its answer as bytes.
 
     Args:
-        event: what the core was told.
+        event: input of the core.
         reply: what it answered; None where it failed on it.
         key: by which secrets of leases are replaced, so that equal ones stay equal and none can be read; None where
             they are replaced already.

@@ -25,7 +25,7 @@ class Limits:
         file_bytes: a file is ended when it is so large.
         file_time: a file is ended when it is so old [s].
         total_bytes: all recordings of the folder together.
-        free_bytes: so much is left free on the disk for others.
+        free_bytes: stays free on the disk for other programs.
         may_delete: whether the oldest recordings are deleted to stay within `total_bytes`, and older recordings than
             the present one to stay within `free_bytes`; else recording stops there.
     """

@@ -49,7 +49,7 @@ class EntryQueue:
         self._put(deferred, size + OVERHEAD, int(self.capacity * DEFERRED_SHARE))
 
     def take(self, most: int) -> list[Entry | Deferred]:
-        """Return up to so many, the oldest first."""
+        """Return up to this number of entries, the oldest first."""
         with self._lock:
             taken = [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
             self._size -= sum(size for _, size in taken)

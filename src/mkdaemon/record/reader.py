@@ -21,7 +21,7 @@ from typing import BinaryIO, Final
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
 from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, places_in, read_channel, read_metadata
@@ -143,7 +143,7 @@ class Recording:
             yield from reading.entries_of(chunk, low, high)
 
     def times(self, wanted: Wanted = lambda facts: True) -> Iterator[tuple[ChannelFacts, int]]:
-        """Channel and time [ns; times of the file] of every entry, in order: what can be told without unpacking it.
+        """Channel and time [ns; times of the file] of every entry, in order: what is known without unpacking it.
 
         Args:
             wanted: chooses channels.
@@ -239,7 +239,7 @@ class Recording:
         return self._definitions.values()
 
     def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
-        """The records of a chunk, as far as they are whole, and no more than a file can hold that is so long.
+        """The records of a chunk, as far as they are whole, and no more than a file of this length can hold.
 
         Args:
             chunk: of this file, just read.

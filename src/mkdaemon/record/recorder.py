@@ -67,7 +67,7 @@ class RecorderReport:
         file_bytes: its size.
         total_bytes: of all recordings of the folder.
         free_bytes: on the disk; None where it is not known.
-        entries: written so far.
+        entries: number written.
     """
 
     state: RecorderState
@@ -287,7 +287,7 @@ class _Part:
 
 _log = structlog.get_logger(__name__)
 STALLED: Final = 3.0
-"""A disk that has not answered for so long counts as failing [s]; an SD card takes up to a second."""
+"""A disk that has not answered within this time counts as failing [s]; an SD card takes up to a second."""
 CLOSING: Final = 1.0
 """Longest time to write what is left at the end [s]; a disk that hangs must not keep the daemon alive."""
 

@@ -209,7 +209,7 @@ class Scanner:
     """Walks through a file once.
 
     Attributes:
-        damages: what could not be read, so far.
+        damages: what could not be read.
         is_complete: whether the file ends as a finished file does; known at the end.
     """
 

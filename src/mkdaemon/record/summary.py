@@ -14,7 +14,7 @@ from typing import Any, BinaryIO, Final, NamedTuple
 from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.countcheck import CountCheck
 from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import MAGIC, Session
@@ -134,7 +134,7 @@ class Activity:
         self._counts[place] += 1
 
     def over(self, end: int, columns: int) -> list[int]:
-        """Entries in so many equal parts of the time until an end [ns]."""
+        """Entries in equal parts of the time until an end [ns]."""
         span, found = max(end - self._origin, 1), [0] * columns
         for place, count in enumerate(self._counts):
             middle = (2 * place + 1) * self._length // 2

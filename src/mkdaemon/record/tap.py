@@ -19,7 +19,7 @@ from mkdaemon.stamp import Stamp
 
 SECRET: Final = "secret"
 SECRETS: Final = (SECRET, "setpoint_root")
-"""What only the holder of a lease is told."""
+"""What only the holder of a lease receives."""
 """Field that is never recorded: who knows it may fly."""
 HIDDEN: Final = "..."
 PORT: Final = "port"
@@ -76,7 +76,7 @@ class Tap:
         self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
 
     def fed(self, event: Event, at: float, reply: Reply | None) -> None:
-        """Take what the flight core was told, and its answer; events that follow from bytes are left out."""
+        """Take an event of the flight core and its answer; events that follow from bytes are left out."""
         if type(event) not in DERIVED:
             payload = pack_event(event, reply, self._key)
             self._take(Kind.EVENT, suffix_of(event), payload, "application/msgpack", at)
@@ -119,7 +119,7 @@ class Tap:
         self._put_notice(notice, msgpack.packb(dict(fields)) if fields else b"", at)
 
     def image_seen(self, camera: str, sequence: int, attitude: float | None) -> None:
-        """Note what was known of the attitude when an image was looked at; on the thread of the eyes."""
+        """Note what was known of the attitude when an image was processed; on the vision thread."""
         fields = {"camera": camera, "sequence": sequence, "attitude": attitude}
         self._put_notice(Notice.IMAGE_SEEN, msgpack.packb(fields))
 
@@ -173,7 +173,7 @@ class Tap:
 
 
 def hide_secrets(payload: bytes) -> bytes:
-    """A payload without what only the holder of a lease is told; the payload itself where it has none of that."""
+    """A payload without the secrets of a lease; unchanged if it has none."""
     if SECRET.encode() not in payload:
         return payload
     try:

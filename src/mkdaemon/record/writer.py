@@ -96,7 +96,7 @@ def packed(record: records.McapRecord) -> bytes:
 
 
 CHUNK_BYTES: Final = 1 << 20
-"""A chunk is ended when it holds so many bytes; viewers read a file by chunks."""
+"""A chunk ends at this number of bytes; viewers read a file by chunks."""
 MOST_CHANNELS: Final = 60_000
 """Channels that a file may have; MCAP numbers them with 16 bits, and an entry needs up to two."""
 REPEAT: Final = 10.0
@@ -124,8 +124,8 @@ class RecordingWriter:
     """Writes one file. Not for several threads at a time.
 
     Attributes:
-        size: bytes handed to the output so far.
-        entries: entries added so far.
+        size: bytes handed to the output.
+        entries: number of entries added.
         pending: entries that were added and are not in the output yet.
     """
 

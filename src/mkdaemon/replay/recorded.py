@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.reading import parse_json
+from mkdaemon.foreignfiles import parse_json
 from mkdaemon.record.entry import Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import Recording
@@ -148,7 +148,7 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
     for file in files:
         session = file.read_session()
         if session is None:
-            msg = f"{file.path}: no recording of mkdaemon, or cut off before its head; `mkctl log check` says more"
+            msg = f"{file.path}: no recording of mkdaemon, or cut off before its head; `mkctl log verify` says more"
             raise ConfigError(msg)
         sessions.append((session, file))
     sessions.sort(key=lambda pair: pair[0].part)
@@ -160,7 +160,7 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
     if not any(entry.kind is Kind.EVENT for entry in entries):
         msg = (
             f"{paths[0]}: recorded by {sessions[0][0].program}, which did not keep what the flight core was told: it "
-            "cannot be verified. `mkctl play`, `mkctl export`, `mkctl log` and the viewer show it as they did"
+            "cannot be verified. `mkctl log play`, `mkctl log export`, `mkctl log` and the viewer show it as they did"
         )
         raise ConfigError(msg)
     reports = [file.report for file in files]

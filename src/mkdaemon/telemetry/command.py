@@ -1,4 +1,4 @@
-"""What a client asks for by query, what it is told, and why it is refused.
+"""Requests of clients by query, their answers, and refusals.
 
 Every answer to a command is a map with `status`; a refusal adds a stable `token`, the `reason` and the `fix`, see
 `telemetry.refusals`.
@@ -50,8 +50,8 @@ class LeaseRequest(Command):
     echo: str = Field(default="", max_length=32)
     """Of the answer to `probe`: from it the daemon knows how long the way to this client is."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
-    """Who asks; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Who gives none gets one of
-    its own."""
+    """Name of the client; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Empty: the daemon
+    chooses one."""
     epoch: int | None = None
     """The lease to renew or give back."""
     secret: str = Field(default="", max_length=64)
@@ -72,11 +72,11 @@ Reason = Annotated[
     BeforeValidator(lambda text: text[:LONGEST_REASON] if isinstance(text, str) else text),
     Field(max_length=LONGEST_REASON),
 ]
-"""Why; nobody's release waits for a shorter text."""
+"""Why; a longer text is cut, so that no release is refused for it."""
 
 
 class ReleaseRequest(Command):
-    """Let go of the aircraft now: `do/release`. Anyone may, with or without a lease."""
+    """Release the aircraft now: `do/release`. Every client may, with or without a lease."""
 
     reason: Reason = "asked for"
     """Published with the event; what is longer is cut, never refused."""

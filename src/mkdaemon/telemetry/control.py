@@ -1,4 +1,4 @@
-"""Who flies, and what is sent because of it."""
+"""Who may fly, and what is sent to the aircraft."""
 
 from __future__ import annotations
 
@@ -8,19 +8,7 @@ from enum import Enum, StrEnum, auto
 from typing import Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
-
-
-class Tone(StrEnum):
-    """How good a state is, for every display of it."""
-
-    NOTE = "note"
-    """A fact, neither good nor bad."""
-    OK = "ok"
-    """As it should be."""
-    WARN = "warn"
-    """Somebody should look at it."""
-    BAD = "bad"
-    """Somebody must act."""
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class Trait(Enum):
@@ -54,8 +42,8 @@ class Phase(StrEnum):
         member.words, member.tone, member.traits = words, tone, frozenset(traits)
         return member
 
-    FREE = "free", "nobody holds the lease", Tone.NOTE
-    """Nobody holds the lease; nothing is sent."""
+    FREE = "free", "no client holds the lease", Tone.NOTE
+    """No client holds the lease; nothing is sent."""
     LEASED = "leased", "{holder} waits to fly", Tone.NOTE
     """Someone holds it; nothing is sent until a live, neutral stream has been seen."""
     FLYING = "flying", "{holder} flies", Tone.OK, Trait.IN_FLIGHT, Trait.STREAMED, Trait.ABORTABLE
@@ -76,7 +64,7 @@ class Phase(StrEnum):
     LANDING = "landing", "battery low: it lands by itself", Tone.WARN, Trait.IN_FLIGHT, Trait.ABORTABLE
     """The battery is low: the aircraft lands on the target in sight, whatever is streamed."""
     RELEASING = "releasing", "released: the pilot has it", Tone.WARN
-    """A release is under way; nobody's setpoints are sent."""
+    """A release is under way; no setpoints are sent."""
 
     @property
     def is_in_flight(self) -> bool:
@@ -207,16 +195,26 @@ class ControlLine:
     shortest_step: float = 0.01
 
 
-class ReleaseOutcome(StrEnum):
-    """How a release ended."""
+class ReleaseOutcome(ToneEnum):
+    """How a release ended. This is the one table of outcomes of a release."""
 
-    CONFIRMED = "confirmed"
+    CONFIRMED = "confirmed", "released, and the FlightCtrl confirmed it", Tone.OK
     """The board confirmed five frames."""
-    NOT_OBSERVABLE = "not_observable"
+    NOT_OBSERVABLE = (
+        "not_observable",
+        "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)",
+        Tone.OK,
+    )
     """Sent; no confirmation can come here."""
-    UNCONFIRMED = "unconfirmed"
+    UNCONFIRMED = (
+        *(
+            "unconfirmed",
+            "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)",
+        ),
+        Tone.BAD,
+    )
     """A confirmation could have come and did not; what keeps the sticks alive is silenced."""
-    NOT_SENT = "not_sent"
+    NOT_SENT = "not_sent", "NOT sent, the line is down; it is the first thing sent when the line is back", Tone.BAD
     """No open port: the release is the first thing sent after opening."""
 
 
@@ -303,7 +301,7 @@ class StatusValue(Telemetry):
     releases_in: float | None = None
     """Time until the aircraft is released, if nothing changes [s]; null while nothing is wrong."""
     lease: LeaseState | None
-    """Who may fly; null for nobody."""
+    """The client that may fly; null if there is none."""
     setpoint_age: float | None
     """Age of the setpoint in use [s]."""
     refused: int
@@ -331,7 +329,7 @@ class StatusValue(Telemetry):
     outcome: Outcome | None = None
     """How the last manoeuvre of the newest lease ended by itself; null while it has not."""
     poses_refused: int = 0
-    """Poses that nobody may use since the start: not finite, from the future, too old; the log names them."""
+    """Invalid poses since the start: not finite, from the future, too old; the log names them."""
     hands: str = ""
     """What the pilot does now, one sentence about him; docs/flying.md."""
     pilots_throttle: float | None = None
@@ -419,11 +417,11 @@ class ControlFence(Stamped):
     height: float
     """Largest height above it [m]."""
     floor: float
-    """Least height above it; landing is a thing of its own [m]."""
+    """Least height above it; landings are exempt [m]."""
 
 
 class Gains(Telemetry):
-    """The horizontal loop: what is believed of the aircraft, what follows, how wrong it may be: `do/gains`."""
+    """The horizontal loop: model of the aircraft, gains, and margins: `do/gains`."""
 
     degrees_per_count: float
     """Tilt that a stick count asks for [deg]."""

@@ -1,7 +1,7 @@
 """What harm a request can do, and what must hold before it is sent: a column of the message's declaration.
 
 `protocol` declares it, `control.admission` decides by it; the two never see each other, so the type lives below both.
-Source of the rules: docs/safety.md, "The last function before the wire"; docs/protocol.md, "Danger".
+Source of the rules: docs/safety.md, "The output limiter"; docs/protocol.md, "Danger".
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ class Confirm(StrEnum):
 
     NO = "no"
     IN_FLIGHT = "in flight"
-    """While motors run, or nobody knows whether they run."""
+    """While motors run, or their state is unknown."""
     ALWAYS = "always"
 
 

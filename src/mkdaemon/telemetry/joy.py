@@ -11,7 +11,7 @@ from mkdaemon.telemetry.signature import Signature, sign
 
 
 class Joy(Stamped):
-    """The whole state of a pad at one moment. Who flies by it checks `proof`, and that `sequence` grows."""
+    """The whole state of a pad at one moment. Its receiver checks `proof`, and that `sequence` grows."""
 
     sequence: int = Field(ge=0)
     """Counts up from one message of a pad to the next."""

@@ -8,26 +8,27 @@ from typing import Final
 
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Stamped, Telemetry
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
-class LinkCondition(StrEnum):
-    """The one word for the line."""
+class LinkCondition(ToneEnum):
+    """The one word for the line. This is the one table of conditions."""
 
-    UP = "up"
+    UP = "up", "up", Tone.OK
     """Both directions are proven, every wanted stream is on time, losses are below the limit."""
-    DEGRADED = "degraded"
+    DEGRADED = "degraded", "degraded", Tone.WARN
     """Both directions are proven, but a stream is stale, losses are high, or bytes arrive damaged."""
-    ONE_WAY = "one_way"
+    ONE_WAY = "one_way", "one way", Tone.BAD
     """We hear the board; nothing shows that it hears us."""
-    MUTE = "mute"
+    MUTE = "mute", "mute", Tone.BAD
     """The port is open and we ask, but no byte comes."""
-    GARBAGE = "garbage"
+    GARBAGE = "garbage", "only garbage", Tone.BAD
     """Bytes come, none of them a frame: wrong baud, noise, or only plain text."""
-    DOWN = "down"
+    DOWN = "down", "port unusable", Tone.BAD
     """The port is there but cannot be used: lost, in use, forbidden, or it takes no bytes."""
-    ABSENT = "absent"
+    ABSENT = "absent", "no port", Tone.BAD
     """There is no such port at the moment."""
-    CLOSED = "closed"
+    CLOSED = "closed", "port closed", Tone.WARN
     """We have closed the port in order."""
 
     @property
@@ -166,13 +167,13 @@ class KindHealth(Telemetry):
     key: str
     """The message, as in Zenoh keys: osd, attitude, debug, ..."""
     board: str
-    """Who sends it."""
+    """Board that sends it."""
     frames: int
     """Frames since the port was opened."""
     rate: float
     """Rate over the moving window [Hz]."""
     asked_rate: float | None
-    """Rate asked for [Hz]; None where nobody subscribed."""
+    """Requested rate [Hz]; None without a subscription."""
     age: float
     """Time since the latest frame [s]."""
     is_stale: bool

@@ -12,7 +12,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from mkdaemon.described import Described
-from mkdaemon.telemetry.base import Command, Stamped, Telemetry
+from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.procedure import ConfirmedRequest, InFlightRequest, ProcedureRequest
 
 AUTOMATIC_CAMERA = 255
@@ -64,7 +64,7 @@ class MissionPoint(Described):
     event: Annotated[int, Field(ge=0, le=255)] = 0
     """Value of the waypoint-event channel while the point is held."""
     photo_distance: Annotated[int, Field(ge=0, le=255)] = 0
-    """Trigger the camera after every so many metres [m]; 0 never."""
+    """Distance between two pictures [m]; 0 for none."""
 
     @model_validator(mode="after")
     def _has_one_heading(self) -> Self:
@@ -148,10 +148,6 @@ class RouteStarted(Telemetry):
     """Points."""
     switch: str
     """What the pilot's GPS switch does from now on, in words."""
-
-
-class RoutePauseRequest(Command):
-    """Asks to pause a route: `do/route_pause`. Always refused, with what the pilot does instead."""
 
 
 class RouteEndRequest(ConfirmedRequest):

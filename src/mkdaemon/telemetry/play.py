@@ -13,13 +13,13 @@ class PlayState(StrEnum):
     """What it does."""
 
     WAITING = "waiting"
-    """Nobody has subscribed or asked yet."""
+    """No client has subscribed or asked yet."""
     PLAYING = "playing"
     PAUSED = "paused"
     ENDED = "ended"
     """Everything was put; it can still go back where a viewer plays it."""
     STOPPED = "stopped"
-    """It was told to end before."""
+    """It was ended early."""
 
 
 class PlayStatus(Telemetry):

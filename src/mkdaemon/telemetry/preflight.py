@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Final
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
+
+LEAST_DISK: Final = 200e6
+"""Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
 
 
 class Blocks(StrEnum):
     """What a finding that stands prevents."""
 
     LEASE = "lease"
-    """Nobody gets the lease."""
+    """The lease is refused."""
     AUTONOMY = "autonomy"
     """No flight against a target begins; sticks and attitudes fly."""
     NOTHING = "nothing"

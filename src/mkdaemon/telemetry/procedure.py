@@ -1,4 +1,4 @@
-"""Procedures the daemon runs with the boards: what every request may carry, and what is told meanwhile.
+"""Procedures the daemon runs with the boards: common fields of requests, and progress.
 
 Every request may name its `holder`, which others read in the progress and in refusals. The requests themselves are in
 `settings` and `mission`.
@@ -51,7 +51,7 @@ class ProcedureRequest(Command):
     """What every request of a procedure may carry."""
 
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
-    """Who asks."""
+    """Name of the client."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -80,7 +80,7 @@ class InFlightRequest(ProcedureRequest):
     """What every request may carry that can be obeyed in flight."""
 
     in_flight: bool = False
-    """Allow it with running motors, or with nobody knowing whether they run: it takes effect at once."""
+    """Allow it with running motors, or while their state is unknown: it takes effect at once."""
 
     @property
     def allows_flight(self) -> bool:

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 from pydantic import Field
 
 from mkdaemon.telemetry.base import Command, Stamped
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
-class RecorderState(StrEnum):
-    """What a recorder does."""
+class RecorderState(ToneEnum):
+    """What a recorder does. This is the one table of these states."""
 
-    OFF = "off"
+    OFF = "off", "NOT RECORDING", Tone.NOTE
     """The configuration says that nothing is recorded, or a recording plays."""
-    RECORDING = "recording"
+    RECORDING = "recording", "records", Tone.OK
     """Everything is written."""
-    FULL = "full"
+    FULL = "full", "NOT RECORDING, no room", Tone.BAD
     """There is no room that the configuration allows to take; it goes on as soon as there is."""
-    FAULT = "fault"
+    FAULT = "fault", "NOT RECORDING, the disk fails", Tone.BAD
     """The disk or the folder fails; it is tried again every few seconds."""
 
 

@@ -38,7 +38,7 @@ class Token(StrEnum):
     MALFORMED = (
         "malformed",
         "the request cannot be read: {detail}.",
-        "Send a msgpack map; `mkctl send --help` shows fields.",
+        "Send a msgpack map; `mkctl board send --help` shows fields.",
     )
     BAD_FIELD = (
         "bad_field",
@@ -60,17 +60,17 @@ class Token(StrEnum):
     UNSUPPORTED = (
         "unsupported",
         "this firmware does not know {name}: {detail}.",
-        "docs/protocol.md says who does.",
+        "docs/protocol.md lists the releases that do.",
         Status.UNSUPPORTED,
     )
     READ_ONLY = (
         "read_only",
         "the aircraft is read-only: {detail}.",
-        "Connect a firmware this version knows; `mkctl status`.",
+        "Connect a supported firmware (docs/limits.md); `mkctl status` shows what was found.",
     )
     DISCOVERING = (
         "discovering",
-        "the aircraft is not known yet: {detail}.",
+        "the aircraft is not identified yet: {detail}.",
         "The daemon asks the board again every few seconds while the motors are off; `mkctl status`.",
         Status.BUSY,
     )
@@ -86,7 +86,7 @@ class Token(StrEnum):
     TIMEOUT = (
         "timeout",
         "{board} did not answer {name}: {detail}.",
-        "The boards never say no: check `mkctl health`, then whether docs/protocol.md lists a condition for {name}.",
+        "Check `mkctl health`, then the conditions for {name} in docs/protocol.md: boards refuse by silence.",
         Status.TIMEOUT,
     )
     LINE_BUDGET = (
@@ -120,7 +120,7 @@ class Token(StrEnum):
     MOTORS_NOT_KNOWN_OFF = (
         "motors_not_known_off",
         "a redirection stops the NaviCtrl's telemetry and servos.",
-        "Stop the motors and wait for telemetry that says so.",
+        "Stop the motors and wait for telemetry that confirms it.",
     )
     WRONG_LAYOUT = (
         "wrong_layout",
@@ -128,33 +128,38 @@ class Token(StrEnum):
         "This is a defect of the program that built the frame; see the log.",
     )
     RELEASING = ("releasing", "a release is under way.", "Wait for its result.", Status.BUSY)
-    UNCONFIRMED = ("unconfirmed", "the last release is not confirmed yet.", "Wait until it is, or 6 s.", Status.BUSY)
+    UNCONFIRMED = (
+        "unconfirmed",
+        "the last release is not confirmed yet.",
+        "Wait until it is, at most 6 s.",
+        Status.BUSY,
+    )
     BOARD_DEAF = (
         "board_deaf",
         "the line waits for {detail}.",
-        "Wait up to 5 s; sticks begin from neutral then.",
+        "Wait up to 5 s; sticks then start from neutral.",
         Status.BUSY,
     )
     REMEMBERED_ONLY = (
         "remembered_only",
-        "a FlightCtrl behind a NaviCtrl cannot be asked in flight; before this start or opening of the port it was "
-        "{firmware}, and flying time, charge and home say that it is the same flight.",
+        "through a NaviCtrl the FlightCtrl cannot be identified in flight; before this start or reopening it was "
+        "{firmware}, and flying time, charge and home show the same flight.",
         "Repeat with `use_remembered` (`mkctl lease take --use-remembered`) if it is, or land and stop the motors.",
     )
     NOTHING_REMEMBERED = (
         "nothing_remembered",
-        "no flight is remembered that telemetry shows going on.",
-        "Repeat without `use_remembered`; land and stop the motors, and the FlightCtrl is asked.",
+        "no stored flight matches the present telemetry.",
+        "Repeat without `use_remembered`; land and stop the motors: then the FlightCtrl is identified.",
     )
     OTHER_AIRCRAFT = ("other_aircraft", "{port} came back with {detail}.", "Swap back, or `mkctl do accept-aircraft`.")
     AIRCRAFT_UNPROVEN = ("aircraft_unproven", "{port} came back, and {detail}.", "Or `mkctl do accept-aircraft`.")
-    NO_OTHER_AIRCRAFT = ("no_other_aircraft", "no other aircraft waits.", "See `mkctl status`.")
+    NO_OTHER_AIRCRAFT = ("no_other_aircraft", "no other aircraft is waiting.", "See `mkctl status`.")
 
     # dangers
     NOT_ENABLED = (
         "not_enabled",
         "{name} is off: {detail}.",
-        "Set commands.{option} = true in the configuration, knowing why.",
+        "If you need it, set commands.{option} = true in the configuration.",
     )
     NOT_CONFIRMED = (
         "not_confirmed",
@@ -164,27 +169,27 @@ class Token(StrEnum):
     MOTORS_RUNNING = ("motors_running", "motors are running, and {detail}.", "Land, stop the motors, repeat.")
     MOTORS_UNKNOWN = (
         "motors_unknown",
-        "no recent telemetry says whether the motors run, and {detail}.",
-        "Subscribe to the NaviCtrl's OSD data (`mkctl rates osd 200ms`), or check the cable to the NaviCtrl.",
+        "no recent telemetry shows whether the motors run, and {detail}.",
+        "Subscribe to the NaviCtrl's OSD data (`mkctl board rates osd 200ms`), or check the cable to the NaviCtrl.",
     )
     BOARD_UNPROVEN = (
         "board_unproven",
         "the last version reply does not prove that {board} is on the line ({detail}).",
-        "`mkctl send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
+        "`mkctl board send version-request --board {board}` first; behind a NaviCtrl redirect the line.",
     )
     NEVER = ("never", "{name} is never sent for a client: {detail}.", "{instead}")
     DEAF_TOO_LONG = (
         "deaf_too_long",
-        "the FlightCtrl would hear nothing for {seconds:.0f} s, and only power-off ends that.",
-        "Make duration times count smaller: {limit:g} s in all, pauses as long as the beeps included.",
+        "the FlightCtrl would not receive anything for {seconds:.0f} s; only power-off ends this.",
+        "Reduce duration times count to {limit:g} s in all; pauses as long as the beeps count too.",
     )
 
     # authority
-    NOT_LEASED = ("not_leased", "nobody holds the lease.", "`mkctl lease take` first.")
+    NOT_LEASED = ("not_leased", "no client holds the lease.", "`mkctl lease take` first.")
     FLYING_STOP = (
         "flying_stop",
-        "stopping the motors drops a flying aircraft, and no telemetry says that it is on the ground.",
-        "Land first; `mkctl release` gives it to the pilot; --in-flight stops the motors in the air.",
+        "stopping the motors drops a flying aircraft, and no telemetry shows that it is on the ground.",
+        "Land first; `mkctl release` returns it to the pilot; --in-flight stops the motors in the air.",
     )
     NOTHING_FLOWN = (
         "nothing_flown",
@@ -198,8 +203,8 @@ class Token(StrEnum):
     )
     SLOW_PATH = (
         "slow_path",
-        "the round trip to this client {took}, more than {limit:g} s: every safety limit acts later by that time.",
-        "Fly from nearer, by cable or on the aircraft; or raise control.lease.max_path_delay (docs/safety.md).",
+        "the round trip to this client {took}, more than {limit:g} s: it delays every safety limit.",
+        "Use a faster connection, or fly from the aircraft; or raise control.lease.max_path_delay (docs/security.md).",
     )
     WRONG_EPOCH = (
         "wrong_epoch",
@@ -208,7 +213,7 @@ class Token(StrEnum):
     )
     NOT_HOLDER = (
         "not_holder",
-        "only {holder} has the secret of the lease, and this was not made with it.",
+        "it is not signed with the secret of the lease, which only {holder} has.",
         "Sign setpoints with the secret that `take` returned, and put them below its `setpoint_root`; docs/keys.md.",
     )
     STALE_SEQUENCE = (
@@ -219,7 +224,7 @@ class Token(StrEnum):
     SETPOINT_LATE = (
         "setpoint_late",
         "the setpoint may be too old: {detail}.",
-        "Send fewer, 50 a second are enough, each with its stamp (docs/keys.md, Flying by sticks); or fly from nearer.",
+        "Send at most 50 a second, each with its stamp (docs/keys.md, Flying by sticks); or use a faster connection.",
     )
     SEQUENCE_JUMP = (
         "sequence_jump",
@@ -228,13 +233,13 @@ class Token(StrEnum):
     )
     NO_GUIDANCE = (
         "no_guidance",
-        "nothing turns {name} into sticks: the daemon follows {known}.",
+        "{name} cannot be flown: the daemon follows {known}.",
         "Stream one of these.",
         Status.UNSUPPORTED,
     )
     NO_ESTIMATE = (
         "no_estimate",
-        "{name} needs to know where the aircraft is, and no camera has seen a target yet.",
+        "{name} needs the position of the aircraft, and no camera has seen a target yet.",
         "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
     )
     TARGET_UNCLEAR = (
@@ -244,29 +249,29 @@ class Token(StrEnum):
     )
     NO_FRAME = (
         "no_frame",
-        "{name} cannot be followed in frame {frame}: GPS errs by 2 to 3 m and does not report its age.",
+        "{name} cannot be flown in frame {frame}: GPS has an error of 2 to 3 m and does not report its age.",
         "Give it in frame pad or body; `mkctl goto X Y Z --frame home` (`do/navi_goto`) lets the NaviCtrl fly there.",
         Status.UNSUPPORTED,
     )
     NOT_READY = (
         "not_ready",
-        "{name} cannot begin from sticks or attitude now; it needs {detail}.",
-        "Fly by sticks until the condition holds, then stream it again; docs/flying.md lists the conditions.",
+        "{name} cannot start from sticks or attitude now; it needs {detail}.",
+        "Fly by sticks until the condition holds, then stream it again; docs/modes.md lists the conditions.",
     )
     NOT_FLYING = (
         "not_flying",
-        "{name} flies an aircraft that is in the air, and this one is not: {detail}.",
+        "{name} needs an aircraft in the air: {detail}.",
         "Take off (`mkctl takeoff`), or let the pilot hover over the target; `mkctl watch state/flight` shows it.",
     )
     NO_ANSWER = (
         "no_answer",
         "the aircraft does not answer its sticks: {detail}; they are level now.",
-        "The pilot flies. To hand over he hovers still over the target, centres his sticks and opens the gate; if it "
-        "is open, look at `mkctl health` and `mkctl settings show external_control`.",
+        "The pilot flies. To hand over, hover still over the target, centre the sticks and open the gate; if it is "
+        "open, check `mkctl health` and `mkctl settings show external_control`.",
     )
     NOT_ON_GROUND = (
         "not_on_ground",
-        "a take-off begins on the ground, and this aircraft is flown by sticks or attitude.",
+        "a take-off starts on the ground, and this aircraft is flown by sticks or attitude.",
         "In the air stream hold or a position; on the ground `mkctl release`, take the lease again, then take off.",
     )
     GATE_SHUT = (
@@ -277,7 +282,7 @@ class Token(StrEnum):
     GATE_CONSTANT = (
         "gate_constant",
         "no switch of the transmitter ends external control: ExternalControl of the active set is {value}, a constant.",
-        "`mkctl settings write external_control=poti1`, or set control.lease.allow_constant_gate = true, knowing why.",
+        "`mkctl settings write external_control=poti1`, or accept it: control.lease.allow_constant_gate = true.",
     )
     GATE_SWITCHES_ALTITUDE = (
         "gate_switches_altitude",
@@ -292,15 +297,15 @@ class Token(StrEnum):
     )
     GUARD_DEAD = (
         "guard_dead",
-        "the guard process is gone: nothing would release the aircraft if the daemon died.",
+        "the guard process has ended: if the daemon died, nothing would release the aircraft.",
         'Restart the daemon; docs/safety.md, "The guard".',
     )
 
     # before a flight against a target
     LOOP_UNSTABLE = (
         "loop_unstable",
-        "with {cause} the control loop is not safe on the model of this aircraft: {detail}.",
-        "`mkctl gains` shows the loop; {remedy}.",
+        "with {cause} the control loop is not safe for the model of this aircraft: {detail}.",
+        "`mkctl preflight` shows the cause; {remedy}.",
     )
     GAIN_ON_POTI = (
         "gain_on_poti",
@@ -310,7 +315,7 @@ class Token(StrEnum):
     )
     GAIN_ZERO = (
         "gain_zero",
-        "with {parameter} = {value} in the active set the aircraft does not answer its sticks as its model says.",
+        "with {parameter} = {value} in the active set the aircraft does not follow its sticks as its model predicts.",
         "Give it a number above 0: `mkctl settings write {parameter}=...`, motors off; or fly by sticks.",
     )
     LINK_POOR = (
@@ -320,7 +325,7 @@ class Token(StrEnum):
     )
     HEIGHT_CONTROL = (
         "height_control",
-        "height control takes the throttle for a climb rate: {detail}.",
+        "with height control the throttle is a climb rate: {detail}.",
         "Clear the bit altitude_control of global_config with `mkctl settings write`; motors off.",
     )
     GPS_STEERS = (
@@ -332,12 +337,12 @@ class Token(StrEnum):
         "emergency_climbs",
         "with the emergency throttle NotGas {value} the aircraft does not sink when the receiver is lost; it hovers at "
         "about {hover}.",
-        "Make it smaller: `mkctl settings write emergency_throttle=...`; or set control.limiter.hover_throttle right.",
+        "Reduce it: `mkctl settings write emergency_throttle=...`; or correct control.limiter.hover_throttle.",
     )
     EMERGENCY_FALLS = (
         "emergency_falls",
         "with the emergency throttle NotGas {value} for {time} (NotGasZeit) the aircraft falls when the receiver is "
-        "lost: {share:.0f} % of its weight are carried.",
+        "lost: it carries {share:.0f} % of the weight.",
         "`mkctl settings write emergency_throttle=...`, {low} to {high}, and a time above zero.",
     )
     RECEIVER_WEAK = (
@@ -348,7 +353,7 @@ class Token(StrEnum):
     BATTERY_LOW = ("battery_low", "the battery is low: {voltage:.1f} V.", "Land and change the battery.")
     CELLS_DOUBTFUL = (
         "cells_doubtful",
-        "the battery has {cells} cells or, nearly empty, {more} ({voltage:.1f} V is {cell:.2f} V a cell then); the "
+        "the battery has {cells} cells, or {more} if nearly empty ({voltage:.1f} V would be {cell:.2f} V a cell); the "
         "FlightCtrl counts {cells}, so its low-battery alarm may come too late.",
         "Measure the battery, and set vehicle.battery_cells in the configuration.",
     )
@@ -361,23 +366,23 @@ class Token(StrEnum):
     CAMERA_OPENING = (
         "camera_opening",
         "no camera delivers yet: {detail}.",
-        "Wait some seconds, then repeat; `mkctl watch 'vision/**'` shows when images come.",
+        "Wait some seconds, then repeat; `mkctl watch 'vision/**'` shows when images arrive.",
         Status.BUSY,
     )
     CAMERAS_CONTRADICT = (
         "cameras_contradict",
-        "cameras see the target in different places; against the others is {cameras}.",
+        "cameras see the target in different places; {cameras} contradicts the others.",
         "Compare `vision/*/pose`; correct `mount` of the wrong one (`mkdaemon calibrate mount`), or remove it.",
     )
     HEIGHTS_CONTRADICTED = (
         "heights_contradicted",
-        "a way of {way:.2f} m up or down by camera {camera} over {target} is {by:.2f} +- {sd:.2f} m by the barometer: "
-        "heights and distances are {share:+.0f} % off.",
+        "camera {camera} over {target} measured a climb or descent of {way:.2f} m, the barometer {by:.2f} +- "
+        "{sd:.2f} m: heights and distances have an error of {share:+.0f} %.",
         "Measure the print against its target file and calibrate the camera; then restart the daemon.",
     )
     IMAGES_LATE = (
         "images_late",
-        "half of the images of camera {camera} are more than {late:.0f} ms old after processing; the limit is "
+        "half of the images of camera {camera} are older than {late:.0f} ms after processing; the limit is "
         "{limit:.0f} ms.",
         "Stop other programs on this computer; use a nearer camera, smaller images or a lower rate (docs/cameras.md).",
     )
@@ -388,27 +393,26 @@ class Token(StrEnum):
     )
     STAMPS_OFF = (
         "stamps_off",
-        "the images' time stamps are {lag:+.0f} ms off, more than {limit:.0f} ms: the camera shows a tilt at another "
-        "time than the boards.",
-        "Set `latency_ms` of the camera to that, if it is constant; else use a source that stamps (docs/cameras.md).",
+        "the images' time stamps have an error of {lag:+.0f} ms, more than {limit:.0f} ms, against the attitude.",
+        "If it is constant, set `latency_ms` of the camera to it; else use a source that stamps (docs/cameras.md).",
     )
     DISK_FULL = (
         "disk_full",
-        "{free:.0f} MB are free where flights are recorded, less than {limit:.0f} MB.",
-        "Make room; `mkctl preflight` looks again.",
+        "{free:.0f} MB are free for recordings, less than {limit:.0f} MB.",
+        "Free some space; `mkctl preflight` checks again.",
     )
 
     # procedures on the boards
     BAD_VALUE = ("bad_value", "{detail}.", "`mkctl settings show` lists names and values.")
     FLYING = (
         "flying",
-        "{name} and flying exclude each other, and control is {phase}.",
-        "Give the lease back (`mkctl lease release`), stop the motors, repeat.",
+        "{name} is not possible in flight, and control is {phase}.",
+        "Return the lease (`mkctl release`), stop the motors, repeat.",
     )
     IN_FLIGHT_NEEDED = (
         "in_flight_needed",
         "{detail}, and {name} takes effect at once.",
-        "Land and stop the motors, or repeat with `in_flight` (`--in-flight`), knowing what it does.",
+        "Land and stop the motors; or, if you accept the effect, repeat with `in_flight` (`--in-flight`).",
     )
     MOTORS_STARTED = (
         "motors_started",
@@ -422,17 +426,17 @@ class Token(StrEnum):
     )
     LIVE_SET_OWED = (
         "live_set_owed",
-        "{verb} was cut off, and parameter set {slot}, live before it, is not proven to be live again, so {name} must "
-        "wait: {detail}.",
-        "Stop the motors: it is restored as soon as the FlightCtrl answers; `mkctl settings recover` looks after it.",
+        "{verb} was interrupted, and parameter set {slot}, active before it, may not be active now; {name} must wait: "
+        "{detail}.",
+        "Stop the motors: it is restored as soon as the FlightCtrl answers; `mkctl settings recover` shows progress.",
     )
     JOURNAL_UNWRITABLE = (
         "journal_unwritable",
-        "the live parameter set cannot be noted for the case that the daemon dies: {detail}.",
+        "the note of the live parameter set, needed if the daemon dies, cannot be written: {detail}.",
         "Make the folder writable, or set vehicle.state_folder in the configuration.",
     )
     CANCELLED = ("cancelled", "{name} was cancelled: {detail}.", "Repeat it; until then a half-written value remains.")
-    NO_PROCEDURE = ("no_procedure", "no such procedure is under way.", "`mkctl get event/progress` shows the last.")
+    NO_PROCEDURE = ("no_procedure", "no such procedure is running.", "`mkctl get event/progress` shows the last.")
     PROCEDURE_FAILED = ("procedure_failed", "{name} failed: {detail}.", "Check `mkctl health`, then repeat it.")
     NOT_CLEARED = (
         "not_cleared",
@@ -446,7 +450,7 @@ class Token(StrEnum):
     )
     NOT_VERIFIED = (
         "not_verified",
-        "after {rounds} rounds the NaviCtrl still holds something else at {where}; do not fly this list.",
+        "after {rounds} rounds the NaviCtrl's list still differs at {where}; do not fly it.",
         "Improve the line (`mkctl health`), then upload again; `mkctl waypoints clear` empties the list.",
     )
     LIST_CHANGING = (
@@ -457,7 +461,7 @@ class Token(StrEnum):
     TOO_MANY_POINTS = (
         "too_many_points",
         "the mission has {count} points and this board holds {limit}.",
-        "Split the mission, or take points out.",
+        "Split the mission, or remove points.",
     )
     POINT_NOT_EXPRESSIBLE = (
         "point_not_expressible",
@@ -467,7 +471,7 @@ class Token(StrEnum):
     POINT_UNUSUAL = (
         "point_unusual",
         "point {number} {detail}.",
-        "Correct the point, or repeat with `allow_unusual` (`--allow-unusual`), knowing why.",
+        "Correct the point; or, if it is intended, repeat with `allow_unusual` (`--allow-unusual`).",
     )
     NO_ROUTE = ("no_route", "the NaviCtrl holds no points.", "Upload a mission first: `mkctl waypoints upload FILE`.")
     ROUTE_ON_GROUND = (
@@ -478,24 +482,17 @@ class Token(StrEnum):
     ROUTE_ACTIVE = (
         "route_active",
         "the list is active already, at point {index} of {count}.",
-        "The pilot's GPS switch at coming home flies it; `mkctl route end` ends it.",
+        "The pilot's GPS switch at coming home flies it; `mkctl waypoints end` ends it.",
     )
     SWITCH_AT_HOME = (
         "switch_at_home",
-        "the pilot's GPS switch is at coming home: a list that changes now is flown at once, or ends in a flight home.",
-        "The pilot turns the GPS switch to hold or free; repeat, then he turns it to coming home.",
+        "the pilot's GPS switch is at coming home: a changed list would be flown at once, or end in a flight home.",
+        "Turn the GPS switch to hold or free; repeat; then turn it to coming home.",
     )
     POSITION_POOR = (
         "position_poor",
         "the NaviCtrl's position is not accurate enough for flight: {detail}.",
-        "Start the motors under open sky with a fix, for that sets home; over a target fly with `--frame pad`.",
-    )
-    PILOTS_SWITCH = (
-        "pilots_switch",
-        "nothing on the serial line pauses a route.",
-        "Turn the GPS switch away from coming home: position hold stays there, free flies by hand; a NaviCtrl 0.24 "
-        "goes on when the switch is turned back.",
-        Status.UNSUPPORTED,
+        "Start the motors under open sky with a fix, which sets home; over a target fly with `--frame pad`.",
     )
     UNKNOWN_NAVICTRL = (
         "unknown_navictrl",
@@ -505,12 +502,12 @@ class Token(StrEnum):
     UNKNOWN_REVISION = (
         "unknown_revision",
         "parameter sets of revision {revision} ({size} bytes) are not known for FlightCtrl {release}.",
-        "They can be backed up as raw bytes, not edited or restored; nothing was written.",
+        "They can only be backed up as raw bytes; nothing was written.",
     )
     REVISION_DIFFERS = (
         "revision_differs",
-        "the file holds revision {wanted} and the FlightCtrl speaks revision {present}.",
-        "Restore to the firmware the backup was made with; nothing was written.",
+        "the file has revision {wanted}, the FlightCtrl {present}.",
+        "Restore to the firmware of the backup; nothing was written.",
     )
     LENGTH_DIFFERS = (
         "length_differs",
@@ -519,18 +516,18 @@ class Token(StrEnum):
     )
     LIVE_SET_CHANGED = (
         "live_set_changed",
-        "the active parameter set {slot} is not what it was before: {where}.",
+        "the active parameter set {slot} has changed: {where}.",
         "Do not fly; restore the set from a backup and compare.",
     )
     LIVE_SET_UNPROVEN = (
         "live_set_unproven",
-        "reading stopped ({cause}), and set {slot} could not be made live again for certain.",
+        "reading stopped ({cause}), and it is not certain that set {slot} is live again.",
         "Do not fly: the daemon makes it live again as soon as the FlightCtrl answers; repeat on a better line.",
     )
     ACTIVE_SET_MOVED = (
         "active_set_moved",
-        "the FlightCtrl says set {present} is active, and set {wanted} was before.",
-        "Choose the set on the transmitter or restore again; do not fly before.",
+        "the FlightCtrl reports that set {present} is active; set {wanted} was before.",
+        "Select the set on the transmitter, or restore again, before you fly.",
     )
     WRITE_REFUSED = (
         "write_refused",
@@ -539,7 +536,7 @@ class Token(StrEnum):
     )
     MIXER_REFUSED = (
         "mixer_refused",
-        "the FlightCtrl refused the mixer: it speaks another revision.",
+        "the FlightCtrl refused the mixer: it uses another revision.",
         "Nothing was stored; save its mixer first.",
     )
     MIXER_DIFFERS = (

@@ -11,7 +11,7 @@ from typing import Final
 from mkdaemon.telemetry.base import Telemetry
 
 HEIGHTS_LIKELY: Final = 2.0
-"""`height_odds` from which wrong heights are told: of right ones that happens in less than one flight in 100.
+"""`height_odds` from which heights count as wrong; a false alarm in fewer than one flight in 100.
 
 Of right files the odds pass K in at most one flight in K, however often one looks. Source: J. Ville, "Etude critique de
 la notion de collectif" (1939)."""
@@ -62,7 +62,7 @@ class SelfCalibration(Telemetry):
     sizes: tuple[TagSizeError, ...]
     """Of each tag but the largest."""
     height_percent: float
-    """Share of ways down and up by the eyes that is too much, against the barometer [%]."""
+    """Error of height changes measured by vision, against the barometer [%]."""
     height_sd_percent: float
     """[%]; what a barometer wanders makes it large in one flight."""
     height_covered: float

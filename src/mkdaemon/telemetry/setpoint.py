@@ -34,8 +34,8 @@ class Setpoint(Command):
     ttl: float = Field(gt=0, le=1.0)
     """Age at which it no longer holds [s]; the daemon's own limit applies as well."""
     after_abort: int = Field(default=0, ge=0)
-    """Number of the abort that it ends, as `aborts` of `control/status` counts them: its holder has been told of it and
-    flies on. With any other number an aborted flight stays aborted."""
+    """Number of the abort that it ends, as counted by `aborts` of `control/status`: its holder knows of it and
+    continues. With any other number an aborted flight stays aborted."""
 
 
 class TargetSetpoint(Setpoint):

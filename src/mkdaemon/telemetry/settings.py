@@ -154,7 +154,7 @@ class OwedSet(Described):
     is_owed: bool
     """Whether the aircraft on the line owes it: false where it is another aircraft."""
     detail: str
-    """What has become of it so far."""
+    """Its present result."""
 
 
 class OwedSets(Telemetry):

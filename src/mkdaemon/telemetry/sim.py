@@ -49,7 +49,7 @@ class ScenePose(Telemetry):
     """Where another simulator's aircraft is: what `mkdaemon sim --scene-only` renders; a `SimTruth` is one."""
 
     t: float
-    """Simulated time [s]; moves the target, and paces the images; may begin anew."""
+    """Simulated time [s]; moves the target, and paces the images; may restart."""
     position_enu: tuple[float, float, float]
     """Body origin relative to the world's origin, where the target lies unless it is configured elsewhere [m]."""
     enu_from_flu: tuple[float, float, float, float]
@@ -59,7 +59,7 @@ class ScenePose(Telemetry):
     rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Body rates about forward, left, up; blur the image [rad/s]."""
     stamp: Stamp
-    """When it was so; within half a second of our own clock. When it arrives says nothing: under load it is late."""
+    """Time of the pose, within half a second of our clock. The time of arrival is not used: under load it is late."""
 
 
 class RunningFault(Telemetry):

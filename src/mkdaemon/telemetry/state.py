@@ -131,7 +131,7 @@ class GpsMode(StrEnum):
 
     @property
     def steers(self) -> bool:
-        """Whether the NaviCtrl adds sticks of its own."""
+        """Whether the NaviCtrl adds its own sticks."""
         return self in {GpsMode.HOLD, GpsMode.COME_HOME}
 
 

@@ -65,7 +65,7 @@ class Verb:
 
     @property
     def is_procedure(self) -> bool:
-        """Whether it takes many requests, and its progress is told."""
+        """Whether it takes many requests, and reports progress."""
         return issubclass(self.request, ProcedureRequest)
 
 
@@ -77,7 +77,7 @@ VERBS: Final[tuple[Verb, ...]] = (
         control.HolderGrant,
         has_method=False,
     ),
-    Verb("release", "Let go of the aircraft now; anyone may.", command.ReleaseRequest, control.ReleaseReport),
+    Verb("release", "Release the aircraft now; every client may.", command.ReleaseRequest, control.ReleaseReport),
     Verb("gains", "The model flown on, its gains and margins.", command.GainsRequest, control.Gains),
     Verb("preflight", "Make every check before a flight.", command.PreflightRequest, preflight.PreflightReport),
     Verb("abort", "Stop the manoeuvre and hold, or level; anyone may.", command.AbortRequest),
@@ -117,7 +117,6 @@ VERBS: Final[tuple[Verb, ...]] = (
     ),
     Verb("waypoints_clear", "Empty the list.", mission.WaypointsClearRequest, mission.WaypointsStored),
     Verb("route_start", "Make the list ready.", mission.RouteStartRequest, mission.RouteStarted),
-    Verb("route_pause", "Refused: the pilot's switch pauses a route.", mission.RoutePauseRequest),
     Verb("route_end", "Empty the list, in flight too.", mission.RouteEndRequest, mission.WaypointsStored),
     Verb(
         "navi_goto",

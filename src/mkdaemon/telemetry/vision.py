@@ -1,4 +1,4 @@
-"""What the cameras see: tags, poses, how well the eyes work, and the tree of frames.
+"""What the cameras see: tags, poses, quality of vision, and the tree of frames.
 
 Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
 print and z out of the paper. Stamps of what was seen are of the exposure's middle.
@@ -12,6 +12,7 @@ from pydantic import Field
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.selfcal import SelfCalibration
+from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -67,8 +68,8 @@ class VisionPose(Seen):
     quaternion_flu_from_target: Quaternion
     """The inverse rotation (w, x, y, z)."""
     covariance: tuple[float, ...]
-    """Of the vehicle's pose, `(6, 6)` by rows over position [m] and rotation vector [rad], target axes; what a
-    calibration cannot know is included."""
+    """Of the vehicle's pose, `(6, 6)` by rows over position and rotation vector, target axes [m2] [m rad] [rad2]; what
+    a calibration cannot know is included."""
     calibration_sd: Vector3 = (0.0, 0.0, 0.0)
     """What all images of this camera have in common of that, because its calibration does not know it: standard
     deviations along the line of sight [m], across it [m], and of the angle [rad]."""
@@ -87,7 +88,7 @@ class VisionPose(Seen):
     ambiguity: float | None
     """Residual of the mirrored pose over this one; none where there is no rival, or none was looked for."""
     decided_by: str
-    """What told them apart: `unique` (no rival, or perspective), `image`, `attitude`, `track` (images before)."""
+    """What decided between them: `unique` (no rival, or perspective), `image`, `attitude`, `track` (images before)."""
     decode_age: float
     """Time since a tag of the target was last decoded [s]."""
     delivered: float
@@ -135,7 +136,7 @@ class PoseRefused(Seen):
     refusal: PoseRefusal
     """The first check that the measured pose failed."""
     decode_age: float | None
-    """Time since a tag of the target was last decoded [s], 0 in this image; none where the eyes have to find it."""
+    """Time since a tag of the target was last decoded [s], 0 in this image; None while it must be searched."""
     has_attitude: bool
     """Whether an attitude of the vehicle was used for this image."""
 
@@ -145,7 +146,7 @@ class Alarm(StrEnum):
 
     WRONG_SIZE = "wrong_size"
     WRONG_KIND = "wrong_kind"
-    """Images that are no grey values of 8 bits."""
+    """Images that are not 8-bit grey values."""
     UNCALIBRATED = "uncalibrated"
     FROZEN = "frozen"
     DAMAGED = "damaged"
@@ -179,27 +180,27 @@ class AttitudeLoss(StrEnum):
     """The images contradict it."""
 
 
-class EyeState(StrEnum):
-    """Whether a camera delivers poses, and what is in the way if not."""
+class EyeState(ToneEnum):
+    """Whether a camera delivers poses, and what is in the way if not. This is the one table of these states."""
 
-    OK = "ok"
-    DARK = "dark"
-    BLOWN = "blown"
-    FROZEN = "frozen"
-    WRONG_SIZE = "wrong_size"
-    WRONG_KIND = "wrong_kind"
-    UNCALIBRATED = "uncalibrated"
-    TARGET_MISMATCH = "target_mismatch"
-    FAILING = "failing"
+    OK = "ok", "works", Tone.OK
+    DARK = "dark", "too dark", Tone.BAD
+    BLOWN = "blown", "too bright", Tone.BAD
+    FROZEN = "frozen", "images are frozen", Tone.BAD
+    WRONG_SIZE = "wrong_size", "images have the wrong size", Tone.BAD
+    WRONG_KIND = "wrong_kind", "images have the wrong kind", Tone.BAD
+    UNCALIBRATED = "uncalibrated", "not calibrated", Tone.BAD
+    TARGET_MISMATCH = "target_mismatch", "its target contradicts the file", Tone.BAD
+    FAILING = "failing", "the detector fails", Tone.BAD
     """The detector fails on every image."""
-    STALLED = "stalled"
+    STALLED = "stalled", "the detector is stuck", Tone.BAD
     """The detector has not come back from an image."""
-    DEAD = "dead"
+    DEAD = "dead", "the detector has ended", Tone.BAD
     """The thread that looks has ended."""
-    OPENING = "opening"
-    SILENT = "silent"
-    GONE = "gone"
-    ENDED = "ended"
+    OPENING = "opening", "opening", Tone.WARN
+    SILENT = "silent", "no image arrives", Tone.BAD
+    GONE = "gone", "unplugged", Tone.BAD
+    ENDED = "ended", "its images have ended", Tone.WARN
 
 
 class Exposure(Telemetry):
@@ -325,7 +326,7 @@ class CameraSetup(Stamped):
     lens: LensShape | None
     """How it projects; null where it is not calibrated."""
     position_flu: Vector3 | None
-    """Its centre in the body frame [m]; null where nobody said how it sits."""
+    """Its centre in the body frame [m]; null if the mounting is unknown."""
     quaternion_flu_from_cam: Quaternion | None
     """Its rotation in the body frame (w, x, y, z); null as above."""
     targets: tuple[TargetShape, ...]

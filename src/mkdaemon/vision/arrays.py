@@ -1,4 +1,4 @@
-"""Types of the arrays that the eyes hand on, and estimates; shape, unit and frame stand where each is used."""
+"""Types of the arrays of vision, and estimates; shape, unit and frame stand where each is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every threshold of the eyes: value, unit, meaning, and where the figure comes from.
+"""Every threshold of vision: value, unit, meaning, and where the figure comes from.
 
 Those a user may set stand in `mkdaemon.config.vision`, constants of a numeric method (steps, damping, convergence,
 process noise) beside the method. Shares are 0 to 1, deviations are standard deviations, widths of edges are half
@@ -57,7 +57,7 @@ class AmbiguityLimits:
     """The choice between rival poses, as one and its mirror image."""
 
     samples_per_fact: float = of(4.0, "", "neighbouring samples share pixels", "derived: blur over sample spacing")
-    decided: float = of(8.0, "nats", "from which a reading is believed, by images", "derived: one in 3,000")
+    decided: float = of(8.0, "nats", "from which a reading is used, by images", "derived: one in 3,000")
     silent: float = of(3.0, "nats", "of one image that may be blur or light rather than tilt", BLIND)
     remembered: float = of(0.9, "share", "of what images said against a branch, an image later", "a third of a second")
 
@@ -78,11 +78,11 @@ class HealthLimits:
 
 @dataclass(frozen=True, slots=True)
 class SelfCalLimits:
-    """When an image counts, and when a difference is told."""
+    """When an image counts, and when a difference is reported."""
 
     period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
     settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
-    settled_certain: float = of(3.0, "deviations", "from which such a focal length is told", MEASURED)
+    settled_certain: float = of(3.0, "deviations", "from which such a focal length is reported", MEASURED)
     centre_px: float = of(4.0, "px", "of the principal point", "1.5 cm at 4 m")
     k1: float = of(0.02, "", "of the radial distortion", "0.5 cm at 2 m")
     mounting: float = of(radians(1.0), "rad", "of the mounting; less is the attitude's own bias", "sim: 0.5-1.5 deg")
@@ -135,9 +135,9 @@ class ReadLimits:
 
 @dataclass(frozen=True, slots=True)
 class CellSizes:
-    """Side of a cell in the image from which something can be told; smaller is farther."""
+    """Side of a cell in the image from which it is evidence; smaller is farther."""
 
-    readable_px: float = of(2.5, "px", "smaller cells have no edge, corner or grey value of their own", EARNED)
+    readable_px: float = of(2.5, "px", "smaller cells have no separate edge, corner or grey value", EARNED)
     photometric_px: float = of(4.0, "px", "smaller cells are fitted by grey values", EARNED)
     melted_widths: float = of(3.0, "half widths", "of its edges: smaller cells melt", "5 px where sharp: 1.75 px")
     perspective_px: float = of(24.0, "px", "from here perspective tells a tilt, whatever is hidden", BLIND)

@@ -50,9 +50,9 @@ from mkdaemon.vision.track.tracker import Tracker, VisionResult
 
 ALARM_ADVICE = {
     Alarm.WRONG_SIZE: "images and calibration differ in size: set width and height, or calibrate at their size",
-    Alarm.WRONG_KIND: "the images are no grey values of 8 bits: read the camera in another format",
+    Alarm.WRONG_KIND: "the images are not 8-bit grey values: read the camera in another format",
     Alarm.UNCALIBRATED: "no calibration: tags only, no poses; run mkdaemon calibrate camera and set `calibration`",
-    Alarm.FROZEN: "equal images in a row: the camera is frozen, unplug it or restart its driver",
+    Alarm.FROZEN: "identical images in a row: the camera is frozen, unplug it or restart its driver",
     Alarm.TARGET_MISMATCH: "the tags of a target contradict its file: check sizes and positions, measure the print",
     Alarm.DAMAGED: "images arrive damaged and are refused: check cable, power and bandwidth of USB, or the network",
     Alarm.DARK: "the images are dark: lens cap, light or exposure",
@@ -239,7 +239,7 @@ class CameraPipeline:
         return f"vision/{image.camera}/image", frame_of(image, stamp, self.cfg.jpeg_quality, self.cfg.jpeg_width)
 
     def mount(self, stamp: Stamp) -> Transform | None:
-        """The camera in the body; None where nobody said how it sits."""
+        """The camera in the body; None if its mounting is unknown."""
         at = self._mounting
         if at is None:
             return None
@@ -402,7 +402,7 @@ def _seen(image: CameraImage, stamp: Stamp) -> dict[str, object]:
 
 
 def exposure_of(control: ExposureControl) -> Exposure:
-    """What a camera is told, and the levels it was told for."""
+    """Exposure settings, and the image levels that they follow from."""
     levels = dict.fromkeys(("black", "white", "noise")) if control.levels is None else control.levels._asdict()
     return Exposure(exposure_ms=1000.0 * control.setting.exposure, gain=control.setting.gain, **levels)
 
@@ -423,7 +423,7 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
 def setup_of(
     camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
 ) -> CameraSetup:
-    """What a camera is and looks for; no lens without a calibration, no place where nobody said how it sits."""
+    """What a camera is and looks for; no lens without a calibration, no place without a mounting."""
     lens = None
     if intrinsics is not None:
         lens = LensShape(**intrinsics.model_dump(), distortion=intrinsics.distortion.tolist())

@@ -71,7 +71,7 @@ class StillEye:
 
     Raises:
         VisionError: unknown family or id.
-        ConfigError: a tag size nobody prints.
+        ConfigError: an implausible tag size.
     """
 
     def __init__(

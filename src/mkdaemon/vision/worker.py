@@ -101,7 +101,7 @@ class VisionWorker:
         self._thread = self._new_thread()
 
     def start(self) -> None:
-        """Start all threads; that every camera is being opened is told at once, so that nobody flies without them."""
+        """Start all threads; report at once that cameras are being opened, so that no flight starts without them."""
         for eye in self._eyes.values():
             self._publish(eye.pipeline.report(eye.stream.status(), self._clock.stamp()))
             eye.stream.start()
@@ -123,7 +123,7 @@ class VisionWorker:
         self._stop.set()
         end = time.monotonic() + timeout
         for eye in self._eyes.values():
-            eye.stream.stop(0.0)  # all are told before one is waited for
+            eye.stream.stop(0.0)  # all are stopped before one is waited for
         for eye in self._eyes.values():
             eye.stream.stop(max(end - time.monotonic(), 0.0))
         if self._thread.ident is not None:

@@ -11,7 +11,7 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import write_whole
-from mkdaemon.reading import parse_json, read_text
+from mkdaemon.foreignfiles import parse_json, read_text
 from mksim.boards.parameters import FACTORY_ACTIVE, SETS, Parameters, factory_set, parameter_size
 
 MIXER_SIZE: Final = 77

@@ -1,7 +1,7 @@
 """External control inside a FlightCtrl: what it holds, for how long, and how it is added to the pilot's sticks.
 
-Source: docs/firmware-notes, "External control"; docs/safety.md, "What the aircraft does when
-we fall silent"; docs/protocol.md, "ExternalControl".
+Source: docs/firmware-notes, "External control"; docs/safety.md, "Silence is not a release";
+docs/protocol.md, "ExternalControl".
 """
 
 from __future__ import annotations

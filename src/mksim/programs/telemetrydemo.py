@@ -27,6 +27,7 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_OK, let_signals_kill
 from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.errors import MkError
+from mkdaemon.reading import Reading
 
 VEHICLE: Final = "demo"
 STARTUP: Final = 60.0
@@ -48,6 +49,7 @@ class Tally:
     """What a client has seen."""
 
     known: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    reading: Reading = field(default_factory=Reading)
     frames: Counter[str] = field(default_factory=Counter)
     began: float | None = None
     ended: float = 0.0
@@ -59,6 +61,8 @@ class Tally:
         self.known[sample.suffix] = sample.fields
         if sample.suffix.startswith(("rx/", "tx/")):
             self.frames[sample.suffix] += 1
+        else:
+            self.reading.take(sample.suffix, sample.known, now - (sample.age or 0.0))
 
     @property
     def has_flowed(self) -> bool:
@@ -121,7 +125,8 @@ async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) ->
             client = await _connect(stack, endpoint, daemon)
             samples = await stack.enter_async_context(client.watch("**"))
             # The link's state is put when it changes, which may have been before this client came.
-            tally.known.update({suffix: last.fields for suffix, last in (await client.get_all("link/state")).items()})
+            for last in (await client.get_all("link/state")).values():
+                tally.take(last, asyncio.get_running_loop().time())
             jobs = [
                 asyncio.create_task(_watch(samples, tally, console), name="watch"),
                 asyncio.create_task(_must_live("simulator", simulator), name="simulator"),
@@ -167,7 +172,9 @@ async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console)
                 continue
             shown_at = now
             if is_live:
-                live.update(Group(render_status(VEHICLE, tally.known), render_frames(tally)), refresh=True)
+                live.update(
+                    Group(render_status(VEHICLE, tally.reading.at(tally.ended)), render_frames(tally)), refresh=True
+                )
             else:
                 console.print(progress_line(tally))
 
@@ -221,7 +228,7 @@ def render_summary(tally: Tally, summary: Mapping[str, Any]) -> Group:
     missing = [suffix for suffix in ENOUGH if suffix not in tally.known]
     verdict = "telemetry flowed" if flowed else f"telemetry did NOT flow: nothing on {', '.join(missing)}"
     head = Text(f"{summary['seconds']:.1f} s: {verdict}", style="bold green" if flowed else "bold red")
-    return Group(render_frames(tally), render_status(VEHICLE, tally.known), head)
+    return Group(render_frames(tally), render_status(VEHICLE, tally.reading.at(tally.ended)), head)
 
 
 @asynccontextmanager

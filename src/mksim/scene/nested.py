@@ -8,7 +8,7 @@ from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.tags.tagmap import TagMap, build
 
 NESTED: Final = TargetSection(name="pad", tags=(TagPlacement(id=48, size=0.3048), TagPlacement(id=1, size=0.048)))
-"""A 12 inch tag with four black cells in its middle, and a tag of 48 mm there; why, is in docs/vision.md."""
+"""A 12 inch tag with four black cells in its middle, and a tag of 48 mm there; why: docs/lab/vision-cases.md."""
 
 
 def nested_map() -> TagMap:

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mkdaemon.cli.mkctl.teleop import command
-from mkdaemon.cli.mkctl.teleop.command import SECRET, Hands, Source, teleop
+from mkdaemon.cli.mkctl.teleop.command import SECRET, DeviceSource, InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
 from mkdaemon.errors import ConfigError, MkError
 
@@ -14,14 +14,14 @@ from mkdaemon.errors import ConfigError, MkError
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"hands": Hands(keyboard=True, joy="far")}, "--keyboard and --joy do not go together"),
-        ({"hands": Hands(joy="far", replay=Path("x"))}, "--joy and --replay do not go together"),
-        ({"hands": Hands(keyboard=True)}, "--keyboard needs a terminal"),
-        ({"hands": Hands(joy="Far Away")}, "lower-case"),
+        ({"hands": InputOptions(keyboard=True, joy="far")}, "--keyboard and --joy do not go together"),
+        ({"hands": InputOptions(joy="far", replay=Path("x"))}, "--joy and --replay do not go together"),
+        ({"hands": InputOptions(keyboard=True)}, "--keyboard needs a terminal"),
+        ({"hands": InputOptions(joy="Far Away")}, "lower-case"),
         ({"publish": "a/b"}, "lower-case"),
         ({"publish": "far"}, SECRET),
-        ({"hands": Hands(replay=Path("none.jsonl"))}, "none.jsonl: cannot be read"),
-        ({"hands": Hands(mapping=Path("none.toml"))}, "none.toml: no such configuration file"),
+        ({"hands": InputOptions(replay=Path("none.jsonl"))}, "none.jsonl: cannot be read"),
+        ({"hands": InputOptions(mapping=Path("none.toml"))}, "none.toml: no such configuration file"),
     ],
 )
 async def test_options_that_cannot_be_are_refused_before_anything_is_opened(
@@ -37,7 +37,7 @@ async def test_recording_does_not_replace_a_file(tmp_path: Path) -> None:
     path = tmp_path / "flight.jsonl"
     path.write_text("precious", encoding="utf-8")
     with pytest.raises(ConfigError, match="File exists"):
-        await teleop(hands=Hands(joy="far"), record=path)
+        await teleop(hands=InputOptions(joy="far"), record=path)
     assert path.read_text(encoding="utf-8") == "precious"
 
 
@@ -69,4 +69,4 @@ async def test_list_names_pads_mappings_and_troubles(
 
 
 def test_source_has_nothing_beside_it_by_default() -> None:
-    assert Source() == Source(None, has_keyboard=False, ends_with_devices=False)
+    assert DeviceSource() == DeviceSource(None, has_keyboard=False, ends_with_devices=False)

@@ -13,7 +13,7 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl.teleop import evdevpad
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, load_evdev
-from mkdaemon.control.teleop.inputs import AxisRange
+from mkdaemon.client.teleop.inputs import AxisRange
 from mkdaemon.errors import MkError
 
 # The events are the kernel's structs, read by evdev itself; state and capabilities come from the rig.

@@ -17,7 +17,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.joy import Joy
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
-from tests.control.teleop.pads import FACTS, REST, gamepad
+from tests.client.teleop.pads import FACTS, REST, gamepad
 
 SECRET = "s3cret"
 

@@ -11,7 +11,7 @@ from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
 from mkdaemon.errors import MkError
 from mkdaemon.virtualtime import run_virtually
-from tests.control.teleop.pads import FACTS, HIGH, LOW, REST
+from tests.client.teleop.pads import FACTS, HIGH, LOW, REST
 
 ANSWERS = {
     "LEFT stick UP": {"ABS_Y": LOW},

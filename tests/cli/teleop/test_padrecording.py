@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from lab.rigs.handpad import HandPad
-from mkdaemon.cli.mkctl.teleop.padrecording import Recorder, read_recording
+from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator
 from mkdaemon.client import Reading
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -25,7 +25,7 @@ def record(path: Path) -> Streamed:
     async def main() -> None:
         session, stop = daemon.session(), asyncio.Event()
         with path.open("w", encoding="utf-8") as file:
-            session.recorder = Recorder(file, session.now)
+            session.recorder = PadRecorder(file, session.now)
             running = asyncio.create_task(session.run(stop))
             pad = HandPad(session)
             pad.plug_in()

@@ -14,7 +14,7 @@ from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, look_for_pads, only_pa
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import MkError
 from tests.cli.teleop.rig import FakeDaemon
-from tests.control.teleop.pads import gamepad
+from tests.client.teleop.pads import gamepad
 
 
 class InputFolder:

@@ -6,8 +6,9 @@ import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
 from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
@@ -24,7 +25,7 @@ OUTPUT = {"pitch": 12, "roll": -30, "yaw": 0, "throttle": -2, "limited": True}
 
 def show(*, keyboard: bool = False, fly: bool = True, status: dict[str, object] | None = STATUS) -> list[str]:
     async def main() -> list[str]:
-        session: Session = FakeDaemon().session()
+        session: TeleopSession = FakeDaemon().session()
         pad = HandKeyboard(session) if keyboard else HandPad(session, LONG)
         pad.plug_in()
         watcher = Watcher()
@@ -74,8 +75,7 @@ def test_screen_shows_what_would_be_sent_and_why_nothing_is() -> None:
 def test_screen_says_what_the_daemon_waits_for() -> None:
     async def main() -> str:
         daemon = FakeDaemon()
-        daemon.lease.is_engaged = False
-        daemon.lease.reason = "operator streams; waiting for neutral sticks"
+        daemon.lease.engages = None
         session = daemon.session()
         pad = HandPad(session)
         pad.plug_in()
@@ -85,6 +85,7 @@ def test_screen_says_what_the_daemon_waits_for() -> None:
         session.tick()
         asked = "\n".join(line.plain for line in screen_lines(session, Watcher(), "x", has_keyboard=False))
         await asyncio.sleep(0.01)
+        daemon.lease.report(Phase.LEASED, reason="operator streams; waiting for neutral sticks")
         session.tick()
         lines = screen_lines(session, Watcher(), "x", has_keyboard=False)
         await session.keeper.close()

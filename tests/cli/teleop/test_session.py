@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
-from mkdaemon.cli.mkctl.teleop.session import PERIOD, Session
+from mkdaemon.cli.mkctl.teleop.session import PERIOD, TeleopSession
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
@@ -15,10 +15,10 @@ BUSY = CommandRejectedError("busy", "a release is under way.", "wait")
 HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 
 
-def fly(daemon: FakeDaemon, story: Callable[[Session, HandPad], Awaitable[None]]) -> Session:
+def fly(daemon: FakeDaemon, story: Callable[[TeleopSession, HandPad], Awaitable[None]]) -> TeleopSession:
     """Plug a pad in, make it ready, press its enable button, and let the story happen."""
 
-    async def main() -> Session:
+    async def main() -> TeleopSession:
         session, stop = daemon.session(), asyncio.Event()
         running = asyncio.create_task(session.run(stop))
         pad = HandPad(session)
@@ -35,7 +35,7 @@ def fly(daemon: FakeDaemon, story: Callable[[Session, HandPad], Awaitable[None]]
     return run_virtually(main())
 
 
-async def nothing(session: Session, pad: HandPad) -> None:
+async def nothing(session: TeleopSession, pad: HandPad) -> None:
     await asyncio.sleep(1.0)
 
 
@@ -49,7 +49,7 @@ def test_enable_button_takes_the_lease_and_the_end_gives_it_back() -> None:
 def test_change_is_streamed_at_once_and_not_at_the_next_period() -> None:
     daemon = FakeDaemon()
 
-    async def story(session: Session, pad: HandPad) -> None:
+    async def story(session: TeleopSession, pad: HandPad) -> None:
         await asyncio.sleep(0.0155)
         before = len(daemon.lease.streamed)
         pad.move(ABS_RX=1.0)
@@ -62,7 +62,7 @@ def test_change_is_streamed_at_once_and_not_at_the_next_period() -> None:
 def test_unplugged_pad_gives_the_lease_back_at_once() -> None:
     daemon = FakeDaemon()
 
-    async def story(session: Session, pad: HandPad) -> None:
+    async def story(session: TeleopSession, pad: HandPad) -> None:
         pad.unplug(is_noticed=True)
         await asyncio.sleep(0.03)
         assert daemon.given_back == 1
@@ -73,11 +73,10 @@ def test_unplugged_pad_gives_the_lease_back_at_once() -> None:
 def test_lost_lease_ends_the_flight_until_the_enable_button_is_pressed_anew() -> None:
     daemon = FakeDaemon()
 
-    async def story(session: Session, pad: HandPad) -> None:
-        daemon.lease.lost = "somebody took it"
+    async def story(session: TeleopSession, pad: HandPad) -> None:
+        daemon.lease.lose("somebody took it")
         await asyncio.sleep(0.1)
         assert "somebody took it" in session.output.reason
-        daemon.lease.lost = None
         await asyncio.sleep(0.5)
         assert daemon.taken == 1
         pad.move(BTN_TL=0)
@@ -102,25 +101,25 @@ def test_busy_daemon_is_asked_again() -> None:
 
 
 def test_daemon_that_stays_busy_is_given_up() -> None:
-    async def story(session: Session, pad: HandPad) -> None:
+    async def story(session: TeleopSession, pad: HandPad) -> None:
         await asyncio.sleep(4.0)
 
     session = fly(FakeDaemon(*[BUSY] * 100), story)
-    assert "busy with a release" in session.notice
+    assert "a release is under way" in session.notice
 
 
 def test_refused_setpoint_is_told() -> None:
     daemon = FakeDaemon()
 
-    async def story(session: Session, pad: HandPad) -> None:
-        daemon.lease.refusal = CommandRejectedError("no_estimate", "no target is seen.", "fly over one")
+    async def story(session: TeleopSession, pad: HandPad) -> None:
+        daemon.lease.refuse(CommandRejectedError("no_estimate", "no target is seen.", "fly over one"))
         await asyncio.sleep(0.1)
 
     assert "no target is seen" in fly(daemon, story).notice
 
 
 def test_alarm_shakes_every_pad() -> None:
-    async def story(session: Session, pad: HandPad) -> None:
+    async def story(session: TeleopSession, pad: HandPad) -> None:
         session.alarm("the link is down")
         assert pad.alarms == 1
 
@@ -128,7 +127,7 @@ def test_alarm_shakes_every_pad() -> None:
 
 
 def test_report_and_loss_of_an_unknown_device_change_nothing() -> None:
-    async def story(session: Session, pad: HandPad) -> None:
+    async def story(session: TeleopSession, pad: HandPad) -> None:
         session.reported("other", "ABS_X", 1.0, session.now)
         session.lost("other", "gone")
         await asyncio.sleep(0.1)

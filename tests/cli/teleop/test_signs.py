@@ -13,7 +13,7 @@ from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
@@ -34,7 +34,7 @@ async def fly_each_stick() -> dict[str, tuple[float, float]]:
     found: dict[str, list[float]] = {axis: [] for axis in PULSES}
     async with cockpit(Boards("2.12a"), 4, socket=socket, outlet=published) as flown:
         await asyncio.sleep(HOVERING)
-        session = Session(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(4)).lease))
+        session = TeleopSession(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(4)).lease))
         stop = asyncio.Event()
         running = asyncio.create_task(session.run(stop))
         pad = HandPad(session)

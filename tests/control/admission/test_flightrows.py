@@ -126,7 +126,7 @@ def test_every_check_can_stand_but_for_the_target_which_the_flight_itself_waits_
 
 def test_heights_that_the_barometer_contradicts_are_told_with_their_scale():
     wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
-    assert "2.50 m up or down by camera down over pad is 2.00 +- 0.10 m by the barometer" in (
+    assert "camera down over pad measured a climb or descent of 2.50 m, the barometer 2.00 +- 0.10 m" in (
         finding(replace(GOOD, eyes=(wrong,)), "scale of heights").reason
     )
     # Who flies by them flies on, and may land.
@@ -171,7 +171,7 @@ def test_an_entry_condition_holds_up_to_its_limit_and_not_beyond(part, limit):
 def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
     found = finding(replace(GOOD, active_set=replace(SET, emergency_throttle=65), hover_gas=125.0), "emergency descent")
     assert "NotGas 65 for 90" in found.reason
-    assert "27 % of its weight" in found.reason  # (65 / 125)^2
+    assert "27 % of the weight" in found.reason  # (65 / 125)^2
     assert "107 to 118" in found.fix  # 0.85 of hover, and below what climbs
 
 

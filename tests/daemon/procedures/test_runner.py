@@ -472,7 +472,6 @@ async def test_a_route_is_made_ready_in_flight_and_ended(tmp_path):
         active = flight(is_flying=True).model_copy(update={"waypoint_index": 1, "waypoint_count": 3})
         rig.facts.state_received(active, asyncio.get_running_loop().time())
         assert (await rig.ask("route_start", confirm=True)).token == "route_active"
-        assert (await rig.ask("route_pause")).token == "pilots_switch"
         ended = await rig.ask("route_end", confirm=True)
         assert ended.reply["count"] == 0
         assert [event.action for event in rig.bus.values("event/mission")] == ["uploaded", "started", "cleared"]

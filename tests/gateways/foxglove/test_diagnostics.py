@@ -6,8 +6,10 @@ import json
 
 import pytest
 
-from mkdaemon.gateways.foxglove.diagnostics import Diagnostics, Level, schema
+from mkdaemon.gateways.foxglove.diagnostics import Diagnostics, schema
 from mkdaemon.gateways.foxglove.names import Names
+from mkdaemon.reading.diagnoses import Level
+from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
@@ -47,26 +49,30 @@ ROWS = [
     (flights.status(1.0, phase=Phase.LANDING), "control", Level.WARN),
     (battery(is_low=False), "battery", Level.OK),
     (battery(is_low=True), "battery", Level.ERROR),
-    (recorder(RecorderState.RECORDING), "recorder", Level.OK),
-    (recorder(RecorderState.RECORDING, lost=3), "recorder", Level.WARN),
-    (recorder(RecorderState.FULL), "recorder", Level.ERROR),
+    (recorder(RecorderState.RECORDING), "recording", Level.OK),
+    (recorder(RecorderState.RECORDING, lost=3), "recording", Level.WARN),
+    (recorder(RecorderState.FULL), "recording", Level.ERROR),
 ]
 
 
 def shown(value):
-    return json.loads(Diagnostics(NAMES)("", value))
+    return json.loads(Diagnostics(NAMES)(key_of(value), value))
+
+
+def line_of(value, name):
+    return next(line for line in shown(value)["status"] if line["name"] == name)
 
 
 @pytest.mark.parametrize(("value", "name", "level"), ROWS)
 def test_each_part_says_how_it_is(value, name, level):
-    (status,) = shown(value)["status"]
-    assert (status["name"], status["level"], status["hardware_id"]) == (name, level, "mk1")
+    status = line_of(value, name)
+    assert (status["level"], status["hardware_id"]) == (level, "mk1")
     assert all(isinstance(one["value"], str) for one in status["values"])
     assert not [one["key"] for one in status["values"] if "stamp" in one["key"] or "since" in one["key"]]
 
 
 def test_what_it_stands_on_is_there():
-    (status,) = shown(flights.link_health(1.0))["status"]
+    status = line_of(flights.link_health(1.0), "link")
     assert {"key": "echo.p99_ms", "value": "44"} in status["values"]
     assert {"key": "state.condition", "value": "up"} in status["values"]
 
@@ -88,7 +94,7 @@ def test_every_check_before_a_flight_is_a_line():
 
 def test_the_time_is_the_values_and_other_values_say_nothing():
     assert shown(flights.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
-    assert Diagnostics(NAMES)("", flights.attitude(1.0)) is None
+    assert Diagnostics(NAMES)("state/attitude", flights.attitude(1.0)) is None
 
 
 def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
@@ -103,15 +109,18 @@ def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_at_once():
         numbers = flights.BATTERY | {"is_low": is_low, "voltage": 15.0 + n * 0.01}
         message = show("state/battery", Battery(stamp=flights.stamp(at), source="fc", **numbers))
         if message is not None:
-            (line,) = json.loads(message)["status"]
+            line = next(line for line in json.loads(message)["status"] if line["name"] == "battery")
             shown_at.append((at, line["level"]))
     assert [level for _, level in shown_at] == [0, 0, 0, 2, 2, 2]
     assert [at for at, _ in shown_at] == pytest.approx([0.0, 1.0, 2.0, 2.5, 3.5, 4.5])
 
 
-def test_a_part_that_falls_silent_is_not_shown_again():
+def test_the_verdict_comes_first_and_a_part_that_falls_silent_is_stale():
     show = Diagnostics(NAMES)
-    assert json.loads(show("", flights.status(1.0)))["status"][0]["name"] == "control"
-    show("", battery(is_low=False))
+    lines = json.loads(show("control/status", flights.status(1.0)))["status"]
+    assert [line["name"] for line in lines] == ["verdict", "control"]
+    show("state/battery", battery(is_low=False))
     later = battery(is_low=False).model_copy(update={"stamp": flights.stamp(9.0)})
-    assert {one["name"] for one in json.loads(show("", later))["status"]} == {"battery"}
+    lines = {line["name"]: line for line in json.loads(show("state/battery", later))["status"]}
+    assert {name: line["level"] for name, line in lines.items()} == {"verdict": 1, "control": 3, "battery": 0}
+    assert lines["verdict"]["message"] == "control silent for 8.0 s"

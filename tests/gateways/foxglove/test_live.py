@@ -1,4 +1,4 @@
-"""The gateway as a process of its own, before a whole daemon and before `mkctl play`, read by a viewer of its own."""
+"""The gateway as a process of its own, before a whole daemon and before `mkctl log play`, read by a viewer."""
 
 from __future__ import annotations
 
@@ -73,7 +73,19 @@ async def test_a_recording_that_mkctl_plays_is_shown_value_by_value():
     wanted = Counter(
         entry.key.split("/", 2)[2] for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
     )
-    play = ("-m", "mkdaemon.cli.mkctl.app", "play", str(TARGET), "--listen", endpoint, "--as", "show", "--speed", "4")
+    play = (
+        "-m",
+        "mkdaemon.cli.mkctl.app",
+        "log",
+        "play",
+        str(TARGET),
+        "--listen",
+        endpoint,
+        "--as",
+        "show",
+        "--speed",
+        "4",
+    )
     async with program(*play, "--wait", "120", "--json") as player:
         await wait_for_blocking(lambda: _answers(endpoint), START)
         async with gateway("show", endpoint) as shown_at, viewing(shown_at.where) as viewer:

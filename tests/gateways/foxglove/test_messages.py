@@ -120,8 +120,12 @@ def test_a_camera_saw_the_vehicle_in_the_frame_of_the_target():
 STAMP = flights.stamp(5.0)
 EVENTS = [
     (flights.refusal(5.0), "ERROR", "setpoint/takeoff denied: no target is in sight. Put the print below the camera."),
-    (ModeEvent(stamp=STAMP, before="free", after="leased", reason="anna took it"), "INFO", "free → leased"),
-    (FailsafeEvent(stamp=STAMP, action="release", reason="silence", released=True), "FATAL", "let go by itself"),
+    (ModeEvent(stamp=STAMP, before="free", after="leased", reason="anna took it"), "INFO", "free -> leased"),
+    (
+        FailsafeEvent(stamp=STAMP, action="release", reason="silence", released=True),
+        "FATAL",
+        "FAILSAFE release, confirmed",
+    ),
     (LogEvent(stamp=STAMP, level="warning", text="the disk is slow"), "WARNING", "the disk is slow"),
     (LogEvent(stamp=STAMP, level="error", text="the disk is gone"), "ERROR", "the disk is gone"),
     (LogEvent(stamp=STAMP, level="info", text="hello"), "INFO", "hello"),

@@ -10,10 +10,10 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as mavlink
 
 from lab.control.boardfaults import NORMAL
-from mkdaemon.errors import LeaseLostError
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.parameters import STORED
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.stamp import Stamp
@@ -21,11 +21,13 @@ from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseStat
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
+from tests.client.sessionlease import SessionLease
 
 EPOCH = 7
 STAMP = Stamp(monotonic=100.5, wall=1_700_000_000.25)
@@ -145,32 +147,31 @@ EVERYTHING = (
 """A value of every kind."""
 
 
-class FakeLease:
-    """A lease that engages after some setpoints."""
+def progress(step):
+    """How far a write of one set is."""
+    return ProcedureProgress(
+        stamp=STAMP, id="1", verb="settings_write", holder="x", state="running", step=step, of=3, text="words"
+    )
 
-    epoch = EPOCH
+
+class FakeLease(SessionLease):
+    """A lease of a `FakeVehicle`."""
 
     def __init__(self, vehicle):
+        super().__init__(EPOCH, engages=None)
         self.vehicle = vehicle
-        self.is_engaged = False
-        self.status = None
-        self.outcome = None
-        self.reason = "waits for a live stream"
-        self.refusal = None
-        self.is_lost = False
 
-    def put(self, kind, fields):
-        if self.is_lost:
-            raise LeaseLostError("the lease was lost: no setpoint for 1.0 s")
-        self.vehicle.setpoints.append((asyncio.get_running_loop().time(), kind, dict(fields)))
-        self.refusal = self.vehicle.refuses
-        if len(self.vehicle.setpoints) >= self.vehicle.engages and self.refusal is None:
-            self.is_engaged = True
-            self.status = status(Phase.FLYING, epoch=EPOCH, manoeuvre=kind)
-
-    def take_refusal(self):
-        refusal, self.refusal = self.refusal, None
-        return refusal
+    def send(self, setpoint):
+        super().send(setpoint)
+        if setpoint is None:
+            return
+        kind, fields = self.streamed[-1]
+        vehicle = self.vehicle
+        vehicle.setpoints.append((asyncio.get_running_loop().time(), kind, fields))
+        if vehicle.refuses is not None:
+            self.refuse(vehicle.refuses)
+        elif len(vehicle.setpoints) >= vehicle.engages:
+            self.report(Phase.FLYING, manoeuvre=kind)
 
 
 class FakeVehicle:
@@ -197,8 +198,12 @@ class FakeVehicle:
 
     async def call(self, name, *arguments, **options):
         """Answer one call."""
+        on_progress = options.pop("on_progress", None)
         self.calls.append((name, arguments, options))
-        await asyncio.sleep(self.slow)
+        await asyncio.sleep(self.slow / 3)
+        if on_progress is not None and self.refusals.get(name) is None:
+            on_progress(progress(STORED))
+        await asyncio.sleep(2 * self.slow / 3)
         if (refusal := self.refusals.get(name)) is not None:
             raise refusal
         digest = f"{hash(self.points) & 0xFFFF:x}"
@@ -222,11 +227,12 @@ class FakeVehicle:
         return _Said(switch="turned to coming home it flies")
 
     @asynccontextmanager
-    async def lease(self, **options):
+    async def lease(self, session, **options):
         self.calls.append(("lease", (), options))
         if (refusal := self.refusals.get("lease")) is not None:
             raise refusal
         self.lease_now = FakeLease(self)
+        self.lease_now.grant(session)
         try:
             yield self.lease_now
         finally:

@@ -131,8 +131,8 @@ async def test_events_are_told_in_pieces_and_not_twice():
         gateway.value_arrived(event)
         gateway.value_arrived(event)
         pieces = ears.named("STATUSTEXT")
-        assert ears.words == f"release: {words}".replace("ü", "?")
-        assert [piece.chunk_seq for piece in pieces] == [0, 1] and {piece.severity for piece in pieces} == {2}
+        assert ears.words == f"FAILSAFE release: {words}".replace("ü", "?")
+        assert [piece.chunk_seq for piece in pieces] == [0, 1, 2] and {piece.severity for piece in pieces} == {2}
 
 
 @virtually
@@ -218,7 +218,7 @@ async def test_a_daemon_that_does_not_begin_is_not_waited_for_without_end():
         ears = Ears(gateway)
         ears.command(LAND)
         await beat(ears, 0.5)
-        gateway.value_arrived(rig.status(Phase.LEASED, epoch=rig.EPOCH))
+        vehicle.lease_now.report(Phase.LEASED, reason="waits for a live stream")
         await beat(ears, 13.5)
         assert ears.acks[-1] == (LAND, REJECTED) and vehicle.lease_now is None
         assert "waits for a live stream" in ears.words
@@ -232,8 +232,7 @@ async def test_a_landing_ends_well():
         ears.command(LAND)
         await beat(ears, 0.5)
         flying(gateway, "land")
-        vehicle.lease_now.outcome, vehicle.lease_now.is_lost = Outcome.LANDED, True
-        gateway.value_arrived(rig.status(Phase.FREE, outcome=Outcome.LANDED))
+        vehicle.lease_now.lose("it stands", outcome=Outcome.LANDED)
         await beat(ears, 0.2)
         assert ears.acks == [(LAND, ACCEPTED)] and "landed" in ears.words and gateway.steering.order is None
 
@@ -246,8 +245,8 @@ async def test_who_flew_is_told_why_the_lease_is_lost_and_not_how_the_flight_was
         ears = Ears(gateway)
         ears.command(LAND)
         await beat(ears, 0.5)
-        gateway.value_arrived(rig.status(phase, epoch=rig.EPOCH, reason="as it was before"))
-        vehicle.lease_now.reason, vehicle.lease_now.is_lost = "no setpoint for 1.0 s", True
+        vehicle.lease_now.report(phase, reason="as it was before")
+        vehicle.lease_now.lose("no setpoint for 1.0 s")
         await beat(ears, 0.2)
         assert ears.words.endswith("the aircraft is the pilot's: no setpoint for 1.0 s")
 
@@ -411,7 +410,7 @@ async def test_offboard_hands_each_setpoint_on_as_it_comes_and_repeats_none():
         assert 8 <= count <= 10 and vehicle.setpoints[-1][2]["position"] == (0.0, 1.0, 2.0)
         await beat(ears, 1.0)  # its heart beats, its setpoints have stopped
         assert len(vehicle.setpoints) == count and vehicle.lease_now is not None
-        gateway.value_arrived(rig.status(Phase.FREE, reason="no setpoint for 1.0 s"))
+        vehicle.lease_now.lose("no setpoint for 1.0 s")
         await beat(ears, 0.1)
         assert vehicle.lease_now is None and "no setpoint for 1.0 s" in ears.words
         ears.say(offboard(1.0))
@@ -524,7 +523,7 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         def trouble(*causes, left=None):
             made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
             words = trouble_words(made, left)
-            status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left)
+            status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left, manoeuvre="hold")
             if causes and not ears.words:
                 gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
             gateway.value_arrived(status)
@@ -537,7 +536,7 @@ async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_it
         assert ears.words == (
             "NO POSE FOR 0.6 S, releases in 2.4 s"
             "NO POSE FOR 0.6 S, releases in 1.8 s: 3 of 9 link tests unanswered"
-            "poses come again"
+            "Gateway flies: hold"
         )
 
 

@@ -129,7 +129,7 @@ async def test_a_write_is_saved_before_and_read_back(tmp_path, value, kind):
         assert f"gyro_p = {ParameterSet(RAW)['gyro_p']}" in saved.read_text()
         name, (values,), options = fake.calls[-1]
         assert (name, values, options) == ("write", {"gyro_p": 81}, {"confirm": True, "slot": 3})
-        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [81.0]
+        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [81.0, 81.0]
         write(ears, "CHANNELS_2", 9.0)
         await beat(ears, 0.5)
         assert fake.calls[-1][1][0] == {"channels": [*RAW[1:2], 9, *RAW[3:13]]}
@@ -152,6 +152,26 @@ async def test_a_wrong_write_is_refused_and_what_it_is_told(name, value, error):
         assert [m.error for m in ears.named("PARAM_ERROR")] == [error]
         assert [m.param_id for m in ears.named("PARAM_VALUE")] == ([] if error == NOT_THERE else [name])
         assert "write" not in [call for call, *_ in fake.calls]
+
+
+@virtually
+async def test_a_slow_write_answers_with_the_old_value_and_with_the_new_one_when_it_is_stored(tmp_path):
+    """A NaviCtrl and the FlightCtrl behind it take 5 s; MAVSDK repeats its PARAM_SET for 3 s and then gives up."""
+    fake = vehicle()
+    async with serving(fake, folder=tmp_path) as gateway:
+        ears = Ears(gateway)
+        ask_all(ears)
+        await beat(ears, 1.0)
+        fake.slow, seen = 5.1, len(ears.named("PARAM_VALUE"))
+        write(ears, "GYRO_P", 81.0)
+        values = []
+        for _ in range(12):
+            await beat(ears, 0.5)
+            write(ears, "GYRO_P", 81.0) if len(values) < 6 else None
+            values.append([m.param_value for m in ears.named("PARAM_VALUE")[seen:]])
+        old = float(ParameterSet(RAW)["gyro_p"])
+        assert values[1] == [old] and values[3] == [old, 81.0] and values[-1] == [old, 81.0, 81.0]
+        assert [call for call, *_ in fake.calls].count("write") == 1
 
 
 @pytest.mark.parametrize("refusal", [refuse(Token.FLYING, holder="x"), MkError("the line is down")])

@@ -1,6 +1,6 @@
 """What QGroundControl sends, each message answered before QGroundControl stops waiting for the answer.
 
-The rows are those of docs/mavlink.md, "What QGroundControl asks". Times and sequences: the named files of
+The rows are those of docs/gateways.md, "What QGroundControl asks". Times and sequences: the named files of
 github.com/mavlink/qgroundcontrol, master of 2026; a file holds the time-out under the name that follows it.
 """
 
@@ -172,8 +172,8 @@ async def test_each_is_answered_before_its_time_out(tmp_path, row):
         row.ask(ears)
         while not row.answer(ears):
             assert asyncio.get_running_loop().time() - began < row.waits, (row.what, ears.acks, ears.words)
-            if fake.lease_now is not None and fake.lease_now.status is not None:
-                gateway.value_arrived(fake.lease_now.status)  # as the daemon publishes it
+            if fake.lease_now is not None and fake.lease_now.session.status is not None:
+                gateway.value_arrived(fake.lease_now.session.status)  # as the daemon publishes it
             await beat(ears, 0.05)
 
 
@@ -194,7 +194,7 @@ async def test_while_the_list_is_stored_the_last_item_is_asked_for_again(tmp_pat
 
 
 def test_the_page_has_the_same_rows():
-    page = (ROOT / "docs" / "mavlink.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "gateways.md").read_text(encoding="utf-8")
     table = page.partition("## What QGroundControl asks")[2].partition("\n## ")[0]
     lines = [re.split(r" *\| *", line.strip("| ")) for line in table.splitlines() if line.startswith("|")][2:]
     shown = [(what, waits, source) for what, waits, _, source in lines]

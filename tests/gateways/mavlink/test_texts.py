@@ -42,12 +42,12 @@ def test_the_same_is_said_again_only_later_or_to_another():
 @pytest.mark.parametrize(
     ("event", "told"),
     [
-        (FailsafeEvent(stamp=STAMP, action="neutral", reason="old"), (CRITICAL, "neutral: old")),
-        (ModeEvent(stamp=STAMP, before="free", after="leased", reason="why"), (NOTICE, "leased: why")),
+        (FailsafeEvent(stamp=STAMP, action="neutral", reason="old"), (CRITICAL, "FAILSAFE neutral: old")),
+        (ModeEvent(stamp=STAMP, before="free", after="leased", reason="why"), (NOTICE, "free -> leased: why")),
         (LogEvent(stamp=STAMP, level="error", text="broken"), (ERROR, "broken")),
         (LogEvent(stamp=STAMP, level="info", text="well"), (INFO, "well")),
         (MissionEvent(stamp=STAMP, action="uploaded", count=3, digest="", source=""),
-         (NOTICE, "mission uploaded: 3 points")),
+         (NOTICE, "waypoint list uploaded, 3 points")),
         (ATTITUDE, None),
     ],
 )  # fmt: skip

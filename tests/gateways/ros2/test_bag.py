@@ -150,7 +150,7 @@ def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
     with pytest.raises(ConfigError, match="there is no folder"):
         write(values, tmp_path / "no" / "bag", overwrite=False)
     with pytest.raises(MkError, match="nothing in the recording"):
-        write([value("state/altitude", samples.attitude())], tmp_path / "other", overwrite=False)
+        write([value("link/traffic", samples.attitude())], tmp_path / "other", overwrite=False)
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,16 @@ import pytest
 from mkdaemon.config.gamepadfiles import load_mapping
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, pad_facts
-from mkdaemon.gateways.ros2.deck import Deck, Habits
+from mkdaemon.gateways.ros2.deck import FlightDeck, Habits
 from mkdaemon.virtualtime import run_virtually
-from tests.cli.teleop.rig import FakeDaemon, FakeLease
+from tests.cli.teleop.rig import FakeDaemon
+from tests.client.sessionlease import SessionLease
 
 VELOCITY = {"velocity": (0.1, 0.0, 0.0), "frame": "body", "yaw_rate": 0.0}
 STICKS_AT_REST = dict.fromkeys((*AXES, *BUTTONS), 0.0)
 
 
-class Lease(FakeLease):
+class Lease(SessionLease):
     """A lease whose manoeuvres take a second; what they were, in order."""
 
     def __init__(self):
@@ -29,6 +30,7 @@ class Lease(FakeLease):
     async def _fly(self, name, seconds):
         self.flown.append(name)
         await asyncio.sleep(seconds)
+        self.send(None)
         if name in self.fails:
             raise self.fails.pop(name)
 
@@ -65,7 +67,7 @@ def fly(story, *refusals, newest=None, hold_for=60.0):
 
     async def main():
         habits = Habits(load_mapping("xbox"), pad_facts(AXES, BUTTONS), hold_for, 1.5)
-        deck = Deck(uav, habits, newest or {})
+        deck = FlightDeck(uav, habits, newest or {})
         running = asyncio.create_task(deck.run())
         await asyncio.sleep(0)
         await story(deck)
@@ -128,10 +130,9 @@ def uav_of(deck):
 def test_a_lost_lease_is_not_taken_again_by_a_stream_that_goes_on():
     async def story(deck):
         await stream(deck, 0.5)
-        uav_of(deck).daemon.lease.lost = "the pilot's switch"
+        uav_of(deck).daemon.lease.lose("the pilot's switch")
         await stream(deck, 3.0)
         assert "the pilot's switch" in deck.note
-        uav_of(deck).daemon.lease.lost = None
         await asyncio.sleep(SILENCE)
         await stream(deck, 0.5)
         assert deck.flown == "cmd_vel"
@@ -273,7 +274,7 @@ def test_a_verb_is_interrupted_by_another_and_by_a_release_and_says_so():
 def test_a_manoeuvre_that_fails_holds_where_it_flies_and_is_let_go_of_else(is_engaged, flown):
     async def story(deck):
         lease = uav_of(deck).daemon.lease
-        lease.is_engaged = is_engaged
+        lease.engages = 0 if is_engaged else None
         lease.fails["land"] = ManoeuvreError("not landed within 60 s")
         with pytest.raises(ManoeuvreError, match="not landed"):
             await deck.land()
@@ -285,7 +286,7 @@ def test_a_manoeuvre_that_fails_holds_where_it_flies_and_is_let_go_of_else(is_en
 def test_a_setpoint_that_is_refused_is_told_and_ends_nothing():
     async def story(deck):
         await stream(deck, 0.2)
-        uav_of(deck).daemon.lease.refusal = CommandRejectedError("no_estimate", "no target.", "look")
+        uav_of(deck).daemon.lease.refuse(CommandRejectedError("no_estimate", "no target.", "look"))
         await stream(deck, 0.2)
         assert deck.flown == "cmd_vel"
         assert "no target" in deck.note

@@ -16,6 +16,7 @@ from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.client import Sample
 from mksim.programs.telemetrydemo import ENOUGH, Tally, progress_line, render_summary, summarise
+from tools.top_picture import KNOWN
 
 
 @pytest.mark.flight
@@ -104,7 +105,8 @@ def test_the_summary_in_words():
     out = in_words(tally)
     assert "2.0 s: telemetry flowed" in out
     assert re.search(r"rx/nc/osd\W+2\W+1\.0", out)
-    assert "12.4" in out
+    tally.reading.take("state/battery", KNOWN["state/battery"], 2.0)
+    assert "15.2 V, 11.5 A, 812 mAh" in in_words(tally)
     assert progress_line(tally) == "2 s; 2 frames; 12.4 V; 53.230100, 7.459100; 1.9 m above start"
 
 

@@ -12,9 +12,12 @@ import pytest
 
 from lab.rigs.browsing import chromium, opened, program, said, wait_until
 from mkdaemon.client.samples import read_payload, typed_value
+from mkdaemon.reading import Reading
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from tests.places import DATA
+from tests.reading.situations import SITUATIONS
+from tests.view.report.known import BEGIN, Tape
 
 pytestmark = pytest.mark.browser
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
@@ -122,7 +125,7 @@ def test_buttons_command_the_aircraft_that_flies(browser, tmp_path):
         assert page.locator("#kind").inner_text().lower() == "live"
         assert page.locator(".camera").get_attribute("data-outlines") != "0"
         press(page, "abort", "No, go back")
-        assert said(page, "authority").startswith("demo flies")
+        assert said(page, "control").startswith("demo flies")
         press(page, "abort", "Abort now")
         wait_until(page, lambda: page.locator("#verdict").inner_text().startswith("Aborted"), "abort did nothing")
         held = place_of(page)
@@ -130,8 +133,8 @@ def test_buttons_command_the_aircraft_that_flies(browser, tmp_path):
         assert math.dist(held, place_of(page)) < 0.5
         press(page, "release", "Release now")
         wait_until(page, lambda: page.locator("#answer").inner_text().startswith("release: released"), "no answer")
-        wait_until(page, lambda: said(page, "authority").startswith("nobody holds the lease"), "it was not released")
-        assert "mkctl view" in said(page, "authority")
+        wait_until(page, lambda: said(page, "control").startswith("no client holds the lease"), "it was not released")
+        assert "mkctl view" in said(page, "control")
         assert wrong == []
         output, _ = process.communicate(timeout=120)
     assert process.returncode == 1 and "mkctl view" in output
@@ -155,3 +158,32 @@ def test_a_page_without_a_server_says_so(browser):
         )
         assert page.locator("body.gone").count() == 1
     assert json.dumps(process.returncode) == "0"
+
+
+BANNERS = ("all is well", "battery 11.6 V", "eye dark", "link one_way", "lost target", "phase unanswered")
+"""Situations whose banner is read back."""
+
+
+@pytest.mark.parametrize("name", BANNERS)
+def test_the_banner_is_the_worst_thing_in_its_colour(browser, tmp_path, name):
+    situation = next(one for one in SITUATIONS if one.name == name)
+    tape, reading = Tape(), Reading()
+    for key, value in situation.values.items():
+        tape.add(value.stamp.monotonic - BEGIN, key, value.model_dump(mode="json", exclude={"stamp"}))
+        reading.take(key, value, value.stamp.monotonic)
+    path = tape.write(tmp_path / "situation.mcap")
+    with (
+        program(MKCTL, "view", str(path), "--no-browser", "--port", "0", "--json") as (address, _),
+        opened(browser, address) as (page, wrong),
+    ):
+        wait_until(page, lambda: "ended" in page.locator("#place").inner_text(), "it was not played to its end")
+        picture = reading.at(BEGIN)
+        banner = page.locator("#verdict")
+        wait_until(page, lambda: banner.inner_text() == picture.headline, f"no banner {picture.headline!r}")
+        assert banner.get_attribute("data-tone") == picture.tone
+        red, green, blue = map(int, re.findall(r"\d+", banner.evaluate("one => getComputedStyle(one).color"))[:3])
+        assert (green > max(red, blue)) == (picture.tone == "ok"), "green only while nothing is wrong"
+        assert page.locator("#large b").all_inner_texts()[0].endswith(" m") or situation.ages
+        assert page.locator("#abort-meaning").inner_text() != page.locator("#release-meaning").inner_text()
+        assert page.locator("#abort.danger").count() == 0 and page.locator("#release.danger").count() == 1
+        assert wrong == []

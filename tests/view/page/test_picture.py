@@ -9,7 +9,6 @@ import pytest
 
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Position
 from mkdaemon.view.page.picture import Picture, Reader
@@ -30,18 +29,22 @@ def line(shown, word):
     return next(one for one in shown["lines"] if one["id"] == word)
 
 
+def may(shown):
+    return {word: not offer["why_not"] for word, offer in shown["offers"].items()}
+
+
 def test_a_hovering_aircraft_is_shown_as_it_is():
     shown = picture_of(flights.hovering(1000.0)).show(NOW)
     assert shown["verdict"] == {"text": "Anna flies: position", "tone": "ok"}
     said = {one["id"]: one["text"] for one in shown["lines"]}
-    assert said["position"] == "x +0.12  y -0.05  z 2.01 m over pad, ± 2.0 cm"
+    assert said["position"] == "x +0.12 y -0.05 z 2.01 m over pad, ± 2.0 cm"
     assert said["error"] == "5 cm level, +1 cm height"
-    assert said["battery"] == "14.8 V, 3.70 V a cell, 12.5 A, 430 mAh used"
-    assert said["attitude"] == "roll +5.7°  pitch -2.9°  heading 90°"
+    assert said["battery"] == "14.8 V, 3.70 V a cell, 12.5 A, 430 mAh"
+    assert said["attitude"] == "roll +5.7°, pitch -2.9°, heading 090°"
     assert said["latency"] == "p50 20 ms, p99 44 ms"
     assert said["link_tests"] == "49 of 50 answered, 1 unanswered (1 lost)"
     assert said["stick_frames"] == "none sent"
-    assert said["flight"] == "motors run, in the air or not: not known"
+    assert said["flight"] == "in the air or not: not known, motors run"
     assert said["hands"] == "the pilot keeps his thumbs on centred sticks"
     aircraft = shown["scene"]["aircraft"]
     assert (aircraft["position"], aircraft["source"], aircraft["frame"]) == ([0.12, -0.05, 2.01], "estimate", "pad")
@@ -49,7 +52,8 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
     assert aircraft["spread"] == [[0.06, 0.0, 0.0], [0.0, 0.06, 0.0], [0.0, 0.0, 0.03]]
     assert shown["scene"]["goal"] == [0.15, -0.09, 2.0]
     assert shown["scene"]["fence"] == {"radius": 5.0, "height": 6.0, "floor": 0.3}
-    assert shown["can"] == {"release": True, "abort": True}
+    assert may(shown) == {"lease": False, "release": True, "abort": True}
+    assert [one["text"] for one in shown["large"]] == ["2.01 m", "14.8 V", "0.1 s"]
     json.dumps(shown, allow_nan=False)
 
 
@@ -57,19 +61,22 @@ def test_what_nobody_has_said_is_not_known():
     shown = Picture("mk1").show(NOW)
     assert {one["text"] for one in shown["lines"]} == {"not known"}
     assert {one["tone"] for one in shown["lines"]} == {"unknown"}
-    assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None}
-    assert shown["verdict"]["text"] == "Nothing fresh from the daemon"
+    caption = "where the aircraft is: not known"
+    assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None, "caption": caption}
+    assert shown["verdict"]["text"] == "NOTHING FROM THE DAEMON: no value has arrived"
+    assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
 
 
 def test_values_grow_old_while_nothing_comes():
     picture = picture_of(flights.hovering(1000.0))
     shown = picture.show(NOW + 10.0)
     assert line(shown, "attitude")["age"] == pytest.approx(10.0)
-    assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == ["link"]
-    assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.0)
+    assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == []
+    assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
+    assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.05)
     assert shown["scene"]["goal"] is None
-    assert shown["can"] == {"release": True, "abort": True}
-    assert shown["verdict"] == {"text": "Nothing fresh from the daemon", "tone": "bad"}
+    assert may(shown) == {"lease": True, "release": True, "abort": True}
+    assert shown["verdict"] == {"text": "NOTHING FROM THE DAEMON: silent for 10 s", "tone": "bad"}
 
 
 def test_a_last_value_has_the_age_it_had_when_it_was_asked_for():
@@ -85,23 +92,6 @@ def test_a_value_that_is_older_than_the_known_one_changes_nothing():
     assert line(picture.show(NOW), "attitude")["text"].startswith("roll +5.7°")
 
 
-@pytest.mark.parametrize(
-    ("phase", "words", "tone"),
-    [
-        (Phase.LEASED, "Anna waits to fly", "note"),
-        (Phase.FLYING, "Anna flies: position", "ok"),
-        (Phase.STALE, "Anna is silent: neutral sticks", "bad"),
-        (Phase.UNANSWERED, "The sticks have no answer: the pilot flies", "bad"),
-        (Phase.ABORTED, "Aborted: it holds or flies level", "warn"),
-        (Phase.LANDING, "Battery low: it lands by itself", "warn"),
-        (Phase.RELEASING, "Released: the pilot has it", "warn"),
-    ],
-)
-def test_every_phase_is_one_sentence(phase, words, tone):
-    picture = picture_of([("control/status", flights.status(1000.0, phase=phase))])
-    assert picture.show(NOW)["verdict"] == {"text": words, "tone": tone}
-
-
 def test_a_throttle_that_caps_ours_comes_before_everything_else():
     values = flights.hovering(1000.0)
     capped = flights.status(1000.0, pilots_throttle=-20.0, hands="must raise his throttle")
@@ -110,23 +100,12 @@ def test_a_throttle_that_caps_ours_comes_before_everything_else():
     assert line(shown, "hands")["tone"] == "bad"
 
 
-@pytest.mark.parametrize("condition", list(LinkCondition))
-def test_every_condition_of_the_link_has_words(condition):
-    free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
-    picture = picture_of([("control/status", free), ("link/state", flights.link_state(1000.0, condition))])
-    shown = picture.show(NOW)
-    assert (shown["verdict"]["tone"] == "ok") is condition.is_usable
-    assert line(shown, "link")["tone"] == {True: "ok" if condition is LinkCondition.UP else "warn"}.get(
-        condition.hears_board, "bad"
-    )
-
-
 def test_a_daemon_that_is_gone_leaves_no_button():
     picture = picture_of(flights.hovering(1000.0))
     picture.is_here = False
     shown = picture.show(NOW)
-    assert shown["verdict"] == {"text": "No daemon: nothing is known of now", "tone": "bad"}
-    assert shown["can"] == {"release": False, "abort": False}
+    assert shown["verdict"] == {"text": "No daemon is here", "tone": "bad"}
+    assert may(shown) == {"lease": False, "release": False, "abort": False}
 
 
 def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
@@ -182,7 +161,7 @@ def test_tags_are_outlined_in_the_image_in_which_they_were_found():
     (camera,) = picture.show(NOW)["cameras"]
     (outline,) = camera["outlines"]
     assert (outline["id"], outline["how"], outline["corners"][0]) == (48, "decoded", (200.0, 100.0))
-    assert camera["image"] == {"sequence": 7, "age": pytest.approx(0.5)}
+    assert (camera["image"], camera["is_stale"]) == ({"sequence": 7}, False)
     picture.take("vision/down/image", flights.image(999.6, sequence=8), NOW)
     (camera,) = picture.show(NOW)["cameras"]
     (outline,) = camera["outlines"]
@@ -229,7 +208,7 @@ def test_ages_stand_still_while_a_recording_is_paused():
     shown = picture.show(NOW + 100.0)
     assert line(shown, "attitude")["age"] == pytest.approx(0.0)
     assert shown["play"]["state"] == "paused"
-    assert shown["can"] == {"release": False, "abort": False}
+    assert may(shown) == {"lease": False, "release": False, "abort": False}
 
 
 def test_ages_run_as_fast_as_a_recording_is_played():
@@ -262,6 +241,17 @@ def test_another_boot_of_the_machine_begins_anew():
 
 def test_what_is_known_not_to_fly_is_not_aborted():
     free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
-    assert picture_of([("control/status", free)]).show(NOW)["can"] == {"release": True, "abort": False}
+    assert not may(picture_of([("control/status", free)]).show(NOW))["abort"]
     ignored = flights.status(1000.0, phase=Phase.UNANSWERED)
-    assert picture_of([("control/status", ignored)]).show(NOW)["can"] == {"release": True, "abort": True}
+    assert may(picture_of([("control/status", ignored)]).show(NOW))["abort"]
+
+
+def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_has_no_error():
+    values = [(suffix, value) for suffix, value in flights.hovering(1000.0) if suffix != "control/estimate"]
+    blind = ("control/estimate", flights.estimate(1000.0, image_age=2.0))
+    picture = picture_of([blind, *values])
+    shown = picture.show(NOW)
+    assert shown["scene"]["aircraft"]["is_stale"]
+    assert shown["scene"]["caption"] == "over pad, as the flight core believes; last image 2.0 s ago"
+    assert line(shown, "error")["text"] == "not known: no image for 2.0 s"
+    assert [point[1:] for point in picture.series["error"].since(0)] == [(None, None)]

@@ -11,6 +11,8 @@ import cv2
 import msgpack
 import numpy as np
 
+from mkdaemon.bus.codec import schema_name
+from mkdaemon.reading import key_spec
 from mkdaemon.record.entry import Entry, Kind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
@@ -50,7 +52,9 @@ class Tape:
         payload = msgpack.packb({"stamp": stamp} | fields if isinstance(fields, dict) else fields)
         number = self._counts[kind, key] = self._counts.get((kind, key), 0) + 1
         wall = 1_760_001_000.0 + at
-        self.entries.append(Entry(kind, key, payload, PACK, monotonic, wall, BASE, number, **more))
+        carried = None if (spec := key_spec(suffix)) is None else spec.carries
+        encoding = PACK if carried is None else f"application/msgpack;mk.{schema_name(carried)}"
+        self.entries.append(Entry(kind, key, payload, encoding, monotonic, wall, BASE, number, **more))
 
     def write(self, path: Path, config: str = "") -> Path:
         """Write a recording, in the order of time."""

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from mkdaemon.client import pictures
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading.known import EVENTS
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.rewrite import merge
-from mkdaemon.view.report.happenings import MAKERS
 from mkdaemon.view.report.make import report_of
 from mkdaemon.view.report.page import render
 from tests.places import DATA
@@ -83,7 +83,7 @@ STRANGE = st.recursive(
 )
 KEYS = [
     *("control/status", "control/estimate", "control/error", "link/health", "link/state", "health", "state/battery"),
-    *("vision/down/stats", "vision//pose", "vision/down/image", "rx/fc/settings", "link/traffic", *MAKERS),
+    *("vision/down/stats", "vision//pose", "vision/down/image", "rx/fc/settings", "link/traffic", *EVENTS),
 ]
 FIELDS = [
     *("phase", "manoeuvre", "stage", "position", "goal", "error_pad", "echo", "state", "condition", "firmware", "fix"),

@@ -44,7 +44,7 @@ def flight_of(*, released):
 
 def test_a_release_begins_with_its_chain_the_effect_first_each_with_its_time():
     head = head_of(flight_of(released=True))
-    assert (head.text, head.is_bad) == ("Released at 44.8 s: no image of pad for 3.0 s.", True)
+    assert (head.text, head.is_bad) == ("FAILED at 44.8 s: no image of pad for 3.0 s.", True)
     times, texts = zip(*head.chain, strict=True)
     assert texts == (
         "no pose for 3.0 s",

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.vision.calibrate.printcheck import PrintState, check_print
 from mkdaemon.vision.camera.calibration_file import Camera, save_camera
@@ -136,7 +136,7 @@ def test_the_command_says_what_is_bad_first(tmp_path, capsys):
     photo, camera = tmp_path / "photo.png", tmp_path / "camera.toml"
     cv2.imwrite(str(photo), View(shipped("nested"), place(0.6, 0.3)).pixels)
     save_camera(Camera(name="test", intrinsics=VGA), camera)
-    call = ["target", "check", str(photo), "--target", str(NESTED)]
+    call = ["calibrate", "check-print", str(photo), "--target", str(NESTED)]
     assert run(app, call) == EXIT_OK
     assert capsys.readouterr().out.startswith("UNKNOWN  width over height")
     assert run(app, [*call, "--camera", str(camera), "--distance", "0.63"]) == EXIT_FAILURE
@@ -148,10 +148,10 @@ def test_the_command_says_what_is_bad_first(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["is_good"] is True
     nothing = tmp_path / "nothing.png"
     cv2.imwrite(str(nothing), np.full((480, 640), 128, np.uint8))
-    assert run(app, ["target", "check", str(nothing), "--target", str(NESTED)]) == EXIT_FAILURE
+    assert run(app, ["calibrate", "check-print", str(nothing), "--target", str(NESTED)]) == EXIT_FAILURE
     assert "no tag of the target was found" in capsys.readouterr().out
     cv2.imwrite(str(nothing), np.full((240, 320), 128, np.uint8))
-    call = ["target", "check", str(nothing), "--target", str(NESTED), "--camera", str(camera)]
+    call = ["calibrate", "check-print", str(nothing), "--target", str(NESTED), "--camera", str(camera)]
     assert run(app, call) == EXIT_CONFIG
     assert "is 320x240, the calibration is for 640x480" in capsys.readouterr().err
-    assert run(app, ["target", "check", "none.png", "--target", str(NESTED)]) == EXIT_CONFIG
+    assert run(app, ["calibrate", "check-print", "none.png", "--target", str(NESTED)]) == EXIT_CONFIG

@@ -195,7 +195,7 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
         height = 4.0 - 3.0 * min(k / 60, 1.0)
         check.barometer_received(0.1 * k - 0.01, 5.0 + height)
         check.image_seen(np.zeros((2, 2), np.uint8), {"pad": (far, 1.3 * height)}, 0.1 * k, None)
-    assert "m by the barometer is 3.84 m by the eyes over pad" in check.alarms[Alarm.SCALE]
+    assert "m by the barometer is 3.84 m by vision over pad" in check.alarms[Alarm.SCALE]
     assert check.reports() == ()
 
 

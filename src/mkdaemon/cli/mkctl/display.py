@@ -1,4 +1,4 @@
-"""`mkctl display`: a board's own 4x20 menu, live, with keys."""
+"""`mkctl board display`: a board's own 4x20 menu, live, with keys."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ async def display(
 
     Without a terminal, or with --once, one picture is printed.
 
-    Example: mkctl display fc --once
+    Example: mkctl board display fc --once
     """
     async with connection.open() as client:
         asked = Board[board.upper()] if board else await _board_here(client)

@@ -1,4 +1,4 @@
-"""`mkctl export`: a recording as tables, tracks, a ROS 2 bag, or for Foxglove."""
+"""`mkctl log export`: a recording as tables, tracks, a ROS 2 bag, or for Foxglove."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def export(
     `state/position`. ros: a ROS 2 bag (MCAP, CDR). foxglove: an MCAP file for Foxglove and Lichtblick. Files appear
     whole or not at all; docs/replay.md has the details.
 
-    Example: mkctl export flight.mcap --format csv
+    Example: mkctl log export flight.mcap --format csv
 
     Args:
         file: The recording.

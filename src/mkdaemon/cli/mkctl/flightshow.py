@@ -14,6 +14,7 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading.facts import DEAD_RECKONING, age_words
 
 PROGRESS_PERIOD: Final = 0.2
 """Between two lines of progress on a terminal [s]."""
@@ -50,6 +51,7 @@ class Shown:
 
     Attributes:
         position: the newest estimate of where the aircraft is [m]; None while no image has shown it for a while.
+        image_age: of the image behind it [s].
         goal: where the daemon says it is to be [m].
     """
 
@@ -60,6 +62,7 @@ class Shown:
             clear: takes the line of progress away, where there is one.
         """
         self.position: Position | None = None
+        self.image_age = 0.0
         self.goal: Position | None = None
         self._clear = clear
 
@@ -126,14 +129,15 @@ async def showing(
                 if sample.suffix == "control/error":
                     shown.goal = sample.value.goal
                 else:
-                    shown.position = sample.value.position if sample.value.image_age <= BELIEVED else None
+                    shown.image_age = sample.value.image_age
+                    shown.position = sample.value.position if shown.image_age <= BELIEVED else None
 
     async def show() -> None:
         last = ""
         while True:
             if lease.status is None:  # it was granted a moment ago
                 await asyncio.sleep(SHOWN_AFTER)
-            line = _line(lease, shown.position, goal() or shown.goal)
+            line = _line(lease, shown, goal() or shown.goal)
             if is_terminal:
                 _put(f"{CLEAR}{on_one_line(line)}")
             elif line != last:
@@ -159,15 +163,19 @@ def _put(drawing: str) -> None:
     stream.flush()
 
 
-def _line(lease: Lease, position: Position | None, goal: Position | None) -> str:
-    status = lease.status
+def _line(lease: Lease, shown: Shown, goal: Position | None) -> str:
+    """The line of progress; there is no error to a goal while the position is calculated without images."""
+    status, position = lease.status, shown.position
     if not lease.is_engaged or status is None or not status.phase.is_streamed:
         return lease.reason
     # What the pilot does meanwhile is said once, by itself.
     words = [status.stage.partition(":")[0]] if status.stage else []
     if position is not None:
         words.append(f"at {metres(position)}")
-        words += [] if goal is None else [f"{100 * math.dist(position, goal):.0f} cm from the goal"]
+        if shown.image_age > DEAD_RECKONING:
+            words.append(f"no image for {age_words(shown.image_age)}")
+        elif goal is not None:
+            words.append(f"{100 * math.dist(position, goal):.0f} cm from the goal")
     return ", ".join(words) or lease.reason
 
 

@@ -1,4 +1,4 @@
-"""`mkctl gains`: what is believed of the aircraft, the gains that follow, and how wrong it may be."""
+"""`mkctl preflight --gains`: what is believed of the aircraft, the gains that follow, and how wrong it may be."""
 
 from __future__ import annotations
 
@@ -7,22 +7,20 @@ from typing import TYPE_CHECKING, Final
 from rich.table import Table
 
 from mkdaemon.cli.console import Console
-from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.printing import json_line
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import Gains
 
 
-async def gains(*, connection: Connection = HERE) -> None:
+async def show_gains(connection: Connection) -> None:
     """Show model, gains and margins of the control loop.
 
     The model is that of set 3 as the factory ships it until somebody has taken the lease: then the daemon reads the
     active parameter set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state, with
     the configured rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and
     by `mkctl preflight` where only this aircraft's own set shows it.
-
-    Example: mkctl gains
 
     Raises:
         MkError: no daemon.

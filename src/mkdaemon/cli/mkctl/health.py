@@ -19,10 +19,11 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.errors import MkError
-from mkdaemon.telemetry.link import Fates, fates_of
+from mkdaemon.telemetry.link import Fates, LinkCondition, fates_of
+from mkdaemon.telemetry.tone import Tone
 
 KEY = "link/health"
-_COLOURS = {"up": "green", "degraded": "yellow"}
+_COLOURS: Final = {one.value: {Tone.OK: "green", Tone.WARN: "yellow"}.get(one.tone, "red") for one in LinkCondition}
 MINUTE: Final = 300
 """Measurements in it, at 5 Hz."""
 BARS: Final = 16

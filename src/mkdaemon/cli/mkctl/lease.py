@@ -29,7 +29,7 @@ async def take(
 ) -> None:
     """Take the lease and print its epoch, its secret and where setpoints are put.
 
-    It ends by itself when none follow.
+    It ends by itself when none follow; `mkctl release` ends it at once.
 
     Example: mkctl lease take --ttl 2
 
@@ -39,21 +39,6 @@ async def take(
     async with connection.open() as uav:
         granted = await uav.lease.take(force=force, ttl=ttl, holder=holder, use_remembered=use_remembered)
     _show(granted, connection)
-
-
-@app.command
-async def release(epoch: int, secret: str, *, connection: Connection = HERE) -> None:
-    """Give the lease back; the aircraft is released.
-
-    Example: mkctl lease release 3 0123456789abcdef
-
-    Args:
-        epoch: As `take` printed it.
-        secret: As `take` printed it.
-    """
-    async with connection.open() as uav:
-        await uav.lease.release(epoch, secret)
-    _show(None, connection)
 
 
 @app.command
@@ -71,7 +56,7 @@ def _show(lease: LeaseState | None, connection: Connection) -> None:
     if connection.json:
         print(json_line({"holder": None} if lease is None else dict(lease)))
     elif lease is None:
-        print("nobody holds the lease")
+        print("no client holds the lease")
     else:
         print(f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left")
         if isinstance(lease, LeaseGrant):

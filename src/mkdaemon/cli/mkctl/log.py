@@ -33,8 +33,10 @@ Viewer = Annotated[bool, Parameter(negative=(), help="Add JSON, for Foxglove, Li
 
 app: Final = App(
     name="log",
-    help="Recordings: look at them, repair, cut and join them; mark a moment in those that are being made.",
+    help="Recordings: make, play, export and repair them, look at them, and mark a moment in those being made.",
 )
+for _name in ("record", "play", "export", "report"):
+    app.command(f"mkdaemon.cli.mkctl.{_name}:{_name}", name=_name)
 
 
 @app.command
@@ -94,10 +96,10 @@ def info(*files: Path, as_json: AsJson = False) -> None:
 
 
 @app.command
-def check(*files: Path, as_json: AsJson = False) -> int:
+def verify(*files: Path, as_json: AsJson = False) -> int:
     """Check that recordings are whole. Exit code 0 only if nothing is damaged, lost or unfinished.
 
-    Example: mkctl log check flight.mcap
+    Example: mkctl log verify flight.mcap
 
     Args:
         files: Recordings.
@@ -114,7 +116,7 @@ def check(*files: Path, as_json: AsJson = False) -> int:
 
 
 @app.command
-def recover(
+def repair(
     file: Path,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     *,
@@ -124,7 +126,7 @@ def recover(
 ) -> None:
     """Write everything that is whole in a recording into a new one with an index. The old one stays as it is.
 
-    Example: mkctl log recover torn.mcap whole.mcap
+    Example: mkctl log repair torn.mcap whole.mcap
 
     Args:
         file: A recording that was cut off or damaged.
@@ -434,7 +436,7 @@ def damage_lines(report: ReadReport) -> Iterator[str]:
         where = f"{one.length} bytes at byte {one.offset}" if one.length else f"at byte {one.offset}"
         yield f"{where}: {one.reason}"
     if report.damages:
-        yield "`mkctl log recover FILE` writes what is whole into a new file"
+        yield "`mkctl log repair FILE` writes what is whole into a new file"
     for (kind, key), lost in report.gaps.items():
         yield f"{lost} of {kind} {key} are missing by their numbers: they were lost before they were written"
     if report.orphans:

@@ -1,4 +1,4 @@
-"""`mkctl take-off`, `goto`, `hold`, `velocity`, `attitude`, `stick`, `land`, `abort`, `stop`: one flight each."""
+"""`mkctl take-off`, `goto`, `hold`, `velocity`, `attitude`, `stick`, `land`, `abort`: one flight each."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ from mkdaemon.errors import ConfigError
 
 LONGEST_STAY: Final = 255
 """How long the NaviCtrl stays at a place at home [s]; its points take no more."""
+STAY: Final = 10.0
+"""How long the aircraft holds a place unless told otherwise [s]."""
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
@@ -40,37 +42,45 @@ async def goto(
     *,
     yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
     frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Where x, y and z count from.")] = "pad",
-    seconds: Seconds = 10.0,
+    seconds: Annotated[
+        float | None, Parameter(name=["--seconds", "-s"], help="How long it holds there; 10 s, at home 255 s.")
+    ] = None,
     within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
     force: Force = False,
-    confirm: Annotated[bool, Parameter(negative=(), help="With frame home: see `mkctl navi goto --help`.")] = False,
+    patience: Annotated[float, Parameter(help="At home: longest time for the switch and the way [s].")] = PATIENCE,
+    confirm: Annotated[bool, Parameter(negative=(), help="At home: I know that it flies there by itself.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
 
     In frame `pad`: x to the right of its print, y to its top, z up. In frame `body`: forward, left and up from where
     the aircraft is; yaw from its heading. Ctrl-C releases at once. The pilot must have handed over: docs/flying.md.
-    In frame `home`: east, north and up of home, flown by the NaviCtrl when the pilot turns the GPS switch to coming
-    home: `mkctl navi goto`; takes --yaw (from east) and --confirm.
+
+    In frame `home`: east, north and up of home, and yaw from east, flown by the NaviCtrl with GPS, which is good for 2
+    to 3 m. In flight, GPS switch at free or hold: the daemon stores the place and reads it back, then the pilot turns
+    the switch to coming home, so it takes --confirm. The height is flown only with height control, else by the pilot's
+    throttle. Ctrl-C ends the waiting, not the flight: the switch does.
 
     Example: mkctl goto 0 0.5 2 --within 0.1
 
     Args:
-        x: Metres from the middle of the target.
-        y: Metres from the middle of the target.
-        z: Metres above the target.
+        x: Metres from the middle of the target, or east of home.
+        y: Metres from the middle of the target, or north of home.
+        z: Metres above the target, or above the start.
 
     Raises:
-        ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        ConfigError: a number cannot be, or `--confirm` is missing.
+        MkError: the daemon refused, did not engage, or let go on the way; at home the place was not reached.
     """
     require_finite(x=x, y=y, z=z, yaw=yaw)
     require_length(seconds, "--seconds")
     require_length(within, "--within")
     if frame == "home":
         compass = None if yaw is None else round(90.0 - yaw - 1.0) % 360 + 1
-        await fly_to((x, y, z), compass, LONGEST_STAY, confirm=confirm, patience=PATIENCE, connection=connection)
+        stay = LONGEST_STAY if seconds is None else min(round(seconds), LONGEST_STAY)
+        await fly_to((x, y, z), compass, stay, confirm=confirm, patience=patience, connection=connection)
         return 0
+    seconds = STAY if seconds is None else seconds
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     goal = (x, y, z) if frame == "pad" else None
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
@@ -231,9 +241,10 @@ async def attitude(
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
     """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
 
-    Its holder keeps the lease; the aircraft is released when he stops to stream, and flies on with the next call of
-    his program, which ends the abort. A landing below 13 cm goes on; a take-off that has not left the ground is
-    released. `mkctl release` lets go at once.
+    The holder keeps the lease, and the next call of its program ends the abort and flies on. The aircraft is released
+    when the holder stops streaming. A landing below 13 cm goes on; a take-off that has not left the ground is released.
+
+    To give the aircraft back to the pilot at once, use `mkctl release`. Neither stops motors: `mkctl release --help`.
 
     Example: mkctl abort
 
@@ -246,23 +257,6 @@ async def abort(reason: str = "asked for by mkctl", *, connection: Connection = 
     async with connection.open() as uav:
         await uav.abort(reason)
     print_end({"aborted": True}, "aborted: the aircraft holds, or is level", connection)
-
-
-async def stop(
-    *,
-    in_flight: Annotated[bool, Parameter(negative=(), help="I know that an aircraft in the air falls.")] = False,
-    connection: Connection = HERE,
-) -> None:
-    """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
-
-    Example: mkctl stop
-
-    Raises:
-        MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
-    """
-    async with connection.open() as uav:
-        await uav.stop(in_flight=in_flight)
-    print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
 
 
 FULL = 127

@@ -1,4 +1,4 @@
-"""`mkctl mixer`: how throttle and sticks drive each motor."""
+"""`mkctl board mixer`: how throttle and sticks drive each motor."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.protocol.messages import WriteMixer
-from mkdaemon.reading import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.telemetry.settings import MixerTable
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
@@ -32,7 +32,7 @@ async def read(
 ) -> None:
     """Show or save the mixer.
 
-    Example: mkctl mixer read quadro.toml
+    Example: mkctl board mixer read quadro.toml
 
     Raises:
         ConfigError: the file is there already.
@@ -61,7 +61,7 @@ async def write(
 ) -> None:
     """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too.
 
-    Example: mkctl mixer write quadro.toml --confirm
+    Example: mkctl board mixer write quadro.toml --confirm
 
     Raises:
         ConfigError: the file is no mixer, or it was not confirmed.
@@ -96,12 +96,12 @@ def from_toml(file: Path) -> WriteMixer:
         msg = f"{file}: cannot be read ({error.strerror}); check the name"
         raise ConfigError(msg) from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"{file}: no TOML: {error}; `mkctl mixer read FILE` writes one"
+        msg = f"{file}: no TOML: {error}; `mkctl board mixer read FILE` writes one"
         raise ConfigError(msg) from error
     motors = [0] * (4 * ROWS)
     rows = content.get("motors")
     if not isinstance(rows, dict) or not rows:
-        msg = f"{file}: no table [motors]; `mkctl mixer read FILE` writes one"
+        msg = f"{file}: no table [motors]; `mkctl board mixer read FILE` writes one"
         raise ConfigError(msg)
     for number, row in rows.items():
         if not number.isdecimal() or not 1 <= int(number) <= ROWS:

@@ -1,4 +1,4 @@
-"""`mkctl motor-controllers`: configuration of the motor controllers, through the FlightCtrl."""
+"""`mkctl board motor-controllers`: configuration of the motor controllers, through the FlightCtrl."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Byte = validators.Number(gte=0, lte=255)
 async def read(motor: Motor, /, *, connection: Connection = HERE) -> None:
     """Show a motor controller's configuration.
 
-    Example: mkctl motor-controllers read 1
+    Example: mkctl board motor-controllers read 1
     """
     async with connection.open() as uav:
         [found] = (await uav.motor_controllers.read([motor])).controllers
@@ -50,7 +50,7 @@ async def write(
 ) -> None:
     """Change some items of a motor controller, read them back and compare. All others stay as they are.
 
-    Example: mkctl motor-controllers write 1 --current-limit 20 --confirm --save
+    Example: mkctl board motor-controllers write 1 --current-limit 20 --confirm --save
 
     Raises:
         ConfigError: nothing to change, or it was not confirmed.

@@ -1,4 +1,4 @@
-"""`mkctl motors test`: turn motors on the ground, propellers off."""
+"""`mkctl board motors`: turn motors on the ground, propellers off; stop them where the firmware can be asked."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from cyclopts import App, Parameter, validators
 
 from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.flightshow import print_end
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
 from mkdaemon.protocol.wire import Board
+from mkdaemon.reading import fresh_for
 from mkdaemon.telemetry.refusals import Token, refuse
 
-app = App(name="motors", help="Motor test. Take the propellers off first.")
+app = App(name="motors", help="Motor test, propellers off; and the stop that a public fork of the FlightCtrl takes.")
 
 PERIOD: Final = 0.1
 """Between two frames [s]; each turns the motors for 0.5 s. Source: docs/firmware-notes, "Side effects"."""
@@ -50,14 +52,14 @@ async def test(
 
     Values sent while motors run would take effect right after they stop, so it is refused then.
 
-    Example: mkctl motors test 1 2 --setpoint 25 --seconds 3
+    Example: mkctl board motors test 1 2 --setpoint 25 --seconds 3
 
     Raises:
         ConfigError: no motor was named, or the question about propellers was not answered with yes.
         MkError: motors run, or the daemon refused it.
     """
     if not motors:
-        msg = "name the motors to turn, for example `mkctl motors test 1 2`"
+        msg = "name the motors to turn, for example `mkctl board motors test 1 2`"
         raise ConfigError(msg)
     if not propellers_off:
         _confirm(setpoint)
@@ -70,6 +72,24 @@ async def test(
             # Also after a refusal and after Ctrl-C: without zeros the motors stop 0.5 s after the last frame.
             await _stop(client)
     print("motors stopped")
+
+
+@app.command
+async def stop(
+    *,
+    in_flight: Annotated[bool, Parameter(negative=(), help="I know that an aircraft in the air falls.")] = False,
+    connection: Connection = HERE,
+) -> None:
+    """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
+
+    Example: mkctl board motors stop
+
+    Raises:
+        MkError: refused: an aircraft that flies, stock firmware, or `commands.fork_arming` is not set.
+    """
+    async with connection.open() as uav:
+        await uav.stop(in_flight=in_flight)
+    print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
 
 
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
@@ -110,14 +130,10 @@ def _confirm(setpoint: int) -> None:
         raise ConfigError(msg)
 
 
-FRESH: Final = 3.0
-"""Oldest flight state that counts [s]; the NaviCtrl tells it several times a second."""
-
-
 async def motors_running(client: Vehicle) -> bool | None:
-    """Whether motors run, by the last flight state; None where nobody has told lately."""
+    """Whether motors run, by the last flight state; None while it is not fresh."""
     flight = await client.state.flight.latest()
-    return None if flight is None or flight.age >= FRESH else flight.value.motors_running
+    return None if flight is None or flight.age > (fresh_for("state/flight") or 0.0) else flight.value.motors_running
 
 
 async def refuse_running(client: Vehicle, why: str) -> None:

@@ -1,4 +1,4 @@
-"""`mkctl navi`: what the NaviCtrl flies by itself, when the pilot turns the GPS switch to coming home."""
+"""What the NaviCtrl flies by itself when the pilot turns the GPS switch to coming home: a place, a list, home."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
@@ -18,8 +18,6 @@ from mkdaemon.missions import read_mission
 if TYPE_CHECKING:
     from mkdaemon.telemetry.navi import ControlNavi
 
-app = App(name="navi", help="The NaviCtrl's own modes: a target, a route, the way home. The pilot's GPS switch flies.")
-
 PATIENCE = 300.0
 """For the pilot to turn the switch, and for the way [s]."""
 Confirm = Annotated[
@@ -28,11 +26,10 @@ Confirm = Annotated[
 Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the way [s].")]
 
 
-@app.command
 async def status(*, connection: Connection = HERE) -> None:
     """Say what the NaviCtrl flies by itself, and what the pilot's hands do.
 
-    Example: mkctl navi status
+    Example: mkctl waypoints status
 
     Raises:
         MkError: no daemon.
@@ -45,40 +42,7 @@ async def status(*, connection: Connection = HERE) -> None:
         print_end(_fields(found.value), stage_line(found.value), connection)
 
 
-@app.command
-async def goto(
-    east: float,
-    north: float,
-    up: float,
-    /,
-    *,
-    heading: Annotated[int | None, Parameter(help="Compass heading to turn to [deg]; else it is kept.")] = None,
-    hold: Annotated[int, Parameter(help="How long it stays there [s]; then a NaviCtrl 0.24 flies home.")] = 255,
-    confirm: Confirm = False,
-    patience: Patience = PATIENCE,
-    connection: Connection = HERE,
-) -> None:
-    """Fly to a place at home by the NaviCtrl; exit code 0 when it is reached.
-
-    In flight, GPS switch at free or hold. The daemon stores the place and reads it back; then the pilot turns the
-    switch to coming home. GPS is good for 2 to 3 m. Ctrl-C ends the waiting, not the flight: the switch does.
-
-    Example: mkctl navi goto 20 -5 10 --hold 30 --confirm
-
-    Args:
-        east: Metres east of home.
-        north: Metres north of home.
-        up: Metres above the start; flown only with height control, else by the pilot's throttle.
-
-    Raises:
-        ConfigError: a number cannot be, or `--confirm` is missing.
-        MkError: the daemon refused, or the place was not reached; says why and where it stood.
-    """
-    await fly_to((east, north, up), heading, hold, confirm=confirm, patience=patience, connection=connection)
-
-
-@app.command
-async def route(
+async def fly(
     file: Annotated[Path | None, Parameter(help="Mission to upload first; else the NaviCtrl's list.")] = None,
     /,
     *,
@@ -92,7 +56,7 @@ async def route(
 
     In flight, GPS switch at free or hold; then the pilot turns it to coming home.
 
-    Example: mkctl navi route survey.plan --confirm
+    Example: mkctl waypoints fly survey.plan --confirm
 
     Raises:
         ConfigError: the file or a number cannot be, or `--confirm` is missing.
@@ -104,17 +68,16 @@ async def route(
     )
     async with connection.open() as uav:
         source = "" if file is None else str(file)
-        end = await uav.navi.route(mission, source=source, patience=patience, on_stage=Shown().show)
+        end = await uav.navi.route(mission, source=source, patience=patience, on_stage=StagePrinter().show)
     print_end(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}", connection)
 
 
-@app.command
 async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, connection: Connection = HERE) -> None:
     """Empty the NaviCtrl's list and follow the way home; exit code 0 when it is there.
 
     The pilot turns the GPS switch to coming home; where it stands there already the aircraft flies home at once.
 
-    Example: mkctl navi home --confirm
+    Example: mkctl waypoints home --confirm
 
     Raises:
         ConfigError: a number cannot be, or `--confirm` is missing.
@@ -122,7 +85,7 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     """
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
-        end = await uav.navi.home(patience=patience, on_stage=Shown().show)
+        end = await uav.navi.home(patience=patience, on_stage=StagePrinter().show)
     print_end(_fields(end), f"home; the pilot {end.hands}", connection)
 
 
@@ -135,7 +98,7 @@ async def fly_to(
     patience: float,
     connection: Connection,
 ) -> None:
-    """Fly to a place at home; see `goto`.
+    """Fly to a place at home; see `mkctl goto`.
 
     Raises:
         ConfigError: a number cannot be, or `--confirm` is missing.
@@ -146,12 +109,12 @@ async def fly_to(
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi.goto(
-            east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=Shown().show
+            east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=StagePrinter().show
         )
     print_end(_fields(end), f"reached; the pilot {end.hands}", connection)
 
 
-class Shown:
+class StagePrinter:
     """Prints every stage once, on standard error."""
 
     def __init__(self) -> None:

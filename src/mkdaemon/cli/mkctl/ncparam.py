@@ -1,4 +1,4 @@
-"""`mkctl nc-param`: parameters of the NaviCtrl."""
+"""`mkctl board parameters`: parameters of the NaviCtrl."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from mkdaemon.protocol.flags import NaviParameterId
 from mkdaemon.protocol.messages import NaviParameter, NaviParameterRequest, WriteNaviParameter
 from mkdaemon.protocol.wire import Board, WireMessage
 
-app = App(name="nc-param", help="Parameters of the NaviCtrl (0.24 and later). Setting one acts at once, in flight too.")
+app = App(
+    name="parameters", help="Parameters of the NaviCtrl (0.24 and later). Setting one acts at once, in flight too."
+)
 
 VALUE: Final = WriteNaviParameter.spec.wire("value")
 UNITS: Final = {
@@ -33,7 +35,7 @@ Name = Annotated[str, Parameter(help=f"One of {_WORDS}. Units: {_UNITS}.")]
 async def get(name: Name, /, *, connection: Connection = HERE) -> None:
     """Show a parameter. One that was never set answers garbage: the NaviCtrl does not say so.
 
-    Example: mkctl nc-param get heading_setpoint
+    Example: mkctl board parameters get heading_setpoint
     """
     answer = await _ask(connection, NaviParameterRequest(id=_read(name)))
     _show(connection, answer)
@@ -56,7 +58,7 @@ async def set_value(
 ) -> None:
     """Set a parameter and compare the answer.
 
-    Example: mkctl nc-param set heading_setpoint 50
+    Example: mkctl board parameters set heading_setpoint 50
 
     Raises:
         MkError: the NaviCtrl did not answer, or answers another value.

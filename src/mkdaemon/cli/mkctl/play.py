@@ -1,4 +1,4 @@
-"""`mkctl play`: a recording on the bus again, for viewers and scripts."""
+"""`mkctl log play`: a recording on the bus again, for viewers and scripts."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ async def play(
     command is refused. Setpoints and requests are never played, nor under the name of a live daemon. Exit code 1 when
     not all was put. Keys: space pauses, n plays one value, + and - change the speed, the arrows go 5 s, q ends.
 
-    Example: mkctl play flight.mcap --from 60 --speed 4
+    Example: mkctl log play flight.mcap --from 60 --speed 4
 
     Args:
         file: The recording.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Annotated, Final
 
+from cyclopts import Parameter
 from rich.table import Table
 
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.gains import show_gains
 from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 
 _PREVENTS: Final = {Blocks.LEASE: "NO LEASE", Blocks.AUTONOMY: "NO AUTONOMY", Blocks.NOTHING: "advice"}
@@ -17,7 +19,11 @@ _PREVENTS: Final = {Blocks.LEASE: "NO LEASE", Blocks.AUTONOMY: "NO AUTONOMY", Bl
 _FIRST: Final = (CheckState.STANDS, CheckState.UNKNOWN, CheckState.PASSED)
 
 
-async def preflight(*, connection: Connection = HERE) -> int:
+async def preflight(
+    *,
+    gains: Annotated[bool, Parameter(negative=(), help="Show model, gains and margins of the loop instead.")] = False,
+    connection: Connection = HERE,
+) -> int:
     """Make every check before a flight, and show what to do.
 
     The daemon makes the same checks when somebody takes the lease and when a flight against a target is to begin, and
@@ -29,6 +35,9 @@ async def preflight(*, connection: Connection = HERE) -> int:
     Raises:
         MkError: no daemon.
     """
+    if gains:
+        await show_gains(connection)
+        return EXIT_OK
     async with connection.open() as uav:
         report = await uav.preflight()
     if connection.json:

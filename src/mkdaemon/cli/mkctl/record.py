@@ -1,4 +1,4 @@
-"""`mkctl record`: a recording on the ground, of everything that vehicles put on the bus."""
+"""`mkctl log record`: a recording on the ground, of everything that vehicles put on the bus."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ async def record(
 
     Exit code 0 only if everything that was seen is in the file. Loss on the way is counted by the daemon's own counts.
 
-    Example: mkctl record --folder recordings --seconds 600
+    Example: mkctl log record --folder recordings --seconds 600
 
     Args:
         folder: Where files go; by default `ground/recordings` in the user's state folder.

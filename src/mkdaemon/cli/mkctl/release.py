@@ -14,17 +14,20 @@ from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
-    from mkdaemon.telemetry.control import ReleaseOutcome, ReleaseReport
+    from mkdaemon.telemetry.control import ReleaseReport
 
 BUS_TIME: Final = 1.0
 """The bus has this long before the Unix socket is asked too [s]: a release asked for twice is one release."""
 
 
 async def release(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> int:
-    """Let go of the aircraft, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
+    """Give the aircraft back to the pilot, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
 
-    This does not stop motors. Where the bus is too busy and the daemon runs on this machine, it is asked over its Unix
-    socket. Exit code 0 when it was confirmed or cannot be, 1 otherwise.
+    The lease ends. If the bus is too busy and the daemon runs on this machine, it is asked over its Unix socket.
+    Exit code 0 when it was confirmed or cannot be, 1 otherwise.
+
+    To stop only the manoeuvre, use `mkctl abort`: the aircraft holds, and the lease stays. Neither stops motors: the
+    pilot's sticks do, or on a public fork of the FlightCtrl `mkctl board motors stop`.
 
     Example: mkctl release
 
@@ -32,7 +35,7 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
         reason: Published with the event.
     """
     done = await release_somehow(connection, reason)
-    print(json_line(dict(done)) if connection.json else words_of_release(done.status))
+    print(json_line(dict(done)) if connection.json else done.status.words)
     return 0 if done.is_done else EXIT_FAILURE
 
 
@@ -73,18 +76,3 @@ def _is_refusal(error: BaseException | None) -> bool:
 async def _release_over_bus(connection: Connection, reason: str) -> ReleaseReport:
     async with connection.open() as client:
         return await client.release(reason)
-
-
-def words_of_release(outcome: ReleaseOutcome) -> str:
-    """How a release ended."""
-    from mkdaemon.telemetry.control import ReleaseOutcome
-
-    match outcome:
-        case ReleaseOutcome.CONFIRMED:
-            return "released, and the FlightCtrl confirmed it"
-        case ReleaseOutcome.NOT_OBSERVABLE:
-            return "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)"
-        case ReleaseOutcome.UNCONFIRMED:
-            return "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)"
-        case ReleaseOutcome.NOT_SENT:
-            return "NOT sent, the line is down; it is the first thing sent when the line is back"

@@ -1,4 +1,4 @@
-"""`mkctl report`: a flight as one page, out of a recording."""
+"""`mkctl log report`: a flight as one page, out of a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def report(
     The page is one HTML file that needs no network; the browser prints it, or saves it as PDF. A damaged recording is
     reported as far as it can be read, and the page says what is missing.
 
-    Example: mkctl report flight.mcap
+    Example: mkctl log report flight.mcap
 
     Args:
         file: A recording, whole or damaged.

@@ -1,4 +1,4 @@
-"""`mkctl send <request> --field value`: every MikroKopter request, generated from the table of messages."""
+"""`mkctl board send <request> --field value`: every MikroKopter request, generated from the table of messages."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class RequestForm:
     def example(self) -> str:
         """The shortest call that is one."""
         given = (f"--{field.name.replace('_', '-')} {field.example}" for field in self.fields if field.is_required)
-        return " ".join(["mkctl send", self.command, *given, *["--confirm"][: bool(self.danger)]])
+        return " ".join(["mkctl board send", self.command, *given, *["--confirm"][: bool(self.danger)]])
 
     def read(self, given: Mapping[str, str | None]) -> dict[str, Any]:
         """Turn what was typed into the request's fields.

@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.progress import showing_progress
 from mkdaemon.client.settings import ALL_SLOTS
-from mkdaemon.client.settings_files import Source, check_target, read_sets, write_backup
+from mkdaemon.client.settings_files import SetSource, check_target, read_sets, write_backup
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import Spelled, SpelledChange, change_by_name, spell_changes, spell_value
@@ -246,7 +246,7 @@ def _sets(found: tuple[StoredSet, ...]) -> dict[int, ParameterSet]:
     return {one.slot: ParameterSet.from_payload(one.raw) for one in found}
 
 
-def _raw(sets: dict[int, Source]) -> list[StoredSet]:
+def _raw(sets: dict[int, SetSource]) -> list[StoredSet]:
     return [StoredSet(slot=slot, raw=source.parameters.raw) for slot, source in sets.items()]
 
 

@@ -1,4 +1,4 @@
-"""`mkctl rates` and `labels`: streams of the boards, and the names of their debug channels."""
+"""`mkctl board rates` and `labels`: streams of the boards, and the names of their debug channels."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
 
     The line carries 5.5 kB/s; what does not fit is refused with the arithmetic.
 
-    Example: mkctl rates osd 100ms
+    Example: mkctl board rates osd 100ms
 
     Args:
         stream: Key of the message: `osd`, `attitude`, `debug`, `display`, ...
@@ -49,7 +49,7 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
         CommandRejectedError: there is no such stream, or the line cannot carry it.
     """
     if stream is not None and interval is None:
-        msg = f"which interval for {stream}? For example: mkctl rates {stream} 100ms"
+        msg = f"which interval for {stream}? For example: mkctl board rates {stream} 100ms"
         raise ConfigError(msg)
     wanted = None if stream is None else read_interval(interval or "")
     async with connection.open() as uav:
@@ -69,7 +69,7 @@ async def labels(
 ) -> None:
     """Read all 32 labels; the daemon keeps them by firmware, and by their checksum where the board tells one.
 
-    Example: mkctl labels nc
+    Example: mkctl board labels nc
     """
     async with connection.open() as uav:
         names = (await uav.labels(board)).names

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.release import release_somehow, words_of_release
+from mkdaemon.cli.mkctl.release import release_somehow
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 
@@ -54,7 +54,7 @@ async def top(
         return of(vehicle).open()
 
     async def release(vehicle: str) -> str:
-        return words_of_release((await release_somehow(of(vehicle), "asked for in mkctl top")).status)
+        return (await release_somehow(of(vehicle), "asked for in mkctl top")).status.words
 
     async def land(vehicle: str) -> str:
         async with of(vehicle).open() as uav, uav.lease(force=True) as lease:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import math
 import re
+import shutil
 import sys
-from collections.abc import Iterator, Mapping
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
 from cyclopts import Parameter
 
@@ -22,8 +24,10 @@ from mkdaemon.client.patterns import did_you_mean, is_known, model_of
 from mkdaemon.errors import MkError
 
 
-async def get(*patterns: str, connection: Connection = HERE) -> None:
-    """Print the last value of keys, with its age.
+async def get(
+    *patterns: str, lines: Annotated[bool, Parameter(negative=())] = False, connection: Connection = HERE
+) -> None:
+    """Print the last value of keys, with its age: a field a line, with units, angles in degrees.
 
     Exit code 1 when none of the keys has a value yet.
 
@@ -33,6 +37,7 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
         patterns: Keys without `mk/<vehicle>/`; `*` stands for one chunk, `**` for any: `state/attitude`, `rx/nc/osd`,
             `state/*`, `schema/Attitude.v1`. Schemas are printed only where a key begins
             with `schema`. Default: `state/*`.
+        lines: One line a value with all fields, in SI units.
 
     Raises:
         MkError: no value, no daemon, or a pattern is no key expression.
@@ -56,6 +61,8 @@ async def get(*patterns: str, connection: Connection = HERE) -> None:
     for suffix, sample in sorted(found.items()):
         if connection.json:
             print(json_line({"key": suffix, **sample.fields}))
+        elif not lines:
+            print("\n".join(field_lines(suffix, sample.fields)))
         else:
             print(f"{on_one_line(suffix)}  {flat(sample.fields)}  {age_of(sample.fields)}".rstrip())
 
@@ -71,12 +78,12 @@ async def watch(
     seconds: float | None = None,
     count: Annotated[int | None, Parameter(name=["--count", "-n"])] = None,
     hz: float | None = None,
-    table: Annotated[bool, Parameter(negative=())] = False,
+    lines: Annotated[bool, Parameter(negative=())] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Print values as they come, until Ctrl-C.
+    """Print values as they come, until Ctrl-C: columns below a heading for each key, with units, angles in degrees.
 
-    Example: mkctl watch state/attitude --table --hz 2
+    Example: mkctl watch state/attitude --hz 2
 
     Args:
         patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands
@@ -84,7 +91,7 @@ async def watch(
         seconds: End after so many seconds.
         count: End after so many values.
         hz: At most so many values a second of each key, the newest when one is due.
-        table: Columns below a heading for each key, with units, angles in degrees.
+        lines: One line a value with all fields, in SI units.
 
     Raises:
         MkError: a pattern is no key expression.
@@ -104,7 +111,7 @@ async def watch(
                         continue
                     if connection.json:
                         print(json_line({"key": sample.suffix, **sample.fields}), flush=True)
-                    elif table:
+                    elif not lines:
                         print("\n".join(columns.lines(sample.suffix, sample.fields)), flush=True)
                     else:
                         print(f"{on_one_line(sample.suffix)}  {flat(sample.fields)}", flush=True)
@@ -130,14 +137,22 @@ class Pacer:
 
 REPEAT: Final = 20
 """Lines of a key until its heading is shown again."""
+NAMES: Final = 26
+"""Width of the names of fields [characters]."""
 WIDE: Final = 9
 """Least width of a column [characters]."""
 
 
 class Columns:
-    """Values of every key in columns of its own."""
+    """Values of every key in columns of its own, folded to the width of the terminal."""
 
-    def __init__(self) -> None:
+    def __init__(self, width: int | None = None) -> None:
+        """Begin without a heading.
+
+        Args:
+            width: columns of the screen; those of the terminal by default, 80 without one.
+        """
+        self._width = width or shutil.get_terminal_size((80, 24)).columns
         self._last = ""
         self._shown = 0
 
@@ -146,14 +161,34 @@ class Columns:
 
         Args:
             key: of the value.
-            fields: of it; times, quaternions, maps and longer lists have no column.
+            fields: of it; times and quaternions have no column, longer lists only their number.
         """
-        cells = list(_cells(fields, _units(key)))
-        row = "  ".join(text.rjust(max(WIDE, len(name))) for name, text in cells)
-        has_heading = key != self._last or self._shown >= REPEAT
-        self._last, self._shown = key, 1 if has_heading else self._shown + 1
-        heading = [key, "  ".join(name.rjust(WIDE) for name, _ in cells)] if has_heading else []
-        return [on_one_line(line) for line in (*heading, row)]
+        groups = list(self._folded((cell.heading, cell.text) for cell in _cells(fields, _units(key))))
+        has_heading = key != self._last or self._shown >= REPEAT or len(groups) > 1
+        is_new = key != self._last or self._shown >= REPEAT
+        self._last, self._shown = key, 1 if is_new else self._shown + 1
+        lines = [key] if is_new else []
+        for group in groups:
+            widths = [max(WIDE, len(name), len(text)) for name, text in group]
+            if has_heading:
+                lines.append("  ".join(name.rjust(wide) for (name, _), wide in zip(group, widths, strict=True)))
+            lines.append("  ".join(text.rjust(wide) for (_, text), wide in zip(group, widths, strict=True)))
+        return [on_one_line(line) for line in lines]
+
+    def _folded(self, cells: Iterable[tuple[str, str]]) -> Iterator[list[tuple[str, str]]]:
+        """Cells in groups that fit the screen; one that is longer stands alone and is cut."""
+        group: list[tuple[str, str]] = []
+        used = 0
+        for name, text in cells:
+            shown = text if len(text) <= self._width else f"{text[: self._width - 3]}..."
+            wide = max(WIDE, len(name), len(shown))
+            if group and used + 2 + wide > self._width:
+                yield group
+                group, used = [], 0
+            used += wide + (2 if group else 0)
+            group.append((name, shown))
+        if group:
+            yield group
 
 
 _UNIT: Final = re.compile(r"\[([^\],;]+)[^\]]*\]")
@@ -173,19 +208,62 @@ def _units(key: str) -> Mapping[str, str]:
     return {name: found[1] for name, meaning in meanings.items() if (found := _UNIT.search(meaning)) is not None}
 
 
-def _cells(fields: Mapping[str, Any], units: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Heading and text of every column."""
+def field_lines(key: str, fields: Mapping[str, Any], width: int | None = None) -> list[str]:
+    """The lines of a value, a field a line; what is long goes on below.
+
+    Args:
+        key: of the value.
+        fields: of it; times and quaternions are left out, longer lists are counted.
+        width: columns of the screen; those of the terminal by default, 80 without one.
+    """
+    room = (width or shutil.get_terminal_size((80, 24)).columns) - NAMES - 3
+    lines = [f"{key}  {age_of(fields)}".rstrip()]
+    for cell in _cells(fields, _units(key)):
+        text = on_one_line(f"{cell.text} {cell.unit}".rstrip())
+        first, *more = textwrap.wrap(text, max(room, WIDE)) or [""]
+        lines.append(f"  {on_one_line(cell.name):{NAMES}} {first}".rstrip())
+        lines += [f"  {'':{NAMES}} {part}" for part in more]
+    return [on_one_line(line) for line in lines]
+
+
+class Cell(NamedTuple):
+    """One field, or one part of it.
+
+    Attributes:
+        name: of the field and the axis.
+        unit: empty where it has none.
+        text: its value.
+    """
+
+    name: str
+    unit: str
+    text: str
+
+    @property
+    def heading(self) -> str:
+        """Name and unit."""
+        return f"{self.name} {self.unit}".rstrip()
+
+
+def _cells(fields: Mapping[str, Any], units: Mapping[str, str]) -> Iterator[Cell]:
+    """Name, unit and text of every field that is shown."""
     for name, value in fields.items():
         is_vector = isinstance(value, list | tuple)
         parts = value if is_vector else [value]
-        if name in _NO_COLUMN or len(parts) > len(_AXES):
+        if name in _NO_COLUMN:
+            continue
+        if isinstance(value, Mapping):
+            yield from _cells(value, {})
+            continue
+        if len(parts) > len(_AXES) or any(isinstance(part, Mapping | list | tuple) for part in parts):
+            yield Cell(name, "", f"{len(parts)} values")
             continue
         unit = units.get(name, "")
         for axis, part in zip(_AXES if is_vector else ("",), parts, strict=False):
-            heading = " ".join(filter(None, (name, axis, _IN_DEGREES.get(unit, unit))))
+            of, shown = f"{name} {axis}".rstrip(), _IN_DEGREES.get(unit, unit)
             if isinstance(part, bool) or part is None:
-                yield heading, _WORDS[part]
+                yield Cell(of, shown, _WORDS[part])
             elif isinstance(part, int | float):
-                yield heading, f"{math.degrees(part):.1f}" if unit in _IN_DEGREES else f"{part:.7g}"
+                yield Cell(of, shown, f"{math.degrees(part):.1f}" if unit in _IN_DEGREES else f"{part:.7g}")
             elif isinstance(part, str):
-                yield heading, part
+                yield Cell(of, shown, part)

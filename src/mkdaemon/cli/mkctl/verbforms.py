@@ -1,4 +1,4 @@
-"""`mkctl do <verb> --field value`, and the groups that need no more: commands made from the table of verbs."""
+"""`mkctl do <verb> --field value`, and commands that need no more: made from the table of verbs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ app = App(
     name="do",
     help="Ask the daemon for any verb of docs/keys.md and print its answer. Values are words, or JSON: `3`, `[1, 2]`.",
 )
-route = App(name="route", help="The NaviCtrl's list in flight. The pilot's GPS switch flies it, and pauses it.")
 
 
 async def ask(verb: Verb, given: dict[str, str | bool | None], connection: Connection) -> None:
@@ -112,7 +111,8 @@ def _parameter(name: str, field: FieldInfo, meaning: str) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
+_BY_NAME: Final = {verb.name: verb for verb in VERBS}
 for _verb in VERBS:
     app.command(_command(_verb, app.name[0], _verb.name), name=_verb.name.replace("_", "-"))
-    if _verb.service == route.name[0]:
-        route.command(_command(_verb, route.name[0], _verb.method), name=_verb.method)
+route_start: Final = _command(_BY_NAME["route_start"], "waypoints", "start")
+route_end: Final = _command(_BY_NAME["route_end"], "waypoints", "end")

@@ -17,8 +17,12 @@ from mkdaemon.telemetry.mission import Mission
 
 app = App(
     name="waypoints",
-    help="Missions: GPX, KML, KMZ, .plan, CSV, .wpl and .waypoints, told apart by the file's suffix.",
+    help="Missions of the NaviCtrl: files (GPX, KML, KMZ, .plan, CSV, .wpl, .waypoints), its list, and flying it.",
 )
+for _name in ("fly", "home", "status"):
+    app.command(f"mkdaemon.cli.mkctl.navi:{_name}", name=_name)
+for _name in ("start", "end"):
+    app.command(f"mkdaemon.cli.mkctl.verbforms:route_{_name}", name=_name)
 
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
 Elevation = Annotated[float | None, Parameter(help="Elevation of the starting place, for heights above sea level [m].")]

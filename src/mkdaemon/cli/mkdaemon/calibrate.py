@@ -37,7 +37,9 @@ from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.sources import list_pictures, source_of
 from mkdaemon.vision.tags.tagmap import load
 
-app = App(name="calibrate", help="Calibration: what a camera's pixels mean, and how it sits on the vehicle.")
+app = App(name="calibrate", help="Prints to look at, what a camera's pixels mean, how it sits on the vehicle.")
+app.command("mkdaemon.cli.mkdaemon.printtarget:print_target", name="print")
+app.command("mkdaemon.cli.mkdaemon.checkprint:check_print", name="check-print")
 
 GUIDE_EVERY: Final = 1.5
 PATIENCE_TIME: Final = 10.0
@@ -60,7 +62,7 @@ def camera(
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Camera file to write.")] = Path("camera.toml"),
     board: Annotated[
-        str, Parameter(help="`charuco:COLUMNSxROWS:SQUARE` [m] as `mkdaemon target` prints it, or `target:FILE.toml`.")
+        str, Parameter(help="`charuco:COLUMNSxROWS:SQUARE` [m] as `calibrate print` makes it, or `target:FILE.toml`.")
     ] = "charuco:9x6:0.03",
     source: Annotated[str | None, Parameter(help="Live: /dev/video0, rtsp://..., zenoh:KEY, file:CLIP.")] = None,
     width: Annotated[int | None, Parameter(help="Live: wanted width [px].")] = None,
@@ -85,8 +87,8 @@ def camera(
 ) -> None:
     """Calibrate a camera and write its camera file.
 
-    Glue a board (`mkdaemon target board.pdf --charuco 9x6 --square 0.03`) to something flat, take 15 to 30 sharp
-    pictures: in every part, near and far, tilted to every side by 30 deg. Live, the guidance says what is missing.
+    Glue a board (`mkdaemon calibrate print board.pdf --charuco 9x6 --square 0.03`) to something flat, take 15 to 30
+    sharp pictures: in every part, near and far, tilted to every side by 30 deg. Live, it says what is missing.
 
     Example: mkdaemon calibrate camera 'photos/*.jpg' --output camera.toml
 

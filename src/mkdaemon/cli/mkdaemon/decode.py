@@ -13,9 +13,9 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from mkdaemon.errors import MkError
+from mkdaemon.foreignfiles import LONGEST_CAPTURE, open_regular
 from mkdaemon.protocol import Chunk, Decoded, Dropped, Unknown, decode_chunks, read_chunks
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.reading import LONGEST_CAPTURE, open_regular
 
 
 @dataclass(slots=True)

@@ -48,7 +48,9 @@ def documented_files() -> tuple[DocumentedFile, ...]:
     return (
         DocumentedFile("The aircraft's file", file_with("sim") or DaemonSections),
         DocumentedFile(
-            "A target file", TargetFile, "Named by `cameras.targets`; `mkdaemon target` prints it and writes one."
+            "A target file",
+            TargetFile,
+            "Named by `cameras.targets`; `mkdaemon calibrate print` prints it and writes one.",
         ),
         DocumentedFile(
             "A mapping file of a gamepad",

@@ -53,7 +53,7 @@ def replay(
             print(f"{rule.key:18} {rule.field:24} {rule.tolerance}: {rule.why}")
         return EXIT_OK
     if not verify:
-        msg = "say what for: --verify compares with the recording; `mkctl play FILE` shows it to clients"
+        msg = "say what for: --verify compares with the recording; `mkctl log play FILE` shows it to clients"
         raise ConfigError(msg)
     _be_quiet()
     report = verify_recording(files, None if config is None else load(config, {}))

@@ -61,7 +61,7 @@ def row_of(value: Value) -> Row:
     """The cells of a value, by the name of their column."""
     row: Row = dict(zip(TIMES, (float(value.wall), float(value.monotonic)), strict=True))
     for name, part in flat({name: part for name, part in value.fields.items() if name != "stamp"}).items():
-        unit = unit_of(value.schema, name.partition(".")[0])
+        unit = unit_of(value.schema, name)
         row[f"{name} [{unit}]" if unit else name] = part
     return row
 

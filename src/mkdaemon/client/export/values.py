@@ -24,6 +24,7 @@ from mkdaemon.telemetry.base import Stamped
 Row = dict[str, Any]
 """The cells of a value, by the name of their column."""
 _UNIT: Final = re.compile(r"\[([^\]]+)\]")
+_MATRIX: Final = re.compile(r"\((\d+), \1\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +155,27 @@ def _value(entry: Entry) -> Value | None:
     return Value(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
 
 
-def unit_of(schema: str, field: str) -> str:
+def unit_of(schema: str, path: str) -> str:
     """Unit of a field as its model says it, for example `m/s`; empty where it says none.
+
+    A list whose model says several units has one for each place; a matrix `(n, n)` by rows over two kinds of quantity
+    has three: of the first kind, of both, of the second.
 
     Args:
         schema: name and version.
-        field: its first name, without an element's number.
+        path: of the field, with the number of an element: `velocity_enu.0`.
     """
+    field, *parts = path.split(".")
     described = _descriptions(schema).get(field, "")
-    found = _UNIT.search(described or "")
-    return "" if found is None else found.group(1).partition(";")[0]
+    units = [unit.partition(";")[0] for unit in _UNIT.findall(described)]
+    places = [int(part) for part in parts if part.isdigit()]
+    if len(set(units)) < 2 or not places:
+        return units[0] if units else ""
+    place, side = places[-1], _MATRIX.search(described)
+    if side is not None:
+        half = int(side.group(1)) // 2
+        place = sum(number >= half for number in divmod(place, 2 * half))
+    return units[place] if place < len(units) else ""
 
 
 @cache
@@ -182,7 +194,9 @@ def flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in fields.items():
         path = f"{prefix}{name}"
-        if isinstance(value, dict):
+        if isinstance(value, dict | list) and not value:
+            found[path] = None  # so that a table has the column of what was always empty
+        elif isinstance(value, dict):
             found |= flat(value, f"{path}.")
         elif isinstance(value, list):
             found |= flat(dict(enumerate(value)), f"{path}.")  # type: ignore[arg-type]

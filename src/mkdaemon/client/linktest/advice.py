@@ -132,7 +132,7 @@ def _gap(load: _Load, *, is_radio: bool) -> Iterator[str]:
 def _rate(calmest: _Load, fullest: _Load) -> Iterator[str]:
     share = fullest.run.line_share
     if share is not None and share > CROWDED:
-        yield f"Rate: the line is {100 * share:.0f} % full; ask for slower streams (`mkctl rates`)."
+        yield f"Rate: the line is {100 * share:.0f} % full; ask for slower streams (`mkctl board rates`)."
         return
     if calmest is fullest or calmest.echo.p95_ms is None or fullest.echo.p95_ms is None:
         return
@@ -140,7 +140,7 @@ def _rate(calmest: _Load, fullest: _Load) -> Iterator[str]:
     if more_lost or fullest.echo.p95_ms > 2 * calmest.echo.p95_ms + 20.0:
         yield (
             f"Rate: full load costs {fullest.echo.loss_percent - calmest.echo.loss_percent:+.1f} % of loss and "
-            f"{fullest.echo.p95_ms - calmest.echo.p95_ms:+.0f} ms (95 of 100): fewer or slower streams (`mkctl rates`)."
+            f"{fullest.echo.p95_ms - calmest.echo.p95_ms:+.0f} ms (95 of 100): slower streams: `mkctl board rates`."
         )
 
 

@@ -181,8 +181,8 @@ async def _require_still(uav: Vehicle, plan: LinkTestPlan) -> None:
         raise MkError("motors run: the line is measured on the ground only, motors off")
     if known.value.motors_running is None and not plan.motors_off:
         raise MkError(
-            "nothing says whether motors run: ask for a stream that does (`mkctl rates osd 500ms`; debug where there "
-            "is no NaviCtrl), or look yourself and say --motors-off"
+            "nothing says whether motors run: ask for a stream that does (`mkctl board rates osd 500ms`; debug where "
+            "there is no NaviCtrl), or look yourself and say --motors-off"
         )
 
 

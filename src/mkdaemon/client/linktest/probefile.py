@@ -13,7 +13,7 @@ from typing import Final
 from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import Probe, ProbeKind
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_number, read_text
+from mkdaemon.foreignfiles import parse_number, read_text
 
 HEADER: Final = ("label", "load", "control_hz", "kind", "sent_s", "round_trip_ms")
 """Columns; `round_trip_ms` is empty where no answer came in time."""

@@ -1,6 +1,6 @@
 """Rows about requests to the boards and about procedures, and what both keep away from whoever flies.
 
-Source of the rules: docs/safety.md, "The last function before the wire".
+Source of the rules: docs/safety.md, "The output limiter".
 """
 
 from __future__ import annotations

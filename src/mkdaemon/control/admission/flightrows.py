@@ -18,6 +18,7 @@ from mkdaemon.control.estimator.model import Gap
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.preflight import LEAST_DISK
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import GpsMode
 
@@ -31,8 +32,6 @@ HIGHEST_EMERGENCY: Final = 0.95
 """An emergency throttle above this does not sink [share of the hover throttle]."""
 LOWEST_EMERGENCY: Final = 0.7
 """With one below this the aircraft falls: half of its weight is carried [share of the hover throttle]."""
-LEAST_DISK: Final = 200e6
-"""Free space with which a flight may begin [bytes]: an hour of the recorder's small streams."""
 
 _LEASE: Final = (Concern.LEASE,)
 _NOT_LANDING: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.LAND)
@@ -299,7 +298,7 @@ def _holder(now: Situation, wanted: TakeLease) -> Verdict:
     return stands(refuse(Token.LEASE_HELD, holder=now.holder, left=now.lease_left))
 
 
-@LEASE_ROWS.row("release under way", _LEASE, "a release is under way and nobody holds the lease", Token.BUSY)
+@LEASE_ROWS.row("release under way", _LEASE, "a release is under way and no client holds the lease", Token.BUSY)
 def _released(now: Situation, wanted: object) -> Verdict:
     is_releasing = not now.holder and now.phase is Phase.RELEASING
     return when(refuse(Token.BUSY, detail="a release is under way") if is_releasing else None)

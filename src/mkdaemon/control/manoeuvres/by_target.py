@@ -2,7 +2,8 @@
 
 Out of sight the aircraft first holds its place by dead reckoning. Then it searches: it rises, so that the camera sees
 more of the ground, and returns over the place where the target was seen last. It does so while the estimate shows it
-inside the fence, and is level at hover throttle otherwise. Then the manoeuvre ends: docs/safety.md, "The ladder".
+inside the fence, and is level at hover throttle otherwise. Then the manoeuvre ends: docs/safety.md,
+"What ends a flight".
 """
 
 from __future__ import annotations

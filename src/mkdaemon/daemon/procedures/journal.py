@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import flush_folder, user_folder, write_whole
+from mkdaemon.foreignfiles import LONGEST_TEXT, read_bytes
 from mkdaemon.protocol.procedures.steps import LiveSet
-from mkdaemon.reading import LONGEST_TEXT, read_bytes
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.refusals import Token, refuse
 

@@ -12,9 +12,9 @@ from mkdaemon.clock import Clock
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.procedures.journal import Journal
 from mkdaemon.files import flush_folder, write_whole
+from mkdaemon.foreignfiles import LONGEST_TEXT, read_bytes
 from mkdaemon.link.procedures import Observer
 from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.reading import LONGEST_TEXT, read_bytes
 from mkdaemon.telemetry.mission import MissionEvent, WaypointsStored
 
 _FILE: Final = "waypoint-list.json"

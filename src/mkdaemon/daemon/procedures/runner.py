@@ -36,7 +36,6 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import CommandResult, Labels, LabelsRequest
 from mkdaemon.telemetry.mission import (
-    RoutePauseRequest,
     RouteStarted,
     WaypointsStored,
     WaypointsUploadRequest,
@@ -87,7 +86,6 @@ class ProcedureRunner:
             **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
             "labels": self._answer_labels,
             "cancel": self._cancel,
-            "route_pause": self._pause_route,
             "settings_recover": self._recover,
         }
 
@@ -170,10 +168,6 @@ class ProcedureRunner:
         return CommandResult(
             status=Status.ACCEPTED, reply={"id": job.id, "verb": job.verb}, reply_type=schema_name(Cancelled)
         )
-
-    async def _pause_route(self, payload: Payload) -> CommandResult:
-        read_command(RoutePauseRequest, payload)
-        raise refuse(Token.PILOTS_SWITCH)
 
     async def _recover(self, payload: Payload) -> CommandResult:
         request = read_command(SettingsRecoverRequest, payload)

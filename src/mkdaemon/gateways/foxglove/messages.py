@@ -20,14 +20,15 @@ from foxglove.messages import (
     TextAnnotation,
 )
 
-from mkdaemon.client.eventlines import line_of
 from mkdaemon.client.pictures import viewable
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names, pose, timestamp
+from mkdaemon.reading import line_of
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.event import FailsafeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.state import Position
+from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose
 
 GREEN: Final = Color(r=0.2, g=0.9, b=0.3, a=1.0)
@@ -35,7 +36,7 @@ CENTRE: Final = 0.5
 """Foxglove counts pixels from the corner of the image, we from the middle of its first pixel [px]."""
 _MODELS: Final = {"pinhole": "plumb_bob", "fisheye": "kannala_brandt"}
 """Our words for distortion models and Foxglove's; both have OpenCV's order of the parameters."""
-_LEVELS: Final = {"ok": LogLevel.Info, "note": LogLevel.Info, "warn": LogLevel.Warning, "bad": LogLevel.Error}
+_LEVELS: Final = {Tone.WARN: LogLevel.Warning, Tone.BAD: LogLevel.Error}
 
 
 def seen_pose(names: Names, value: VisionPose) -> PoseInFrame:
@@ -139,6 +140,6 @@ def log_line(names: Names, value: Stamped) -> Log | None:
     line = line_of(value)
     if line is None:
         return None
-    level = LogLevel.Fatal if isinstance(value, FailsafeEvent) else _LEVELS[line.tone]
+    level = LogLevel.Fatal if isinstance(value, FailsafeEvent) else _LEVELS.get(line.tone, LogLevel.Info)
     text = f"{line.text} {line.fix}" if line.fix else line.text
     return Log(timestamp=timestamp(value.stamp), level=level, message=text, name=names.vehicle)

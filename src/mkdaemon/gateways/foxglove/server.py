@@ -33,7 +33,7 @@ BACK_NS: Final = 5_000_000_000
 OLD_VIEWER: Final = (
     "it does not offer the WebSocket subprotocol foxglove.sdk.v1, the only one spoken here. Viewers that offer "
     "foxglove.websocket.v1 alone are too old (Lichtblick up to 1.21): update it, or open a recording that "
-    "`mkctl export --format foxglove` wrote."
+    "`mkctl log export --format foxglove` wrote."
 )
 _log = structlog.get_logger("gateway.foxglove")
 

@@ -13,14 +13,11 @@ from typing import Any, Final, Protocol
 import foxglove.messages as fg
 from foxglove import Schema
 
-from mkdaemon.bus.codec import schema_name
-from mkdaemon.bus.keys import KEYS, Use
-from mkdaemon.bus.schema import schema_json
+from mkdaemon.client.samples import carried_schemas, viewer_schema, viewer_value
 from mkdaemon.gateways.foxglove import diagnostics, messages
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import Scene
 from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, Frames, Poses
-from mkdaemon.record.view import flatten_schema, json_value
 from mkdaemon.telemetry.base import Stamped
 
 CAMERA: Final = "<camera>"
@@ -108,7 +105,6 @@ TOPICS: Final[tuple[Topic, ...]] = (
 
 SHOWN_OTHERWISE: Final = frozenset({"tf", "vision/<camera>/image"})
 """Keys that are no topic of JSON: /tf and /camera/<camera>/image show them."""
-_SHOWN_USES: Final = frozenset({Use.PUBLISHED, Use.CLIENT, Use.SETPOINT})
 
 
 def json_keys() -> Iterator[tuple[str, str]]:
@@ -117,10 +113,9 @@ def json_keys() -> Iterator[tuple[str, str]]:
     Keys with another open part are left out: frames are found as they come, and what other programs put under names of
     their own (`joy/<pad>`, `sim/camera/<name>`) is not looked for.
     """
-    for spec in KEYS:
-        is_open = "<" in spec.suffix.replace(CAMERA, "")
-        if spec.use in _SHOWN_USES and spec.carries is not None and not is_open and spec.suffix not in SHOWN_OTHERWISE:
-            yield spec.suffix, schema_name(spec.carries)
+    for suffix, schema in carried_schemas():
+        if "<" not in suffix.replace(CAMERA, "") and suffix not in SHOWN_OTHERWISE:
+            yield suffix, schema
 
 
 def json_schema(name: str | None) -> Schema:
@@ -129,10 +124,9 @@ def json_schema(name: str | None) -> Schema:
     Args:
         name: name and version, for example `Attitude.v1`.
     """
-    found = schema_json(name or "")
-    if found is None:
+    data = viewer_schema(name or "")
+    if data is None:
         return Schema(name="mk.unknown", encoding="jsonschema", data=b'{"type": "object"}')
-    data = json.dumps(flatten_schema(json.loads(found))).encode()
     return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
 
 
@@ -147,6 +141,6 @@ def json_message(fields: dict[str, Any]) -> bytes | None:
     """
     shown = {name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields
     try:
-        return _JSON.encode(json_value(shown)).encode()
+        return _JSON.encode(viewer_value(shown)).encode()
     except ValueError:
         return None

@@ -183,7 +183,7 @@ class Actions:
         if self._steering.order is not None:
             self._steering.give_back(By(asked.station, asked.program))
             return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
-        navi = self._picture.get(ControlNavi, math.inf)  # it comes on change
+        navi = self._picture.get(ControlNavi, is_old=True)  # it comes on change
         if navi is None:
             return denied("whether the NaviCtrl holds a list, which the same switch would fly, is not known")
         if navi.waypoints:
@@ -303,9 +303,9 @@ _REFUSED: Final = {
     mavlink.MAV_CMD_DO_CHANGE_SPEED: "a speed is part of a waypoint: upload it with the mission",
     mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: "the NaviCtrl flies its list from the first point",
     mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: "sensors are calibrated by the pilot's sticks, motors off",
-    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: "boards are reset by `mkctl send`, motors off",
+    mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: "boards are reset by `mkctl board send`, motors off",
     mavlink.MAV_CMD_DO_FLIGHTTERMINATION: "the pilot ends a flight: gate shut, throttle down",
-    mavlink.MAV_CMD_DO_MOTOR_TEST: "motors are tested by `mkctl motors test`, propellers off",
+    mavlink.MAV_CMD_DO_MOTOR_TEST: "motors are tested by `mkctl board motors test`, propellers off",
 }
 """Commands that are known and refused, each with what is done instead."""
 

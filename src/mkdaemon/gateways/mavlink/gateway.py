@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,10 +31,10 @@ from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
 from mkdaemon.gateways.mavlink.steering import By, Steering
 from mkdaemon.gateways.mavlink.telemetry import TABLE
 from mkdaemon.gateways.mavlink.texts import Texts, text_of
-from mkdaemon.telemetry.control import CauseKind, ControlStatus
+from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.procedure import ProcedureProgress
-from mkdaemon.telemetry.vehicle import VehicleHealth
+from mkdaemon.telemetry.tone import Tone
 
 TICK: Final = 0.05
 """How often the clock is looked at [s]."""
@@ -41,7 +42,9 @@ BEAT: Final = 1.0
 """Between two heartbeats [s]."""
 _MOST_WORK: Final = 32
 """Answers that are worked on at once; further requests are dropped, and come again."""
-_SILENT: Final = "mkdaemon is silent: nothing is known of the aircraft, and nothing can be asked of it"
+_NUMBER: Final = re.compile(r"[-+.\d]+")
+REPEATED: Final = 10.0
+"""The same verdict, apart from its numbers, is not sent again for this long [s]."""
 _SETTINGS: Final = frozenset({"settings_write", "settings_restore"})
 
 
@@ -97,8 +100,8 @@ class Gateway:
         self._tasks: asyncio.TaskGroup | None = None
         self._beat_at, self._beaten = 0.0, Mode.STABILIZED
         self._hands_words = ""
-        self._causes: frozenset[CauseKind] = frozenset()
-        self._is_daemon_alive = True
+        self._announced: dict[str, float] = {}
+        self._was_wrong = False
 
     async def run(self, on_ready: Callable[[], None]) -> None:
         """Serve until cancelled; the lease is given back then.
@@ -140,9 +143,8 @@ class Gateway:
         self.picture.now = now
         self.picture.take(value, now)
         if isinstance(value, ControlStatus):
-            self.steering.status_arrived(value)
             self._announce_hands(value)
-            self._announce_trouble(value)
+            self._announce_verdict()
         elif isinstance(value, MissionEvent):
             self._missions.event_arrived(value)
         elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
@@ -154,28 +156,25 @@ class Gateway:
             if row.source is kind:
                 self._send(name, now)
 
-    def _announce_daemon(self) -> None:
-        """Say when the daemon falls silent, for HEARTBEAT goes on, and when it answers again."""
-        is_alive = self.picture.get(VehicleHealth) is not None
-        if is_alive != self._is_daemon_alive:
-            self._is_daemon_alive = is_alive
-            words = (texts.INFO, "mkdaemon answers again") if is_alive else (texts.CRITICAL, _SILENT)
-            self.announce(*words)
+    def _announce_verdict(self) -> None:
+        """The worst that is known, as on every other screen, when it changes; and that nothing is wrong any more."""
+        known, now = self.picture.known, self._now()
+        was_wrong, self._was_wrong = self._was_wrong, known.tone.is_wrong
+        if not self._was_wrong:
+            if was_wrong:
+                self._announced.clear()
+                self.announce(texts.NOTICE, known.headline)
+            return
+        gist = _NUMBER.sub("", known.headline)
+        if now - self._announced.get(gist, -REPEATED) >= REPEATED or not was_wrong:
+            self.announce(texts.CRITICAL if known.tone is Tone.BAD else texts.WARNING, known.headline)
+        self._announced[gist] = now
 
     def _announce_hands(self, status: ControlStatus) -> None:
         """What the pilot's hands do changes with the phase, and his operator reads it out."""
         if status.hands and status.hands != self._hands_words and status.lease is not None:
             self.announce(texts.NOTICE, f"pilot: {status.hands}")
         self._hands_words = status.hands
-
-    def _announce_trouble(self, status: ControlStatus) -> None:
-        """Why a flight has no pose: each further cause, and that it is over; that it begins is in the daemon's log."""
-        causes = frozenset(cause.kind for cause in status.causes)
-        if self._causes and causes - self._causes:
-            self.announce(texts.WARNING, status.trouble)
-        elif self._causes and not causes and status.phase.is_in_flight:
-            self.announce(texts.NOTICE, "poses come again")
-        self._causes = causes
 
     def _send(self, name: str, now: float) -> None:
         """Send a message to everybody to whom it is due."""
@@ -207,7 +206,7 @@ class Gateway:
         if now - self._beat_at < BEAT and mode is self._beaten:  # QGroundControl waits 1.3 s for a new mode
             return
         self._beat_at, self._beaten = now, mode
-        self._announce_daemon()
+        self._announce_verdict()
         reached = self._missions.reached()
         for station in self.links.stations:
             station.send(heartbeat(self.picture, mode, station.numbering))

@@ -12,8 +12,8 @@ from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.setpoints import (
     ON_THE_GLOBE,
     Axes,
+    StreamedSetpoint,
     Unusable,
-    Wanted,
     attitude_target,
     axes_of_manual,
     axes_of_override,
@@ -53,7 +53,7 @@ class HandControl:
         """
         self._steering, self._picture, self._notify, self._now = steering, picture, notify, now
         self._axes: dict[By, tuple[float, Axes]] = {}
-        self._wanted: dict[By, tuple[float, Wanted]] = {}
+        self._wanted: dict[By, tuple[float, StreamedSetpoint]] = {}
 
     def take(self, by: By, message: Message) -> None:
         """Take a message of a stream: hand it on where its program flies by it, else remember that it came."""
@@ -84,7 +84,7 @@ class HandControl:
         if make is not None:
             self._hand_on(by, make(axes))
 
-    def _hand_on(self, by: By, wanted: Wanted) -> None:
+    def _hand_on(self, by: By, wanted: StreamedSetpoint) -> None:
         try:
             self._steering.stream(by, wanted.kind, wanted.fields)
         except CommandRejectedError as refusal:

@@ -21,6 +21,7 @@ from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.state import Flight, GpsMode
+from mkdaemon.telemetry.tone import Tone
 
 
 class Numbering(Enum):
@@ -58,7 +59,7 @@ class Mode(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ModeRow:
     """A mode as it is sent and understood.
 
     Attributes:
@@ -87,15 +88,15 @@ _GUIDED = _STICKS | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
 _AUTO = _GUIDED | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
 
 ROWS: Final = (
-    Row(Mode.STABILIZED, (7, 0), 0, (1,), 0, _STICKS),
-    Row(Mode.ALTITUDE, (2, 0), 2, (), mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD, _STICKS, can_be_set=False),
-    Row(Mode.POSITION, (3, 0), 16, (), mavlink.MAV_STANDARD_MODE_POSITION_HOLD, _STICKS),
-    Row(Mode.MISSION, (4, 4), 3, (), mavlink.MAV_STANDARD_MODE_MISSION, _AUTO),
-    Row(Mode.RETURN, (4, 5), 6, (21,), mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY, _AUTO),
-    Row(Mode.TAKEOFF, (4, 2), 13, (), mavlink.MAV_STANDARD_MODE_TAKEOFF, _AUTO),
-    Row(Mode.LAND, (4, 6), 9, (), mavlink.MAV_STANDARD_MODE_LAND, _AUTO),
-    Row(Mode.HOLD, (4, 3), 5, (17,), 0, _AUTO),
-    Row(Mode.OFFBOARD, (6, 0), 4, (20,), 0, _GUIDED),
+    ModeRow(Mode.STABILIZED, (7, 0), 0, (1,), 0, _STICKS),
+    ModeRow(Mode.ALTITUDE, (2, 0), 2, (), mavlink.MAV_STANDARD_MODE_ALTITUDE_HOLD, _STICKS, can_be_set=False),
+    ModeRow(Mode.POSITION, (3, 0), 16, (), mavlink.MAV_STANDARD_MODE_POSITION_HOLD, _STICKS),
+    ModeRow(Mode.MISSION, (4, 4), 3, (), mavlink.MAV_STANDARD_MODE_MISSION, _AUTO),
+    ModeRow(Mode.RETURN, (4, 5), 6, (21,), mavlink.MAV_STANDARD_MODE_SAFE_RECOVERY, _AUTO),
+    ModeRow(Mode.TAKEOFF, (4, 2), 13, (), mavlink.MAV_STANDARD_MODE_TAKEOFF, _AUTO),
+    ModeRow(Mode.LAND, (4, 6), 9, (), mavlink.MAV_STANDARD_MODE_LAND, _AUTO),
+    ModeRow(Mode.HOLD, (4, 3), 5, (17,), 0, _AUTO),
+    ModeRow(Mode.OFFBOARD, (6, 0), 4, (20,), 0, _GUIDED),
 )
 """Every mode. ArduCopter has no take-off of its own; 13 (SPORT) is one that no MikroKopter flies."""
 _BY_MODE: Final = {row.mode: row for row in ROWS}
@@ -104,7 +105,7 @@ _BY_SWITCH: Final = {GpsMode.HOLD: Mode.POSITION, GpsMode.COME_HOME: Mode.RETURN
 _LIST_FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 
 
-def row_of(mode: Mode) -> Row:
+def row_of(mode: Mode) -> ModeRow:
     """The row of a mode."""
     return _BY_MODE[mode]
 
@@ -193,7 +194,7 @@ def heartbeat(picture: Picture, mode: Mode, numbering: Numbering) -> Message:
 
 
 def system_state(picture: Picture) -> int:
-    """`MAV_STATE`: standby and active by the motors; critical and emergency as the boards say."""
+    """`MAV_STATE`: standby and active by the motors; critical while somebody must act; emergency as the boards say."""
     flight, link = picture.get(Flight), picture.link
     if flight is None or (link is not None and not link.condition.is_usable):
         return int(mavlink.MAV_STATE_UNINIT)
@@ -203,7 +204,7 @@ def system_state(picture: Picture) -> int:
         return int(mavlink.MAV_STATE_CALIBRATING)
     if not flight.motors_running:
         return int(mavlink.MAV_STATE_STANDBY)
-    return int(mavlink.MAV_STATE_CRITICAL if flight.battery_low or flight.error_code else mavlink.MAV_STATE_ACTIVE)
+    return int(mavlink.MAV_STATE_CRITICAL if picture.known.tone is Tone.BAD else mavlink.MAV_STATE_ACTIVE)
 
 
 def available_mode(index: int, numbering: Numbering) -> Message | None:

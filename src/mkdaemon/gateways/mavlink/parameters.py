@@ -11,6 +11,7 @@ import asyncio
 import datetime
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,7 @@ from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_o
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import Notify, words_of
 from mkdaemon.protocol.settings import ParameterSet, known_revisions
+from mkdaemon.telemetry.procedure import ProcedureProgress, ProcedureState
 from mkdaemon.telemetry.settings import SettingsBackup
 
 ACTIVE: Final = "MK_ACTIVE_SET"
@@ -43,10 +45,14 @@ FRESH: Final = 10.0
 PACE: Final = 0.005
 """Between two values of a list [s]: a hundred at once would be lost by a radio."""
 OLD_VALUE: Final = 0.8
-"""A write that takes longer is answered with the value as it still is, and with the new one once it is read back [s].
+"""A write that takes longer is answered with the value as it still is [s].
 
-QGroundControl waits 1 s and asks three times (`src/FactSystem/ParameterManager.h`, `kWaitForParamValueAckMs`).
+The new value follows when the board has answered that it has stored it, after 1.7 s, and again when it has been read
+back, after 5 s. QGroundControl waits 1 s and asks three times (`src/FactSystem/ParameterManager.h`,
+`kWaitForParamValueAckMs`); MAVSDK 4.1 asks for 3 s and then gives up.
 """
+STORED: Final = 1
+"""Step of the progress of a write of one set: the board has stored it, and it is read back."""
 _TINY: Final = 1e-30
 """A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
 
@@ -139,11 +145,11 @@ class ParameterServer:
             self._send(station, index, rows)
             await asyncio.sleep(PACE)
 
-    def _send(self, station: Station, index: int, rows: tuple[ParameterId, ...]) -> None:
+    def _send(self, station: Station, index: int, rows: tuple[ParameterId, ...], value: float | None = None) -> None:
         station.send(
             mavlink.MAVLink_param_value_message(
                 rows[index].id.encode(),
-                float(self._value(rows[index])),
+                float(self._value(rows[index]) if value is None else value),
                 mavlink.MAV_PARAM_TYPE_REAL32,
                 len(rows),
                 index,
@@ -195,7 +201,8 @@ class ParameterServer:
                 return
             self._writing.add(wanted)
             try:
-                writing = asyncio.ensure_future(self._write_in_turn(rows[index], value))
+                new = partial(self._send, station, index, rows, value)
+                writing = asyncio.ensure_future(self._write_in_turn(rows[index], value, new))
                 if not (await asyncio.wait({writing}, timeout=OLD_VALUE))[0]:
                     self._send(station, index, rows)
                 await writing
@@ -206,12 +213,17 @@ class ParameterServer:
                 self._writing.discard(wanted)
         self._send(station, index, rows)
 
-    async def _write_in_turn(self, row: ParameterId, value: int) -> None:
+    async def _write_in_turn(self, row: ParameterId, value: int, on_stored: Callable[[], None]) -> None:
         async with self._lock:
-            await self._write(row, value)
+            await self._write(row, value, on_stored)
 
-    async def _write(self, row: ParameterId, value: int) -> None:
+    async def _write(self, row: ParameterId, value: int, on_stored: Callable[[], None]) -> None:
         """Write a setting and keep what was read back.
+
+        Args:
+            row: which.
+            value: the byte.
+            on_stored: called when the board has answered that it has stored the set, before it is read back.
 
         Raises:
             MkError: the backup cannot be saved, or the daemon refuses.
@@ -228,7 +240,12 @@ class ParameterServer:
             name: list(whole) if isinstance(whole, tuple) else whole
             for name, whole in change_to(stored, row, value).items()
         }
-        made = await self._uav.settings.write(values, confirm=True, slot=found.active)
+
+        def follow(progress: ProcedureProgress) -> None:
+            if progress.state is ProcedureState.RUNNING and progress.step == STORED:
+                on_stored()
+
+        made = await self._uav.settings.write(values, confirm=True, slot=found.active, on_progress=follow)
         written = {one.slot: one for one in made.stored}
         self._found = found.model_copy(
             update={"active": made.active, "sets": tuple(written.get(one.slot, one) for one in found.sets)}

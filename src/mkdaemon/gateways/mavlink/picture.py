@@ -3,76 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
+from mkdaemon.reading import Picture as Known
+from mkdaemon.reading import Reading
+from mkdaemon.reading.known import KEYS, key_of
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
-from mkdaemon.telemetry.link import LinkHealth, LinkState
-from mkdaemon.telemetry.navi import ControlNavi
-from mkdaemon.telemetry.record import RecordStatus
-from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
-from mkdaemon.telemetry.vehicle import VehicleHealth
-from mkdaemon.telemetry.vision import CameraSetup, VisionPose
+from mkdaemon.telemetry.link import LinkState
+from mkdaemon.telemetry.state import Position
 
 _Value = TypeVar("_Value")
 
-READ: Final = (
-    "state/*",
-    "control/status",
-    "control/estimate",
-    "control/navi",
-    "link/health",
-    "health",
-    "vision/*/pose",
-    "vision/*/setup",
-    "record/status",
-)
+READ: Final = (*KEYS, "control/navi", "vision/*/setup")
 """Keys that are watched, without events; the last values are asked for at the start."""
-
-FRESH: Final = 1.5
-"""A value of a stream of the boards is shown until it is so old [s]; the slowest comes twice a second."""
-SLOW: Final = 3.0
-"""The same for what the daemon publishes once a second [s]."""
-SIGHT: Final = 0.3
-"""The same for a pose and for the estimate [s]: as long as a setpoint lives."""
-
-LIMITS: Final[dict[type[Any], float]] = {
-    Attitude: FRESH,
-    Position: FRESH,
-    Altitude: FRESH,
-    Velocity: FRESH,
-    Battery: FRESH,
-    Gps: FRESH,
-    Flight: FRESH,
-    Pilot: FRESH,
-    ControlStatus: SLOW,
-    VehicleHealth: SLOW,
-    LinkHealth: SLOW,
-    ControlNavi: SLOW,
-    ControlEstimate: SIGHT,
-    VisionPose: SIGHT,
-    CameraSetup: 30.0,
-    RecordStatus: SLOW,
-}
-"""How long each kind of value is shown [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """A value, and when it was true.
-
-    Attributes:
-        value: the value.
-        at: by the gateway's clock [s].
-    """
-
-    value: Any
-    at: float
 
 
 class Picture:
-    """The newest values by their kind; what is older than `LIMITS` is not shown.
+    """The newest values by their kind; what is older than its key allows is not shown.
 
     Attributes:
         now: of the moment that is looked at [s].
@@ -85,13 +32,13 @@ class Picture:
         self.ground: float | None = None
         self._boot, self._ahead = "", -math.inf
         self._home: tuple[float | None, float | None] = (None, None)
-        self._seen: dict[type[Any], Seen] = {}
+        self._reading = Reading()
 
-    def take(self, value: Any, at: float, age: float = 0.0) -> None:
+    def take(self, value: object, at: float, age: float = 0.0) -> None:
         """Keep a value.
 
         Args:
-            value: of a kind in `LIMITS`; others are left alone.
+            value: of the daemon; events are left alone.
             at: when it came [s].
             age: how old it was then [s].
         """
@@ -99,8 +46,7 @@ class Picture:
         stamp = getattr(value, "stamp", None)
         if stamp is not None and age == 0.0:
             self._compare_clocks(stamp, at)
-        if type(value) in LIMITS:
-            self._seen[type(value)] = Seen(value, at - age)
+        self._reading.take(key_of(value), value, at - age)
         if isinstance(value, Position):
             self._take_home(value)
 
@@ -135,21 +81,25 @@ class Picture:
             return None
         return self.ground + here.altitude_above_start
 
-    def get(self, kind: type[_Value], limit: float | None = None) -> _Value | None:
+    @property
+    def known(self) -> Known:
+        """What is known now."""
+        return self._reading.at(self.now)
+
+    def get(self, kind: type[_Value], *, is_old: bool = False) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.
 
         Args:
             kind: its class.
-            limit: another limit than that of `LIMITS` [s].
+            is_old: it may be of any age.
         """
-        seen = self._seen.get(kind)
-        if seen is None or self.now - seen.at > (LIMITS[kind] if limit is None else limit):
-            return None
-        value: _Value = seen.value
-        return value
+        known = self.known
+        found = known.of_kind(kind)
+        return None if found is None or (not is_old and known.is_stale(found)) else found.value
 
     @property
     def link(self) -> LinkState | None:
-        """What is said of the line."""
-        health = self.get(LinkHealth)
-        return None if health is None else health.state
+        """What is said of the line; None where that is too old."""
+        known = self.known
+        found = known.link()
+        return None if found is None or known.is_stale(found) else found.value

@@ -15,11 +15,11 @@ import structlog
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import user_folder
+from mkdaemon.foreignfiles import read_text
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
 from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
-from mkdaemon.reading import read_text
 
 _LONGEST_KEY: Final = 1000
 _AGAIN: Final = 2.0

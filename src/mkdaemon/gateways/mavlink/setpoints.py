@@ -50,7 +50,7 @@ _BODY: Final = frozenset({mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFF
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class StreamedSetpoint:
     """A setpoint of the daemon.
 
     Attributes:
@@ -122,9 +122,9 @@ def axes_of_override(message: Message) -> Axes | None:
     return Axes(-pitch, roll, throttle, yaw)
 
 
-def sticks(axes: Axes) -> Wanted:
+def sticks(axes: Axes) -> StreamedSetpoint:
     """The axes as stick offsets."""
-    return Wanted(
+    return StreamedSetpoint(
         "stick",
         {
             "pitch": TILT * axes.forward,
@@ -135,13 +135,13 @@ def sticks(axes: Axes) -> Wanted:
     )
 
 
-def speeds(axes: Axes) -> Wanted:
+def speeds(axes: Axes) -> StreamedSetpoint:
     """The axes as a velocity against the target in sight."""
     velocity = (SPEED * axes.forward, -SPEED * axes.right, CLIMB * axes.up)
-    return Wanted("velocity", {"velocity": velocity, "frame": "body", "yaw_rate": -TURN * axes.clockwise})
+    return StreamedSetpoint("velocity", {"velocity": velocity, "frame": "body", "yaw_rate": -TURN * axes.clockwise})
 
 
-def local_target(message: Message, estimate: ControlEstimate | None) -> Wanted | Unusable:
+def local_target(message: Message, estimate: ControlEstimate | None) -> StreamedSetpoint | Unusable:
     """A SET_POSITION_TARGET_LOCAL_NED; of one with position and velocity the position is flown.
 
     Args:
@@ -171,18 +171,18 @@ def local_target(message: Message, estimate: ControlEstimate | None) -> Wanted |
 
 def _position(
     frame: int, place: tuple[float, float, float], yaw: float | None, estimate: ControlEstimate | None
-) -> Wanted | Unusable:
+) -> StreamedSetpoint | Unusable:
     heading = None if yaw is None else compass_from_yaw(yaw)
     if frame in _LOCAL:
-        return Wanted("position", {"position": ned_from_enu(place), "frame": "pad", "yaw": heading})
+        return StreamedSetpoint("position", {"position": ned_from_enu(place), "frame": "pad", "yaw": heading})
     if frame in _OFFSET:
         if estimate is None:
             return Unusable("an offset needs a flight by the target first: send LOCAL_NED")
         east, north, up = (a + b for a, b in zip(estimate.position, ned_from_enu(place), strict=True))
-        return Wanted("position", {"position": (east, north, up), "frame": "pad", "yaw": heading})
+        return StreamedSetpoint("position", {"position": (east, north, up), "frame": "pad", "yaw": heading})
     if frame in _BODY:
         turned = None if yaw is None else wrapped(-yaw)
-        return Wanted("position", {"position": frd_from_flu(place), "frame": "body", "yaw": turned})
+        return StreamedSetpoint("position", {"position": frd_from_flu(place), "frame": "body", "yaw": turned})
     return Unusable(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
 
 
@@ -192,15 +192,15 @@ def _velocity(
     yaw: float | None,
     rate: float | None,
     estimate: ControlEstimate | None,
-) -> Wanted | Unusable:
+) -> StreamedSetpoint | Unusable:
     turn = 0.0 if rate is None else -rate
     if frame in _LOCAL | _OFFSET:
         if rate is None and yaw is not None and estimate is not None:
             error = wrapped(compass_from_yaw(yaw) - estimate.yaw)
             turn = min(max(_YAW_GAIN * error, -_YAW_LIMIT), _YAW_LIMIT)
-        return Wanted("velocity", {"velocity": ned_from_enu(speed), "frame": "pad", "yaw_rate": _turn(turn)})
+        return StreamedSetpoint("velocity", {"velocity": ned_from_enu(speed), "frame": "pad", "yaw_rate": _turn(turn)})
     if frame in _BODY:
-        return Wanted("velocity", {"velocity": frd_from_flu(speed), "frame": "body", "yaw_rate": _turn(turn)})
+        return StreamedSetpoint("velocity", {"velocity": frd_from_flu(speed), "frame": "body", "yaw_rate": _turn(turn)})
     return Unusable(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
 
 
@@ -208,7 +208,7 @@ def _turn(rate: float) -> float:
     return min(max(rate, -math.pi), math.pi)
 
 
-def attitude_target(message: Message) -> Wanted | Unusable:
+def attitude_target(message: Message) -> StreamedSetpoint | Unusable:
     """A SET_ATTITUDE_TARGET: roll, pitch, yaw rate and thrust, of which a half carries the aircraft.
 
     The heading of its quaternion is not flown: no setpoint of the daemon has one.
@@ -225,4 +225,4 @@ def attitude_target(message: Message) -> Wanted | Unusable:
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
     fields = {"roll": roll, "pitch": -pitch, "yaw_rate": _turn(-rate), "thrust": 2.0 * message.thrust}
-    return Wanted("attitude", fields)
+    return StreamedSetpoint("attitude", fields)

@@ -10,33 +10,26 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from functools import partial
+from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.client.asking import client_name
+from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.session import ENGAGING, RATE, SIGHTING, RepeatedSetpoint, SessionState
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.modes import Mode
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING
-from mkdaemon.telemetry.control import ControlStatus, Outcome
+from mkdaemon.telemetry.control import Outcome
 
-if TYPE_CHECKING:
-    from mkdaemon.client.lease import Lease
-
-PERIOD: Final = 0.02
-"""Between two setpoints of a manoeuvre that the gateway streams [s]."""
-SIGHTING: Final = 12.0
-"""Longest wait until the daemon begins a manoeuvre by the target [s], as for every client."""
-ENGAGING: Final = 5.0
-"""Longest wait until it begins one by sticks [s]."""
-GRACE: Final = 1.5
-"""Setpoints may be refused for so long before that counts [s]: with a new lease the estimate begins anew."""
+PERIOD: Final = 1.0 / RATE
+"""Between two setpoints of a manoeuvre [s]."""
 STREAMED: Final = 0.5
 """A ground station streams while its last setpoint is not older than that [s]."""
-_SETTLING: Final = 2.0
-"""`control/status` may be from before the lease for so long after it was granted [s]."""
 _STOPPING: Final = frozenset({"hold", "land"})
 """Manoeuvres that another ground station than the one that flies may order too: they end what is flown."""
 
@@ -106,30 +99,20 @@ class Steering:
             faults: counts what a flight fails by.
         """
         self.order: Order | None = None
-        self._uav, self._announce, self._now, self._faults = uav, announce, now, faults
-        self._lease: Lease | None = None
-        self._status: ControlStatus | None = None
-        self._granted_at = 0.0
-        self._was_ours = False
-        self._holding: asyncio.Task[None] | None = None
+        self._announce, self._now, self._faults = announce, now, faults
+        self._keeper = LeaseKeeper(partial(uav.lease, holder=f"{client_name()}-mavlink"[-64:]))
+        self._serving: asyncio.Task[None] | None = None
         self._failure: MkError | None = None
 
     @property
     def shown_mode(self) -> Mode | None:
         """The mode of a ground station's own sticks while they are flown; None otherwise."""
-        return self.order.mode if self.order is not None and self._lease is not None else None
+        return self.order.mode if self.order is not None and self._keeper.flight.state is SessionState.HELD else None
 
     @property
     def is_flying(self) -> bool:
         """Whether the daemon sends what comes from here."""
-        return self._lease is not None and self._lease.is_engaged
-
-    def status_arrived(self, status: ControlStatus) -> None:
-        """Take what the daemon says of the lease."""
-        self._status = status
-        lease = self._lease
-        if lease is not None and status.lease is not None and status.lease.epoch == lease.epoch:
-            self._was_ours = True
+        return self._keeper.is_engaged
 
     async def fly(self, order: Order) -> None:
         """Fly an order; returns when the daemon has begun it, which may take some seconds.
@@ -143,38 +126,39 @@ class Steering:
         before = self.order
         if before is not None and before.by != order.by and order.kind not in _STOPPING:
             raise ManoeuvreError(f"{before.by} flies: {_ITS_FLIGHT}")
-        self.order, self._failure = order, None
-        if self._holding is None or self._holding.done():
-            self._holding = asyncio.create_task(self._hold(), name="lease of ground stations")
         try:
+            self._want(order)
             await self._wait_for_engagement(order)
         except (NotEngagedError, CommandRejectedError):
-            if self.order is order:  # what was flown goes on; else nobody flies
-                self.order = before if self.is_flying else None
+            if self.order is order:  # what was flown goes on
+                if before is not None and self.is_flying:
+                    self._want(before)
+                else:
+                    self._end()
             raise
 
-    async def _wait_for_engagement(self, order: Order) -> None:
-        start = self._now()
+    def _want(self, order: Order) -> None:
+        self.order, self._failure = order, None
+        self._keeper.begin()
         patience = SIGHTING if order.needs_target else ENGAGING
+        if order.is_streamed:
+            self._keeper.flight.expect_stream(self._now(), patience)
+        else:
+            self._keeper.flight.fly(RepeatedSetpoint(order.kind, order.fields, patience), self._now())
+        if self._serving is None or self._serving.done():
+            self._serving = asyncio.create_task(self._serve(), name="orders of ground stations")
+
+    async def _wait_for_engagement(self, order: Order) -> None:
         while True:
             await asyncio.sleep(PERIOD)
             if self._failure is not None:
                 raise self._failure
             if self.order is not order:
                 raise ManoeuvreError("another order took its place" if self.order else "given back")
-            lease, now = self._lease, self._now()
-            if lease is None:
-                continue
-            kind = self.order.kind
-            if lease.is_engaged and lease.status is not None and (order.is_streamed or lease.status.manoeuvre == kind):
+            if self._keeper.flight.has_started(self._now()):
                 return
-            refusal = lease.take_refusal()
-            if refusal is not None and now - max(start, self._granted_at) > GRACE:
-                raise refusal
-            if now - start > patience:
-                raise NotEngagedError(f"the daemon did not begin within {patience:g} s: {lease.reason}")
 
-    def stream(self, by: By, kind: str, fields: Mapping[str, Any]) -> bool:
+    def stream(self, by: By, kind: str, fields: Mapping[str, Any]) -> None:
         """Hand on a setpoint of the ground station that flies by a stream; one of another is not flown.
 
         Args:
@@ -182,21 +166,14 @@ class Steering:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint.
 
-        Returns:
-            Whether it was handed on.
-
         Raises:
             CommandRejectedError: a field is out of range.
         """
-        order, lease = self.order, self._lease
-        if order is None or lease is None or not order.is_streamed or order.by != by:
-            return False
-        try:
-            lease.put(kind, fields)
-        except LeaseLostError as lost:
-            self._end(lost)
-            return False
-        return True
+        order = self.order
+        if order is None or not order.is_streamed or order.by != by:
+            return
+        with suppress(LeaseLostError):  # announced with the next tick
+            self._keeper.stream(kind, fields)
 
     def give_back(self, by: By) -> None:
         """Release the aircraft, which the pilot has then; nothing to do where nothing is flown.
@@ -209,63 +186,54 @@ class Steering:
         """
         if self.order is not None and self.order.by != by:
             raise ManoeuvreError(f"{self.order.by} flies: {_ITS_FLIGHT}")
-        self.order = None
+        self._end()
 
     async def close(self) -> None:
         """Give the lease back and wait for it."""
-        self.order = None
-        if self._holding is not None:
-            await asyncio.gather(self._holding, return_exceptions=True)
+        self._end()
+        if self._serving is not None:
+            await asyncio.gather(self._serving, return_exceptions=True)
+        await self._keeper.close()
 
-    def _end(self, why: MkError) -> None:
+    def _end(self, why: MkError | None = None) -> None:
         self._failure, self.order = why, None
+        self._keeper.give_back()
 
-    async def _hold(self) -> None:
-        """Hold the lease for as long as there is an order."""
-        holder = f"{client_name()}-mavlink"[-64:]
-        while self.order is not None:  # None: given back before the lease was asked for; again: ordered while it ended
-            try:
-                async with self._uav.lease(holder=holder) as lease:
-                    self._lease, self._granted_at, self._was_ours = lease, self._now(), False
-                    await self._serve(lease)
-            except MkError as error:
-                self._end(error)
-            except Exception as error:  # noqa: BLE001  # the lease has been given back; the gateway goes on
-                self._faults.note("flight", error)
-                self._end(MkError("a defect of the gateway ended the flight"))
-            finally:
-                self._lease = None
-
-    async def _serve(self, lease: Lease) -> None:
-        """Stream what is ordered until nobody flies any more."""
+    async def _serve(self) -> None:
+        """Carry out orders until there is none."""
         due = self._now()
         while (order := self.order) is not None:
-            if (status := self._end_of(lease)) is not None:
-                self._announce_end(status.outcome, status.reason)
-                return
-            if not order.is_streamed:
-                # A landing goes on: MAVSDK's own example ends when it has ordered it.
-                if order.kind != "land" and not order.by.is_alive(self._now()):
-                    self._announce(WARNING, f"{order.by} is silent: the aircraft is given back to the pilot")
-                    self._end(LeaseLostError(f"{order.by} is silent"))
-                    return
-                try:
-                    lease.put(order.kind, order.fields)
-                except LeaseLostError:
-                    self._announce_end(lease.outcome, lease.reason)
-                    return
+            try:
+                self._serve_once(order)
+            except MkError as error:
+                self._announce_end(error)
+            except Exception as error:  # noqa: BLE001  # the lease is given back; the gateway goes on
+                self._faults.note("flight", error)
+                self._end(MkError("a defect of the gateway ended the flight"))
             due = max(due + PERIOD, self._now())
             await asyncio.sleep(max(due - self._now(), 0.0))
 
-    def _end_of(self, lease: Lease) -> ControlStatus | None:
-        """What the daemon says of the end of this lease; None while it has not said that it is over."""
-        status = self._status
-        if status is None or (status.lease is not None and status.lease.epoch == lease.epoch):
-            return None
-        return status if self._was_ours or self._now() - self._granted_at > _SETTLING else None
+    def _serve_once(self, order: Order) -> None:
+        """Put what is due; end an order of a program that is silent.
 
-    def _announce_end(self, outcome: Outcome | None, reason: str) -> None:
-        """The daemon has ended the lease: after a landing that is well, else it says why."""
+        Raises:
+            MkError: the lease was refused or has ended.
+        """
+        # A landing goes on: MAVSDK's own example ends when it has ordered it.
+        is_left = not order.is_streamed and order.kind != "land" and not order.by.is_alive(self._now())
+        if is_left and self._keeper.flight.is_wanted:
+            self._announce(WARNING, f"{order.by} is silent: the aircraft is given back to the pilot")
+            self._end(LeaseLostError(f"{order.by} is silent"))
+            return
+        self._keeper.step()
+
+    def _announce_end(self, error: MkError) -> None:
+        """The lease was refused, which its order reports, or the daemon has ended it: well after a landing."""
+        flight = self._keeper.flight
+        reason, outcome = flight.reason, flight.outcome
+        if not isinstance(error, LeaseLostError):
+            self._end(error)
+            return
         if outcome is Outcome.LANDED:
             self._announce(INFO, "landed; the pilot pulls the throttle down and stops the motors")
         else:

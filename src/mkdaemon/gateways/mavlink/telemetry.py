@@ -31,10 +31,12 @@ from mkdaemon.gateways.mavlink.frames import (
     ned_from_frd,
 )
 from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.reading.facts import battery_alarm
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, GpsFix, Pilot, Position, Velocity
+from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import CameraSetup, VisionPose
 
@@ -43,7 +45,7 @@ STICK_US: Final = 500.0 / 127.0
 _MIDDLE_US: Final = 1500.0
 
 
-class Row(NamedTuple):
+class MessageRow(NamedTuple):
     """A message that is sent by itself.
 
     Attributes:
@@ -389,41 +391,40 @@ def system_status(picture: Picture) -> Message | None:
 
 def _sensors(picture: Picture) -> tuple[int, int]:
     """Bits of the sensors that are present, and of those that work."""
-    ever = math.inf
     health = picture.get(VehicleHealth)
-    gps, pilot, flight = picture.get(Gps), picture.get(Pilot), picture.get(Flight)
+    gps, pilot, battery = picture.get(Gps), picture.get(Pilot), picture.get(Battery)
     has_boards = picture.get(Attitude) is not None
     link = picture.link
-    can_fly = health is not None and health.is_alive and health.read_only is None and health.error is None
+    is_well = health is not None and health.read_only is None and picture.known.tone is not Tone.BAD
     table = (
-        (_GYRO | _CONTROL, picture.get(Attitude, ever) is not None, has_boards),
+        (_GYRO | _CONTROL, picture.get(Attitude, is_old=True) is not None, has_boards),
         (_COMPASS, health is not None and "nc" in health.boards, has_boards),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
-            picture.get(Altitude, ever) is not None,
+            picture.get(Altitude, is_old=True) is not None,
             picture.get(Altitude) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_GPS,
-            picture.get(Gps, ever) is not None,
+            picture.get(Gps, is_old=True) is not None,
             gps is not None and gps.fix is GpsFix.VALID and picture.get(Position) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
-            picture.get(Pilot, ever) is not None,
+            picture.get(Pilot, is_old=True) is not None,
             pilot is not None and pilot.has_signal,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION,
-            picture.get(CameraSetup, ever) is not None,
+            picture.get(CameraSetup, is_old=True) is not None,
             picture.get(VisionPose) is not None,
         ),
         (
             mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
-            picture.get(Battery, ever) is not None,
-            picture.get(Battery) is not None and flight is not None and not flight.battery_low,
+            picture.get(Battery, is_old=True) is not None,
+            battery is not None and battery_alarm(battery, picture.known) is None,
         ),
-        (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, can_fly and link is not None and link.condition.is_usable),
+        (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, is_well and link is not None and link.condition.is_usable),
     )
     present = sum(bits for bits, is_there, _ in table if is_there)
     healthy = sum(bits for bits, is_there, works in table if is_there and works)
@@ -439,22 +440,22 @@ def _first(*values: float | None) -> float | None:
     return next((value for value in values if value is not None), None)
 
 
-TABLE: Final[dict[str, Row]] = {
-    "SYS_STATUS": Row(system_status, None, 1.0),
-    "SYSTEM_TIME": Row(system_time, None, 1.0),
-    "ATTITUDE": Row(attitude, Attitude, 25.0),
-    "ATTITUDE_QUATERNION": Row(attitude_quaternion, Attitude, 10.0),
-    "LOCAL_POSITION_NED": Row(local_position, ControlEstimate, 25.0),
-    "GLOBAL_POSITION_INT": Row(global_position, Position, 5.0),
-    "GPS_RAW_INT": Row(gps_raw, Gps, 5.0),
-    "VFR_HUD": Row(vfr_hud, None, 4.0),
-    "ALTITUDE": Row(altitude, Altitude, 5.0),
-    "BATTERY_STATUS": Row(battery_status, Battery, 1.0),
-    "RC_CHANNELS": Row(rc_channels, Pilot, 5.0),
-    "HOME_POSITION": Row(home_position, None, 0.5),
-    "EXTENDED_SYS_STATE": Row(extended_state, None, 2.0),
-    "LANDING_TARGET": Row(landing_target, VisionPose, 15.0),
-    "ODOMETRY": Row(odometry, VisionPose, 30.0),
+TABLE: Final[dict[str, MessageRow]] = {
+    "SYS_STATUS": MessageRow(system_status, None, 1.0),
+    "SYSTEM_TIME": MessageRow(system_time, None, 1.0),
+    "ATTITUDE": MessageRow(attitude, Attitude, 25.0),
+    "ATTITUDE_QUATERNION": MessageRow(attitude_quaternion, Attitude, 10.0),
+    "LOCAL_POSITION_NED": MessageRow(local_position, ControlEstimate, 25.0),
+    "GLOBAL_POSITION_INT": MessageRow(global_position, Position, 5.0),
+    "GPS_RAW_INT": MessageRow(gps_raw, Gps, 5.0),
+    "VFR_HUD": MessageRow(vfr_hud, None, 4.0),
+    "ALTITUDE": MessageRow(altitude, Altitude, 5.0),
+    "BATTERY_STATUS": MessageRow(battery_status, Battery, 1.0),
+    "RC_CHANNELS": MessageRow(rc_channels, Pilot, 5.0),
+    "HOME_POSITION": MessageRow(home_position, None, 0.5),
+    "EXTENDED_SYS_STATE": MessageRow(extended_state, None, 2.0),
+    "LANDING_TARGET": MessageRow(landing_target, VisionPose, 15.0),
+    "ODOMETRY": MessageRow(odometry, VisionPose, 30.0),
 }
 """Every message that is sent by itself, but HEARTBEAT and what belongs to a protocol."""
 IDS: Final = {int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}")): name for name in TABLE}

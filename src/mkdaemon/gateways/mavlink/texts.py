@@ -6,14 +6,14 @@ Source: https://mavlink.io/en/messages/common.html#STATUSTEXT (pieces of 50 byte
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.stations import Station
-from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
-from mkdaemon.telemetry.mission import MissionEvent
+from mkdaemon.reading import Sort, line_of
 from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.tone import Tone
 
 PIECE: Final = 50
 _LONGEST: Final = 400
@@ -48,7 +48,7 @@ REMEDIES: Final[dict[str, str]] = {
     Token.NOT_SIMULATED: "Start a simulator.",
 }
 """What a user of a ground station can do, where the refusal's own fix names an option of another program."""
-_LEVELS: Final = {"error": ERROR, "warning": WARNING}
+_SEVERITIES: Final = {Tone.BAD: ERROR, Tone.WARN: WARNING}
 
 
 class Notify(Protocol):
@@ -104,15 +104,10 @@ def words_of(error: MkError) -> str:
     return f"{error.reason} {REMEDIES.get(error.token, error.fix)}".strip()
 
 
-def text_of(event: Any) -> tuple[int, str] | None:
-    """Severity and words of an event; None for one that is not told."""
-    match event:
-        case FailsafeEvent():
-            return CRITICAL, f"{event.action}: {event.reason}"
-        case ModeEvent():
-            return NOTICE, f"{event.after}: {event.reason}" if event.reason else event.after
-        case LogEvent():
-            return _LEVELS.get(event.level, INFO), event.text
-        case MissionEvent():
-            return NOTICE, f"mission {event.action}: {event.count} points"
-    return None
+def text_of(event: object) -> tuple[int, str] | None:
+    """Severity and words of an event; None for one that is not sent: a command has its answer."""
+    line = line_of(event)
+    if line is None or line.sort is Sort.PROCEDURE:
+        return None
+    severity = _SEVERITIES.get(line.tone, INFO if line.sort is Sort.LOG else NOTICE)
+    return CRITICAL if line.sort is Sort.FAILSAFE else severity, line.text

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from mkdaemon.client.pictures import decoded
 from mkdaemon.client.rosmessages import Doubles, point
 from mkdaemon.gateways.ros2.messages import Scene, header
 from mkdaemon.stamp import Stamp
@@ -22,7 +23,7 @@ _IDEAL: Final = ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
 
 def image(value: CameraFrame, scene: Scene) -> Any | None:
     """Image, mono8; None where the camera's coding needs OpenCV and it is not installed, and where it is damaged."""
-    pixels = value.pixels if value.coding == "gray8" else _decoded(value.pixels)
+    pixels = value.pixels if value.coding == "gray8" else decoded(value.pixels)
     if pixels is None or len(pixels) != value.width * value.height:
         return None
     return scene.types.new(
@@ -35,19 +36,6 @@ def image(value: CameraFrame, scene: Scene) -> Any | None:
         step=value.width,
         data=scene.types.octets(pixels),
     )
-
-
-def _decoded(coded: bytes) -> bytes | None:
-    """Pixels of a JPEG or PNG, rows from the top; None where they are damaged, or OpenCV is not there."""
-    try:
-        from mkdaemon.vision.camera.image import PictureError
-        from mkdaemon.vision.camera.imagecodec import decode_picture
-    except ImportError:
-        return None
-    try:
-        return decode_picture(coded).tobytes()
-    except PictureError:
-        return None
 
 
 def compressed(value: CameraFrame, scene: Scene) -> Any | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.conversions import yaw_of
 from mkdaemon.gateways.ros2.messages import NANOSECONDS, TARGET, Frames

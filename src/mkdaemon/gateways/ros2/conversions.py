@@ -21,10 +21,12 @@ from mkdaemon.client.rosmessages import (
 )
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2.messages import Scene, header, name_part, stamped_transform, time
+from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput
-from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import Attitude, Battery, Gps, GpsFix, Pilot, Position, Velocity
+from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.traffic import RawFrame
 from mkdaemon.telemetry.vision import Transform, VisionPose
 
@@ -34,7 +36,8 @@ HEADING_SD: Final = 0.02
 """Least standard deviation of a heading that images give [rad]; `EstimatorTuning.yaw_floor`."""
 TOGETHER: Final = 0.5
 """A position and an attitude that make one transform are no farther apart in time [s]."""
-LEVELS: Final = {"info": 20, "warning": 30, "error": 40}
+INFO: Final = 20
+LEVELS: Final = {Tone.WARN: 30, Tone.BAD: 40}
 """Severities of rcl_interfaces/Log."""
 
 
@@ -246,28 +249,17 @@ def raw_frame(value: RawFrame, scene: Scene) -> Any:
     return types.new("std_msgs/msg/UInt8MultiArray", layout=layout, data=types.octets(value.raw))
 
 
-def log_event(value: LogEvent, scene: Scene) -> Any:
-    """Log of a line that the daemon finds worth knowing."""
-    return _log(value, scene, LEVELS.get(value.level, 20), value.text)
-
-
-def failsafe_event(value: FailsafeEvent, scene: Scene) -> Any:
-    """Log of what the daemon did by itself."""
-    return _log(value, scene, LEVELS["error"], f"failsafe: {value.action}: {value.reason}")
-
-
-def mode_event(value: ModeEvent, scene: Scene) -> Any:
-    """Log of a change of authority or flight mode."""
-    return _log(value, scene, LEVELS["info"], f"{value.before} -> {value.after}: {value.reason}")
-
-
-def _log(value: LogEvent | FailsafeEvent | ModeEvent, scene: Scene, level: int, words: str) -> Any:
+def event(value: Stamped, scene: Scene) -> Any:
+    """Log of what happened, in words, and what to do about it."""
+    line = line_of(value)
+    if line is None:
+        return None
     return scene.types.new(
         "rcl_interfaces/msg/Log",
         stamp=time(scene.types, value.stamp),
-        level=level,
+        level=LEVELS.get(line.tone, INFO),
         name=name_part(scene.vehicle),
-        msg=words,
+        msg=f"{line.text} {line.fix}".strip(),
         file="",
         function="",
         line=0,

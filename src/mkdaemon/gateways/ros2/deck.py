@@ -11,10 +11,11 @@ import structlog
 
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.session import SessionState
+from mkdaemon.client.teleop.inputs import PadFacts
+from mkdaemon.client.teleop.teleop import Output, Teleop
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.inputs import PadFacts
-from mkdaemon.control.teleop.teleop import Output, Teleop
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.commands import CommandStream
 
 PERIOD: Final = 0.02
@@ -47,7 +48,7 @@ class Habits:
     take_off_height: float
 
 
-class Deck:
+class FlightDeck:
     """Decides who flies, holds the lease while somebody does, and gives it back when nobody does.
 
     Attributes:
@@ -72,7 +73,7 @@ class Deck:
     @property
     def words(self) -> str:
         """What is flown and what happened last, one line."""
-        lease = self._keeper.words
+        lease = self._keeper.flight.reason
         who = f"{self.flown} flies" if self.flown else "nobody flies through the gateway"
         return "; ".join(part for part in (who, lease, self.note) if part)
 
@@ -178,18 +179,20 @@ class Deck:
     def _put(self, kind: str, fields: Mapping[str, Any]) -> bool:
         """Put a setpoint; whether the lease is still ours, or on its way."""
         try:
+            if self._keeper.flight.state is SessionState.FREE:
+                self._keeper.begin()
             self._keeper.stream(kind, fields)
-        except CommandRejectedError as error:
-            self._write_note(str(error))
         except MkError as error:
-            self._let_go(str(error))
-            return False
+            if not self._keeper.flight.is_wanted:
+                self._let_go(str(error))
+                return False
+            self._write_note(str(error))  # the setpoint is none, the lease is held
         return True
 
     def _take_refusal(self) -> bool:
-        refusal = self._keeper.take_refusal()
+        refusal = self._keeper.flight.take_refusal()
         if refusal is not None:
-            self._write_note(refusal)
+            self._write_note(str(refusal))
         return refusal is not None
 
     def _shut_streams(self) -> None:

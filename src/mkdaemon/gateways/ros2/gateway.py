@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 import structlog
 
 from mkdaemon.client import Sample, Vehicle
-from mkdaemon.client.setpoints import load_models
+from mkdaemon.client.lease import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.ros2 import topics
@@ -31,12 +31,13 @@ from mkdaemon.gateways.ros2.commands import (
     setpoint_frame,
     velocity_fields,
 )
-from mkdaemon.gateways.ros2.deck import Deck
-from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, report
+from mkdaemon.gateways.ros2.deck import FlightDeck
+from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Scene, Types, name_part
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings, settings_of
 from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
+from mkdaemon.reading.diagnoses import Diagnosis, Level
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
@@ -179,7 +180,7 @@ class Gateway:
         self._scene = Scene(types, self._settings.frames, newest.values, uav.vehicle)
         rows = [row for row in TOPICS if row.word in self._settings.topics]
         self.publishing = Publishing(node, rows, self._scene, newest, self._pace)
-        self.deck = Deck(uav, self._settings.habits, newest.values)
+        self.deck = FlightDeck(uav, self._settings.habits, newest.values)
         self._keys = topics.keys_of(rows)
         self._clock = Clock()
         self._calls: set[Future[Any]] = set()
@@ -321,7 +322,7 @@ class Gateway:
             mistyped = self._look_for_other_types()
             values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
             level = Level.WARN if missing or mistyped else Level.OK
-            mine = Diagnosis(level, " ".join((*mistyped, self.deck.words)), values)
+            mine = Diagnosis("gateway", level, " ".join((*mistyped, self.deck.words)), values)
             self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
 
     def _look_for_other_types(self) -> list[str]:
@@ -339,7 +340,7 @@ class Gateway:
 class _Refusing:
     """Tells the deck what cannot be flown."""
 
-    def __init__(self, deck: Deck) -> None:
+    def __init__(self, deck: FlightDeck) -> None:
         self._deck = deck
 
     def __enter__(self) -> None:

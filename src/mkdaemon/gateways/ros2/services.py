@@ -11,10 +11,11 @@ import structlog
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.boardsettings import BoardSettings
-from mkdaemon.gateways.ros2.deck import Deck
-from mkdaemon.gateways.ros2.diagnostics import Diagnosis, Level, status_of
+from mkdaemon.gateways.ros2.deck import FlightDeck
+from mkdaemon.gateways.ros2.diagnostics import status_of
 from mkdaemon.gateways.ros2.messages import Scene
-from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
+from mkdaemon.reading.diagnoses import Diagnosis, Level, diagnosis_of
+from mkdaemon.telemetry.preflight import CheckState, PreflightReport
 
 TRIGGER: Final = "std_srvs/srv/Trigger"
 SET_BOOL: Final = "std_srvs/srv/SetBool"
@@ -35,7 +36,7 @@ class Desk:
     """
 
     uav: Vehicle
-    deck: Deck
+    deck: FlightDeck
     scene: Scene
     settings: BoardSettings
 
@@ -101,7 +102,7 @@ async def _preflight(desk: Desk, _: Any) -> Fields:
 
 async def _self_test(desk: Desk, _: Any) -> Fields:
     report = await desk.uav.preflight()
-    status = [status_of(desk.scene, finding.name, of_finding(finding)) for finding in report.findings]
+    status = [status_of(desk.scene, diagnosis_of(finding)) for finding in report.findings]
     passed = desk.scene.types.octet(int(report.is_ready))
     return {"id": desk.scene.vehicle, "passed": passed, "status": status}
 
@@ -177,18 +178,9 @@ def refused(service: Service, scene: Scene, reason: str) -> Fields:
         _log.warning("mode_refused", words=reason)  # the response has no room for words
         return {"mode_sent": False}
     if service.type == SELF_TEST:
-        status = status_of(scene, service.name, Diagnosis(Level.ERROR, reason, {}))
+        status = status_of(scene, Diagnosis(service.name, Level.ERROR, reason, {}))
         return {"id": scene.vehicle, "passed": scene.types.octet(0), "status": [status]}
     return {"success": False, "message": reason}
-
-
-def of_finding(finding: Finding) -> Diagnosis:
-    """What a check before a flight found, as a diagnosis."""
-    level = {CheckState.PASSED: Level.OK, CheckState.UNKNOWN: Level.WARN}.get(finding.state, Level.ERROR)
-    if finding.state is CheckState.STANDS and finding.blocks is Blocks.NOTHING:
-        level = Level.WARN
-    words = " ".join(part for part in (finding.reason, finding.fix) if part)
-    return Diagnosis(level, words, {"token": finding.token, "blocks": finding.blocks.value})
 
 
 def preflight_words(report: PreflightReport) -> str:

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
 from mkdaemon.gateways.ros2.messages import Scene, name_part
+from mkdaemon.reading.known import EACH
 
 
 class Quality(Enum):
@@ -108,10 +109,11 @@ TOPICS: Final = (
     Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers, _CAMERA),
     Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
     Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
-    Topic("status", "control/status", _STATUS, diagnostics.lease_status, quality=Quality.LATCHED),
-    Topic("events", "event/log", _LOG, conversions.log_event, quality=Quality.RELIABLE),
-    Topic("events", "event/failsafe", _LOG, conversions.failsafe_event, quality=Quality.RELIABLE),
-    Topic("events", "event/mode", _LOG, conversions.mode_event, quality=Quality.RELIABLE),
+    Topic("status", "control/status", _STATUS, diagnostics.control_status, quality=Quality.LATCHED),
+    *(
+        Topic("events", f"event/{name}", _LOG, conversions.event, quality=Quality.RELIABLE)
+        for name in ("log", "failsafe", "mode")
+    ),
     Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
     Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
 )
@@ -121,10 +123,7 @@ DIAGNOSTICS: Final = "/diagnostics"
 """Of the newest values: `diagnostics.report`."""
 REPORTING: Final = 1.0
 """Between two of them [s]."""
-KEPT: Final = frozenset(
-    {"state/attitude", "state/position", "health", "vision/*/setup", "vision/*/pose", "tf"}
-    | {look.key for look in diagnostics.LOOKS}
-)
+KEPT: Final = frozenset({"state/attitude", "state/position", "health", "vision/*/setup", "vision/*/pose", "tf", *EACH})
 """Keys whose newest value a conversion or a diagnosis looks at."""
 
 

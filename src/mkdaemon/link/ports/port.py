@@ -41,7 +41,7 @@ class Port(Protocol):
 
     @property
     def is_recording(self) -> bool:
-        """Whether nobody listens at the other end: nothing is sent then."""
+        """Whether the other end only plays a recording: nothing is sent then."""
 
     async def read(self) -> bytes:
         """Return what arrived, as soon as there is something; nothing means that a recording has ended.

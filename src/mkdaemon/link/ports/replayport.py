@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.protocol.boards import Direction
 from mkdaemon.protocol.capture import read_chunks
-from mkdaemon.reading import open_regular
 
 
 class ReplayPort:

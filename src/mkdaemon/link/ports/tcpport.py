@@ -16,13 +16,13 @@ from mkdaemon.errors import LinkError, LinkLostError
 
 _CONNECT: Final = 3.0
 OVERDUE: Final = 0.1
-"""Bytes not acknowledged for so long stand still [s]; a receiver may delay its acknowledgement by 0.04 s."""
+"""Bytes count as stuck if not acknowledged within this time [s]; a receiver may delay its acknowledgement by 0.04 s."""
 
 SEND_BUFFER: Final = 2048
 """Bytes the kernel takes before they wait here, where they are seen: 0.36 s of a line; Linux doubles it."""
 DEAD: Final = 3.0
-"""A connection that acknowledges nothing for so long is ended, with what waits in it [s]; a FlightCtrl has
-let go of the sticks by then."""
+"""A connection that acknowledges nothing within this time is ended, with what waits in it [s]; a FlightCtrl has
+dropped the sticks by then."""
 
 
 class TcpPort:
@@ -131,7 +131,7 @@ async def open_tcp(target: str) -> TcpPort:
         target: `host:port`.
 
     Raises:
-        LinkLostError: nobody listens there now.
+        LinkLostError: no program listens there now.
         LinkError: there is no such host.
     """
     host, _, number = target.rpartition(":")

@@ -47,7 +47,7 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 
 STOOD_STILL: Final = 0.25
-"""After a longer standstill of this program the line is told to be worse for it [s]."""
+"""A longer standstill of this program counts in the verdict [s]."""
 LONGEST_PASSAGE: Final = 6.0
 """While a NaviCtrl passes the line through, its silence is our doing; a longer passage is judged like any line [s]."""
 
@@ -156,7 +156,7 @@ class Dialogue:
         self.health.bytes_received(size, now)
 
     def frame_received(self, frame: Frame, message: WireMessage | Unknown, now: float) -> bool:
-        """A right frame arrived; returns whether the boards must be discovered anew."""
+        """A right frame arrived; returns whether the boards must be identified again."""
         size = len(frame.raw)
         board = board_at(frame.address) or Board.ANY
         self.counters.frame_received(board, frame)
@@ -210,7 +210,7 @@ class Dialogue:
         self.scheduler.distance = self.health.radio_distance
 
     def bytes_damaged(self, loss: Dropped, now: float) -> bool:
-        """Bytes arrived that are no frame; returns whether the boards must be discovered anew."""
+        """Bytes arrived that are no frame; returns whether the boards must be identified again."""
         self.counters.damaged(loss)
         if not self.peers.caused_damage(now):
             self.health.damaged(loss.reason, loss.raw, now)
@@ -222,7 +222,7 @@ class Dialogue:
         return self.identity.board_boots(now)
 
     def stood_still(self, lost: Standstill, now: float) -> bool:
-        """This program did not run for a while; returns whether the boards must be discovered anew."""
+        """This program did not run for a while; returns whether the boards must be identified again."""
         self.health.not_looked(now - lost.stopped + LOOK, now)
         if max(lost.stopped, lost.slept) > STOOD_STILL:
             self.health.stood_still(max(lost.stopped, lost.slept), now)
@@ -360,7 +360,7 @@ class Dialogue:
         return self.peers.dialect
 
     def condition_changed(self, before: Verdict, now: float) -> bool:
-        """The condition was this and is another one; returns whether the boards must be discovered anew."""
+        """The condition was this and is another one; returns whether the boards must be identified again."""
         self.scheduler.resynchronise()
         if not (before.is_outage and self.health.verdict.condition.hears_board):
             return False
@@ -406,7 +406,7 @@ class Dialogue:
         self.health.wanted(self.peers.direct.word, self.streams.wanted, now)
 
     def _probe_time(self) -> float:
-        """When the next link test is due [s]; infinite while nobody could answer it."""
+        """When the next link test is due [s]; infinite while no board could answer it."""
         nobody_answers = self.peers.direct is Board.ANY or self.peers.redirected is not None
         return math.inf if nobody_answers else self.prober.next_time()
 

@@ -38,7 +38,7 @@ class OwnTime:
         return now - since - sum(max(until - max(since, began), 0.0) for began, until in self._missed)
 
     def share_missed(self, now: float, window: float) -> float:
-        """Part of the last so many seconds in which nothing was looked at [1]."""
+        """Share of a time up to now in which this program did not run [1]."""
         return 1.0 - self.elapsed(now - window, now) / window
 
 
@@ -48,13 +48,13 @@ class FrameKind:
 
     Attributes:
         key: the message, as in Zenoh keys.
-        board: who sends it.
+        board: that sends it.
         frames: since the port was opened.
         last: when the latest one arrived [s]; minus infinity before the first.
-        interval: asked for [s]; None where nobody asked.
+        interval: requested [s]; None if not requested.
         asked_at: when that was asked for first [s].
         arrivals: times of the latest ones [s].
-        own: the time in which a missing one can be told.
+        own: the time after which one counts as missing.
     """
 
     key: str
@@ -211,7 +211,7 @@ class ReceivedBytes:
         self._raw.append((now, size))
 
     def frame(self, size: int, now: float) -> None:
-        """So many bytes were a right frame."""
+        """These bytes were a valid frame."""
         self._decoded.add(now, size)
 
     def damaged(self, reason: DropReason, raw: bytes, now: float, *, keep_text: bool) -> None:
@@ -221,7 +221,7 @@ class ReceivedBytes:
             reason: why.
             raw: the bytes.
             now: [s; monotonic].
-            keep_text: text replaces the text known so far.
+            keep_text: text replaces the known text.
         """
         self._damage.add(now, len(raw), reason)
         self._decoded.add(now, len(raw))
@@ -269,7 +269,7 @@ WEIGHT: Final = 1 / 8
 JITTER_WEIGHT: Final = 1 / 4
 """Weight of a new deviation in the jitter (the same)."""
 LATE_PROOF: Final = 1.0
-"""An answer so long after its probe was given up says nothing about the line as it is now [s]."""
+"""An answer this late after its probe was given up is no evidence about the present line [s]."""
 CAPACITY: Final = 4096
 """Fates remembered at most; a window of 10 s at 100 Hz needs 1000."""
 

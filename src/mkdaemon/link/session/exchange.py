@@ -51,7 +51,7 @@ Discovery = Callable[[], Coroutine[Any, Any, None]]
 
 
 class Waiters:
-    """Everybody who waits."""
+    """All waiting callers."""
 
     def __init__(self) -> None:
         self._releases: list[asyncio.Future[ReleaseResult]] = []
@@ -80,7 +80,7 @@ class Waiters:
         self.end_releases(ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason))
 
     def end_releases(self, result: ReleaseResult) -> None:
-        """Hand everybody who waits for a release its result."""
+        """Give the result of a release to all that wait for it."""
         waiters, self._releases = self._releases, []
         for waiter in waiters:
             if not waiter.done():
@@ -106,7 +106,7 @@ class StickQueue:
             self._behind += len(entry.raw)
 
     def has_left(self, backlog: int) -> bool:
-        """Whether the last stick frame is out, where so many bytes wait [bytes]."""
+        """Whether the last stick frame has left, given the number of waiting bytes."""
         if self._behind is not None and backlog <= self._behind:
             self._behind = None
         return self._behind is None
@@ -124,7 +124,7 @@ class Exchange:
         bauds: the line rate to open the next port with.
         reporter: builds what is published.
         waiters: callers that wait for an outcome.
-        needs_discovery: set when the boards must be discovered anew.
+        needs_discovery: set when the boards must be identified again.
     """
 
     def __init__(
@@ -204,9 +204,9 @@ class Exchange:
             self._process(arrived)
             self.pump()
             lost = await self._converse(port, discover)
-        except BaseException:  # cancelled, or a defect of this program: either way nobody flies from now on
+        except BaseException:  # cancelled, or a defect of this program: there is no flight from now on
             if not port.is_recording:
-                # In a task of its own: before Python 3.11.4 a timeout within a cancelled task ends it (gh-102780).
+                # In a separate task: before Python 3.11.4 a timeout within a cancelled task ends it (gh-102780).
                 await asyncio.create_task(self._leave(port), name="link.leave")
             raise
         finally:
@@ -288,7 +288,7 @@ class Exchange:
         await self._failure
 
     async def _leave(self, port: Port) -> None:
-        """Let go of the aircraft and of its streams; bounded, and the port may be gone already."""
+        """Release the aircraft and end its streams; bounded, and the port may be gone already."""
         dialogue = self._dialogue
         dialogue.steering.leave(self._clock.now())
         with suppress(LinkError, TimeoutError):
@@ -370,14 +370,14 @@ class Exchange:
         self._dialogue.scheduler.holds_setpoints = is_waiting or may_wait
 
     def _settle(self) -> None:
-        """Hand answers, refusals and losses to whoever waits for them."""
+        """Give answers, refusals and losses to the waiting callers."""
         self.waiters.settle(self._dialogue, is_open=self.is_open)
         for entry in self._dialogue.take_discarded():
             now = self._clock.now()
             self._sink.dropped(Lost(now, Direction.TO_BOARD, DropReason.EXPIRED, entry.raw))
 
     def _fail(self, error: LinkLostError) -> None:
-        """End the conversation; whoever waits for an answer, or would wait from now on, is told at once."""
+        """End the conversation; every present and later wait for an answer ends at once."""
         if self._failure is not None and not self._failure.done():
             self._failure.set_exception(error)
             self._dialogue.questions.port_lost(str(error))

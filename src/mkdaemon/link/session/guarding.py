@@ -1,6 +1,6 @@
 """What the guard hears of a line: the port, the frames, and when the aircraft is released.
 
-The guard is a process of its own (`mkdaemon.guard`); here is only what it must be told, from the place where bytes are
+The guard is a separate process (`mkdaemon.guard`); this module only reports to it, from the place where bytes are
 written, so that its heartbeat is the control path itself.
 """
 
@@ -24,7 +24,7 @@ class LineGuard(Protocol):
         """Take the descriptor of the open port."""
 
     def port_closed(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
 
     def frames_changed(self, release: Sequence[bytes]) -> None:
         """Take the encoded release frames of this aircraft."""
@@ -37,7 +37,7 @@ class LineGuard(Protocol):
 
 
 class GuardFeed:
-    """Tells the guard of one line what it must know, and nothing while nobody has flown."""
+    """Reports stick frames of one line to the guard, and nothing before the first one."""
 
     def __init__(self, guard: LineGuard | None) -> None:
         self._guard = guard

@@ -4,7 +4,7 @@ Evidence is kept per direction. *We hear them*: a right frame within `SILENCE_TI
 confirmation to something we sent. Absence counts only where something was to be expected: a stream that was asked
 for, a probe that was sent. Every verdict falls within half a second of the fault, with the link test at its default
 5 Hz: a probe at most 0.2 s after the fault, a second one 0.1 s later because the first stayed unanswered, the verdict
-another 0.1 s later. Source: docs/safety.md, "What happens when something fails".
+another 0.1 s later. Source: docs/safety.md, "What ends a flight".
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SILENCE_TIME: Final = 0.35
 PROBE_PATIENCE: Final = 0.1
 """A probe unanswered for this long is followed by another at once [s]; radios of 2010 answer within 0.13 s."""
 PROBES_MISSED: Final = 2
-"""So many probes unanswered in a row, and the board does not hear us."""
+"""Unanswered probes in a row from which the board does not receive us."""
 STUCK_TIME: Final = 0.15
 """A port that has not taken our bytes for this long is stuck [s]."""
 GARBAGE_BYTES: Final = 6
@@ -36,23 +36,23 @@ GARBAGE_MEMORY: Final = 1.2
 DAMAGE_LIMIT: Final = 0.1
 """Share of damaged among all received bytes above which the line counts as degraded."""
 BOOT_TIME: Final = 6.0
-"""A silence so long after boot text is still the boot [s]; a FlightCtrl takes 4.7 s."""
+"""A silence this long after boot text belongs to the boot [s]; a FlightCtrl takes 4.7 s."""
 BOOT_LENGTH: Final = 700
 """More bytes than this within the silence are no boot text: a FlightCtrl prints 628 characters in all."""
 HOLD: Final = 1.0
-"""A line that was degraded is up again when nothing was wrong for so long [s]: what comes and goes is one verdict."""
+"""A degraded line is up again after this time without a fault [s], so that an intermittent fault is one verdict."""
 BREAK: Final = SILENCE_TIME / 2
-"""Between two frames that are farther apart the board was silent; nobody knows whether it heard us meanwhile [s]."""
+"""A longer gap between two frames is a silence; whether the board received anything meanwhile is unknown [s]."""
 DEAF_BEFORE: Final = 1.0
-"""A board that was heard for so long after its last answer did not hear us before it fell silent [s]."""
+"""A board that sent for this long after its last answer did not receive us before it fell silent [s]."""
 HUSH: Final = 0.15
 """Telemetry, or the confirmation of a stick frame, is late after this [s]; a radio's longest round trip is 0.13 s."""
 UNCONFIRMED: Final = 3
-"""So many stick frames not confirmed for that long, and they wait somewhere; one or two may be lost."""
+"""Stick frames not confirmed for that time from which they wait in a queue; one or two may be lost."""
 DOUBT: Final = 1.0
-"""Whether we are heard is asked anew after this [s], or a line without link tests would be doubted for ever."""
+"""Period at which it is checked whether a board receives us [s]; else a line without tests stays in doubt."""
 COMES_AND_GOES: Final = 2
-"""So many outages within the window, and a line that works is degraded until they are past: it is one verdict."""
+"""Outages within the window from which a working line stays degraded, so that they are one verdict."""
 BUSY: Final = 0.1
 """Part of the window in which this program did not run, above which a verdict says so [1]."""
 PROBE_TIMEOUT: Final = 0.25
@@ -107,8 +107,8 @@ class HealthMonitor:
 
         Args:
             now: [s; monotonic].
-            is_recording: nobody listens there.
-            searching: what is tried, where a search for the line rate opened the port anew.
+            is_recording: no board listens.
+            searching: what is tried, if a search for the line rate reopened the port.
         """
         self._opened = now
         self._is_recording = is_recording
@@ -145,7 +145,7 @@ class HealthMonitor:
         self._own.miss(since, now)
 
     def stood_still(self, seconds: float, now: float) -> None:
-        """This program did not run for so long [s] that the boards have stopped what they were asked for."""
+        """This program did not run for this time [s]: the boards have ended their streams."""
         self.pause(now + SILENCE_TIME)
         self._open_questions.clear()
         self.echo.interrupted(now)
@@ -209,7 +209,7 @@ class HealthMonitor:
         self._arrivals.wanted(board, intervals, now)
 
     def port_backlog(self, size: int, now: float) -> None:
-        """So many bytes wait inside the port."""
+        """Number of bytes that wait inside the port."""
         self.backlog = size
         if not size:
             self._backlog_since = None
@@ -253,7 +253,7 @@ class HealthMonitor:
         return now - self._answered
 
     def may_stand_still(self, now: float) -> bool:
-        """Whether what is written now may wait where nobody sees it, as in a serial server that reads no more.
+        """Whether written bytes may wait in a hidden queue, as in a serial server that reads no more.
 
         That is so when telemetry stops, and from the first sign that nothing of ours is heard until an answer comes.
         """

@@ -22,7 +22,7 @@ from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
 LOOK: Final = 0.05
-"""The evidence is weighed so often where the loop runs [s]: a tenth of the half second that a verdict may take."""
+"""Period at which the evidence is weighed [s]: a tenth of the half second that a verdict may take."""
 NOTICED: Final = 2 * LOOK
 """A shorter time between two looks is ordinary lateness [s]."""
 
@@ -63,7 +63,7 @@ GAP: Final = 1.05
 """A silence or a standstill of this program longer than this may have been a reboot, or an exchange of the aircraft,
 which takes longer by hand [s]. A lease has ended by then (`control.flightwatch`): no flight ends because of this."""
 BOOT_TIME: Final = 8.0
-"""Text so long after the first one belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
+"""Text within this time of the first belongs to the same boot [s]; a FlightCtrl boots in 4.7 s."""
 _SHORTEST: Final = 8
 """Fewer characters are the rest of a broken frame."""
 _FEWEST: Final = 3
@@ -92,7 +92,7 @@ def is_of_boot(raw: bytes) -> bool:
 
 
 class RebootWatch:
-    """Tells when the boards must be asked anew who they are."""
+    """Decides when the boards must be identified again."""
 
     def __init__(self, peers: Peers) -> None:
         self._peers = peers
@@ -114,7 +114,7 @@ class RebootWatch:
         self._text_at = -math.inf
 
     def was_gap(self, verdict: Verdict, now: float) -> bool:
-        """Whether the line has been silent under this verdict for so long, and not by our doing."""
+        """Whether the line has been silent for this time under this verdict, and not caused by us."""
         is_long = verdict.is_outage and now - verdict.silent_since > GAP
         return is_long and not self._peers.caused_silence(verdict.silent_since, now)
 
@@ -157,7 +157,7 @@ class Identity:
             self._dialect_changed(layout, now)
 
     def telemetry_received(self, message: WireMessage, now: float) -> bool:
-        """Take a look at the flight; returns whether the boards must be discovered anew."""
+        """Take a look at the flight; returns whether the boards must be identified again."""
         change = self.flight.telemetry_received(message, now)
         if change is Change.SAME_FLIGHT:
             self._recall(now)
@@ -192,11 +192,11 @@ class Identity:
         return is_first
 
     def was_gap(self, verdict: Verdict, now: float) -> bool:
-        """Whether the line has been silent under this verdict for so long that the boards may be others."""
+        """Whether the line has been silent under this verdict long enough that the boards may be others."""
         return self._reboots.was_gap(verdict, now)
 
     def telemetry_is_back(self, before: Verdict, now: float) -> bool:
-        """The line was silent until now; returns whether the boards must be discovered anew."""
+        """The line was silent until now; returns whether the boards must be identified again."""
         if self.was_gap(before, now):
             self.forget("telemetry is back after a gap", now)
         return now - before.silent_since > GAP
@@ -211,7 +211,7 @@ class Identity:
         return True
 
     def forget(self, reason: str, now: float) -> None:
-        """Other boards may be there now, or the same ones with an old stick frame: release, and ask them anew."""
+        """Other boards may be there now, or the same ones with an old stick frame: release, and identify them again."""
         self._peers.forget()
         self._release_forgotten(reason, now)
 

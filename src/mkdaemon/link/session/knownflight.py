@@ -3,8 +3,8 @@
 What is known of the boards dies with a gap in telemetry, with boot text, with a lost FlightCtrl and with the port. In
 flight it comes back only where telemetry proves that it is the same aircraft in the same flight: the same NaviCtrl
 release, and flying time, used charge and home that go on from where they were. Within one opening of the port that is
-enough. After another opening, or in another process, a client must confirm it: see docs/link.md, "A FlightCtrl that
-cannot be asked".
+enough. After another opening, or in another process, a client must confirm it: see docs/link.md,
+"A FlightCtrl that cannot be identified".
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TIME_SLACK: Final = 3.0
 CLOCK_DRIFT: Final = 0.01
 """A board's second may be this much longer or shorter; the NaviCtrl counts flying time. Source: docs/firmware-notes."""
 CHARGE_SLACK: Final = 5
-"""Used charge may be so much less or more than the current explains [mAh]."""
+"""Allowed difference between used charge and the integral of the current [mAh]."""
 MOST_CHARGE: Final = 40.0
 """No MikroKopter draws more [mAh/s]; 144 A."""
 
@@ -118,7 +118,7 @@ def _from_osd(osd: OsdData4 | OsdData5, now: float) -> Sighting:
 SHORTEST_BOOT: Final = 4.0
 """A FlightCtrl that was lost for less has not booted [s]; it takes 4.7 s. Source: docs/firmware-notes."""
 FRESH: Final = 3.0
-"""An offer holds for so long after telemetry last proved it [s]."""
+"""An offer is valid for this time after telemetry last proved it [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ class KnownFlight:
         self.memory = self._proven_at = None
 
     def machine_slept(self, seconds: float) -> None:
-        """The flight went on for so long unseen [s]: a client must confirm it."""
+        """The flight continued unseen for longer than this [s]: a client must confirm it."""
         self._is_unbroken = False
         if self.memory is not None:
             seen = self.memory.sighting

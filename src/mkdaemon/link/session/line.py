@@ -52,7 +52,7 @@ class LineRules:
     def gap_after(self, *, reaches_fc: bool) -> float:
         """Idle line after a frame [s].
 
-        A NaviCtrl buffers 512 characters and needs none; before the first answer nobody knows who is there, so the
+        A NaviCtrl buffers 512 characters and needs none; before the first answer the board is unknown, so the
         careful rule holds.
         """
         if self.direct is Board.NC and not reaches_fc:

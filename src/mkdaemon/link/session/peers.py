@@ -14,9 +14,9 @@ from mkdaemon.telemetry.refusals import Token, refuse
 PROOF_AGE: Final = 10.0
 """A version reply older than this proves no longer who is on the line [s]."""
 AFTER_PASSAGE: Final = 0.8
-"""A NaviCtrl's telemetry is back so long after it has passed the wire through; the verdict takes part of it [s]."""
+"""Time until a NaviCtrl's telemetry is back after a redirection; the verdict takes part of it [s]."""
 TAIL_TIME: Final = 0.15
-"""The frame that a redirection cut ends after the escape sequence, so long after it at the latest [s]."""
+"""A frame that a redirection cut ends within this time after the escape sequence [s]."""
 VERSION_KEY: Final = VersionFc210.spec.key
 """The message a board names itself with."""
 _PILOTS: Final = (Board.FC, Board.NC)

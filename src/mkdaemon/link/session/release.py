@@ -4,13 +4,13 @@
 polling keeps them held for ever; 2.12a holds them for 2.0 s. So: neutral sticks, then Config = 0 at least five times,
 each confirmed by its `B` where a `B` can come (never through a NaviCtrl 0.24). Where a confirmation should come and
 does not, the release is repeated for a while, and every request that would refresh the dead-man is silenced for 6 s,
-so that it runs out by itself. Source: docs/safety.md, "The trap that decides the design".
+so that it runs out by itself. Source: docs/safety.md, "Silence is not a release".
 
 Before the FlightCtrl's release is known every frame goes out in both forms in turn, all zero but the number, because
 each generation obeys one of them only, and neither sets the valid bit (Config, bit 0) anywhere:
 
 * The 11-byte form (v1) is read by FlightCtrls up to 2.08, with Config = 0 from byte 10. 2.12a ignores frames of 20 or
-  more characters. Whoever reads 7 or 9 bytes takes Config from byte 5, which is zero.
+  more characters. A board that reads 7 or 9 bytes takes Config from byte 5, which is zero.
 * The 7-byte form (v2; v3 is the same zeros, 9 bytes on the wire either way) is read by 2.10 and later, with Config = 0.
   A FlightCtrl up to 2.08 takes Config from byte 10 of what its decoder makes of 12 payload characters, two of the
   checksum (c, d), the CR and leftovers, decoded as if they went on: byte 10 is ((d - 61) & 15) << 4 | (CR - 61) >> 2,

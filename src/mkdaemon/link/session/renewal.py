@@ -31,7 +31,7 @@ class HeardShare:
     """The shares of requests that the board does not hear, from the fates of link tests in the order of their end.
 
     Attributes:
-        noted: link tests so far.
+        noted: number of link tests.
     """
 
     def __init__(self) -> None:
@@ -63,6 +63,7 @@ class HeardShare:
     @property
     def delivered(self) -> float:
         """Share of all requests that are heard [0..1]."""
+        # The stationary share of losses of that chain, first / (1 + first - next).
         return 1.0 - self.first_lost / (1.0 + self.first_lost - self.next_lost)
 
 
@@ -82,6 +83,8 @@ def time_between_ends(interval: float, share: HeardShare, *, live: float = TIME_
     Streams run out when enough renewals in a row are lost for none to fall into the time to live. Such a row begins
     with a renewal that follows a heard one.
     """
+    # Losses as a chain of two states (E. Gilbert, Bell System Technical Journal 39 (1960), 1253): a row of n lost
+    # renewals begins delivered / interval * first_lost times a second, and goes on with next_lost^(n - 1).
     in_a_row = max(int(live / interval + 1e-9), 1)
     begins = share.delivered / interval * share.first_lost
     return 1.0 / (begins * share.next_lost ** (in_a_row - 1))

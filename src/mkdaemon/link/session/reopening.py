@@ -25,7 +25,7 @@ FlightCtrl boots, which says nothing either where its text is lost."""
 SILENT_PATIENCE: Final = 0.8
 """While searching: no frame for this long, and the next rate is tried [s]."""
 STUCK_PATIENCE: Final = 2.0
-"""A port that takes no bytes for this long is opened anew [s]."""
+"""A port that takes no bytes for this time is reopened [s]."""
 
 
 def backoff(first: float, longest: float, *, factor: float = 1.6) -> Iterator[float]:

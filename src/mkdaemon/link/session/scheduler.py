@@ -193,7 +193,7 @@ class TransmitScheduler:
         return now < self._quiet_until and self._refreshes is not None and self._refreshes(letter)
 
     def send_only_releases(self) -> None:
-        """Hold everything else until the port is opened anew: the daemon leaves."""
+        """Hold everything else until the port is reopened: the daemon ends."""
         self._leaving = True
 
     def reserve_line(self, board: Board | None) -> None:
@@ -326,7 +326,7 @@ class TransmitScheduler:
         return max(begin, min(expected + AFTER_SETPOINT, entry.queued + PATIENCE_TIME[entry.purpose]))
 
     def _expect_setpoint(self, begin: float) -> float | None:
-        """When the next setpoint will want the line; None while nobody sends any."""
+        """When the next setpoint will want the line; None without a stream of setpoints."""
         if self._setpoint_period is None or self._arrived is None:
             return None
         if self._queues[Purpose.SETPOINT]:

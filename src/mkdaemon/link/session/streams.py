@@ -2,7 +2,7 @@
 
 They are wanted by configuration, by `auto`, or since they were changed at run time. A board has ONE timer for all its
 streams (NaviCtrl 4.0 s, FlightCtrl 4.1 s); any stream request renews them all. A request with interval 0 renews without
-costing a frame, so a kind nobody wants is the renewal; where all kinds are wanted, the one with the shortest reply is.
+costing a frame, so an unwanted kind is the renewal; where all kinds are wanted, the one with the shortest reply is.
 Every other request costs one frame and restarts the phase of its stream, so a stream is asked for again only when its
 rate changes or it is overdue. How often they are renewed follows from the share of requests that the board hears; see
 `renewal`. Source: docs/firmware-notes, "Subscriptions".
@@ -101,7 +101,7 @@ class Subscriptions:
             self._wanted[key] = _Stream(interval)
 
     def end(self, key: str) -> None:
-        """End a stream that nobody here wants."""
+        """End an unwanted stream."""
         if key not in self._to_stop and self.board in KINDS[key].boards:
             self._to_stop.append(key)
 
@@ -160,9 +160,9 @@ class Subscriptions:
 QUEUED: Final = 1.0
 """Longest time a request for a stream waits for the line [s]; it is asked again anyway."""
 BORROWED: Final = 4.0
-"""A stream that a client's own request starts lasts so long after it [s], as on a board that nobody asks again."""
+"""Time after which a stream started by a client's request ends [s], as on a board without renewal."""
 LEFT_OVER: Final = 8
-"""So many frames of a stream nobody wants, within `LEFT_OVER_TIME`, were asked for by another program: they are ended,
+"""Frames of an unwanted stream within `LEFT_OVER_TIME` from which another program requested it: it is ended,
 because every renewal keeps them alive too."""
 LEFT_OVER_TIME: Final = 6.0
 """See `LEFT_OVER` [s]."""

@@ -20,7 +20,7 @@ class Purpose(IntEnum):
     """Why a frame is sent; a smaller number goes first."""
 
     RELEASE = 0
-    """Lets go of the aircraft."""
+    """Releases the aircraft."""
     SETPOINT = 1
     """External control, newest wins."""
     RETRY = 2
@@ -118,7 +118,7 @@ class Lost(NamedTuple):
 
 
 class LinkSink(Protocol):
-    """Who hears about the line; called from the reading task, so every method must return at once."""
+    """Receives events of the line; called from the reading task, so every method must return at once."""
 
     def received(self, frame: Received) -> None:
         """Take a right frame."""
@@ -143,7 +143,7 @@ class LinkSink(Protocol):
 
 
 class LineTap(Protocol):
-    """Who records what the link is told by the port and what it decides about it; every method returns at once."""
+    """Records the port's events and the link's decisions; every method returns at once."""
 
     def port_opened(self, port: str, baud: int, at: float) -> None:
         """Take note of an open port."""

@@ -1,4 +1,4 @@
-"""What is said about a line: the condition, why in words, and since when."""
+"""The verdict on a line: its condition, the reason in words, and since when."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from mkdaemon.telemetry.link import LinkCondition
 STUCK: Final = "the port takes no bytes: flow control stops it, or its reader hangs"
 """Reason of a stuck port."""
 NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
-"""Reason of a line that never said anything."""
+"""Reason of a line that was always silent."""
 STOPPED: Final = "nothing arrives any more: the board was switched off, stands still, or a cable came off"
 """Reason of a line that was heard before."""
 RAN_OUT: Final = (
-    "nothing arrives any more; before, it was heard and answered nothing until its streams ran out, for it does not "
-    "hear us: check the board's RX wire"
+    "nothing arrives any more; before, the board sent but did not answer, until its streams ran out: check the "
+    "board's RX wire"
 )
 """Reason of a line that was one-way before."""
 UNANSWERED: Final = "frames arrive, but nothing we send is answered: check the board's RX wire"
 """Reason of a one-way line."""
-QUIET: Final = "nothing arrives, and for 6 s hardly anything is asked: the last release was not confirmed"
+QUIET: Final = "nothing arrives, and requests pause for 6 s: the last release was not confirmed"
 """Reason of a mute line while requests would keep an old stick command alive."""
 DAMAGED: Final = "frames arrive damaged, and nothing we send is answered"
 """Reason of a line on which only damage arrives beside a few frames."""
@@ -82,7 +82,7 @@ class Cause(Enum):
     PLAIN_TEXT = auto()
     """Text arrives and no frame: the line rate is right."""
     OTHER = auto()
-    """Nobody asks."""
+    """No test is sent."""
 
 
 class Finding(NamedTuple):
@@ -135,7 +135,7 @@ class Verdict:
         return self.finding.cause
 
     def followed_by(self, finding: Finding, now: float, last_arrival: float) -> Verdict:
-        """The verdict after a new finding; another reason for the same condition does not begin it anew.
+        """The verdict after a new finding; another reason for the same condition does not restart it.
 
         Args:
             finding: the new one.

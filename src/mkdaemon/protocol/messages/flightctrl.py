@@ -194,7 +194,7 @@ class ArmMotors(WireMessage):
     """Start the motors; needs a calibration and no errors."""
 
 
-# A running motor must not stand in the way of stopping it.
+# A running motor must not prevent that it is stopped.
 @request(
     Board.FC,
     "e",

@@ -79,7 +79,7 @@ class VersionReply(WireMessage):
     @property
     def release(self) -> str:
         """The release as MikroKopter writes it, for example `2.12a`."""
-        patch: int = self.patch  # type: ignore[attr-defined]  # each layout has it, at a place of its own
+        patch: int = self.patch  # type: ignore[attr-defined]  # each layout has it at another place
         return str(Release(self.major, self.minor, patch))
 
 

@@ -76,7 +76,7 @@ class _Point027(_PointNamed):
 
 class _Point2x(_PointNamed):
     photo_distance: Annotated[int, U8(mk="AutoPhotoDistance", unit=METRE)] = 0
-    """Triggers the camera every so many metres; 0 never."""
+    """Distance between two pictures; 0 for none."""
     reserved: Annotated[int, U8(mk="reserve")] = 0
 
 

@@ -1,9 +1,9 @@
 """The live parameter set of a FlightCtrl: what may change it, and how a procedure leaves it as it found it.
 
-Reading a set that is not active loads it into the live parameters, and writing one activates it. So whoever reads or
-writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live, and compares
-it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every reading with
-the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
+Reading a set that is not active loads it into the live parameters, and writing one activates it. A procedure that
+reads or writes sets announces it first (`LiveSetAtRisk`), ends with the active set read again, which makes it live,
+and compares it byte for byte with the first reading. Motors must stand still: a 2.12a with running motors answers every
+reading with the set in use. Sources: docs/protocol.md, "FlightCtrl commands"; docs/firmware-notes, "Side effects".
 
 Bytes are as they cross the line: revision first, zero padding behind the last field kept.
 """
@@ -38,9 +38,9 @@ _DEAF = 2.0
 """Quiet time after a write: the FlightCtrl beeps the set's number and hears nothing for 1.33 s [s]."""
 _WRITES = 3
 _STUBBORN = 5
-"""So many times the patience for the proof that the live set is what it was: giving up there costs the most."""
+"""Factor of the patience for the proof that the live set is what it was: giving up there costs the most."""
 _CLAMPED = 8
-"""A FlightCtrl pulls at most so many bytes of a set into their ranges when it stores it."""
+"""Largest number of bytes of a set that a FlightCtrl clamps when it stores it."""
 
 
 class Recovered(Enum):
@@ -63,7 +63,7 @@ class FoundSets:
         active: number of the active set.
         live: bytes of the active set, which must be live in the end.
         patience: how long to insist on each answer.
-        sets: bytes of every set read so far, by number.
+        sets: bytes of every set already read, by number.
         is_at_risk: another set may be live.
     """
 
@@ -217,8 +217,15 @@ def _places(wanted: bytes, stored: bytes) -> str:
     return ", ".join(f"byte {offset}" for offset in differing(wanted, stored))
 
 
-def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
+def write_set(slot: int, raw: bytes, patience: Patience, stored_step: Progress | None = None) -> Procedure[bytes]:
     """Write one set and read it back; a difference that comes twice is what the FlightCtrl makes of it.
+
+    Args:
+        slot: number of the set.
+        raw: its bytes.
+        patience: how long to insist on each answer.
+        stored_step: reported when the FlightCtrl has answered that it has stored the set, seconds before it can be
+            read back.
 
     Raises:
         RequestTimeoutError: no answer.
@@ -230,6 +237,8 @@ def write_set(slot: int, raw: bytes, patience: Patience) -> Procedure[bytes]:
         written = yield from insist(_store(slot, raw), slow)
         if written.index == 0:
             raise refuse(Token.WRITE_REFUSED, slot=slot)
+        if stored_step is not None:
+            yield stored_step
         yield Pause(_DEAF)
         stored = (yield from insist_twice(_read(slot), patience)).parameters
         if stored in (pad_set(raw), before):

@@ -81,7 +81,7 @@ def restore_settings(
 ) -> Procedure[Restoration]:
     """Write parameter sets that differ, read each back, and leave the set active that was.
 
-    What the FlightCtrl changed of its own accord is no failure: compare `wanted` with `Restoration.stored`.
+    A change by the FlightCtrl itself is no failure: compare `wanted` with `Restoration.stored`.
 
     Args:
         wanted: bytes of each set to restore, by number 1..5.
@@ -148,18 +148,20 @@ def _replace(session: FoundSets, wanted: Mapping[int, bytes], *, dry_run: bool) 
         yield from make_live(session)  # collecting the sets may have loaded another one
         raise
     stored = dict(before)
+    parts = 2 * len(order) + 1
     try:
-        for done, slot in enumerate(order):
-            yield Progress(done, len(order) + 1, f"writing set {slot}")
-            stored[slot] = yield from write_set(slot, writing[slot], session.patience)
+        for index, slot in enumerate(order):
+            yield Progress(2 * index, parts, f"writing set {slot}")
+            has_stored = Progress(2 * index + 1, parts, f"reading back set {slot}")
+            stored[slot] = yield from write_set(slot, writing[slot], session.patience, has_stored)
     except MkError as cause:
         yield from write_back(session, cause)
         yield LiveSetProven()
         raise
     session.live = stored[session.active]
-    yield Progress(len(order), len(order) + 1, "proving the live set")
+    yield Progress(parts - 1, parts, "proving the live set")
     yield from make_live(session)
-    yield Progress(len(order) + 1, len(order) + 1, "proven")
+    yield Progress(parts, parts, "proven")
     kept = {slot: stored[slot] for slot in before}
     return Restoration(session.version, session.active, before, kept, tuple(order))
 

@@ -6,12 +6,11 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.fleet import Fleet, Sighting
-from mkdaemon.errors import MkError, ProtocolError
-from mkdaemon.telemetry.control import ReleaseOutcome
+from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayStatus
 from mkdaemon.view.page.overview import overview_of
 from mkdaemon.view.page.picture import Picture
@@ -27,7 +26,7 @@ WATCHED: Final = {
     **dict.fromkeys(("control/estimate", "vision/*/pose"), TRAIL),
     "event/*": EVER,
     **dict.fromkeys(("link/state", "control/status", "control/fence", "health", "record/status"), 0.0),
-    **{f"vision/*/{what}": 0.0 for what in ("image", "setup", "stats", "tags")},
+    **{f"vision/*/{what}": 0.0 for what in ("image", "setup", "stats", "tags", "refused")},
 }
 """What is looked at, nothing of the line's frames, which are most of what is published; and how much of what came
 before is wanted where a recording is played [s], for a picture like that of someone who looked all the time."""
@@ -36,12 +35,6 @@ BACKLOG: Final = 4096
 AT_ONCE: Final = 200
 """Values that are taken before anything else is done."""
 REASON: Final = "asked for in mkctl view"
-_RELEASED: Final = {
-    ReleaseOutcome.CONFIRMED: "released, and the FlightCtrl confirmed it",
-    ReleaseOutcome.NOT_OBSERVABLE: "released; a confirmation cannot come this way",
-    ReleaseOutcome.UNCONFIRMED: "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go",
-    ReleaseOutcome.NOT_SENT: "NOT sent, the line is down; it is the first thing sent when the line is back",
-}
 
 
 @dataclass(slots=True)
@@ -118,7 +111,7 @@ class Gallery:
             MkError: refused, or nobody is there.
         """
         report = await self._live(word).release(REASON)
-        return _RELEASED[report.status]
+        return report.status.words
 
     async def play(self, word: str, action: PlayAction, **fields: float) -> str:
         """Pause a recording, play it at another speed or go on at another place; what to tell.
@@ -208,18 +201,10 @@ class Gallery:
         for pattern in ("control/status", "event/*"):
             with suppress(MkError):
                 found += await exhibit.client.get_past(pattern, EVER, EVER)
-        exhibit.picture.flight = overview_of(value for sample in found if (value := _value(sample)) is not None)
+        exhibit.picture.flight = overview_of(sample.known for sample in found)
 
     def _take(self, picture: Picture, sample: Sample) -> None:
-        if (value := _value(sample)) is not None:
-            picture.take(sample.suffix, value, self._loop.time(), sample.age)
-
-
-def _value(sample: Sample) -> Any:
-    """The value of a sample; None where another version publishes it differently."""
-    with suppress(ProtocolError):
-        return sample.value
-    return None
+        picture.take(sample.suffix, sample.known, self._loop.time(), sample.age)
 
 
 def _moment(sample: Sample) -> tuple[str, float]:

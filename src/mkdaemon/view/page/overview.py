@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-from mkdaemon.client.eventlines import EventLine, line_of
+from mkdaemon.reading import EventLine, line_of
 from mkdaemon.telemetry.control import ControlStatus, Phase
 
 MOST: Final = 500

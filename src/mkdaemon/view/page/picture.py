@@ -7,33 +7,27 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict, deque
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.client.eventlines import EventLine, line_of
 from mkdaemon.client.place import HOME, Place, place_of_estimate, place_of_gps, place_of_pose
+from mkdaemon.reading import EventLine, Fact, Reading, fresh_for, line_of
+from mkdaemon.reading import Picture as Known
+from mkdaemon.reading.facts import age_words, dead_reckoning
 from mkdaemon.telemetry.base import Stamped
-from mkdaemon.telemetry.control import (
-    ControlError,
-    ControlEstimate,
-    ControlFence,
-    ControlOutput,
-    ControlStatus,
-)
+from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlFence, ControlOutput
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Position
 from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
 from mkdaemon.view.page.daemontime import DaemonTime
-from mkdaemon.view.page.known import Knowledge
 from mkdaemon.view.page.optics import frustum, project, shape_of
 from mkdaemon.view.page.overview import Overview
 from mkdaemon.view.page.series import Series
-from mkdaemon.view.page.words import lines_of, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -51,6 +45,11 @@ IMAGE_DEPTH: Final = 0.3
 """The image is drawn in the frustum at this share of the height above the target."""
 SHALLOW: Final = 0.02
 """But not nearer than this [m]."""
+LARGE: Final = ("height", "battery", "pose")
+"""Facts whose numbers are seen first."""
+_LEFT_OUT: Final = ("vehicle", "speed", "place", "port", "firmware")
+"""Facts for which the page has no room: the scene shows the place, the alarms what is wrong with the vehicle."""
+_SOURCES: Final = {"estimate": "as the flight core believes", "pose": "as a camera saw it", "gps": "by GPS"}
 
 
 @dataclass(slots=True)
@@ -94,7 +93,7 @@ class Picture:
         self.event_count = 0
         self.flight: Overview | None = None
         self._time = DaemonTime()
-        self._known = Knowledge()
+        self._reading = Reading()
         self._looks: dict[str, Look] = {}
         self._play: PlayStatus | None = None
         self._boot: str | None = None
@@ -121,7 +120,7 @@ class Picture:
         if isinstance(value, CameraFrame | Tags | VisionPose):
             self._look(suffix, value)
         if not isinstance(value, CameraFrame):
-            self._known.take(suffix, value)
+            self._reading.take(suffix, value, stamp.monotonic)
         line = line_of(value)
         if line is not None:
             self.events.append(line)
@@ -145,7 +144,7 @@ class Picture:
     def restart(self) -> None:
         """Forget everything: another boot of the machine, or a recording that is played again."""
         self._time.restart()
-        self._known.forget()
+        self._reading.forget()
         self._looks.clear()
         self._restarts += 1
         for series in self.series.values():
@@ -178,13 +177,15 @@ class Picture:
                 series["trail"].add(at, *value.position)
                 series["height"].add(at, value.position[2])
             case VisionPose():
-                flown = self._known.last("control/estimate", ControlEstimate)
+                flown = self._reading.at(at).last("control/estimate", ControlEstimate)
                 if flown is None or at - flown.at > OLD:
                     series["trail"].add(at, *value.position_target)
                     series["height"].add(at, value.position_target[2])
             case ControlError():
                 x, y, z = value.error_pad
-                series["error"].add(at, 100 * math.hypot(x, y), 100 * z)
+                error = (100 * math.hypot(x, y), 100 * z)
+                is_blind = dead_reckoning(self._reading.at(at)) is not None
+                series["error"].add(at, *((None, None) if is_blind else error))
                 series["goal"].add(at, value.goal[2])
             case ControlOutput():
                 wanted = value.wanted or (None, None, None, None)
@@ -204,10 +205,9 @@ class Picture:
         Args:
             now: our own time [s].
         """
-        known = self._known
-        known.now = self._time.now(now) or 0.0
-        place = self._place()
-        text, tone = verdict_of(known, is_here=self.is_here, is_played=self.is_played)
+        absence = "" if self.is_here else "The recording is no longer played" if self.is_played else "No daemon is here"
+        known = self._reading.at(self._time.now(now) or 0.0, absence)
+        place = self._place(known)
         return {
             "vehicle": self.name,
             "restarts": self._restarts,
@@ -215,34 +215,32 @@ class Picture:
             "is_played": self.is_played,
             "is_here": self.is_here,
             "play": None if self._play is None else self._play.model_dump(mode="json"),
-            "verdict": {"text": text, "tone": tone},
-            "lines": [line.as_map() for line in lines_of(known)],
-            "scene": self._scene(place),
-            "cameras": [self._camera(name, place) for name in known.cameras()],
-            "can": self._can(),
+            "verdict": {"text": known.headline, "tone": known.tone},
+            "alarms": [asdict(alarm) for alarm in known.alarms[1:]],
+            "large": [_large(known.fact(word)) for word in LARGE],
+            "lines": [fact.as_map() | {"text": fact.aged} for fact in known.facts if _is_line(fact)],
+            "scene": self._scene(known, place),
+            "cameras": [self._camera(known, name, place) for name in known.cameras()],
+            "offers": self._offers(known),
         }
 
     def shapes(self) -> dict[str, Any]:
         """The tags of the target that is shown: what rarely changes."""
-        frame = (place := self._place()) and place.frame
-        targets = [target for setup in self._setups() for target in setup.targets]
+        known = self._reading.at(0.0)
+        frame = (place := self._place(known)) and place.frame
+        setups = (known.last(f"vision/{name}/setup", CameraSetup) for name in known.cameras())
+        targets = [target for setup in setups if setup is not None for target in setup.value.targets]
         name = frame if frame not in (None, HOME) else next((target.name for target in targets), "")
         return {"target": name, "tags": shape_of(targets, name or "")}
 
-    def _setups(self) -> list[CameraSetup]:
-        found = (self._known.last(f"vision/{name}/setup", CameraSetup) for name in self._known.cameras())
-        return [setup.value for setup in found if setup is not None]
+    def _offers(self, known: Known) -> dict[str, Any]:
+        """Buttons: what each does, and why it cannot be pressed."""
+        why_not = "A recording takes no commands." if self.is_played else ""
+        return {offer.id: asdict(offer) | {"why_not": offer.why_not or why_not} for offer in known.offers}
 
-    def _can(self) -> dict[str, bool]:
-        """Which buttons can be pressed: both where a daemon is, unless it is known that nothing is flown to abort."""
-        status = self._known.fresh("control/status", ControlStatus)
-        may_fly = status is None or status.phase.may_be_aborted
-        is_live = self.is_here and not self.is_played
-        return {"release": is_live, "abort": is_live and may_fly}
-
-    def _place(self) -> Place | None:
+    def _place(self, known: Known) -> Place | None:
         """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""
-        known, found = self._known, []
+        found = []
         attitude = known.last("state/attitude", Attitude)
         estimate = known.last("control/estimate", ControlEstimate)
         if estimate is not None:
@@ -259,15 +257,20 @@ class Picture:
         # A camera's pose is newer than the estimate of the same moment only by chance.
         return max(found, key=lambda place: place.at + OLD * (place.source == "estimate"), default=None)
 
-    def _scene(self, place: Place | None) -> dict[str, Any]:
-        """The aircraft over its target."""
-        known = self._known
+    def _scene(self, known: Known, place: Place | None) -> dict[str, Any]:
+        """The aircraft over its target. Where it is calculated without images it is drawn as one of the past."""
         fence = known.last("control/fence", ControlFence)
         error = known.fresh("control/error", ControlError)
         shown = {} if fence is None else fence.value.model_dump(include={"radius", "height", "floor"})
         scene: dict[str, Any] = {"aircraft": None, "goal": None, "fence": shown or None}
+        scene["caption"] = "where the aircraft is: not known"
         if place is not None:
-            age = max(0.0, known.now - place.at)
+            blind = dead_reckoning(known) if place.source == "estimate" else None
+            age = max(0.0, known.now - place.at, blind or 0.0)
+            is_stale = blind is not None or age > OLD
+            where = "from home" if place.frame == HOME else f"over {place.frame}"
+            old = f"; last image {age_words(age)} ago" if is_stale else ""
+            scene["caption"] = f"{where}, {_SOURCES[place.source]}{old}"
             scene["aircraft"] = {
                 "position": _rounded(place.position),
                 "rotation": _rounded(place.rotation),
@@ -275,29 +278,30 @@ class Picture:
                 "frame": place.frame,
                 "source": place.source,
                 "age": round(age, 2),
-                "is_stale": age > OLD,
+                "is_stale": is_stale,
             }
         if error is not None:
             scene["goal"] = list(error.goal)
         return scene
 
-    def _camera(self, name: str, place: Place | None) -> dict[str, Any]:
+    def _camera(self, known: Known, name: str, place: Place | None) -> dict[str, Any]:
         """One camera: frustum, newest image, and what was found in it."""
-        known = self._known
         look = self._looks.get(name, Look())
         setup = known.last(f"vision/{name}/setup", CameraSetup)
         stats = known.last(f"vision/{name}/stats", VisionStats)
-        shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "seen_age": None}
+        shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "is_stale": False}
         if setup is not None and place is not None and place.frame != HOME:
             depth = max(SHALLOW, IMAGE_DEPTH * float(place.position[2]))  # above the ground, also where it stands
             shown["frustum"] = frustum(setup.value, place.position, place.rotation, depth)
-        pose = known.last(f"vision/{name}/pose", VisionPose)
-        if pose is not None:
-            shown["seen_age"] = round(known.age(pose), 2)
+        shown["caption"] = f"{name}: {known.fact(f'sight-{name}').aged}"
+        shown["note"] = "no image: `jpeg_hz` of this camera is 0"
         image = look.image
         sequence = image.sequence if image is not None else next(reversed(look.poses or look.tags or {-1: None}))
         if image is not None:
-            shown["image"] = {"sequence": sequence, "age": round(max(0.0, known.now - image.stamp.monotonic), 2)}
+            age = max(0.0, known.now - image.stamp.monotonic)
+            is_stale = age > (fresh_for(f"vision/{name}/image") or 0.0)
+            shown |= {"image": {"sequence": sequence}, "is_stale": is_stale}
+            shown["note"] = f"image {age_words(age)} old" if is_stale else ""
         lens = None if setup is None else setup.value.lens
         width, height = (lens.width, lens.height) if lens else (0, 0)
         if not width and stats is not None:
@@ -317,6 +321,18 @@ class Picture:
             for pose in look.poses.get(sequence, {}).values()
             for corners in project(setup, pose)
         ]
+
+
+def _is_line(fact: Fact) -> bool:
+    """Whether a fact has a line: large numbers and captions of cameras have none beside them."""
+    return fact.id not in (*LARGE[::2], *_LEFT_OUT) and not fact.id.startswith("sight-")
+
+
+def _large(fact: Fact) -> dict[str, Any]:
+    """A fact as a large number; a dash for one that is not the present one."""
+    is_present = fact.number is not None and not fact.is_stale
+    number = f"{fact.number:.{2 if fact.unit == 'm' else 1}f} {fact.unit}" if is_present else "–"
+    return {"id": fact.id, "name": fact.name, "text": number, "tone": fact.tone}
 
 
 def _rounded(numbers: Array) -> Any:

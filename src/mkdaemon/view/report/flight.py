@@ -6,16 +6,25 @@ What is taken of which key is one table. Nothing here trusts the file: a part th
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import degrees
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+from pydantic import ValidationError
+
+from mkdaemon.reading import EventLine, Picture, Reading, key_spec
+from mkdaemon.reading.facts import DEAD_RECKONING
+from mkdaemon.reading.known import EACH, EVENTS
 from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
 from mkdaemon.record.summary import Summary, Taker
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.view.report.happenings import MAKERS, MOST, Happening, Sort
+from mkdaemon.view.report.happenings import MOST, happening_of, lost_line
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
-from mkdaemon.view.report.timeseries import Series
+from mkdaemon.view.report.timeseries import Array, Series
 from mkdaemon.view.report.troubles import Trouble, take_causes
 
 
@@ -48,7 +57,7 @@ class Place(NamedTuple):
 _DEGREES: Final = degrees(1.0)
 _PERCENT: Final = 100.0
 COLUMNS: Final[Mapping[str, tuple[Column | Place, ...]]] = {
-    "control/estimate": (Place("position", "estimate"),),
+    "control/estimate": (Place("position", "estimate"), Column("image_age", "estimate.image_age")),
     "control/error": (Place("goal", "goal"), Place("error_pad", "error")),
     "control/output": tuple(Column(name, f"stick.{name}") for name in ("pitch", "roll", "yaw", "throttle")),
     "state/attitude": (
@@ -80,9 +89,7 @@ COLUMNS: Final[Mapping[str, tuple[Column | Place, ...]]] = {
     "sim/truth": (Place("position_enu", "truth"),),
 }
 """What is kept of each key; `*` is a camera, whose name is put before that of the series: `down eyes.posed`."""
-LAST: Final = frozenset(
-    {"health", "link/health", "link/state", "link/traffic", "control/status", "record/status", "vision/*/stats"}
-)
+LAST: Final = frozenset({*EACH, "link/traffic"})
 """Keys whose last value is kept whole."""
 IN_AIR: Final = frozenset(phase.value for phase in Phase if phase.is_in_flight)
 """Phases in which the machine steers."""
@@ -139,7 +146,7 @@ class ImagePlace:
     camera: str
 
 
-@dataclass(slots=True)
+@dataclass
 class Flight:
     """One vehicle in a recording.
 
@@ -154,6 +161,7 @@ class Flight:
         left_out: happenings beyond those that are kept.
         images: where they are.
         last: last values, by key.
+        reading: the same, as far as they are what their keys carry.
         parameters: the FlightCtrl's active parameter set, as it was read last; empty where it was not.
         model: of the aircraft that was flown on; empty where it is not known.
         frames: good frames received.
@@ -167,10 +175,11 @@ class Flight:
     states: list[State] = field(default_factory=list)
     troubles: list[Trouble] = field(default_factory=list)
     conditions: list[tuple[float, str]] = field(default_factory=list)
-    happenings: list[Happening] = field(default_factory=list)
+    happenings: list[EventLine] = field(default_factory=list)
     left_out: int = 0
     images: list[ImagePlace] = field(default_factory=list)
     last: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    reading: Reading = field(default_factory=Reading)
     parameters: bytes = b""
     model: Mapping[str, Any] = field(default_factory=dict)
     began: float = 0.0
@@ -186,7 +195,31 @@ class Flight:
         known = {suffix.split("/")[1] for suffix in self.last if suffix.startswith("vision/")}
         return sorted(known | {name.removesuffix(_POSE) for name in self.series if name.endswith(_POSE)})
 
-    def keep(self, happening: Happening) -> None:
+    @cached_property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Blind flight: from the last image that was used until the next one [s], where that took too long."""
+        found: list[tuple[float, float]] = []
+        series = self.series.get("estimate.image_age")
+        times, ages = (np.empty(0), np.empty(0)) if series is None else series.arrays()
+        for at, age in zip(times.tolist(), ages.tolist(), strict=True):
+            if age > DEAD_RECKONING:
+                since = at - age
+                found[-1:] = [(found[-1][0], at)] if found and since <= found[-1][1] else [*found[-1:], (since, at)]
+        return found
+
+    def is_blind(self, times: Array) -> npt.NDArray[np.bool_]:
+        """Whether moments (n,) [s] are of blind flight."""
+        found = np.zeros(len(times), dtype=bool)
+        for begin, end in self.gaps:
+            found |= (times >= begin) & (times <= end)
+        return found
+
+    @property
+    def end(self) -> Picture:
+        """What was known at the end."""
+        return self.reading.at(self.ended)
+
+    def keep(self, happening: EventLine) -> None:
         """Keep something that happened, if there is room."""
         if len(self.happenings) < MOST:
             self.happenings.append(happening)
@@ -205,6 +238,7 @@ class FlightReader:
         self.flights: dict[str, Flight] = {}
         self._origin = 0
         self._owners: dict[tuple[Kind, str], str] = {}
+        self._last: dict[str, dict[str, tuple[float, Mapping[str, Any]]]] = {}
 
     def taker(self, entry: Entry) -> Taker | None:
         """Who takes the entries of the kind and key of this one, the first; None where they are only counted."""
@@ -226,6 +260,11 @@ class FlightReader:
             flight.entries = sum(one.count for one in found)
             flight.began = min(0, *(one.first - self._origin for one in found)) / NANOSECONDS
             flight.ended = max(0, *(one.last - self._origin for one in found)) / NANOSECONDS
+            for suffix, (at, fields) in self._last.get(vehicle, {}).items():
+                spec = key_spec(suffix)
+                with suppress(ValidationError):
+                    if spec is not None and spec.carries is not None:
+                        flight.reading.take(suffix, spec.carries.model_validate(fields), at)
 
     def _images(self, flight: Flight, camera: str) -> Taker:
         def take(entry: Entry, at: int) -> None:
@@ -242,6 +281,7 @@ class FlightReader:
                 stamped = number_of(stamp, "monotonic")
                 if stamped is not None and abs(stamped - entry.received) < NEAR:
                     moment += stamped - entry.received
+            self._last.setdefault(flight.vehicle, {})[suffix] = (moment, fields)
             use(flight, moment, suffix, fields)
 
         return take
@@ -323,11 +363,12 @@ def _take_link(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]
 
 
 def _take_happening(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-    flight.keep(MAKERS[suffix](at, fields))
+    if (line := happening_of(at, suffix, fields)) is not None:
+        flight.keep(line)
 
 
 def _take_lost_line(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-    flight.keep(Happening(at, Sort.LINE, f"the line was lost or closed: {text_of(fields, 'reason')}"))
+    flight.keep(lost_line(at, fields))
 
 
 def _take_settings(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
@@ -344,7 +385,7 @@ def _take_model(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any
 
 _Use = Callable[[Flight, float, str, Mapping[str, Any]], None]
 _USES: Final[dict[tuple[Kind, str], _Use]] = {
-    **{(Kind.SAMPLE, suffix): _take_happening for suffix in MAKERS},
+    **{(Kind.SAMPLE, suffix): _take_happening for suffix in EVENTS},
     (Kind.SAMPLE, STATUS): _take_status,
     (Kind.SAMPLE, "link/state"): _take_link,
     (Kind.SAMPLE, "rx/fc/settings"): _take_settings,

@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+from mkdaemon.reading import Sort
 from mkdaemon.telemetry.link import fates_of
 from mkdaemon.view.report.facts import shares
 from mkdaemon.view.report.flight import Flight
-from mkdaemon.view.report.happenings import Sort, refusals
+from mkdaemon.view.report.happenings import refusals
 from mkdaemon.view.report.pieces import Piece
 
 
@@ -62,10 +63,16 @@ def _errors(pieces: Sequence[Piece]) -> list[str]:
     squares = sum(piece.errors.count * piece.errors.level_rms_cm**2 for piece in settled if piece.errors)
     worst = max(settled, key=lambda piece: piece.errors.level_max_cm if piece.errors else 0.0)
     farthest = worst.errors.level_max_cm if worst.errors else 0.0
+    blind = sum(piece.blind for piece in pieces)
     return [
         f"Over its goals it was {math.sqrt(squares / count):.1f} cm off horizontally (RMS, once it was there), "
-        f"{farthest:.1f} cm at most, in {worst.name} at {worst.begin:.1f} s."
+        f"{farthest:.1f} cm at most, in {worst.name} at {worst.begin:.1f} s{blind_words(blind)}."
     ]
+
+
+def blind_words(seconds: float) -> str:
+    """What figures of errors leave out; empty for nothing."""
+    return f"; {seconds:.1f} s of blind flight are left out" if seconds else ""
 
 
 def _failsafes(flight: Flight) -> list[str]:
@@ -73,7 +80,8 @@ def _failsafes(flight: Flight) -> list[str]:
     if not found:
         return ["No failsafe acted."]
     words = "A failsafe acted" if len(found) == 1 else f"{len(found)} failsafes acted, the first"
-    return [f"{words} at {found[0].at:.1f} s: {found[0].text}."]
+    first = found[0].text.removeprefix("FAILSAFE ")
+    return [f"{words} at {found[0].at:.1f} s: {first}."]
 
 
 def _refused(flight: Flight) -> list[str]:

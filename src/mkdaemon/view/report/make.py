@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.reading import Sort
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
 from mkdaemon.view.report.flight import Flight, FlightReader
-from mkdaemon.view.report.happenings import Sort, refusals
-from mkdaemon.view.report.inwords import flown_time, sentences
+from mkdaemon.view.report.happenings import refusals
+from mkdaemon.view.report.inwords import blind_words, flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
 from mkdaemon.view.report.pieces import Piece, pieces_of
 from mkdaemon.view.report.plots import plots_of
@@ -107,7 +108,10 @@ def _cards(flight: Flight, pieces: Sequence[Piece]) -> list[Card]:
     if settled:
         squares = sum(one.count * one.level_rms_cm**2 for one in settled)
         cards.append(
-            Card(f"{math.sqrt(squares / sum(one.count for one in settled)):.1f} cm", "level RMS over its goals")
+            Card(
+                f"{math.sqrt(squares / sum(one.count for one in settled)):.1f} cm",
+                f"level RMS over its goals{blind_words(sum(piece.blind for piece in pieces))}",
+            )
         )
         cards.append(Card(f"{max(one.level_max_cm for one in settled):.1f} cm", "the farthest"))
     count = {sort: sum(one.sort is sort for one in flight.happenings) for sort in Sort}

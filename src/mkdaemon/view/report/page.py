@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.reading import EventLine
 from mkdaemon.view.report.facts import Row, shown
-from mkdaemon.view.report.happenings import Happening, Refused
+from mkdaemon.view.report.happenings import Refused
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.plots import Plot
 from mkdaemon.view.report.verdict import Head
@@ -83,7 +84,7 @@ class Report:
     plots: Sequence[Plot]
     pieces: Sequence[Piece]
     refusals: Sequence[Refused]
-    happenings: Sequence[Happening]
+    happenings: Sequence[EventLine]
     pictures: Mapping[int, str]
     picture_note: str
     tables: Mapping[str, Sequence[Row]]
@@ -165,7 +166,8 @@ def _body(report: Report) -> Iterable[str]:
     if timed:
         words = (
             '<p class="note screen">Drag to zoom all plots, double click to see everything again; the pointer shows '
-            "the same moment everywhere. Shaded: every second manoeuvre or stage.</p>"
+            "the same moment everywhere. Shaded blue: every second manoeuvre or stage; red: blind flight, without a "
+            "pose.</p>"
             '<p class="note" id="plots-note">The plots need JavaScript.</p>'
         )
         yield _section("Over time", words + "".join(map(_place, timed)))
@@ -187,7 +189,8 @@ def _head(head: Head) -> str:
     """The verdict, and the chain of causes; a click on one shows its moment in the plots."""
     rows = [(f"{at:.1f}", text) for at, text in head.chain]
     chain = _table(("since (s)", "why"), rows, [at for at, _ in head.chain]) if rows else ""
-    return _section(head.text, chain, css="bad" if head.is_bad else "", name="verdict")
+    end = f'<p class="{escape(head.tone)}" id="end">At the end: {escape(head.end)}</p>'
+    return _section(head.text, end + chain, css="bad" if head.is_bad else "", name="verdict")
 
 
 def _list(sentences: Iterable[str], css: str = "") -> str:
@@ -223,7 +226,7 @@ def _right(is_number: bool) -> str:
 
 
 def _pieces(pieces: Sequence[Piece]) -> str:
-    head = ("manoeuvre", "goal (m)", "from (s)", "for (s)", "there after (s)")
+    head = ("manoeuvre", "goal (m)", "from (s)", "for (s)", "there after (s)", "blind (s)")
     errors = ("level, RMS / max (cm)", "height, RMS / max (cm)", "level at its end (cm)")
     rows = []
     for piece in pieces[:MOST_PIECES]:
@@ -233,13 +236,15 @@ def _pieces(pieces: Sequence[Piece]) -> str:
             level = f"{found.level_rms_cm:.1f} / {found.level_max_cm:.1f}"
             height = f"{found.height_rms_cm:.1f} / {found.height_max_cm:.1f}"
         times = (f"{piece.begin:.1f}", f"{piece.end - piece.begin:.1f}", shown(piece.reached, ""))
-        rows.append((piece.name, goal, *times, level, height, shown(piece.level_end_cm, "")))
+        blind = f"{piece.blind:.1f}" if piece.blind else "-"
+        rows.append((piece.name, goal, *times, blind, level, height, shown(piece.level_end_cm, "")))
     note = (
         '<p class="note">Errors are the distance of the estimate from the goal. Of a manoeuvre that flies to a place '
-        "they count from when it said that it is there, else from 2 s after its beginning; of a stage, all of it.</p>"
+        "they count from when it said that it is there, else from 2 s after its beginning; of a stage, all of it. "
+        "Blind flight is left out: what is calculated without images has no error.</p>"
     )
     more = _more(len(pieces) - MOST_PIECES, "manoeuvres")
-    return _table((*head, *errors), rows, [piece.begin for piece in pieces[:MOST_PIECES]], numbers=7) + more + note
+    return _table((*head, *errors), rows, [piece.begin for piece in pieces[:MOST_PIECES]], numbers=8) + more + note
 
 
 def _more(left: int, what: str) -> str:
@@ -263,7 +268,7 @@ def _happenings(report: Report) -> str:
         token = f" [{one.token}]" if one.token else ""
         rows.append((f"{one.at:.2f}", sort, Html(escape(one.text + token) + fix), image))
     note = f'<p class="note">{escape(report.picture_note)}</p>' if report.picture_note else ""
-    more = _more(len(report.happenings) - MOST_EVENTS, "events; `mkctl export` has them all")
+    more = _more(len(report.happenings) - MOST_EVENTS, "events; `mkctl log export` has them all")
     return _table(("at (s)", "what", "", "camera"), rows, [one.at for one in listed]) + more + note
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -23,7 +23,7 @@ Goal = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """How far the aircraft was believed to be from its goal.
+    """How far the aircraft was seen to be from its goal.
 
     Attributes:
         count: values.
@@ -54,6 +54,7 @@ class Piece:
         reached: how long after its beginning it said that it is there [s]; None where it did not.
         errors: after it was there or had settled; None where none is known.
         level_end_cm: horizontal error at its end; None where none is known.
+        blind: seconds of blind flight, which the errors leave out.
     """
 
     manoeuvre: str
@@ -65,6 +66,7 @@ class Piece:
     reached: float | None
     errors: Errors | None
     level_end_cm: float | None
+    blind: float = 0.0
 
     @property
     def name(self) -> str:
@@ -87,7 +89,8 @@ class _Track:
         parts = {name: [flight.series[f"{name}.{axis}"].arrays() for axis in "xyz"] for name in ("error", "goal")}
         times = parts["error"][0][0]
         errors, goals = (np.column_stack([values for _, values in parts[name]]) for name in ("error", "goal"))
-        return cls(times, errors, goals)
+        is_seen = ~flight.is_blind(times)
+        return cls(times[is_seen], errors[is_seen], goals[is_seen])
 
     def between(self, begin: float, end: float) -> _Track:
         first, last = np.searchsorted(self.times, [begin, end])
@@ -101,7 +104,8 @@ def pieces_of(flight: Flight) -> list[Piece]:
     for states, end in _stages(flight):
         begin = states[0].at
         for start, stop, goal in _places(track.between(begin, end), begin, end, is_staged=bool(states[0].stage)):
-            found.append(_piece(states, track.between(start, stop), start, stop, goal))
+            blind = sum(max(min(end, stop) - max(begin, start), 0.0) for begin, end in flight.gaps)
+            found.append(replace(_piece(states, track.between(start, stop), start, stop, goal), blind=blind))
     return found
 
 

@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from mkdaemon.reading import EventLine, Sort
 from mkdaemon.view.report.flight import Flight
-from mkdaemon.view.report.happenings import Happening, Sort
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.timeseries import Array, thin
 
@@ -69,7 +69,7 @@ def plots_of(flight: Flight, pieces: Sequence[Piece]) -> list[Plot]:
     limits = [flight.began, max(flight.ended, flight.began + 1e-3)]
     for plot in timed:
         plot.layout["xaxis"] |= {"range": limits}
-        plot.layout["shapes"] = _bands(pieces)
+        plot.layout["shapes"] = [*_bands(pieces), *_gaps(flight)]
     return [*_tracks(flight), *timed]
 
 
@@ -95,7 +95,7 @@ def _trace(times: Array, values: Array, name: str, colour: str, dash: str = "sol
             x.append(round(at - 1e-3, 3))
             y.append(None)
         x.append(round(at, 3))
-        y.append(round(value, 4))
+        y.append(None if math.isnan(value) else round(value, 4))
     line = {"color": colour, "width": 1.5, "dash": dash}
     shape = {"type": "scatter", "mode": "lines" if len(times) > 1 else "markers"}
     return {**shape, "name": escape(name), "x": x, "y": y, "line": line, "marker": {"color": colour}}
@@ -202,18 +202,36 @@ def _level_error(flight: Flight) -> Lines:
     if not flight.has("error.x"):
         return []
     (times, x), (_, y) = flight.series["error.x"].arrays(), flight.series["error.y"].arrays()
-    return [_trace(*thin(times, 100.0 * np.hypot(x, y)), "horizontal", BLUE)]
+    return [_seen(flight, *thin(times, 100.0 * np.hypot(x, y)), "horizontal", BLUE)]
 
 
 def _height_error(flight: Flight) -> Lines:
-    return _line(flight, "error.z", "height, above positive", ORANGE, factor=100.0)
+    if not flight.has("error.z"):
+        return []
+    times, z = flight.series["error.z"].arrays()
+    return [_seen(flight, *thin(times, 100.0 * z), "height, above positive", ORANGE)]
+
+
+def _seen(flight: Flight, times: Array, values: Array, name: str, colour: str) -> dict[str, Any]:
+    """A trace that is broken in blind flight: a calculation has no error."""
+    return _trace(times, np.where(flight.is_blind(times), math.nan, values), name, colour)
+
+
+def _gaps(flight: Flight) -> list[dict[str, Any]]:
+    """Blind flight, the same in every plot."""
+    return [
+        {**_BAND, "x0": round(begin, 3), "x1": round(end, 3), "fillcolor": "rgba(192,57,43,0.18)"}
+        for begin, end in flight.gaps[:MOST_BANDS]
+    ]
+
+
+_BAND: Final = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "line": {"width": 0}}
 
 
 def _bands(pieces: Sequence[Piece]) -> list[dict[str, Any]]:
     """Every second manoeuvre or stage shaded."""
-    place = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "layer": "below", "line": {"width": 0}}
     return [
-        {**place, "x0": round(piece.begin, 3), "x1": round(piece.end, 3), "fillcolor": "rgba(31,111,180,0.07)"}
+        {**_BAND, "x0": round(piece.begin, 3), "x1": round(piece.end, 3), "fillcolor": "rgba(31,111,180,0.07)"}
         for piece in pieces[:MOST_BANDS:2]
     ]
 
@@ -228,7 +246,7 @@ _COLOURS: Final = {
 _FLOWN: Final = "flown"
 
 
-def _events(happenings: Sequence[Happening], pieces: Sequence[Piece], length: float) -> Plot:
+def _events(happenings: Sequence[EventLine], pieces: Sequence[Piece], length: float) -> Plot:
     """What was flown and what happened, one row for each sort, in a recording of some length [s]."""
     data: Lines = [_flown(pieces)] if pieces else []
     for sort in Sort:

@@ -77,4 +77,4 @@ async def watch_everybody(client: Vehicle, board: FleetBoard) -> None:
     async with fleet.watch(changed, lambda *_: None), fleet.values(*KEYS) as samples:
         async for sample in samples:
             name, _, suffix = sample.suffix.partition("/")
-            board.take(name, suffix, sample.fields, time.monotonic())
+            board.take(name, suffix, sample.known, time.monotonic())

@@ -1,43 +1,35 @@
-"""What the terminal view says of all vehicles: a row for each, of 80 columns. Pure.
+"""What the terminal view says of all vehicles: a row for each, and below it what does not fit. 80 columns. Pure.
 
-What is stale, and who has gone, says so in words, with how long; a colour only repeats what a word says.
+Who has gone, and who is silent, says so in words, with how long; a colour only repeats what a word says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from textwrap import wrap
 from typing import Final
 
+from mkdaemon.reading import Fact, Picture, Reading
+from mkdaemon.reading.facts import age_words
+from mkdaemon.reading.known import SLOW_KEYS as KEYS
 from mkdaemon.spelling import on_one_line
-from mkdaemon.view.top.panels import (
-    COLUMNS,
-    STALE,
-    Fields,
-    Part,
-    Row,
-    Tone,
-    Value,
-    age_words,
-    clipped,
-    is_low,
-    phase_part,
-)
+from mkdaemon.telemetry.tone import Tone as State
+from mkdaemon.view.top.panels import COLUMNS, TONES, Row, Tone, clipped
 
-KEYS: Final = ("health", "control/status", "state/battery", "state/position")
-"""What is watched of every vehicle; each comes once a second or more often."""
-SIGHTING: Final = 10.0
-"""A target that was seen longer ago says nothing of where the aircraft is [s]."""
-_WIDTHS: Final = {"vehicle": 11, "who flies": 20, "link": 9, "battery": 13, "place": 15, "heard": 12}
-"""Columns, their widths together `COLUMNS`."""
+__all__ = ["KEYS", "FleetBoard"]
+
+_WIDTHS: Final = {"vehicle": 11, "battery": 8, "place": 18}
+"""Columns before the sentence."""
+_HEAD: Final = sum(_WIDTHS.values())
 
 
 @dataclass
 class _Vehicle:
-    """One vehicle: its last values, when it was heard, and since when it has been gone."""
+    """One vehicle: its last values, when any of them came, and since when it has been gone."""
 
-    known: dict[str, Value] = field(default_factory=dict)
+    reading: Reading = field(default_factory=Reading)
     received_at: float | None = None
     gone_at: float | None = None
 
@@ -67,18 +59,18 @@ class FleetBoard:
             if name not in names and vehicle.gone_at is None:
                 vehicle.gone_at = now
 
-    def take(self, name: str, suffix: str, fields: Fields, now: float) -> None:
+    def take(self, name: str, suffix: str, value: object, now: float) -> None:
         """Note a value; one of a vehicle that is not there, or not yet, is left out.
 
         Args:
             name: of the vehicle.
             suffix: its key.
-            fields: as it came.
+            value: as its key carries it.
             now: on the viewer's clock [s].
         """
         vehicle = self._vehicles.get(name)
         if vehicle is not None and vehicle.gone_at is None:
-            vehicle.known[suffix] = Value(fields, now)
+            vehicle.reading.take(suffix, value, now)
             vehicle.received_at = now
 
     def state(self, name: str, now: float) -> str:
@@ -90,7 +82,7 @@ class FleetBoard:
             return "gone"
         if vehicle.received_at is None:
             return "silent"
-        return "stale" if now - vehicle.received_at > STALE else "here"
+        return "stale" if vehicle.reading.at(now).is_silent else "here"
 
     def rows(self, now: float, wall: float) -> list[Row]:
         """The screen: a title, a head, a row for each vehicle in order of their names, a foot.
@@ -105,97 +97,49 @@ class FleetBoard:
         title.append((f", {gone} GONE" if gone else "", Tone.BAD))
         head = "".join(f"{name:<{width}}" for name, width in _WIDTHS.items())
         found = [title, [(head, Tone.TITLE)]]
-        found += [self._row(name, self._vehicles[name], now, wall) for name in sorted(self._vehicles)]
+        for name in sorted(self._vehicles):
+            found += self._rows_of(name, self._vehicles[name], now, wall)
         notice = f"  {on_one_line(self.notice)}" if self.notice else ""
         found.append([(" q quit", Tone.BAR), (notice, Tone.WARN)])
         return [clipped(row, COLUMNS) for row in found]
 
-    def _row(self, name: str, vehicle: _Vehicle, now: float, wall: float) -> Row:
-        shown = _cell((on_one_line(name), Tone.TITLE), _WIDTHS["vehicle"])
+    def _rows_of(self, name: str, vehicle: _Vehicle, now: float, wall: float) -> Iterator[Row]:
+        picture = vehicle.reading.at(now)
         if vehicle.gone_at is not None:
             since = datetime.fromtimestamp(wall - (now - vehicle.gone_at), UTC)
             words = f"GONE for {age_words(now - vehicle.gone_at)}, since {since:%H:%M:%S} UTC"
-            last = [text for column in (_who, _battery) if (text := column(vehicle.known, now)[0]) != UNKNOWN[0]]
-            return [shown, (words, Tone.BAD), (f"; last: {', '.join(last)}" if last else "", Tone.DIM)]
-        if vehicle.received_at is None:
-            return [shown, ("not heard yet", Tone.WARN)]
-        age = now - vehicle.received_at
-        is_stale = age > STALE
-        received: Part = (f"STALE {age_words(age)}", Tone.BAD) if is_stale else (age_words(age), Tone.PLAIN)
-        return [shown, *self._cells(vehicle.known, now, is_stale=is_stale), received]
-
-    def _cells(self, known: dict[str, Value], now: float, *, is_stale: bool) -> Iterator[Part]:
-        columns: tuple[tuple[str, Column], ...] = (
-            ("who flies", _who),
-            ("link", _link),
-            ("battery", _battery),
-            ("place", _place),
-        )
-        for name, column in columns:
-            text, tone = column(known, now)
-            yield _cell((text, Tone.DIM if is_stale else tone), _WIDTHS[name])
+            if vehicle.received_at is not None:
+                before = vehicle.reading.at(vehicle.received_at)
+                words += f"; last: {before.headline}, {_battery(before)}"
+            yield from _row(name, "", "", [(words, State.BAD)])
+        elif vehicle.received_at is None:
+            yield from _row(name, "", "", [("no value has arrived yet", State.WARN)])
+        else:
+            worst = [(picture.headline, picture.tone), *((one.text, one.tone) for one in picture.alarms[1:])]
+            yield from _row(name, _battery(picture), _place(picture), worst)
 
 
-Column = Callable[[dict[str, Value], float], Part]
-UNKNOWN: Final[Part] = ("-", Tone.DIM)
+def _row(name: str, battery: str, place: str, worst: Iterable[tuple[str, State]]) -> Iterator[Row]:
+    """A row of a vehicle; what is worst goes on below."""
+    cells = zip((on_one_line(name), battery, place), _WIDTHS.values(), strict=True)
+    head = "".join(f"{text if len(text) < width else f'{text[: width - 2]}>':<{width}}" for text, width in cells)
+    lines = [(line, TONES[tone]) for words, tone in worst for line in wrap(words, COLUMNS - _HEAD)]
+    for number, line in enumerate(lines):
+        yield [(head if number == 0 else " " * _HEAD, Tone.TITLE if number == 0 else Tone.PLAIN), line]
 
 
-def _cell(part: Part, width: int) -> Part:
-    """A part cut or filled to a width, the last column left blank."""
-    text, tone = part
-    return f"{text if len(text) < width else f'{text[: width - 2]}>':<{width}}", tone
+def _number(fact: Fact, digits: int) -> str:
+    """The number of a fact with its unit; a dash where it is not the present one."""
+    return "-" if fact.number is None or fact.is_stale else f"{fact.number:.{digits}f} {fact.unit}"
 
 
-def _who(known: dict[str, Value], _: float) -> Part:
-    health, status = known.get("health"), known.get("control/status")
-    if health is not None and not health.fields["is_alive"]:
-        return f"NOT ALIVE: {on_one_line(health.fields['reason'])}", Tone.BAD
-    if health is not None and health.fields["error"]:
-        return f"ERROR {on_one_line(health.fields['error'])}", Tone.BAD
-    if status is None:
-        return UNKNOWN
-    fields = status.fields
-    phase, lease = fields["phase"], fields["lease"]
-    word, tone = phase_part(phase)
-    words = [word]
-    words += [on_one_line(word) for word in (fields.get("manoeuvre"), lease and lease["holder"]) if word]
-    if phase == "free" and health is not None and health.fields["motors_running"]:
-        words.append("motors RUN")
-    return " ".join(words), tone
+def _battery(picture: Picture) -> str:
+    return _number(picture.fact("battery"), 1)
 
 
-def _link(known: dict[str, Value], _: float) -> Part:
-    health = known.get("health")
-    if health is None:
-        return UNKNOWN
-    word = health.fields["link"]
-    tone = {"up": Tone.GOOD, "degraded": Tone.WARN}.get(word, Tone.BAD)
-    return (word if word == "up" else word.upper()), tone
-
-
-def _battery(known: dict[str, Value], now: float) -> Part:
-    value, health = known.get("state/battery"), known.get("health")
-    if value is None:
-        return UNKNOWN
-    if now - value.at > STALE:
-        return f"STALE {age_words(now - value.at)}", Tone.WARN
-    voltage, cells = value.fields["voltage"], None if health is None else health.fields.get("battery_cells")
-    low = is_low(value.fields, cells)
-    each = f" {voltage / cells:.2f}" if cells else ""
-    return f"{'LOW ' if low else ''}{voltage:.1f}V{each}", Tone.BAD if low else Tone.PLAIN
-
-
-def _place(known: dict[str, Value], now: float) -> Part:
-    """The age of the pose of a target; without one, height and distance from home."""
-    status, position = known.get("control/status"), known.get("state/position")
-    if status is not None and (age := status.fields.get("pose_age")) is not None:
-        age += now - status.at
-        if age <= SIGHTING:
-            return f"target {age:.1f} s", Tone.PLAIN
-    if position is None:
-        return UNKNOWN
-    if now - position.at > STALE:
-        return f"STALE {age_words(now - position.at)}", Tone.WARN
-    height, away = position.fields["altitude_above_start"], position.fields["home_distance"]
-    words = [f"{value:.0f}m {word}" for value, word in ((height, "up"), (away, "off")) if value is not None]
-    return (" ".join(words), Tone.PLAIN) if words else ("GPS", Tone.PLAIN)
+def _place(picture: Picture) -> str:
+    """The age of the pose of a target while it says where the aircraft is; else how far from home."""
+    pose, place = picture.fact("pose"), picture.fact("place")
+    if pose.tone is State.OK and not pose.is_stale:
+        return f"pose {_number(pose, 1)}"
+    return f"{_number(place, 0)} off" if place.number is not None and not place.is_stale else "-"

@@ -208,10 +208,10 @@ async def _watch(uav: Vehicle, board: Board) -> None:
     async with uav.watch(*KEYS, are_known=True) as samples:
         for pattern in KEYS:
             for suffix, sample in sorted((await uav.get_all(pattern)).items()):
-                board.take(suffix, sample.fields, time.monotonic())
+                board.take(suffix, sample.known, time.monotonic() - (sample.age or 0.0))
         board.notice = await uav.absence() or ""
         async for sample in samples:
-            board.take(sample.suffix, sample.fields, time.monotonic())
+            board.take(sample.suffix, sample.known, time.monotonic())
 
 
 async def _look_for_others(uav: Vehicle, board: Board) -> None:

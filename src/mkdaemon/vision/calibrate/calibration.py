@@ -207,7 +207,7 @@ def tone_curve(levels: Array) -> tuple[float, str]:
 
 LEAST_IMAGES: Final = 8
 LEAST_BANDS: Final = 1.5
-"""Periods of the flicker in an image from which their distance can be told."""
+"""Periods of the flicker in an image from which their distance can be computed."""
 MOST_PER_ROW: Final = 0.1
 """Periods a row at most: a readout of one period in ten rows is none."""
 FINER: Final = 20
@@ -236,6 +236,7 @@ def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, floa
     bands = rows - rows.mean(axis=0)
     bands -= bands.mean(axis=1, keepdims=True)
     height = bands.shape[1]
+    # Frequencies in periods a row, FINER times as close as those of the image: the window is padded with zeros.
     tried = np.fft.rfftfreq(FINER * height)
     is_band = (tried * height >= LEAST_BANDS) & (tried < MOST_PER_ROW)
     tried = tried[is_band]
@@ -248,4 +249,5 @@ def line_time_of(images: Sequence[Grey], flicker_hz: float) -> tuple[float, floa
     parts = np.array_split(each, min(len(images) // 2, LEAST_IMAGES))
     found = [tried[part.sum(axis=0).argmax()] for part in parts]
     sd = float(np.std(found)) / np.sqrt(len(found)) + 0.5 / (FINER * height)
+    # Periods a row over periods a second are seconds a row.
     return float(tried[best]) / flicker_hz, sd / flicker_hz

@@ -1,4 +1,4 @@
-"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Look at it"."""
+"""Whether a print is to scale, flat, sharp, and has its white rim, by one photograph: docs/cameras.md, "Check it"."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def _relative(target: Target, measured: Sequence[_Measured]) -> PrintFinding:
         size = 100 * (mean_side(seen) / one.tag.size - 1.0), loose
         figures += [size, (100 * off / base.tag.size, loose)]
         lines.append(f"{one.tag.tag_id} is {_percent(size)} of its size, {1000 * off:.1f} mm off its place")
-    fix = "Write the sizes and places that a ruler shows into the target file, or print it anew."
+    fix = "Write the sizes and places that a ruler shows into the target file, or print it again."
     words = f"against tag {base.tag.tag_id}: {'; '.join(lines)}"
     return _weighed("sizes among tags", figures, SCALE_PERCENT, words, fix)
 
@@ -233,7 +233,7 @@ def _aspect(base: _Measured, *, is_calibrated: bool) -> PrintFinding:
     lengths = (_lengths(base.corners + move) for move in (0.0, *moves))
     here, *moved = (wide / high for wide, high, _ in lengths)
     figure = 100 * (here - 1.0), 100 * float(np.linalg.norm(np.array(moved) - here))
-    fix = "Print it anew at 100 %, without fitting to the page."
+    fix = "Print it again at 100 %, without fitting to the page."
     words = f"{_percent(figure)} by tag {base.tag.tag_id}"
     return _weighed("width over height", [figure], SCALE_PERCENT, words, fix)
 

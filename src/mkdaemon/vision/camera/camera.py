@@ -17,7 +17,7 @@ from mkdaemon.vision.camera.image import CameraImage, EndOfImages, NewestSlot, P
 WINDOW_TIME = 10.0
 """Looked back at, short against the drift of a clock [s]."""
 PROOF = 2.0
-"""How long stamps on another clock are watched before they are believed [s]."""
+"""How long stamps of another clock are compared before they are used [s]."""
 DRIFT = 0.002
 """Clocks differ by less than this; the nominal rate some streams count in differs by far more."""
 JITTER = 0.015
@@ -25,12 +25,12 @@ JITTER = 0.015
 LOST = 0.3
 """Growth of the smallest delay that no network explains: believed stamps are given up [s]."""
 RECENT = 0.5
-"""Over so long that growth is looked for [s]."""
+"""Time over which that growth is measured [s]."""
 MAX_AGE = 2.0
 """A driver stamp older than this against our own clock is not on our clock."""
 READ_TIMEOUT = 0.25
 DAMAGE_SHOWN = 1.0
-"""How long a damaged image is told [s]."""
+"""Duration of the alarm after a damaged image [s]."""
 RATE_IMAGES = 31
 """Images the rate is counted over; the mean of inverse gaps would be too high wherever images come in bursts."""
 
@@ -42,7 +42,7 @@ class StampClock:
     smallest delay between stamp and arrival is the offset; its constant part is the configured latency [s].
 
     Not every stamp is a time: FFmpeg numbers the images of an HTTP stream at 25 a second whatever the camera does.
-    Stamps on another clock are believed while they run as fast as ours; else an image was taken when it arrived.
+    Stamps of another clock are used while they run as fast as ours; else the arrival is the stamp.
     """
 
     def __init__(self, latency: float = 0.0) -> None:
@@ -67,14 +67,17 @@ class StampClock:
         self._seen.append((arrived, arrived - driver))
         while self._seen[0][0] < arrived - WINDOW_TIME:
             self._seen.popleft()
+        # The smallest delay of a window is the offset of the clocks, as queues only add to it. Source: D. Mills,
+        # RFC 5905, section 10 (the clock filter of NTP). A constant part of the delay cannot be seen.
         least = self._least_delay()
         if self._believed:
             self._believed = self._least_delay(arrived - RECENT) - least <= LOST
             if not self._believed:
-                self._seen.clear()  # the proof begins anew
+                self._seen.clear()  # the proof restarts
         else:
             first = self._seen[0][0]
             middle = 0.5 * (first + arrived)
+            # Clocks that run alike have the same least delay in both halves, but for jitter and drift.
             growth = self._least_delay(middle) - self._least_delay(until=middle)
             self._believed = arrived - first >= PROOF and abs(growth) <= JITTER + DRIFT * (arrived - first)
         return driver + least if self._believed else None
@@ -89,7 +92,7 @@ class StreamStatus(NamedTuple):
     Attributes:
         images: that came.
         damage: what was wrong with the newest damaged image, for a second after it; empty otherwise.
-        control: chooses what the camera is told before an image; none where it takes nothing.
+        control: sets exposure and gain before an image; None if the camera accepts neither.
     """
 
     state: EyeState = EyeState.OPENING
@@ -166,7 +169,7 @@ class CameraStream:
             delay = min(2 * delay, self.cfg.reopen_max)
 
     def _read_on(self, refused: tuple[str, ...]) -> None:
-        """Read until told to stop or the source is gone; `refused` are settings it did not take when it was opened."""
+        """Read until `stop` or the end of the source; `refused` are settings it did not take when it was opened."""
         controls, applied = self._source.controls, None
         reach = controls.reach if controls is not None else None
         control = ExposureControl(reach) if reach is not None else None

@@ -1,4 +1,4 @@
-"""Exposure and gain: the shortest exposure in which the cells of a tag stand out of the noise, and how V4L2 is told.
+"""Exposure and gain: the shortest exposure in which the cells of a tag stand out of the noise, and how V4L2 sets it.
 
 Contrast over noise grows with the square root of the exposure, whatever the gain, which only brings white to a good
 grey value. Numbers and structures of V4L2: linux/videodev2.h and linux/v4l2-controls.h. The driver's own range of a
@@ -53,14 +53,14 @@ class Control(IntEnum):
 
 
 class Setting(NamedTuple):
-    """What a camera is told: exposure [s] and gain, an amplification of which 1 is the least."""
+    """Settings of a camera: exposure [s] and gain, an amplification of which 1 is the least."""
 
     exposure: float
     gain: float
 
 
 class Reach(NamedTuple):
-    """What a camera can be told: exposures [s], the longest at most what motion allows, and the gain over the least."""
+    """Range of settings: exposures [s], the longest at most what motion allows, and the gain over the least."""
 
     shortest: float
     longest: float
@@ -100,7 +100,9 @@ def levels_of(pixels: Grey, corners: Sequence[Array] = (), gamma: float = 1.0) -
 def next_setting(now: Setting, seen: Levels, reach: Reach) -> Setting:
     """The setting after an image that was taken with `now`; `now` itself where a change would not be worth it."""
     brighter = 1.0 / EXPOSURE.step if seen.white >= LIMITS.read.saturated else EXPOSURE.white / max(seen.white, 1.0)
+    # Grey values are in proportion to exposure times gain.
     brightness = now.exposure * now.gain * brighter
+    # Contrast over photon noise grows with the square root of the light: it takes its square in exposure.
     wanted = now.exposure * (EXPOSURE.contrast / max(seen.contrast, 1e-3)) ** 2
     exposure = _within(wanted, now.exposure / EXPOSURE.step, now.exposure * EXPOSURE.step)
     # Too bright at the least gain: shorter. Below half of white at the greatest: longer, as far as motion allows.
@@ -143,7 +145,7 @@ class V4l2Controls:
     """Exposure and gain of one device, which may be set while another part of the program streams from it.
 
     Attributes:
-        reach: what the camera can be told, exposures up to `longest` [s]; none where they cannot be set.
+        reach: range of settings, exposures up to `longest` [s]; none where they cannot be set.
         refused: what the driver did not let us take over from it.
 
     Raises:
@@ -186,7 +188,7 @@ class V4l2Controls:
         return refused
 
     def close(self) -> None:
-        """Let go of the device; its settings stay."""
+        """Close the device; its settings stay."""
         os.close(self._descriptor)
 
     def _take_over(self, control: Control, automatic: Control, off: int) -> tuple[int, int] | None:

@@ -12,7 +12,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import parse_number
+from mkdaemon.foreignfiles import parse_number
 
 _PLAIN: Final = ("k1", "k2", "p1", "p2", "k3")
 _FISHEYE: Final = ("k1", "k2", "k3", "k4")

@@ -47,9 +47,9 @@ class Source(Protocol):
     """A place images come from; used from one thread."""
 
     live: bool = True
-    """Images come on their own time and are lost when nobody takes them."""
+    """Images arrive at their own time and are lost if they are not taken."""
     controls: V4l2Controls | None = None
-    """What sets the exposure of the open camera; none where it takes nothing, or nobody asked for it."""
+    """What sets the exposure of the open camera; None if it accepts nothing, or was not requested."""
 
     def open(self) -> tuple[str, ...]:
         """Start; returns what was asked for and refused by the driver.
@@ -68,7 +68,7 @@ class Source(Protocol):
         """
 
     def close(self) -> None:
-        """Let go of it; harmless when not open."""
+        """Close it; harmless if not open."""
 
 
 class PictureError(VisionError):
@@ -103,7 +103,7 @@ class CameraImage:
 class NewestSlot(Generic[T]):
     """The only queue in the image path: hands values from the threads of its senders to one reader.
 
-    The newest value of a sender replaces the one before, which is `dropped` if nobody took it. Senders take turns.
+    The newest value of a sender replaces the one before, which is `dropped` if it was not taken. Senders take turns.
     """
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ class NewestSlot(Generic[T]):
             self._changed.wait_for(lambda: sender not in self._waiting or self._closed)
 
     def close(self) -> None:
-        """Wake whoever waits; nobody waits again."""
+        """Wake all waiting callers; no later call waits."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

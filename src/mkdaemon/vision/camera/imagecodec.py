@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import save
-from mkdaemon.reading import LONGEST_PICTURE, read_bytes
+from mkdaemon.foreignfiles import LONGEST_PICTURE, read_bytes
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.arrays import Grey

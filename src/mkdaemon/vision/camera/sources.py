@@ -21,7 +21,7 @@ import zenoh
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError, VisionError
-from mkdaemon.reading import open_regular
+from mkdaemon.foreignfiles import open_regular
 from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.exposure import AUTO, MANUAL, TICK, V4l2Controls
@@ -93,7 +93,7 @@ def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
 class ZenohSource(Source):
     """Images from a whole key on the bus: another machine's camera, or the simulator's.
 
-    The sender signs them with the secret, without which nobody knows the key they come to; None takes all images.
+    The sender signs them with the secret, which also gives the key; None takes all images.
     """
 
     def __init__(self, key: str, session: Sessions, secret: str | None) -> None:
@@ -176,7 +176,7 @@ class PlayedSource(Source):
         return Shot(decode(), time.monotonic())
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._pictures = iter(())
 
 
@@ -285,7 +285,7 @@ class StreamSource(Source):
                 self.controls = V4l2Controls(Path(self._address), self._cfg.exposure_longest_ms / 1000.0)
                 refused += self.controls.refused
             if self.controls is None or self.controls.reach is None:
-                refused.append("exposure_ms=target: the driver lets nobody set the exposure")
+                refused.append("exposure_ms=target: the driver does not allow to set the exposure")
         return tuple(refused)
 
     def _set_controls(self, capture: cv2.VideoCapture) -> list[str]:

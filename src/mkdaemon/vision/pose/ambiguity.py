@@ -32,7 +32,7 @@ def log_odds(first: Pose, second: Pose) -> float:
     """Log likelihood ratio of two fits of equal Gaussian residuals with unknown variance.
 
     n / 2 ln(s2^2 / s1^2) with n independent residuals; neighbouring samples share pixels, and what the model lacks.
-    Where a fit leaves nothing but noise, s^2 is its cost, in which a bend or a motion that nobody expects counts, and
+    Where a fit leaves nothing but noise, s^2 is its cost, in which an unexpected bend or motion counts, and
     what the other's residuals share is why it is wrong. Elsewhere s^2 is the loss, which what is hidden hardly moves.
     """
     points, shared, of = min(first.points, second.points), max(first.shared, second.shared), (first.loss, second.loss)
@@ -42,7 +42,7 @@ def log_odds(first: Pose, second: Pose) -> float:
 
 
 def facts(points: int, shared: float) -> float:
-    """Independent residuals among so many, of which neighbours share so much (`Pose.shared`)."""
+    """Number of independent residuals, if neighbours share a part (`Pose.shared`)."""
     return points / float(max(LIMITS.ambiguity.samples_per_fact, shared**FIELD))
 
 

@@ -32,7 +32,7 @@ from mkdaemon.vision.pose.unknowns import Unknown
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
 STEPS = 12.0
-"""A long reach is cut into so many steps."""
+"""Number of steps of a long reach."""
 WIDTH_FACTOR = 0.9
 """Half width of the window in which an edge's centre is taken, over the width of its slope."""
 HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
@@ -40,7 +40,7 @@ HALF_WIDTH = WIDTH_FACTOR * sqrt(2.0 * pi)
 SKIRT = 0.15
 """Share of the peak slope that is taken off before a centre is computed: texture and noise have no say in it."""
 LEAST_OF_A_KIND = 10
-"""Edges of one direction that have a median of their own."""
+"""Least number of edges of one direction for a separate median."""
 LARGE = 0.7
 """Reach over the longest of one direction, of edges that tell how wide they are."""
 QUARTER = 0.25
@@ -264,6 +264,7 @@ class _Light:
         self.place = (samples.pixels - middle) / size
         x, y = self.place.T
         across, down = samples.normals.T / size
+        # grey = a + b x + c y + d x^2 + e x y + f y^2, and its derivative along the normal, both linear in a..f.
         powers = np.array([np.ones_like(x), x, y, x * x, x * y, y * y])
         slopes = np.array([np.zeros_like(x), across, down, 2.0 * x * across, y * across + x * down, 2.0 * y * down])
         weights, ridge = telling.astype(np.float64), RIDGE * np.eye(len(powers))
@@ -273,6 +274,7 @@ class _Light:
             self.grey = terms @ powers
             residual = np.abs(sides - self.grey).max(axis=0)
             self.scatter = max(median(residual[telling]), 1.0)
+            # The weights of Cauchy's distribution: what a shadow or a reflection changes counts little.
             weights = telling / (1.0 + (residual / self.scatter) ** 2)
         self.rise = terms @ slopes
 
@@ -285,6 +287,8 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
     for rounds in (1, ROUNDS):
         light = _Light(samples, sides, whole, rounds)
         contrast = np.maximum(light.grey[1] - light.grey[0], light.scatter)
+        # Beside a step blurred by s the sides rise by g0 and g1 along the normal: the steepest place moves by
+        # s^2 (g1 - g0) / contrast, times a factor that drawn edges gave.
         moved: Array = GROWTH_MOVES * slope_sd**2 * (light.rise[1] - light.rise[0]) / contrast
         if rounds == ROUNDS:
             # Where light does not explain the sides it says nothing of the edges.
@@ -310,6 +314,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
     usual = beyond * median(contrast[clearest])
     light = _Light(samples, sides[:1], found)
     dark = sides[0] + (samples.reach + AHEAD * slope_sd) * light.rise[0]
+    # Where the whole step would be cut by 255, as a share of it.
     place = np.interp((BRIGHTEST - dark) / max(usual, 1.0), BELOW, PLACES)
     moved = -blur * np.interp(place, PLACES, MOVED) * cut
     by_contrast = -blur * np.interp(place, PLACES, BY_CONTRAST) * cut

@@ -45,7 +45,7 @@ ROOMY = 0.5
 GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)
 """Each term of the series of (1 - h)^-1/2 over h times the one before."""
 ROUNDS = 3
-"""Weights and step depend on each other: so often."""
+"""Weights and step depend on each other: number of iterations."""
 CLEAR_PERCENT = 75
 """Percentile of the contrast that the clear edges have."""
 
@@ -83,6 +83,8 @@ class EdgeStep:
         telling = roomy if np.count_nonzero(roomy) >= LEAST_OF_A_KIND else edges.found
         kinds = kinds_of(telling, samples.upright)
         usual = [telling.nonzero()[0]] if are_placed else kinds
+        # Iteratively reweighted least squares with Tukey's w = (1 - (r / bound)^2)^2, zero beyond the bound.
+        # Source: A. Beaton, J. Tukey, Technometrics 16 (1974), 147.
         residual = edges.offsets
         for _ in range(ROUNDS):
             inside = _inside(np.abs(residual) * np.sqrt(sure), usual) * edges.found

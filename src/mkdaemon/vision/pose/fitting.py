@@ -31,7 +31,7 @@ def _shrink(part: Grey, scale: float) -> Grey:
 ROOM, ROOM_PX = 0.2, 14.0
 """Room around a target in a window: share of its size, and so much more [px]."""
 GREY_EFFORT: Final = 4
-"""A fit to grey values takes so many times as long as one to edges: 4 to 20 ms, on VGA."""
+"""Duration of a fit to grey values over one to edges: 4 to 20 ms, on VGA."""
 PATCH_PX = 40
 """The image of a target is compared with the next one at about this size [px]."""
 

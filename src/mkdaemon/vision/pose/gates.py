@@ -36,7 +36,7 @@ class CellEvidence:
     """What the cells of a target say for a pose, against something else than the target [nats].
 
     Attributes:
-        odds: of the tag that says most for it: another one may be hidden; zero where nothing can be told.
+        odds: of the tag that says most for it: another one may be hidden; zero if there is no evidence.
         most: that this tag says where all that is in view is read, and nothing hides a part.
         together: of all tags.
         code: what the pairs inside of codes say, of the tag that they say most for.

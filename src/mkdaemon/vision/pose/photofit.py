@@ -9,7 +9,7 @@ with m the rendered print, 0 to 1, and (u, v) the place of the pixel p in the pr
 curve, which leaves black and white as they are: to third order, and a logarithm l(m) that lifts the dark as a gamma
 does. What should be blown is left out, and a7 to a9 are asked only where something is: a highlight's slope. B is a
 covariance `(2, 2)`: motion blur is longer one way. Under a rolling shutter the camera's motion while the rows are read
-is fitted too. Light, and what a motion lacks, are asked for anew at every state, both at once: images are linear in
+is fitted too. Light, and what a motion lacks, are solved again at every state, both at once: images are linear in
 them. The noise of a fit depends on brightness, and neighbouring pixels share it.
 
 Source: direct alignment, Lucas and Kanade, IJCAI 1981; Gauss-Newton with Levenberg damping.
@@ -52,7 +52,7 @@ LEAST_SHARED = -0.5
 """The same where sharpening has set the noise of neighbours against each other: webcams have -0.2."""
 
 STREAK_PX = 15.0
-"""A streak so long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
+"""A streak this long doubles the variance of a fit; by the NEES of 819 smeared images (docs/lab/vision-fits.md)."""
 
 
 def clarity(residual: Array, value: Array) -> Array:
@@ -82,7 +82,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
     Args:
         residual: of each used pixel of all windows, one window after the other `(n,)`.
         windows: which pixels of each are used, each `(rows, columns)`.
-        least: correlation that is believed.
+        least: correlation that is accepted.
 
     Returns:
         The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
@@ -162,6 +162,8 @@ class Part:
         """What a change of the print changes in the grey values `(n,)`."""
         white, _, _, _, second, third, toe = self.gain[:7].tolist()
         value = self.at.value
+        # With the columns of `lit_print`: d/dv of v(1-v) is 1 - 2v, of v(1-v)(1-2v) it is 1 - 6v + 6v^2, and of the toe
+        # TOE_GAIN / (TOE + v) - 1.
         polynomial = value * (6.0 * third * value - (2.0 * second + 6.0 * third)) + (white + second + third - toe)
         return np.asarray(polynomial + toe * TOE_GAIN / (TOE + np.maximum(value, 0.0)), np.float64)
 
@@ -169,11 +171,13 @@ class Part:
 def lit_print(at: PrintSamples) -> Part:
     """The light on a print, by least squares on its pixels without those that should be blown: these may be anything.
 
-    What should be blown is told by the light on the other pixels, and left out whether it is or not: the others would
+    What should be blown follows from the light on the other pixels, and left out whether it is or not: the others would
     be too dark by their noise. A blown pixel that should be dark stays, as a dark one that should be blown, and speaks
     against the pose. Where nothing is blown slopes are even: ground beside its shadow would look like a lit print.
     """
     tone, (u, v) = at.value * (1.0 - at.value), at.place
+    # grey = w v + b + s u + t v' + c2 v(1-v) + c3 v(1-v)(1-2v) + c4 toe(v), v the print, (u, v') the place on it:
+    # light with a slope, behind a tone curve to third order with a logarithm near black. Linear in w, b, s, t, c.
     toe = TOE_GAIN * np.log1p(np.maximum(at.value, 0.0) / TOE) - at.value
     columns = np.array([at.value, np.ones_like(u), u, v, tone, tone * (1.0 - 2.0 * at.value), toe])
     keep = at.grey < LIMITS.read.saturated
@@ -211,7 +215,7 @@ class PhotoStep:
     Attributes:
         unknowns: of the grey values.
         cost: robust mean square of the residuals before the step [grey^2], with what prior knowledge adds, and a
-            clarity of mean logarithm zero: a cost by which two states compare, each with a clarity of its own.
+            clarity of mean logarithm zero: a cost by which two states compare, each with its own clarity.
         to_go: what of the pose would change without damping: how far it is from its place `(6,)`.
         length2: of that, in deviations that the noise leaves, squared.
         is_settled: whether neither the pose nor the point spread has far to go.
@@ -223,12 +227,14 @@ class PhotoStep:
         unknowns, count = Unknowns(table), self._residual.size
         clear = clarity(self._residual, of_all([part.at.value for part in parts]))
         shown = self._residual * clear
+        # Huber's weights with sigma = 1.4826 median |r|. Source: P. Huber, Robust Statistics, 1981, section 7.8.
         self._size = np.maximum(np.abs(shown), 1e-6)
         self._share = np.minimum(LIMITS.certainty.deviations * max(MAD * median(self._size), 1.0) / self._size, 1.0)
         # Outliers are clipped to the largest residual of what is none.
         clipped = shown * self._share
         squares = float(clipped @ clipped)
         weights = (self._share * clear) ** 2
+        # Variance by the degrees of freedom that are left, then what neighbouring pixels share, and slopes alone.
         noise = max(squares / max(float(weights.sum()) - len(unknowns.rows), 1.0), LEAST_NOISE)
         weighed, larger = on_slopes(clipped, of_all([part.at.steep for part in parts]))
         least = LEAST_SHARED if at.motion is None else 0.0  # what a motion lacks hides under opposed noise
@@ -237,6 +243,7 @@ class PhotoStep:
         self._normal, self._right = unknowns.equations(weights, self._residual, noise)
         inverse = inverted(self._normal)
         self.unknowns, self._inverse, self._weights, self._noise = unknowns, inverse, weights, noise
+        # A Gauss-Newton step; its length counts in deviations that the noise leaves: dx^T (noise C)^-1 dx.
         to_go = inverse @ self._right
         self.to_go = to_go[POSE]
         self.length2 = length2(self.to_go, noise * inverse[POSE, POSE])
@@ -420,7 +427,7 @@ class PhotoFit:
             step = self.step(pixels, prints, at, prior)
             if step is None or (best is None and step.match < LIMITS.likeness.alike):
                 return None
-            # Pixels that come and go at the rim change the cost, too, and a valley that bends lies beyond a rise: then
+            # Pixels that appear or vanish at the rim change the cost, and a valley that bends lies beyond a rise: then
             # the shorter step is nearer.
             if step.cost < last or step.length2 < NEARER * left:
                 best, last, left = (at, step), step.cost, step.length2

@@ -59,7 +59,7 @@ class Pose:
         blown: share of the edges whose bright side is blown.
         motion: of the camera while its rows were read `(4,)`, where the fit asked; see `rolling`.
         known_motion: what was known about it before the fit.
-        seen_motion: what the image alone says about it, where the line time is not told.
+        seen_motion: what the image alone says about it, if the line time is unknown.
         bend: of the print, where the fit asked.
         known_bend: what was known about it before the fit.
         shared: factor on the variance by residuals that neighbouring pixels share (`photofit`).
@@ -175,8 +175,10 @@ def solve(tags: Sequence[tuple[Tag, Detection]], projection: Projection) -> list
         if not bool(visible.all()):
             continue
         squares = float(((pixels - projected) ** 2).sum())
+        # A turn w about the target's origin moves its point at the arm q by w x q, so the row of w is q x J.
         by_point = projection.jacobian(seen).reshape(-1, 3)
         jacobian = np.hstack([by_point, np.cross(np.repeat(seen - position, 2, axis=0), by_point)])
+        # C = sigma^2 (J^T J)^-1 with sigma^2 by the residuals of 2 n - 6 degrees of freedom, at least a corner's own.
         variance = max(sd**2, squares / (len(jacobian) - 6))
         covariance = variance * inverted(damped(jacobian.T @ jacobian))
         rms = sqrt(squares / len(points))

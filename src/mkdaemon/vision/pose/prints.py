@@ -197,10 +197,12 @@ class Footprint:
 
         What is longer one way is a streak [px]; the rest, with the pixel, is round until the plane slants it.
         """
+        # A streak of length L along one way adds the variance L^2 / 12 to that way: L^2 = 12 (most - least).
         least, most, way = principal(spread)
         length = sqrt(BOX * (most - least))
         streak = None if length < LEAST_STREAK_PX else length * way
         narrow = ((least + most) / 2.0 if streak is None else least) + 1.0 / BOX
+        # Through the derivative P of the plane by the pixel a covariance C becomes P C P^T [cells^2].
         round_part = narrow * plane @ plane.T
         least, most, way = principal(round_part)
         more, least = most - least, max(least, TINY)
@@ -277,6 +279,7 @@ class PrintTexture:
             Value, slopes by x and y, second derivatives by xx, xy, yy `(6, n)`, and these by where in a streak they
             are, together `(2, 6, n)`; and the variance of the blur [cells^2].
         """
+        # The level with the nearest variance; from one level to the next it grows by 2^(1 / PER_OCTAVE).
         mean = float(np.trace(footprint.spread)) / 2.0
         most = 2 * PER_OCTAVE * log2(SOFTEST / SHARPEST)
         number = round(min(max(PER_OCTAVE * log2(mean / SHARPEST**2), 0.0), most))
@@ -347,6 +350,8 @@ class PrintModel:
             times = self._projection.row_times(np.arange(top, top + height, dtype=np.float64))
             cam_from_plane = cam_from_plane - times[:, None, None] * (skew(motion[:3]) @ cam_from_plane)
             cam_from_plane[:, 2, 2] += times * motion[3]
+        # A pixel with the ray r sees the plane at p = (h_x, h_y) / h_z with h = M^-1 r, linear in column and row.
+        # Source: R. Hartley, A. Zisserman, Multiple View Geometry, 2003, section 8.1.
         inverse = np.asarray(np.linalg.inv(cam_from_plane), np.float64)
         h = (inverse @ self._ray_from_pixel(left, top, width, height)).transpose(1, 2, 0)
         plane_from_cam = inverse.transpose(1, 2, 0)
@@ -361,6 +366,7 @@ class PrintModel:
         if motion is not None:
             plane_from_cam, h = plane_from_cam[:, :, row], h[:, :, row]
         # Along a row, whose time stays, and by the row as all rows are exposed when this one is [cells/px].
+        # dp = (dh - p dh_z) / h_z, the derivative of a quotient.
         by_pixel = (h[:2, :2] - h[2, :2] * place[:, None]) / seen[2]
         value, slope, steep, by_spread = self._seen(place, by_pixel, spread)
         # The print moves by d at a point, and its place there by (p w - W d), with w the third of W d: all on its ray.
@@ -403,6 +409,8 @@ class PrintModel:
 
         `plane` is the derivative of the place by column and row `(2, 2, n)` [cells/px].
         """
+        # Blur by a covariance B adds tr(B H) / 2, H the second derivatives: the heat equation, dI/dB = H / 2.
+        # The level has the variance v I, the footprint the rest; see `Footprint`.
         middle = plane.mean(axis=2)
         footprint = Footprint.of(spread, middle)
         seen, variance = self._texture.at(place, footprint)
@@ -454,7 +462,7 @@ def roots(target: Target) -> tuple[Tag, ...]:
 def sheet_of(target: Target) -> Sheet | None:
     """The sheet of a target that is one print; none where it cannot bend, or has several prints.
 
-    Prints beside each other fix the pose by their places, which nobody tells how a sheet would bend.
+    Prints beside each other fix the pose by their places, which do not show how a sheet bends.
     """
     found = roots(target)
     return Sheet(found[0], target.bend) if len(found) == 1 and target.bend > 0.0 else None

@@ -20,7 +20,7 @@ AXIS: Final = 1e-8
 NEWTON: Final = 20
 """Steps at most to invert a fisheye; four do."""
 ROUNDS: Final = 2
-"""A point's row says when it is exposed, and that where it is: so often."""
+"""A point's row says when it is exposed, and that where it is: number of iterations."""
 NEAR_M: Final = 0.02
 """Points closer to the camera plane than this are not projected [m]."""
 

@@ -4,7 +4,7 @@ A point at P when the middle row is exposed is seen at P(t) = P - t w x P + t s 
 angular rate of the camera, s the speed of the target along the optical axis e. Motion across that axis looks like a
 turn and is part of w; motion along it looks like a tilt, which an image alone hardly tells apart from it.
 
-An image shows the product of motion and line time, and not either. So where nobody told the line time T, fits reckon
+An image shows the product of motion and line time, and not either. If the line time T is unknown, fits reckon
 with a nominal one, T0, and with the motion m T / T0 in place of m. Before the image is looked at that has the mean
 E[T] m / T0 and the variance (E[T^2] var(m) + var(T) m^2) / T0^2.
 
@@ -30,11 +30,11 @@ NOMINAL: Final = LONGEST / 2.0
 MOVING2: Final = 25.0
 """Squared deviations from rest from which a motion is one: at rest it is passed in one image of 20,000."""
 HIDDEN: Final = 0.1
-"""Share of the line time that an estimate is off by, however many images told it; chosen on three flights."""
+"""Share of the line time by which an estimate is wrong, for any number of images; chosen on three flights."""
 PRIOR: Final = 3.0
 """Information before any image: an even chance from 0 to twice the nominal line time has the variance 1 / 3."""
 FEWEST: Final = 10
-"""Images before the line time is believed to be none."""
+"""Images before a line time of zero is accepted."""
 
 
 class Shutter:
@@ -73,7 +73,7 @@ class Shutter:
 
     @property
     def words(self) -> str:
-        """What is known, for whoever reads an alarm."""
+        """What is known, for the text of an alarm."""
         if self._images < FEWEST:
             return f"unknown (0 to {1e6 * LONGEST:.0f} us) until a large target was seen in motion"
         line_time, sd = self.estimate
@@ -98,13 +98,17 @@ class Shutter:
         """
         if not self.is_open or float(known.mean @ known.information @ known.mean) < MOVING2:
             return
+        # Linear regression of k in seen = k known, k the line time over the nominal one: with the weight W of the
+        # residual, information sum(m^T W m) and k = (PRIOR 1 + sum(m^T W y)) / (PRIOR + sum(m^T W m)).
         weight = np.linalg.inv(seen.covariance + self.scale**2 * known.covariance)
         surprise = seen.mean - self._mean * known.mean
+        # A surprise beyond its deviation widens both by the ratio of Birge, Physical Review 40 (1932), 207.
         weight /= max(1.0, float(surprise @ weight @ surprise) / MOTIONS)
         self._images += 1
         self._known += float(known.mean @ weight @ known.mean)
         self._agreed += float(known.mean @ weight @ seen.mean)
         self._mean = max((PRIOR + self._agreed) / (PRIOR + self._known), 0.0)
+        # What no number of images averages out is a share of the line time itself.
         self._variance = 1.0 / (PRIOR + self._known) + (HIDDEN * self._mean) ** 2
         most = (self._mean + 2.0 * sqrt(self._variance)) * self.line_time * self._reach_px * LIMITS.edges.turning_sd
         if self._images >= FEWEST and most < LIMITS.edges.located_px:

@@ -29,7 +29,7 @@ from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, beyond_motion, cross,
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""
 ANY_MOTION: Final = Estimate(np.zeros(MOTIONS), np.diag([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]) ** 2)
-"""What is known of a motion that nobody knows."""
+"""Prior of an unknown motion."""
 BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.speed_sd] * 2)
 """Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
 RIDGE: Final = 1e-6
@@ -252,7 +252,7 @@ class Prior:
     def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> Estimate | None:
         """What the image alone says about the motion, where that tells a line time; see `measured`.
 
-        What the fit was told, W and m0, is taken out of what it found, C and m: C^-1 - W, and C^-1 m - W m0.
+        The prior of the fit, W and m0, is taken out of its result, C and m: C^-1 - W, and C^-1 m - W m0.
         """
         if at.motion is None or self._motion is None or not self._projection.shutter.is_open:
             return None

@@ -9,7 +9,7 @@ horizontal part of the normal in the world is y = E M n. Were the mounting turne
 would be y = d - E (m x M n) - E M (x x n) + k E e_z. A mounting turns with the vehicle, a deck does not: without yaw
 only their sum is seen, and the deviations say so.
 
-Barometer: with z the height by the eyes, e the share of it that is too much, b the barometer, a its offset and L its
+Barometer: with z the height by vision, e the share of it that is too much, b the barometer, a its offset and L its
 delay, b = a + z - e z - L dz/dt. Nothing else tells sizes that are all wrong by one factor.
 
 What each of them tells, and how well: docs/lab/vision-cases.md.
@@ -54,7 +54,7 @@ MOST_SIZES: Final = 8
 MELTS: Final = 5
 """Power of their side by which small cells look smaller. Measured: docs/lab/vision-cases.md."""
 ALIKE_TIME: Final = 0.2
-"""For so long errors of the attitude are one error [s]."""
+"""Time within which errors of the attitude are one error [s]."""
 UNKNOWNS: Final = {
     "roll": (radians(5.0), radians(0.02), SELFCAL.mounting),
     "pitch": (radians(5.0), radians(0.02), SELFCAL.mounting),
@@ -67,7 +67,7 @@ UNKNOWNS: Final = {
     "cy": (10.0, 0.0, SELFCAL.centre_px),
     "k1": (0.05, 0.0, SELFCAL.k1),
 }
-"""Of each its deviation before any image, its random walk in a second, and what of it is nobody's fault.
+"""Of each its deviation before any image, its random walk in a second, and what of it is unavoidable.
 
 Turn of the mounting about body forward, left, up [rad], which wanders with the attitude's bias, 0.2 degrees in 100 s;
 horizontal part of the target's normal, as `PRIOR_SD` of `track.level`; share by which the vehicle reports too much
@@ -139,7 +139,7 @@ class CameraFilter(Belief):
 
     Attributes:
         sized: tags of an unknown size, and against what; the first tag, last, where distances tell how large all are.
-        least: of each unknown but the bend, what is nobody's fault.
+        least: of each unknown but the bend, the unavoidable part.
         looks: images taken in.
     """
 
@@ -174,6 +174,8 @@ class CameraFilter(Belief):
         samples, edges, unknowns = located
         index, rows, normals, model = samples.index, unknowns.rows, samples.normals, self._fit.model
         seen = model.points[index] @ pose.rotation.T + pose.position
+        # What moves an edge along its normal n: a focal length longer by e, e n . (u - c); a centre beside its place
+        # by d, n . d; k1, by its derivative; a tag larger by e, e times its arm from the tag's centre.
         along = (samples.pixels - self._projection.centre) * normals
         bent = self._projection.k1_jacobian(seen) * normals
         px_per_m = float(self._projection.focal[0] / pose.position[2])
@@ -234,11 +236,11 @@ READING_SD: Final = 0.03
 LOWEST: Final = 0.7
 """Below, the rotors' own pressure is on the barometer [m]."""
 LEAST_CHANGE: Final = 0.1
-"""A barometer that lives changes by so much on a way [m]: two of its steps, or one of the coarse ones."""
+"""A working barometer changes by this on a climb or descent [m]: two of its steps, or one of the coarse ones."""
 LONGEST_GAP: Final = 0.5
 """Between two poses that a reading lies between [s]."""
 PAUSE: Final = 5.0
-"""Without both for so long the offset is unknown again [s]."""
+"""Time without both after which the offset is unknown again [s]."""
 KEPT: Final = 50
 """Readings that wait for the next pose."""
 
@@ -255,7 +257,7 @@ class HeightFilter(Belief):
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Share by which the eyes' heights are too large, and its deviation."""
+        """Share by which vision's heights are too large, and its deviation."""
         return float(self.mean[1]), float(self.sd[1])
 
     @property
@@ -265,6 +267,9 @@ class HeightFilter(Belief):
         Readings alone, without the belief before them, have a mean and a variance; under a hypothesis that mean has
         both variances. 0 where nothing is known; a barometer that does not move is dead.
         """
+        # Readings alone: 1 / v = 1 / sd^2 - 1 / SCALE_SD^2, m = share / (sd^2 / v). Then m is N(0, v + s^2) with s of
+        # either hypothesis, and ln K = (m^2 (1 / right - 1 / wrong) - ln(wrong / right)) / 2.
+        # Source: H. Jeffreys, Theory of Probability, 1961, chapter 5.
         share, sd = self.scale
         left = 1.0 / sd**2 - 1.0 / SCALE_SD**2
         if self._high[1] - self._low[1] < LEAST_CHANGE or left <= 0.0:
@@ -288,7 +293,7 @@ class HeightFilter(Belief):
         self._waiting.append((time, height))
 
     def pose_seen(self, time: float, height: float) -> None:
-        """Take the eyes' height over the target [m] at a time [s]."""
+        """Take vision's height over the target [m] at a time [s]."""
         before, self._last = self._last, (time, height)
         if before is None or not 0.0 < time - before[0] < LONGEST_GAP:
             return
@@ -341,7 +346,7 @@ class TargetWatch:
                 yield Alarm.SCALE, f"{what} {believed:.1f} {before}, {better} {after}"
         if self.heights.contradicts:
             way, (share, sd) = self.heights.covered, self.heights.scale
-            words = f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by the eyes"
+            words = f"a way of {way * (1 - share):.2f} +- {way * sd:.2f} m by the barometer is {way:.2f} m by vision"
             yield Alarm.SCALE, f"{words} over {name}: measure the print, check the focal length"
         for n, (field, unit, digits) in enumerate((("cx", " px", 1), ("cy", " px", 1), ("k1", "", 3)), LENS_AT + 1):
             if self._tells(n):
@@ -398,7 +403,7 @@ class TargetWatch:
         return float(self._filter.mean[n]), hypot(float(self._filter.sd[n]), FLOOR_RANGE * (n == LENS_AT))
 
     def _tells(self, n: int) -> bool:
-        """Whether a difference is told: more than what is nobody's fault, and no accident."""
+        """Whether a difference is reported: more than the unavoidable part, and significant."""
         (value, sd), least = self._known(n), float(self._filter.least[n])
         if n == LENS_AT:
             certain = SELFCAL.settled_certain if sd <= SELFCAL.settled else LIMITS.certainty.deviations

@@ -130,6 +130,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
 @lru_cache(maxsize=4096)
 def chance(read: int, wrong: int, tries: int) -> float:
     """Bound of the probability that of so many cells of a random quad so few, or fewer, disagree with one of codes."""
+    # P(X <= wrong) of X ~ Bin(read, 1/2), times the codes that are tried: the bound of Boole.
     return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 
 

@@ -122,7 +122,7 @@ class Detector:
             decimate: by how much it is shrunk for unbroken quads alone, once more where it is large.
 
         Returns:
-            Tags that are believed, at most one per code.
+            Accepted tags, at most one per code.
         """
         x0, y0, x1, y1 = part or (0, 0, *pixels.shape[::-1])
         return best_of_codes(self.search_all(pixels, view, part, decimate, shrunk=shrinking(x1 - x0, y1 - y0)))
@@ -130,7 +130,7 @@ class Detector:
     def search_all(
         self, pixels: Grey, view: View = "grey", part: Part | None = None, decimate: int = 1, *, shrunk: int = 1
     ) -> list[Detection]:
-        """Every tag of one search that is believed, also several with the same code, at any cost; see `search`."""
+        """Every accepted tag of one search, also several with the same code, at any cost; see `search`."""
         x0, y0, x1, y1 = part or (0, 0, *pixels.shape[::-1])
         seen = pixels[y0:y1, x0:x1]
         if min(seen.shape) < LIMITS.search.min_window_px * shrunk:

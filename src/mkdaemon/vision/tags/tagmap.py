@@ -162,7 +162,7 @@ def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
     """Make a target of one tag with the target's axes.
 
     Raises:
-        ConfigError: unknown family or id, or a size nobody prints.
+        ConfigError: unknown family or id, or an implausible size.
     """
     try:
         section = TargetSection(name="tag", tags=(TagPlacement(family=family, id=tag_id, size=size),))

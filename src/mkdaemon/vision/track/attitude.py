@@ -103,7 +103,7 @@ class AttitudeHistory:
     """Recent attitudes, asked for by time; samples that are not numbers are left out.
 
     Attributes:
-        is_silent: whether nobody reported anything, not even what is no number.
+        is_silent: whether no value was reported, not even an invalid one.
         samples: what is known, in order of time.
     """
 
@@ -205,12 +205,12 @@ def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
 
 
 def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
-    """Undo `fuse_normal`, by the variance -spread^2: the pose by the image alone, of a fit that was told a normal.
+    """Undo `fuse_normal`, by the variance -spread^2: the pose by the image alone, of a fit that was given a normal.
 
     About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.
 
     Returns:
-        The pose, and whether the image says as much about the tilt as the fit was told: it is not linear otherwise.
+        The pose, and whether the image says as much about the tilt as the fit was given: it is not linear otherwise.
     """
     observe, surprise, _ = tilting(pose, level)
     variances, axes = np.linalg.eigh(observe @ pose.covariance @ observe.T)

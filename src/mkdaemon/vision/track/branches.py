@@ -106,6 +106,7 @@ class Course:
     def predict_at(self, time: float) -> Course:
         """The same course at a later time, before anything is seen: P' = F P F^T + Q, Q of a white acceleration."""
         dt = time - self.time
+        # Source: Bar-Shalom et al., Estimation with Applications to Tracking and Navigation, 2001, 6.2.2.
         move = np.eye(6) + dt * np.eye(6, k=3)
         mixed = np.eye(6, k=3) + np.eye(6, k=-3)
         noise = self.psd * (np.diag([dt**3 / 3] * 3 + [dt] * 3) + dt**2 / 2 * mixed)
@@ -176,7 +177,7 @@ class Branches:
 
     @property
     def is_decided(self) -> bool:
-        """Whether the likeliest branch is believed."""
+        """Whether the most likely branch is used."""
         return self.lead >= DECIDED
 
     @property
@@ -199,6 +200,8 @@ class Branches:
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the m candidates of a new image: each branch is joined by each of them, or missed."""
         prior, (centre, spread) = self.course.predict_at(time), places(candidates)
+        # Three densities of the place of the lens, all per m^3, so that they compare (constant factors left out):
+        # joined N(z; course, S); a leap LEAVES / scatter^3; missed (1 - inliers) / sqrt(det(P + scatter^2 I)).
         joined, density = prior[:, None].join(centre, spread)
         scatter = np.array([SCATTER * pose.range_m for pose in candidates])
         leaps = np.log(LEAVES) - 3.0 * np.log(scatter)

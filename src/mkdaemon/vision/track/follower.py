@@ -1,4 +1,4 @@
-"""Following one target from image to image: prediction, fit, gates, re-detection, and starting anew."""
+"""Following one target from image to image: prediction, fit, gates, re-detection, and restart."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Frame:
 
     Attributes:
         sight: the image, with what is known about its moment.
-        detections: tags decoded in it so far.
+        detections: tags already decoded in it.
         poses: that are published.
         refused: why a target has none.
         found: targets that are followed.
@@ -99,7 +99,7 @@ class Track:
         coast: longest time without a pose [s].
         misses: images since the last accepted pose.
         decoded_at: when one of its tags was last decoded [s].
-        branches: the readings of the images so far; none before the first.
+        branches: hypotheses from the images before; None before the first.
         published: times [s] and poses of the newest images that were published; also of a track that was lost.
     """
 
@@ -234,7 +234,7 @@ class LearnedBend:
         surprise = pose.bend.mean - pose.known_bend.mean
         is_learned = self._last is not self._prior
         is_moved = is_learned and float(surprise @ pose.known_bend.information @ surprise) > MOVED
-        # A sheet that moved is learned anew.
+        # A sheet that moved is measured again.
         self._last, self._time = self._prior if is_moved else pose.bend, time
 
 
@@ -357,7 +357,7 @@ class Follower:
         return False
 
     def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
-        """Follow a target that is found, and publish it if it is believed."""
+        """Follow a detected target, and publish it if it is certain."""
         pose, track, time = verdict.pose, self.track, frame.sight.time
         if pose is None or not self._decode_again(frame, pose):
             return

@@ -1,4 +1,4 @@
-"""Judging poses of a target, decoded anew or followed: by attitude, image, track and inertia."""
+"""Judging poses of a target, decoded or followed: by attitude, image, track and inertia."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Judge:
                 branches = self.branches(seen, candidates, before)
                 refused = None if branches.pose is fit else self.refusal(seen, branches.pose, vertical)
                 return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
-            # What the images before told of the deck; with this one in it the image would count twice.
+            # The deck's tilt by the images before; with this one in it the image would count twice.
             fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
         off = fit if refused is PoseRefusal.ATTITUDE else None
@@ -182,7 +182,7 @@ class Judge:
         return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.deviations**2
 
     def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
-        """Judge the likeliest reading of the images so far."""
+        """Judge the most likely hypothesis."""
         chosen = branches.pose
         if not branches.is_decided or branches.is_spoken_against:
             return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
@@ -253,7 +253,7 @@ class Judge:
         return pose.source == "edges" and not self.is_whole(pose)
 
     def is_plain(self, seen: Sight, pose: Pose) -> bool:
-        """Whether the target is large and its cells are read clearly: hidden parts then mislead nobody."""
+        """Whether the target is large and its cells are read clearly, so that hidden parts do not mislead."""
         return self._is_large(pose) and self._fitter.cells.evidence(seen.pixels, pose).is_clear
 
     def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
@@ -270,5 +270,5 @@ class Judge:
 
 
 def with_angle_variance(pose: Pose, variance: float) -> Pose:
-    """The pose with so much more variance of every angle [rad^2]."""
+    """The pose with this much more variance of every angle [rad^2]."""
     return replace(pose, covariance=pose.covariance + np.diag([0.0] * 3 + [variance] * 3))

@@ -89,6 +89,9 @@ class _Belief:
 
     def later(self, passed: float) -> _Belief:
         """The same after some time [s]: another kind may have followed, and all drifts."""
+        # A mixture moves on as one Gaussian for each kind, of the same mean and covariance as what led to it:
+        # m_i = sum_j(w_ij m_j), P_i = sum_j(w_ij (P_j + m_j m_j^T)) - m_i m_i^T.
+        # Source: H. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988), 780: interacting multiple models.
         stays = exp(-passed / ANEW)
         anew = (1.0 - stays) * EXPECTED
         came = anew[:, None] * FOLLOWS * np.append(self.weight, 1.0)
@@ -106,6 +109,7 @@ class _Belief:
         if not may_be_deck:
             density[DECKS] = -np.inf
         learns = (density > MISSED)[:, None]
+        # Bayes: w_i is in proportion to w_i N(surprise_i), and to w_i exp(MISSED) for a kind that the fit missed.
         weight = np.exp(np.maximum(density, MISSED)) * self.weight
         weight = np.maximum(weight / weight.sum(), LEAST_WEIGHT)
         mean, spread = self.mean + learns * step, np.where(learns[:, None], after, self.covariance)
@@ -141,7 +145,7 @@ class LevelKnowledge:
         self.contradicted_deg: float | None = None
 
     def sight(self, seen: Sight) -> Sight:
-        """The image with its attitude; without, while images contradict it. One that none told of for long is tried."""
+        """The image with its attitude; without, while images contradict it. One without evidence for long is tried."""
         if not 0.0 <= seen.time - self._time <= LONGEST:
             self.contradicted_deg = None
         return seen if self.contradicted_deg is None else seen.without_attitude()
@@ -155,7 +159,7 @@ class LevelKnowledge:
         return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
     def refuses(self, level: Level, pose: Pose, *, is_hidden: bool = False) -> bool:
-        """Whether a pose disagrees with what is expected by more than is believed; `is_hidden`: see `Judge.refusal`."""
+        """Whether a pose is too far from the expectation; `is_hidden`: see `Judge.refusal`."""
         spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate

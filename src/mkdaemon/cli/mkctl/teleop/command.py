@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from secrets import token_hex
 from typing import Annotated, Any, Final, Literal, TextIO
@@ -21,21 +22,21 @@ from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev, new_paths
 from mkdaemon.cli.mkctl.teleop.joypad import look_for_joy, publish_pad
 from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard, raw_terminal
 from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, save_mapping
-from mkdaemon.cli.mkctl.teleop.padrecording import Recorder, read_recording
+from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator, watch_simulator
 from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, describe, look_for_pads, only_pad
 from mkdaemon.cli.mkctl.teleop.screen import drawing, screen_lines
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.teleop.keys import KEYBOARD
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.gamepadfiles import own_folder
 from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.keys import KEYBOARD
 from mkdaemon.errors import ConfigError, MkError
 
 SECRET: Final = "MK_JOY_SECRET"
@@ -45,7 +46,7 @@ _PAD: Final = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True)
-class Hands:
+class InputOptions:
     """With what is flown; gamepads of this machine unless one of these is given."""
 
     keyboard: Annotated[bool, Parameter(negative=())] = False
@@ -60,12 +61,12 @@ class Hands:
     """Stick mode, in place of the mapping's."""
 
 
-PADS: Final = Hands()
+PADS: Final = InputOptions()
 
 
 async def teleop(
     *,
-    hands: Hands = PADS,
+    hands: InputOptions = PADS,
     list_: Annotated[bool, Parameter(name="--list", negative=(), help="Show the pads of this machine.")] = False,
     learn: Annotated[bool, Parameter(negative=(), help="Write the mapping of the pad that is plugged in.")] = False,
     publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
@@ -104,25 +105,25 @@ async def teleop(
                 raise MkError(absence)
             if lines is not None:
                 await require_simulator(uav)
-                source = Source(lambda session, _: feed(session, lines), ends_with_devices=True)
+                source = DeviceSource(lambda session, _: feed(session, lines), ends_with_devices=True)
             elif hands.joy is not None:
                 pad = hands.joy
-                source = Source(lambda session, client: look_for_joy(session, client, pad, secret, mappings))
+                source = DeviceSource(lambda session, client: look_for_joy(session, client, pad, secret, mappings))
                 print(f"on the machine of the pad: {SECRET}={secret} mkctl teleop --publish {pad}", file=sys.stderr)
             elif hands.keyboard:
-                source = Source(has_keyboard=True)
+                source = DeviceSource(has_keyboard=True)
             else:
-                source = Source(lambda session, _: look_for_pads(session, mappings))
-            program = Program(uav, connection, source, force=force)
+                source = DeviceSource(lambda session, _: look_for_pads(session, mappings))
+            program = TeleopProgram(uav, connection, source, force=force)
             if file is not None:
-                program.session.recorder = Recorder(file, program.session.now)
+                program.session.recorder = PadRecorder(file, program.session.now)
             if hands.joy is not None:
                 program.session.notice = f"waits for {SECRET}={secret} mkctl teleop --publish {hands.joy}"
             await program.run(*([watch_simulator(uav)] if lines is not None else []))
     return 0
 
 
-def _check(hands: Hands) -> None:
+def _check(hands: InputOptions) -> None:
     """Refuse options that do not go together.
 
     Raises:
@@ -223,7 +224,7 @@ Job = Coroutine[Any, Any, None]
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class DeviceSource:
     """Where the devices of a run come from.
 
     Attributes:
@@ -232,22 +233,22 @@ class Source:
         ends_with_devices: the run is over when `start` is.
     """
 
-    start: Callable[[Session, Vehicle], Job] | None = None
+    start: Callable[[TeleopSession, Vehicle], Job] | None = None
     has_keyboard: bool = False
     ends_with_devices: bool = False
 
 
-class Program:
+class TeleopProgram:
     """Everything of one run.
 
     Attributes:
         session: devices, teleop, lease.
     """
 
-    def __init__(self, uav: Vehicle, connection: Connection, source: Source, *, force: bool) -> None:
+    def __init__(self, uav: Vehicle, connection: Connection, source: DeviceSource, *, force: bool) -> None:
         self._uav, self._connection, self._source = uav, connection, source
         self._stop = asyncio.Event()
-        self.session = Session(LeaseKeeper(lambda: uav.lease(force=force)), self._stop_motors)
+        self.session = TeleopSession(LeaseKeeper(partial(uav.lease, force=force)), self._stop_motors)
         self._watcher = Watcher()
         self._stopping: asyncio.Task[None] | None = None
 

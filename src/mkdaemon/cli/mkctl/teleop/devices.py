@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from mkdaemon.control.teleop.inputs import PadFacts
+from mkdaemon.client.teleop.inputs import PadFacts
 from mkdaemon.errors import MkError
 
 

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import MkError
 
 BLUETOOTH: Final = 5

@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError, DeviceState
 from mkdaemon.cli.mkctl.teleop.padsearch import Mappings
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.joy import PREFIX, JoySender
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.telemetry.joy import Joy
 
@@ -151,7 +151,7 @@ async def publish_pad(
         await asyncio.sleep(PERIOD / 4)
 
 
-async def look_for_joy(session: Session, uav: Vehicle, pad: str, secret: str, mappings: Mappings) -> None:
+async def look_for_joy(session: TeleopSession, uav: Vehicle, pad: str, secret: str, mappings: Mappings) -> None:
     """Follow one key for ever.
 
     Args:
@@ -177,7 +177,7 @@ class JoyFinder:
         mappings: of pads.
     """
 
-    def __init__(self, session: Session, pad: str, secret: str, mappings: Mappings) -> None:
+    def __init__(self, session: TeleopSession, pad: str, secret: str, mappings: Mappings) -> None:
         self._session, self._pad, self._secret, self._mappings = session, pad, secret, mappings
         self._device: JoyPad | None = None
 

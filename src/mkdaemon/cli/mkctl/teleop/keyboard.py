@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Final, TextIO
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.control.teleop.keys import FACTS, Keys
+from mkdaemon.client.teleop.keys import FACTS, Keys
 
 ASKING: Final = 0.08
 """Between two questions whether the terminal is there [s]."""

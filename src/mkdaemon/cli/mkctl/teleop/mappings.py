@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device
-from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.config.gamepadfiles import own_folder, shipped_folder
-from mkdaemon.config.reader import load_section
-from mkdaemon.control.teleop.learning import (
+from mkdaemon.client.teleop.learning import (
     BUTTONS,
     STICKS,
     Question,
@@ -21,6 +18,9 @@ from mkdaemon.control.teleop.learning import (
     moved_axis,
     pressed_control,
 )
+from mkdaemon.config.gamepad import Gamepad
+from mkdaemon.config.gamepadfiles import own_folder, shipped_folder
+from mkdaemon.config.reader import load_section
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import save
 

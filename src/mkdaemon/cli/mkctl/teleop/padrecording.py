@@ -10,11 +10,11 @@ from typing import Any, Final, Literal, TextIO
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceState
+from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
+from mkdaemon.client.teleop.teleop import Output
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.control.teleop.teleop import Output
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import read_text
+from mkdaemon.foreignfiles import read_text
 
 LONGEST: Final = 200_000_000
 """Longest recording that is read [bytes]; an hour is about 30 million."""
@@ -36,7 +36,7 @@ class RecordedFacts(BaseModel):
         return PadFacts(self.name, ranges, frozenset(self.buttons), is_wireless=self.wireless)
 
 
-class Line(BaseModel):
+class PadLine(BaseModel):
     """One line of a recording; which fields it has depends on `event`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -67,7 +67,7 @@ class Line(BaseModel):
     """What was streamed; `output`."""
 
 
-class Recorder:
+class PadRecorder:
     """Writes a recording.
 
     Args:
@@ -118,7 +118,7 @@ class Recorder:
         self._file.flush()
 
 
-def read_recording(path: Path) -> list[Line]:
+def read_recording(path: Path) -> list[PadLine]:
     """Read a recording; a last line that was cut short is left out.
 
     Raises:
@@ -143,9 +143,9 @@ def read_recording(path: Path) -> list[Line]:
     return lines
 
 
-def _read_line(path: Path, number: int, text: str) -> Line:
+def _read_line(path: Path, number: int, text: str) -> PadLine:
     try:
-        line = Line.model_validate_json(text)
+        line = PadLine.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
-from mkdaemon.cli.mkctl.teleop.padrecording import Line
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.padrecording import PadLine
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client import Vehicle
-from mkdaemon.control.teleop.inputs import PadFacts
+from mkdaemon.client.teleop.inputs import PadFacts
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.sim import SimTruth
@@ -55,7 +55,7 @@ class ReplayedDevice:
         """Nothing is open."""
 
 
-async def feed(session: Session, lines: Sequence[Line]) -> None:
+async def feed(session: TeleopSession, lines: Sequence[PadLine]) -> None:
     """Give a session what its devices said, at the same distances in time; returns when the recording is over.
 
     Args:

@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, FoundPad, new_paths, open_pad
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import ConfigError, MkError
 
@@ -40,7 +40,7 @@ class Mappings:
         return pad if self._mode is None else pad.model_copy(update={"mode": self._mode})
 
 
-async def look_for_pads(session: Session, mappings: Mappings) -> None:
+async def look_for_pads(session: TeleopSession, mappings: Mappings) -> None:
     """Attach every pad that is there or comes, for ever; one without a mapping is told of and left out."""
     left_out: set[str] = set()
     while True:
@@ -58,7 +58,7 @@ async def look_for_pads(session: Session, mappings: Mappings) -> None:
         await asyncio.sleep(LOOKING)
 
 
-def _attach(session: Session, pad: EvdevPad, mappings: Mappings) -> bool:
+def _attach(session: TeleopSession, pad: EvdevPad, mappings: Mappings) -> bool:
     """Attach a pad; False where it has no mapping."""
     try:
         mapping = mappings.of(pad.id, pad.facts.name)

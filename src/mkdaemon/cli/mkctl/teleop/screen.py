@@ -9,10 +9,12 @@ from typing import Final, Literal
 from rich.console import Console
 from rich.text import Text
 
-from mkdaemon.cli.mkctl.teleop.session import Session
+from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
-from mkdaemon.control.teleop.hands import Hands
-from mkdaemon.telemetry.control import Phase, Tone
+from mkdaemon.client.session import SessionState
+from mkdaemon.client.teleop.hands import Hands
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.tone import Tone
 
 COLUMNS: Final = 80
 """Width everything fits into."""
@@ -28,7 +30,7 @@ KEYBOARD_LEGEND: Final = (
     "f fine  l lock  c recentre  r reset  8 2 4 6 trim  T take-off  H hold  L land",
     "X stop the motors  q quit",
 )
-_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD}
+_COLOURS: Final = {Tone.NOTE: PLAIN, Tone.OK: GOOD, Tone.WARN: BAD, Tone.BAD: BAD, Tone.UNKNOWN: PLAIN}
 
 
 def bar(value: float | None, sent: float | None) -> str:
@@ -50,7 +52,7 @@ def _cell(value: float) -> int:
     return min(max(middle + round(middle * value / FULL), 0), BAR - 1)
 
 
-def screen_lines(session: Session, watcher: Watcher, title: str, *, has_keyboard: bool) -> list[Text]:
+def screen_lines(session: TeleopSession, watcher: Watcher, title: str, *, has_keyboard: bool) -> list[Text]:
     """Everything that is shown, one line each.
 
     Args:
@@ -72,17 +74,17 @@ def screen_lines(session: Session, watcher: Watcher, title: str, *, has_keyboard
     return lines
 
 
-def _now(session: Session) -> Text:
+def _now(session: TeleopSession) -> Text:
     """What is done and why; before the daemon flies, what it waits for."""
     output = session.output
     words = output.reason
     if output.setpoint is not None and not session.keeper.is_engaged:
-        words = f"{words}; {session.keeper.words}"
+        words = f"{words}; {session.keeper.flight.reason}"
     flies = session.keeper.is_engaged and output.setpoint is not None and not output.is_neutral
     return _line(("now      ", DIM), (words, GOOD if flies else BAD))
 
 
-def _pads(session: Session) -> list[Text]:
+def _pads(session: TeleopSession) -> list[Text]:
     lines = []
     now = session.now
     for name, hands in session.teleop.hands.items():
@@ -103,7 +105,7 @@ def _pads(session: Session) -> list[Text]:
     return lines or [_line(("pad      ", DIM), ("none", BAD))]
 
 
-def _sticks(session: Session, watcher: Watcher, hands: Hands | None) -> list[Text]:
+def _sticks(session: TeleopSession, watcher: Watcher, hands: Hands | None) -> list[Text]:
     wanted = session.output.setpoint
     fields = dict(wanted.fields) if wanted is not None and wanted.kind == "stick" else {}
     if not fields and wanted is None and hands is not None:
@@ -140,9 +142,9 @@ def _sticks(session: Session, watcher: Watcher, hands: Hands | None) -> list[Tex
     return lines
 
 
-def _lease(session: Session, watcher: Watcher) -> Text:
+def _lease(session: TeleopSession, watcher: Watcher) -> Text:
     lease = watcher.field("control/status", "lease")
-    ours = session.keeper.lease
+    ours = session.keeper.flight.grant if session.keeper.flight.state is SessionState.HELD else None
     holder = "nobody" if lease is None else str(lease["holder"])
     is_ours = ours is not None and lease is not None and lease["epoch"] == ours.epoch
     phase = str(watcher.field("control/status", "phase") or "-")

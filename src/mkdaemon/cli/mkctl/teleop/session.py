@@ -8,10 +8,11 @@ from contextlib import suppress
 from typing import Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
-from mkdaemon.cli.mkctl.teleop.padrecording import Recorder
+from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.session import SessionState
+from mkdaemon.client.teleop.teleop import Output, Teleop
 from mkdaemon.config.gamepad import Gamepad
-from mkdaemon.control.teleop.teleop import Output, Teleop
 from mkdaemon.errors import MkError
 
 PERIOD: Final = 0.02
@@ -21,7 +22,7 @@ GAP: Final = 0.002
 periods: a longer gap would let a change miss one, and wait for two."""
 
 
-class Session:
+class TeleopSession:
     """Devices, the pure teleop, and the lease.
 
     Attributes:
@@ -43,7 +44,7 @@ class Session:
         self.notice = ""
         self.is_on_ground: bool | None = None
         self.ticked = asyncio.Event()
-        self.recorder: Recorder | None = None
+        self.recorder: PadRecorder | None = None
         self._ask_stop = ask_stop
         self._loop = asyncio.get_running_loop()
         self._news = asyncio.Event()
@@ -137,15 +138,17 @@ class Session:
         if output.setpoint is None:
             return
         try:
+            if self.keeper.flight.state is SessionState.FREE:
+                self.keeper.begin()
             self.keeper.stream(output.setpoint.kind, output.setpoint.fields)
         except MkError as error:
             self.keeper.give_back()
             self.teleop.ended(str(error))
             self._notify_devices(str(error))
         else:
-            refusal = self.keeper.take_refusal()
+            refusal = self.keeper.flight.take_refusal()
             if refusal is not None:
-                self.notice = refusal
+                self.notice = str(refusal)
                 self.teleop.refused()
 
     def _notify_devices(self, notice: str) -> None:

@@ -12,9 +12,9 @@ from typing import Final
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Typed, Values
 from mkdaemon.cli.mkdaemon.service.units import MARK, unit_text
 from mkdaemon.cli.mkdaemon.service.units import UNITS as SERVICE_UNITS
-from mkdaemon.control.admission.flightrows import LEAST_DISK
 from mkdaemon.daemon.priority import CORES
 from mkdaemon.daemon.procedures import state_folder
+from mkdaemon.telemetry.preflight import LEAST_DISK
 
 BUSY: Final = 0.7
 """Load a core above which the machine counts as busy."""
@@ -32,7 +32,7 @@ NICE_RIGHT: Final = 1 << 23
 TIME_SERVICES: Final = ("systemd-timesyn", "chronyd", "ntpd", "ntpd-rs", "ntp-daemon", "openntpd")
 """Names of processes, as long as the kernel keeps them."""
 SKEW: Final = 0.2
-"""Difference of two clocks from which stamps mislead [s]; docs/time.md."""
+"""Difference of two clocks from which stamps mislead [s]; docs/frames.md."""
 LIMITS: Final = "/etc/security/limits.d/60-mkdaemon.conf"
 """Where a user is granted real-time rights; limits.conf(5)."""
 SYSCTL: Final = "/etc/sysctl.d/60-mkdaemon.conf"

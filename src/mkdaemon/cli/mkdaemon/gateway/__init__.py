@@ -6,7 +6,7 @@ from typing import Final
 
 from cyclopts import App
 
-from mkdaemon.cli.program import CommandEntry
+from mkdaemon.cli.listing import CommandEntry
 
 GATEWAYS: Final[tuple[CommandEntry, ...]] = (
     CommandEntry("foxglove", "mkdaemon.cli.mkdaemon.gateway.foxglove:foxglove", "Foxglove and Lichtblick look at it."),

@@ -31,8 +31,8 @@ def foxglove(
 ) -> None:
     """Show vehicles to Foxglove and Lichtblick: a WebSocket server with the schemas they know, and every key as JSON.
 
-    It only reads. A vehicle is shown live, or as `mkctl play` plays it; it may come later than its viewers. Nothing is
-    subscribed on the bus that no viewer looks at. Layouts are in configs/foxglove. Ctrl-C ends it. Needs the extra
+    It only reads. A vehicle is shown live, or as `mkctl log play` plays it; it may come later than its viewers. Nothing
+    is subscribed on the bus that no viewer looks at. Layouts are in configs/foxglove. Ctrl-C ends it. Needs the extra
     `foxglove`: pip install 'mkdaemon[foxglove]'.
 
     Example: mkdaemon gateway foxglove --vehicle mk1 --vehicle mk2

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.cli.mkdaemon.security.roles import SERVERS
 from mkdaemon.errors import ConfigError
-from mkdaemon.reading import LONGEST_SETTINGS, parse_json, read_text
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_json, read_text
 
 NO_CRYPTOGRAPHY: Final = "certificates need cryptography, which is not installed: pip install 'mkdaemon[security]'"
 

@@ -82,7 +82,7 @@ _RECORDER: Final = (
 # MK_CONNECT and MK_ZENOH_FILE (TLS), and one --also for each further daemon as OPTIONS, stand in this file; without it,
 # the daemon of this machine is recorded.
 EnvironmentFile=-{settings}/recorder.env
-ExecStart={programs}/mkctl record --folder /var/lib/mkdaemon-recorder --delete-oldest $OPTIONS
+ExecStart={programs}/mkctl log record --folder /var/lib/mkdaemon-recorder --delete-oldest $OPTIONS
 """
     + _CLIENT
     + """\

@@ -8,14 +8,10 @@ const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 64];
 const EVENTS = 200; // lines kept
 const ANSWER = 6000; // an answer is shown so long [ms]
 const GONE = 2000; // without a word from the server for so long the page says so [ms]
-const OLD_IMAGE = 3; // an image that is older looks stale [s]
 const TRAIL = 1500; // points drawn
 const SEEK = 250; // between two places that are asked for [ms]
 const LEAP = 5, LONG_LEAP = 30; // with an arrow key [s]
-const QUESTIONS = {
-  abort: ["Abort what is flown?", "It stops the manoeuvre: the aircraft holds its place, or is level without a target.", "Abort now"],
-  release: ["Release the aircraft?", "The pilot's sticks alone fly it, at once. His hands must be on them.", "Release now"],
-};
+const QUESTIONS = {abort: ["Abort what is flown?", "Abort now"], release: ["Release the aircraft?", "Release now"]};
 const sticks = (column, name, colour) => [
   {series: "sticks", column, name, colour}, {series: "sticks", column: column + 4, colour, dashed: true},
 ];
@@ -71,7 +67,10 @@ function take(shown) {
   get("verdict").title = shown.verdict.text;
   get("kind").textContent = shown.is_played ? "recording" : "live";
   document.title = `${shown.vehicle}: ${shown.verdict.text}`;
-  for (const name of ["abort", "release"]) get(name).disabled = !shown.can[name];
+  showOffers(shown.offers);
+  showLarge(shown.large);
+  get("alarms").replaceChildren(...shown.alarms.map((alarm) => Object.assign(document.createElement("li"), {textContent: alarm.text})));
+  [...get("alarms").children].forEach((line, k) => { line.dataset.tone = shown.alarms[k].tone; });
   showLines(shown.lines);
   if ("flight" in shown) showFlight(shown.flight, shown.play.length);
   showPlay(shown.play, shown.now);
@@ -87,7 +86,7 @@ function redraw() {
     isDue = false;
     const shown = kept.shown;
     if (!shown) return;
-    showFrame(shown.scene.aircraft);
+    showFrame(shown.scene);
     scene.draw(shown.scene, kept.tags, (kept.series.trail || []).slice(-TRAIL), [...kept.cameras.values()]);
     for (const plot of plots) plot.draw(kept.series, shown.now);
   });
@@ -122,21 +121,34 @@ function showLines(lines) {
     row.classList.toggle("stale", line.is_stale);
     say(name, line.name, "");
     say(text, line.text, line.tone);
-    say(age, line.is_stale ? `${ageWords(line.age)} old` : ageWords(line.age), "");
+    say(age, ageWords(line.age), "");
   });
 }
 
-function showFrame(aircraft) {
-  const sources = {estimate: "as the flight core believes", pose: "as a camera saw it", gps: "by GPS"};
+function showFrame(shown) {
   const frame = get("frame");
-  frame.dataset.stale = aircraft && aircraft.is_stale ? "yes" : "no";
-  if (!scene.works) frame.textContent = "this browser has no WebGL: the scene cannot be drawn";
-  else if (!aircraft) frame.textContent = "where the aircraft is: not known";
-  else {
-    const where = aircraft.frame === "home" ? "from home" : `over ${aircraft.frame}`;
-    const old = aircraft.is_stale ? `, ${ageWords(aircraft.age)} ago` : "";
-    frame.textContent = `${where}, ${sources[aircraft.source]}${old}`;
+  frame.dataset.stale = shown.aircraft && shown.aircraft.is_stale ? "yes" : "no";
+  frame.textContent = scene.works ? shown.caption : "this browser has no WebGL: the scene cannot be drawn";
+}
+
+function showOffers(offers) {
+  for (const name of ["abort", "release"]) {
+    const button = get(name), {meaning, why_not} = offers[name];
+    button.disabled = why_not !== "";
+    button.title = why_not || meaning;
+    get(`${name}-meaning`).textContent = meaning;
   }
+}
+
+function showLarge(facts) {
+  get("large").replaceChildren(...facts.map((fact) => {
+    const box = document.createElement("div"), number = document.createElement("b"), name = document.createElement("span");
+    box.dataset.fact = fact.id;
+    say(number, fact.text, fact.tone);
+    name.textContent = fact.name;
+    box.append(number, name);
+    return box;
+  }));
 }
 
 function showEvent(event) {
@@ -178,11 +190,9 @@ function showCamera(camera) {
   }
   known.frustum = camera.frustum;
   known.latest = camera;
-  const seen = camera.seen_age === null ? "no target seen yet" : camera.seen_age < 1 ? "target in sight" : `target not seen for ${ageWords(camera.seen_age)}`;
-  known.title.textContent = `${camera.name}: ${seen}`;
-  const isOld = camera.image !== null && camera.image.age > OLD_IMAGE;
-  known.box.classList.toggle("stale", isOld);
-  known.note.textContent = camera.image === null ? "no image: `jpeg_hz` of this camera is 0" : isOld ? `image ${ageWords(camera.image.age)} old` : "";
+  known.title.textContent = camera.caption;
+  known.box.classList.toggle("stale", camera.is_stale);
+  known.note.textContent = camera.note;
   if (camera.image === null) drawCamera(known, camera);
   else if (camera.image.sequence !== known.sequence && !known.isLoading) load(known, camera);
 }
@@ -299,7 +309,7 @@ function tell(what, said) {
 
 for (const name of ["abort", "release"]) {
   get(name).addEventListener("click", () => {
-    const [question, meaning, yes] = QUESTIONS[name], dialog = get("confirm");
+    const [question, yes] = QUESTIONS[name], {meaning} = kept.shown.offers[name], dialog = get("confirm");
     dialog.querySelector("h1").textContent = `${vehicle}: ${question}`;
     dialog.querySelector("p").textContent = meaning;
     get("sure").textContent = yes;

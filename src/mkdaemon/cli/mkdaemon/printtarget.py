@@ -1,0 +1,109 @@
+"""`mkdaemon calibrate print`: print tags, nested targets and calibration boards in true size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from mkdaemon.cli.printing import json_line
+from mkdaemon.config.vision import TagPlacement, TargetSection
+from mkdaemon.errors import ConfigError
+from mkdaemon.files import refuse_existing, save
+from mkdaemon.vision.calibrate.board import CharucoBoard
+from mkdaemon.vision.calibrate.target_print import Page, board_page, target_page, write_page
+from mkdaemon.vision.tags.tagmap import Target, build, load
+
+
+def print_target(
+    output: Annotated[Path, Parameter(help="File to write, .svg or .pdf.")],
+    /,
+    *,
+    target: Annotated[Path | None, Parameter(help="Target file, for example configs/targets/nested.toml.")] = None,
+    tag: Annotated[
+        tuple[str, ...],
+        Parameter(
+            help="Tag as ID:SIZE or FAMILY/ID:SIZE, side of the black square [m]; a second one is nested inside.",
+            negative=(),
+        ),
+    ] = (),
+    charuco: Annotated[str | None, Parameter(help="Calibration board COLUMNSxROWS, for example 9x6.")] = None,
+    square: Annotated[float, Parameter(help="Side of a square of the calibration board [m].")] = 0.03,
+    tile: Annotated[str | None, Parameter(help="Cut a PDF for this paper: a4, a3, a2, a1 or a0.")] = None,
+    write_target: Annotated[Path | None, Parameter(help="Also write the target file of the given tags here.")] = None,
+    force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
+    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+) -> None:
+    """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.
+
+    Examples:
+        mkdaemon calibrate print pad.pdf --target configs/targets/nested.toml
+        mkdaemon calibrate print tag.svg --tag 7:0.16
+        mkdaemon calibrate print board.pdf --charuco 9x6 --square 0.028
+
+    Raises:
+        ConfigError: not one target was given, it cannot be drawn, or a file is there already.
+        MkError: a file cannot be written.
+    """
+    for path in (output, write_target):
+        if path is not None:
+            refuse_existing(path, overwrite=force)
+    given = [name for name, value in (("--target", target), ("--tag", tag), ("--charuco", charuco)) if value]
+    if len(given) != 1:
+        msg = f"give one of --target, --tag, --charuco{', not ' + ' and '.join(given) if given else ''}"
+        raise ConfigError(msg)
+    if charuco is not None:
+        page = board_page(_board(charuco, square))
+    else:
+        chosen = _from_file(target) if target is not None else _from_tags(tag)
+        page = target_page(chosen)
+        if write_target is not None:
+            _write_target_file(chosen, write_target, overwrite=force)
+    write_page(page, output, tile=tile, overwrite=force)
+    _print_page(page, output, as_json=as_json)
+
+
+def _print_page(page: Page, output: Path, *, as_json: bool) -> None:
+    if as_json:
+        size = {"width_mm": round(page.width, 3), "height_mm": round(page.height, 3)}
+        print(json_line({"file": output, **size, "title": page.title}))
+        return
+    print(f"{output}: {page.width:.1f} x {page.height:.1f} mm, {page.title}")
+    print("Print at 100 %, then measure the ruler: it must be 100 mm.")
+
+
+def _board(text: str, square: float) -> CharucoBoard:
+    columns, by, rows = text.lower().partition("x")
+    if not (by and columns.isdigit() and rows.isdigit()):
+        msg = f"--charuco '{text}': give COLUMNSxROWS, for example 9x6"
+        raise ConfigError(msg)
+    return CharucoBoard(int(columns), int(rows), square)
+
+
+def _from_file(path: Path) -> Target:
+    targets = load([path]).targets
+    if len(targets) > 1:
+        msg = f"target file {path} holds {len(targets)} targets: keep one per file to print it"
+        raise ConfigError(msg)
+    return targets[0]
+
+
+def _from_tags(tags: tuple[str, ...]) -> Target:
+    placements = []
+    for text in tags:
+        name, _, size = text.partition(":")
+        family, slash, number = name.rpartition("/")
+        try:
+            placements.append(TagPlacement(family=family if slash else "tag36h11", id=int(number), size=float(size)))
+        except ValueError:
+            msg = f"--tag '{text}': give ID:SIZE in metres (0.005 to 5), for example 7:0.16 or tag25h9/3:0.1"
+            raise ConfigError(msg) from None
+    return build([TargetSection(name="print", tags=tuple(placements))], origin="--tag").targets[0]
+
+
+def _write_target_file(target: Target, path: Path, *, overwrite: bool) -> None:
+    lines = ["# Sizes as designed: measure the print and correct them.", "[[targets]]", f'name = "{path.stem.lower()}"']
+    for tag in target.tags:
+        lines += ["", "[[targets.tags]]", f'family = "{tag.family.name}"', f"id = {tag.tag_id}", f"size = {tag.size!r}"]
+    save(path, "\n".join(lines) + "\n", overwrite=overwrite)

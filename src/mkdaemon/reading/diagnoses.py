@@ -1,0 +1,94 @@
+"""A picture as the diagnostics of ROS, which Foxglove shows too: a level, a sentence and numbers for each part."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+from mkdaemon.reading.picture import Picture
+from mkdaemon.telemetry.base import Stamped
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
+from mkdaemon.telemetry.tone import Tone
+
+
+class Level(IntEnum):
+    """Severities of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+LEVELS: Final = {
+    Tone.NOTE: Level.OK,
+    Tone.OK: Level.OK,
+    Tone.WARN: Level.WARN,
+    Tone.BAD: Level.ERROR,
+    Tone.UNKNOWN: Level.STALE,
+}
+"""The level of a tone."""
+VERDICT: Final = "verdict"
+"""Name of the first diagnosis: the worst thing."""
+PARTS: Final = {
+    "vehicle": "health",
+    "control": "control/status",
+    "flight": "state/flight",
+    "battery": "state/battery",
+    "link": "link/health",
+    "receiver": "state/pilot",
+    "recording": "record/status",
+}
+"""Facts that are diagnosed, and the keys of their numbers; cameras beside them."""
+
+
+class Diagnosis(NamedTuple):
+    """One part.
+
+    Attributes:
+        name: of the part.
+        level: how bad it is.
+        message: why, one sentence.
+        values: numbers, truths and texts behind it.
+    """
+
+    name: str
+    level: Level
+    message: str
+    values: Mapping[str, object]
+
+
+def diagnoses_of(picture: Picture) -> Iterator[Diagnosis]:
+    """The verdict, then every part."""
+    others = {f"alarm.{place}": alarm.text for place, alarm in enumerate(picture.alarms[1:], 1)}
+    yield Diagnosis(VERDICT, LEVELS[picture.tone], picture.headline, others)
+    for fact in picture.facts:
+        is_eye = fact.id.startswith("eye-")
+        if fact.id not in PARTS and not is_eye:
+            continue
+        found = picture.last(PARTS.get(fact.id, fact.key), Stamped)
+        level = Level.STALE if fact.is_stale else LEVELS[fact.tone]
+        values = {} if found is None else dict(_leaves(found.value.model_dump(mode="json"), ""))
+        yield Diagnosis(fact.name if is_eye else fact.id, level, fact.aged, values)
+
+
+def diagnosis_of(finding: Finding) -> Diagnosis:
+    """What a check before a flight found."""
+    bad = Level.WARN if finding.blocks is Blocks.NOTHING else Level.ERROR
+    level = {CheckState.PASSED: Level.OK, CheckState.UNKNOWN: Level.WARN, CheckState.STANDS: bad}[finding.state]
+    values = {"state": finding.state.value, "token": finding.token, "blocks": finding.blocks.value}
+    return Diagnosis(finding.name, level, f"{finding.reason} {finding.fix}".strip(), values)
+
+
+def _leaves(part: Mapping[str, Any], head: str) -> Iterator[tuple[str, object]]:
+    """Numbers, truths and texts by their path; stamps and what is not known are left out."""
+    for name, one in part.items():
+        if isinstance(one, list):
+            of_maps = {str(each.get("key", place)): each for place, each in enumerate(one) if isinstance(each, dict)}
+            yield from _leaves(of_maps, f"{head}{name}.")
+        elif isinstance(one, dict):
+            if "monotonic" not in one:  # no stamp: a time is no measure of health
+                yield from _leaves(one, f"{head}{name}.")
+        elif one is not None:
+            yield f"{head}{name}", one

@@ -1,0 +1,45 @@
+"""How good a state is."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Self
+
+
+class Tone(StrEnum):
+    """How good a state is, for every display of it."""
+
+    NOTE = "note"
+    """A fact, neither good nor bad."""
+    OK = "ok"
+    """As it should be."""
+    WARN = "warn"
+    """Somebody should look at it."""
+    BAD = "bad"
+    """Somebody must act."""
+    UNKNOWN = "unknown"
+    """No value shows it."""
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether somebody should look at it, or must act."""
+        return self in (Tone.WARN, Tone.BAD)
+
+
+class ToneEnum(StrEnum):
+    """A closed set whose members have their words and their tone as columns.
+
+    Attributes:
+        words: shown for it.
+        tone: how good it is.
+    """
+
+    words: str
+    tone: Tone
+
+    def __new__(cls, word: str, words: str = "", tone: Tone = Tone.NOTE) -> Self:
+        """Declare one; a call with a word alone returns the member, as of every enumeration."""
+        member = str.__new__(cls, word)
+        member._value_ = word
+        member.words, member.tone = words, tone
+        return member

@@ -1,0 +1,147 @@
+"""The one table of facts: what each value says, in words, with its number; what is stale is never good."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.bus.keys import KEYS as TABLE
+from mkdaemon.reading import Reading
+from mkdaemon.reading.facts import DEAD_RECKONING, EMPTY_CELL, RANKS, SIGHT, WEAK_CELL
+from mkdaemon.reading.known import KEYS, SLOW_KEYS, key_of
+from mkdaemon.telemetry.tone import Tone
+from mkdaemon.telemetry.vision import PoseRefused
+from tests.view.page import flights
+from tools.top_picture import KNOWN
+
+NOW = 1000.0
+
+
+def picture_of(changes=(), *, ages=(), now=NOW, left=None):
+    """The picture of the known flight with some fields changed, and some values older."""
+    reading, known = Reading(), dict(KNOWN)
+    for key, fields in dict(changes).items():
+        known[key] = type(known[key]).model_validate(known[key].model_dump() | fields)
+    for key, value in known.items():
+        if left is None or key in left:
+            reading.take(key, value, now - dict(ages).get(key, 0.0))
+    return reading.at(now)
+
+
+@pytest.mark.parametrize(
+    ("key", "fields", "word", "text", "tone"),
+    [
+        ("health", {"note": "the red one"}, "vehicle", "alive; motors run; the red one", "ok"),
+        ("health", {"is_alive": False, "reason": "no byte"}, "vehicle", "NOT ALIVE: no byte; motors run", "bad"),
+        ("health", {"read_only": "old"}, "vehicle", "alive; motors run; READ ONLY: old", "warn"),
+        ("state/flight", {"is_flying": False}, "flight", "on the ground, motors run, GPS hold, flew 83 s", "note"),
+        (
+            "state/flight",
+            {"rc_failsafe": True},
+            "flight",
+            "RC FAILSAFE, in the air, motors run, GPS hold, flew 83 s",
+            "bad",
+        ),
+        ("state/battery", {"voltage": 13.2}, "battery", "NEARLY EMPTY, 13.2 V, 3.30 V a cell, 11.5 A, 812 mAh", "warn"),
+        ("state/battery", {"voltage": 11.6}, "battery", "EMPTY, 11.6 V, 2.90 V a cell, 11.5 A, 812 mAh", "bad"),
+        ("state/battery", {"is_low": True}, "battery", "LOW, 15.2 V, 3.80 V a cell, 11.5 A, 812 mAh", "bad"),
+        ("health", {"battery_cells": None}, "battery", "15.2 V, 11.5 A, 812 mAh", "ok"),
+        ("state/gps", {"satellites": None, "fix": "none"}, "gps", "nothing comes from the receiver", "note"),
+        ("state/pilot", {"has_signal": False, "rc_quality": 0.1}, "receiver", "10 %, NO SIGNAL", "bad"),
+        ("vision/down/stats", {"state": "silent", "reason": "for 3 s"}, "eye-down", "NO IMAGE ARRIVES: for 3 s", "bad"),
+        (
+            *("vision/down/stats", {"alarms": {"dark": "more light"}}, "eye-down"),
+            *("30 images/s, 94 % posed, 38 ms; DARK: more light", "warn"),
+        ),
+        ("control/status", {"trouble": "NO POSE"}, "control", "ann flies; external control v2", "bad"),
+        ("control/status", {"external_control": None}, "control", "ann flies; external control not possible", "ok"),
+        ("control/status", {"pilots_throttle": -20.0}, "hands", "the pilot holds hover", "bad"),
+        ("link/health", {"kinds": ()}, "streams", "on time", "ok"),
+    ],
+)
+def test_what_a_value_says(key, fields, word, text, tone):
+    fact = picture_of({key: fields}).fact(word)
+    assert (fact.text, fact.tone) == (text, tone)
+
+
+def test_every_fact_is_known_or_says_that_it_is_not():
+    for fact in Reading().at(NOW).facts:
+        assert (fact.text, fact.tone, fact.age, fact.number) == ("not known", Tone.UNKNOWN, None, None)
+
+
+def test_a_stale_value_says_so_and_is_never_good():
+    for fact in picture_of().facts:
+        later = picture_of(now=NOW, ages=dict.fromkeys(KNOWN, 100.0)).fact(fact.id)
+        if fact.age is not None:
+            assert later.is_stale and later.aged.startswith("STALE 2 min: "), fact.id
+            assert later.tone not in (Tone.OK, Tone.NOTE)
+
+
+def test_image_tag_and_pose_are_apart():
+    assert picture_of(ages={"vision/down/pose": 0.1}).fact("sight-down").text == (
+        "image 0.0 s, tag 48 decoded, pose 0.1 s: pad (+0.12, -0.34, 1.98) m"
+    )
+    lost = picture_of(ages={"vision/down/pose": 7.0})
+    assert lost.fact("sight-down").text == "image 0.0 s, tag 48 decoded, pad NOT SEEN for 7.0 s"
+    refused = PoseRefused(
+        **(KNOWN["vision/down/tags"].model_dump() | {"target": "pad", "refusal": "off_course"}),
+        decode_age=0.0,
+        has_attitude=True,
+    )
+    reading = Reading()
+    for at, value in ((0.0, KNOWN["vision/down/pose"]), (1.9, KNOWN["vision/down/tags"]), (1.9, refused)):
+        reading.take(key_of(value), value, at)
+    words = "image 0.1 s, tag 48 decoded, pose of pad refused off_course, pad NOT SEEN for 2.0 s"
+    assert reading.at(2.0).fact("sight-down").text == words
+
+
+def blind(image_age, age=0.0):
+    reading = Reading()
+    for key, value in flights.hovering(1000.0):
+        change = {"image_age": image_age} if key == "control/estimate" else {}
+        reading.take(key, value.model_copy(update=change), NOW - (age if key == "control/estimate" else 0.0))
+    return reading.at(NOW)
+
+
+@pytest.mark.parametrize(("image_age", "age"), [(2.0, 0.0), (0.1, 2.0)])
+def test_there_is_no_error_to_a_goal_while_it_is_calculated_without_images(image_age, age):
+    assert blind(0.1).fact("error").text == "5 cm level, +1 cm height"
+    fact = blind(image_age, age).fact("error")
+    assert (fact.text, fact.tone, fact.number) == (f"not known: no image for {image_age + age:.1f} s", "unknown", None)
+    assert blind(0.1).fact("height").text == "2.01 m over pad"
+    assert blind(image_age, age).fact("height").text != "2.01 m over pad"
+
+
+def test_an_older_value_changes_nothing_and_events_are_no_values():
+    reading = Reading()
+    reading.take("state/battery", KNOWN["state/battery"], 5.0)
+    reading.take("state/battery", KNOWN["state/battery"].model_copy(update={"voltage": 1.0}), 4.0)
+    reading.take("event/log", KNOWN["event/log"], 6.0)
+    reading.take("state/gps", None, 6.0)
+    assert reading.at(5.0).fact("battery").number == 15.2
+    assert len(list(reading.at(5.0))) == 1
+    reading.forget()
+    assert reading.at(5.0).is_silent
+
+
+def test_what_comes_on_change_holds_while_the_daemon_is_heard():
+    reading = Reading()
+    reading.take("link/state", KNOWN["link/state"], 0.0)
+    reading.take("health", KNOWN["health"], 1000.0)
+    assert not reading.at(1001.0).fact("link").is_stale
+    later = reading.at(1010.0)
+    assert later.fact("link").is_stale and later.is_silent
+    assert later.headline == "NOTHING FROM THE DAEMON: silent for 10 s"
+
+
+def test_every_key_that_repeats_says_how_long_it_is_fresh():
+    for spec in TABLE:
+        if spec.carries is not None and spec.suffix.split("/")[0] in ("state", "health", "link", "control", "vision"):
+            assert spec.fresh is not None, spec.suffix
+
+
+def test_the_table_and_its_limits_are_whole():
+    assert set(RANKS) == set(Tone)
+    assert EMPTY_CELL < WEAK_CELL and DEAD_RECKONING <= SIGHT
+    assert set(SLOW_KEYS) <= {*KEYS, "state/battery", "state/flight", "state/position"}
+    assert key_of(KNOWN["vision/down/stats"]) == "vision/down/stats"
+    assert key_of(KNOWN["event/log"]) == ""
