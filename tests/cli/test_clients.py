@@ -64,7 +64,7 @@ def test_a_first_look_around(serve, mkctl):
         flown.wait_for_values("state/position", "health")
         code, out, _ = mkctl("status")
         assert code == 0
-        for words in ("alive", "motors stopped", "nc 0.24", "free", "battery", "satellites"):
+        for words in ("alive", "motors stand", "nc 0.24", "free", "battery", "satellites"):
             assert words in out
         assert "up: " in out or "degraded: " in out  # a loaded machine may make it late
         code, out, _ = mkctl("status", "--json")
@@ -122,7 +122,7 @@ def test_mistakes_are_one_line(serve, mkctl):
                 "no key matches 'state/atitude'; did you mean state/attitude or state/altitude?",
             ),
             (("status", "--vehicle", "other"), "there is cockpit: use --vehicle"),
-            (("status", "--connect", "tcp/127.0.0.1:1"), "nobody answers"),
+            (("status", "--connect", "tcp/127.0.0.1:1"), "no program answers"),
             (("board", "rates", "osd"), "which interval"),
             (("stick", "--throttle", "0", "--pitch", "300"), "--pitch 300: give a number from -127 to 127"),
             (("stick", "--throttle", "nan"), "--throttle nan: give a number"),

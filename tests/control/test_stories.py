@@ -228,7 +228,7 @@ def test_what_a_camera_says_of_itself_is_known_and_warned_of():
     drive.tell(EyeStats(wrong))
     assert drive.core.vehicle.eyes == (wrong,)
     [warning] = [action for action in drive.tick() if isinstance(action, Warn)]
-    assert "by the barometer" in warning.text
+    assert "the barometer" in warning.text
 
 
 BY_TARGET_IN_AIR = {

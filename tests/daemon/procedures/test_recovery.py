@@ -84,7 +84,7 @@ async def test_while_a_live_set_is_owed_nobody_flies_and_the_refusal_says_why(tm
     socket = plug_in(flight_ctrl())
     await kill_during(socket, tmp_path, "settings_backup", 0.5)
     async with procedure_rig(socket, tmp_path) as rig:
-        with pytest.raises(CommandRejectedError, match="settings_backup was cut off"), rig.interlock.taking_lease():
+        with pytest.raises(CommandRejectedError, match="settings_backup was interrupted"), rig.interlock.taking_lease():
             pass
         shown = (await rig.ask("settings_recover")).reply["notes"]
         assert [(note.verb, note.active, note.is_owed) for note in shown] == [("settings_backup", 3, True)]
