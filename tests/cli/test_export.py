@@ -76,7 +76,7 @@ def test_viewers_need_their_sdk(export, monkeypatch):
         ((__file__,), EXIT_CONFIG, "no recording of mkdaemon"),
         ((FLIGHT, "-k", "nothing/*"), EXIT_FAILURE, "nothing to export"),
         ((FLIGHT, "-f", "gpx", "-k", "state/battery"), EXIT_FAILURE, "no state/position"),
-        ((FLIGHT, "-f", "ros", "-k", "state/altitude"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
+        ((FLIGHT, "-f", "ros", "-k", "link/traffic"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
         ((FLIGHT, "-f", "gpx", "-o", "no/folder/a.gpx"), EXIT_CONFIG, "there is no folder"),
         ((FLIGHT, "-f", "pdf"), EXIT_CONFIG, "pdf"),
     ],

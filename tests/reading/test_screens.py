@@ -106,7 +106,7 @@ def test_foxglove_diagnoses_it_first(situation):
     assert first["message"] == picture.headline
 
 
-def test_mavlink_tells_what_is_wrong(situation):
+async def test_mavlink_tells_what_is_wrong(situation):
     picture = picture_of(situation)
     gateway = Gateway(FakeVehicle(), Options((), 1, None, Path("/nonexistent")), lambda: NOW, lambda: 0.0)
     ears = Ears(gateway)

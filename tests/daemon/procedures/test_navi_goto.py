@@ -44,7 +44,7 @@ def ask(*values, at=(30.0, -20.0, 5.0), **fields):
     error = refusal(spec.begins(request), situation_of(known, 1.0))
     if error is not None:
         raise error
-    return spec.prepare(request, known.position(1.0))
+    return spec.prepare(request, known.newest(Position, 1.0))
 
 
 @pytest.mark.parametrize("reception", [(), (gps(),), (gps(satellites=None),)])
