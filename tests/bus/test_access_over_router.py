@@ -106,7 +106,7 @@ def side(tmp_path_factory):
 @asynccontextmanager
 async def recording(side, folder):
     """`mkctl log record` with the recorder's certificate; on leaving it is ended as by Ctrl-C, and well."""
-    words = ["record", "--folder", str(folder), "--connect", side.endpoint]
+    words = ["log", "record", "--folder", str(folder), "--connect", side.endpoint]
     environment = {**os.environ, "MK_ZENOH_FILE": str(side.folder / "recorder.json5")}
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
