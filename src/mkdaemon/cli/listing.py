@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 WIDEST: Final = 100
 """Columns of text that are read comfortably."""
-_HELP: Final = (["--help"], ["-h"], [])
+_HELP: Final[tuple[list[str], ...]] = (["--help"], ["-h"], [])
 
 
 class CommandEntry(NamedTuple):
