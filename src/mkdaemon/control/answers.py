@@ -58,6 +58,9 @@ PAUSE: Final = 0.3
 """Without a stick frame for longer somebody else flies, and everything begins anew [s]."""
 NUMBERED: Final = 128
 """Written frames whose confirmation is awaited: half of the numbers there are, 2.5 s of a stream at 50 Hz."""
+CUT: Final = 0.2
+"""Reports come and frames leave, but none was confirmed for so long: the way to the board is broken [s]. A radio that
+loses 15 % in bursts of four has a pause of 0.1 s now and then."""
 GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""
 REACH: Final = 0.3
@@ -69,6 +72,8 @@ class AnswerWatch:
 
     Attributes:
         is_missing: nothing that was sent moved the aircraft.
+        arrived_at: when the newest frame was written that the board confirmed [s].
+        is_cut: what is sent does not arrive, as far as confirmations show it: the last frame that arrived acts on.
     """
 
     def __init__(self, model: AircraftModel) -> None:
@@ -79,7 +84,7 @@ class AnswerWatch:
         self._seen = self._asked = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
         self._written: OrderedDict[int, tuple[float, Array]] = OrderedDict()
-        self._confirmed_at = -math.inf
+        self._confirmed_at = self.arrived_at = -math.inf
         self._owed, self._back_at = SURE, -math.inf
         self._begin(0.0)
 
@@ -96,7 +101,8 @@ class AnswerWatch:
         self._written.clear()
         self._state = np.zeros((2, 2, len(self._g)))  # all frames or confirmed ones, axis
         self._state[..., 0] = self._state[..., 3] = self._seen
-        self._time = self._judged_at = now
+        self._time = self._judged_at = self._began_at = now
+        self.is_cut = False
         self._commands = tuple(deque([(-math.inf, self._seen)]) for _ in range(2))
         self._expected: deque[tuple[float, Array]] = deque([(now, self._state[..., 0].copy())])
 
@@ -154,9 +160,11 @@ class AnswerWatch:
             if each == number:
                 break
         self._act(1, written, asked)
+        self.arrived_at = written
         if now - self._confirmed_at > PAUSE:
             self.line_heals()
         self._confirmed_at = now
+        self.is_cut = False
 
     def line_heals(self) -> None:
         """Take that frames arrive again: an answer that was missing meanwhile is no reason to stop."""
@@ -180,6 +188,7 @@ class AnswerWatch:
         self._seen = np.array([pitch, roll])
         if at - self._sent_at > PAUSE:
             return
+        self.is_cut = self._confirmed_at > -math.inf and at - max(self._confirmed_at, self._began_at) > CUT
         self._advance(at)
         passed, self._judged_at = at - self._judged_at, max(self._judged_at, at)
         expected = next((value for time, value in reversed(self._expected) if time <= at), None)

@@ -277,7 +277,7 @@ class FlightCore:
 
     def _frame_confirmed(self, event: events.FrameConfirmed, now: float) -> None:
         self._output.frame_confirmed(event.number)
-        self._sight.answer.frame_confirmed(event.number, now)
+        self._sight.frame_confirmed(event.number, now)
 
     def _link_judged(self, event: events.LinkVerdict, now: float) -> None:
         before = self._facts.link

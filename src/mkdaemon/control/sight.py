@@ -122,6 +122,14 @@ class Sight:
         """Take whether no answer to the sticks would mean something: it is flown by the target, off the ground."""
         self._is_answer_judged = says_something
 
+    def frame_confirmed(self, number: int, now: float) -> None:
+        """Take that the board has confirmed a stick frame; the first one after a break shows since when they act."""
+        was_cut = self.answer.is_cut
+        self.answer.frame_confirmed(number, now)
+        if was_cut and not self.answer.is_cut and self.estimator is not None and not self._is_others:
+            arrived = self.answer.arrived_at
+            self.estimator.sticks_known(arrived, [command for command in self._sent if command.at >= arrived])
+
     def leave_to_pilot(self, *, is_his: bool) -> None:
         """Take whether the pilot flies, whatever is sent: what was learnt from sticks that did not act is forgotten."""
         if is_his and not self._is_others:
@@ -134,8 +142,11 @@ class Sight:
         at = attitude.stamp.monotonic - self.attitude_age
         scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
         pitch, roll = attitude.pitch / scale, attitude.roll / scale
+        was_cut = self.answer.is_cut
         self.answer.attitude_received(at, pitch, roll, says_something=self._is_answer_judged)
         if self.estimator is not None:
+            if self.answer.is_cut and not was_cut:
+                self.estimator.sticks_known(self.answer.arrived_at)
             line_age = self.estimator.line.attitude_age
             self.estimator.attitude_received(attitude.stamp.monotonic - line_age, pitch, roll, attitude.yaw)
             if self.answer.is_sure:
@@ -176,7 +187,8 @@ class Sight:
             self.estimator = Estimator(
                 self._known_model(), view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
             )
-            for command in self._sent if lifted_by is not None else ():
+            are_ours = lifted_by is not None or (known is not None and known.is_elsewhere and not self._is_others)
+            for command in self._sent if are_ours else ():
                 self.estimator.sent(command)
             self.target, self._clean_since, self._last_view = target, view.at, None
         else:
@@ -196,14 +208,16 @@ class Sight:
         self._sent.append(command)
         self.answer.model_found(self._known_model())
         self.answer.sent(counts.pitch, counts.roll, now)
-        if self.estimator is not None and not self._is_others:
+        if self.estimator is not None and not self._is_others and not self.answer.is_cut:
             self.estimator.sent(command)
 
     @property
     def _is_astray(self) -> bool:
-        """Whether somebody else's sticks have led the estimate away from what images show: nothing else corrects it."""
+        """Whether the estimate is led away from what images show: by somebody else's sticks, or by dead reckoning."""
         known = self.estimator
-        return self._is_others and known is not None and not known.innovation <= self._cfg.clean_innovation
+        if known is None:
+            return False
+        return known.is_elsewhere or (self._is_others and not known.innovation <= self._cfg.clean_innovation)
 
     def seen(self, target: str, at: float) -> None:
         """Note that an image taken at a time [s] shows a target, whether it is followed or not."""

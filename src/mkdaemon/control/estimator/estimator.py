@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
-from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Measurement, RollbackFilter
+from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.estimator.values import (
@@ -47,6 +48,8 @@ UPRIGHT: Final = 0.5
 UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
+HELD: Final = 0.5
+"""The last frame that arrived acts on for at least so long [s]: the first FlightCtrl drops it then, others later."""
 LOST_FOR: Final = 0.1
 """A burst of lost stick frames is so long [s]: four frames on average."""
 LOST: Final = 0.06
@@ -64,8 +67,12 @@ TOGETHER: Final = 0.5
 """A camera whose newest image is older has no say [s]: three images of a slow one."""
 AT_ONCE: Final = 0.15
 """Cameras whose newest images are no further apart share the attitude that is in their poses [s]."""
+SAME: Final = 1e-6
+"""Moments closer together are one [s]."""
 KNOWN: Final = 2.0
 """How long a stick frame is remembered [s]."""
+BLIND: Final = 0.5
+"""Without an image for longer the estimate is dead reckoning, whose errors are not those of images [s]."""
 
 
 @dataclass(slots=True)
@@ -99,6 +106,11 @@ class Cameras:
         record = self._records.setdefault(camera, _Record(at))
         record.at = max(record.at, at)
         return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
+
+    @property
+    def are_refused(self) -> bool:
+        """Whether every camera that shows the target has had too many images refused one after the other."""
+        return all(each.refused >= self._patience for each in self._records.values())
 
     def judged(self, camera: str, *, is_refused: bool) -> None:
         """Note what became of an image of a camera that was seen."""
@@ -189,6 +201,11 @@ class CommandHistory:
         while len(self._commands) > 2 and self._commands[1].at < command.at - KNOWN:
             self._commands.popleft()
 
+    def forget_after(self, time: float) -> None:
+        """Forget what would begin to act after a time [s]."""
+        while len(self._commands) > 1 and self._commands[-1].at > time + SAME:
+            self._commands.pop()
+
     def at(self, time: float) -> Command:
         """Return the command that acts at a time [s]."""
         return next((command for command in reversed(self._commands) if command.at <= time), self._commands[0])
@@ -246,6 +263,7 @@ class Estimator:
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
+        self._is_met_again = False
         self._calibration = np.zeros(3)  # variances of what all images have in common, by axis [m2]
         self._commands = CommandHistory()
         self.line = model
@@ -253,6 +271,7 @@ class Estimator:
         self._response = StickResponse(model, view.at)
         self._has_other_filter = False
         self._sent_at = -math.inf
+        self._is_held = False
         self._last_command: StickCommand | None = None
         self._level, self._vertical = self._filters(view, np.zeros(3) if velocity is None else velocity)
         self.target_seen(view, view.at)
@@ -308,7 +327,7 @@ class Estimator:
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
         c, s = self._turn(command.at)
-        self._sent_at, self._last_command = command.at, command
+        self._sent_at, self._last_command, self._is_held = command.at, command, False
         asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
         self._response.sent(command.at + self.line.uplink, asked)
         pitch, roll = (float(tilt) for tilt in asked * self._response.gain)
@@ -319,6 +338,25 @@ class Estimator:
                 (command.acting_gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
             )
         )
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether the target was met again after dead reckoning, and all images since then contradict the estimate."""
+        return self._is_met_again and self._cameras.are_refused
+
+    def sticks_known(self, arrived: float, since: Iterable[StickCommand] = ()) -> None:
+        """Take which stick frames have arrived: what was estimated with others is estimated again.
+
+        Args:
+            arrived: when the newest one was written that the board confirmed [s]; it acts on where no other arrived.
+            since: those written after it that are believed to arrive.
+        """
+        self._commands.forget_after(arrived + self.model.uplink)
+        self._is_held = True
+        for command in since:
+            self.sent(command)
+        self._level.redrive(arrived + self.model.uplink, self._drive)
+        self._vertical.redrive(arrived + self.model.uplink, lambda at: ((self._commands.at(at).thrust,), None))
 
     def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
         """Take the attitude the boards report; one that can be none is counted and does nothing.
@@ -341,7 +379,7 @@ class Estimator:
         self.advance(at)
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
-        if at - self._sent_at > UNSENT:
+        if at - self._sent_at > (HELD if self._is_held else UNSENT):
             self._commands.add(Command(at, (float(believed[0]), float(believed[1])), 0.0))
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
@@ -361,6 +399,7 @@ class Estimator:
             self.refused[fault] += 1
             return
         self._believe()
+        self._is_met_again |= view.at - self._seen_at > BLIND
         shared_by = self._cameras.seen(view.camera, view.at)
         self._heights.seen(view.camera, view.at)
         is_trusted = view.camera not in self.contradicting
@@ -392,7 +431,9 @@ class Estimator:
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
-            self._cameras.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE)
+            is_refused = max(map(abs, ratio.tolist())) > GATE
+            self._cameras.judged(view.camera, is_refused=is_refused)
+            self._is_met_again &= is_refused
             if is_trusted:
                 self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
@@ -439,9 +480,13 @@ class Estimator:
             self._believe()
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
-            acting, before = self._commands.at(middle), self._commands.at(middle - LOST_FOR)
-            self._level.advance(acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2)
-            self._vertical.advance((acting.thrust,))
+            self._level.advance(*self._drive(middle))
+            self._vertical.advance((self._commands.at(middle).thrust,))
+
+    def _drive(self, at: float) -> Drive:
+        """The sticks that act at a moment [s], and how certain that is."""
+        acting, before = self._commands.at(at), self._commands.at(at - LOST_FOR)
+        return acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2
 
     def estimate(self, at: float) -> Estimate:
         """Return the estimate at a moment, which may lie ahead: the commands under way are known [s; monotonic]."""

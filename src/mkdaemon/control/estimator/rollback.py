@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from bisect import insort
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -59,6 +59,10 @@ class Measurement:
         variances = np.ravel(self.variance).tolist()
         numbers = (self.at, *self.row.tolist(), *self.values.tolist(), *variances)
         return all(map(math.isfinite, numbers)) and min(variances) > 0.0
+
+
+Drive = tuple[Sequence[float], "Array | None"]
+"""An input (k,) of a step, and its variance (k,); None where nothing is said."""
 
 
 @dataclass(slots=True)
@@ -188,6 +192,19 @@ class RollbackFilter:
             del self._slots[0]
             self._first += 1
         self._known = len(self._slots) - 1
+
+    def redrive(self, since: float, drive: Callable[[float], Drive]) -> None:
+        """Take that other inputs acted from a moment on [s], as far back as is remembered.
+
+        Args:
+            since: first moment of them.
+            drive: the input (k,) that acted at a moment [s], and its variance (k,), as `advance` takes them.
+        """
+        first = max(math.floor(since / STEP) - self._first, 0)
+        for index, slot in enumerate(self._slots[first:-1], first):
+            slot.drive, doubted = drive((self._first + index + 0.5) * STEP)
+            slot.doubt = None if doubted is None else doubted[:, None, None] * self._doubt_of_drive
+            self._known = min(self._known, index)
 
     def coast(self, steps: int, variance: float) -> None:
         """Go many steps forward at once under an input that nobody knows; what lies before is remembered no more.
