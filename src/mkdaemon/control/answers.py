@@ -59,7 +59,7 @@ PAUSE: Final = 0.3
 NUMBERED: Final = 128
 """Written frames whose confirmation is awaited: half of the numbers there are, 2.5 s of a stream at 50 Hz."""
 CUT: Final = 0.2
-"""Reports come and frames leave, but none was confirmed for so long: the way to the board is broken [s]. A radio that
+"""Reports come and frames leave, but none was confirmed during this time [s]: the uplink is broken. A radio that
 loses 15 % in bursts of four has a pause of 0.1 s now and then."""
 GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""

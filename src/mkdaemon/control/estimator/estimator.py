@@ -49,7 +49,7 @@ UNSENT: Final = 0.3
 """Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
 boards report [s]."""
 HELD: Final = 0.5
-"""The last frame that arrived acts on for at least so long [s]: the first FlightCtrl drops it then, others later."""
+"""The last frame that arrived acts at least this long [s]: the earliest FlightCtrl drops it then, others later."""
 LOST_FOR: Final = 0.1
 """A burst of lost stick frames is so long [s]: four frames on average."""
 LOST: Final = 0.06
@@ -349,7 +349,7 @@ class Estimator:
 
         Args:
             arrived: when the newest one was written that the board confirmed [s]; it acts on where no other arrived.
-            since: those written after it that are believed to arrive.
+            since: those written after it that are taken to arrive.
         """
         self._commands.forget_after(arrived + self.model.uplink)
         self._is_held = True
