@@ -59,7 +59,7 @@ def numbers(text: str) -> list[float]:
 
 
 def place_of(page) -> list[float]:
-    return numbers(said(page, "position"))[:3]
+    return numbers(said(page, "position").rpartition(": ")[2])[:3]  # behind "STALE 0.6 s: "
 
 
 def is_as_recorded(page) -> bool:
@@ -85,8 +85,8 @@ def test_a_recorded_flight_is_shown_as_it_was(browser):
             [math.degrees(attitude.roll), math.degrees(attitude.pitch)], abs=0.051
         )
         assert numbers(said(page, "battery"))[0] == pytest.approx(battery.voltage, abs=0.051)
-        error = known["control/error"]
-        assert numbers(said(page, "error"))[0] == pytest.approx(100 * math.hypot(*error.error_pad[:2]), abs=0.51)
+        assert "control/error" in known
+        assert "not known: no image for" in said(page, "error"), "its last images came before its end"
         assert known["control/status"].hands in said(page, "hands")
         assert said(page, "gps") == "not known"
         assert page.locator("#events li").count() >= 4
