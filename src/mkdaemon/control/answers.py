@@ -61,6 +61,8 @@ NUMBERED: Final = 128
 CUT: Final = 0.2
 """Reports come and frames leave, but none was confirmed during this time [s]: the uplink is broken. A radio that
 loses 15 % in bursts of four has a pause of 0.1 s now and then."""
+REPORTS: Final = 4
+"""At least this number of reports must come meanwhile: a silent downlink loses the confirmations too."""
 GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""
 REACH: Final = 0.3
@@ -102,7 +104,7 @@ class AnswerWatch:
         self._state = np.zeros((2, 2, len(self._g)))  # all frames or confirmed ones, axis
         self._state[..., 0] = self._state[..., 3] = self._seen
         self._time = self._judged_at = self._began_at = now
-        self.is_cut = False
+        self.is_cut, self._reports = False, 0
         self._commands = tuple(deque([(-math.inf, self._seen)]) for _ in range(2))
         self._expected: deque[tuple[float, Array]] = deque([(now, self._state[..., 0].copy())])
 
@@ -160,7 +162,7 @@ class AnswerWatch:
             if each == number:
                 break
         self._act(1, written, asked)
-        self.arrived_at = written
+        self.arrived_at, self._reports = written, 0
         if now - self._confirmed_at > PAUSE:
             self.line_heals()
         self._confirmed_at = now
@@ -188,7 +190,9 @@ class AnswerWatch:
         self._seen = np.array([pitch, roll])
         if at - self._sent_at > PAUSE:
             return
-        self.is_cut = self._confirmed_at > -math.inf and at - max(self._confirmed_at, self._began_at) > CUT
+        self._reports += 1
+        silent = at - max(self._confirmed_at, self._began_at)
+        self.is_cut = self._confirmed_at > -math.inf and silent > CUT and self._reports >= REPORTS
         self._advance(at)
         passed, self._judged_at = at - self._judged_at, max(self._judged_at, at)
         expected = next((value for time, value in reversed(self._expected) if time <= at), None)
