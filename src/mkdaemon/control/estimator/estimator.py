@@ -263,7 +263,7 @@ class Estimator:
         self._yaw_offset = view.heading - compass
         self._headings: deque[tuple[float, float]] = deque([(view.at, compass)])
         self._seen_at = view.at
-        self._is_met_again = False
+        self._was_blind = False
         self._calibration = np.zeros(3)  # variances of what all images have in common, by axis [m2]
         self._commands = CommandHistory()
         self.line = model
@@ -342,7 +342,7 @@ class Estimator:
     @property
     def is_elsewhere(self) -> bool:
         """Whether the target was met again after dead reckoning, and all images since then contradict the estimate."""
-        return self._is_met_again and self._cameras.are_refused
+        return self._was_blind and self._cameras.are_refused
 
     def sticks_known(self, arrived: float, since: Iterable[StickCommand] = ()) -> None:
         """Take which stick frames have arrived: what was estimated with others is estimated again.
@@ -399,7 +399,7 @@ class Estimator:
             self.refused[fault] += 1
             return
         self._believe()
-        self._is_met_again |= view.at - self._seen_at > BLIND
+        self._was_blind |= view.at - self._seen_at > BLIND
         shared_by = self._cameras.seen(view.camera, view.at)
         self._heights.seen(view.camera, view.at)
         is_trusted = view.camera not in self.contradicting
@@ -433,7 +433,7 @@ class Estimator:
         if ratio is not None:
             is_refused = max(map(abs, ratio.tolist())) > GATE
             self._cameras.judged(view.camera, is_refused=is_refused)
-            self._is_met_again &= is_refused
+            self._was_blind &= is_refused
             if is_trusted:
                 self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
 
