@@ -41,7 +41,7 @@ LONGEST_PAIR: Final = 0.2
 FEET: Final = 0.05
 """An aircraft whose feet are no higher above the target stands, where images show it for a while [m]."""
 STOOD: Final = 0.3
-"""For so long [s]: wrong images are shorter."""
+"""How long images must show it [s]: wrong images are shorter."""
 
 
 class Sight:
@@ -187,8 +187,8 @@ class Sight:
             self.estimator = Estimator(
                 self._known_model(), view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
             )
-            are_ours = lifted_by is not None or (known is not None and known.is_elsewhere and not self._is_others)
-            for command in self._sent if are_ours else ():
+            is_flown = known is not None and known.is_elsewhere and not self._is_others and not self.answer.is_cut
+            for command in self._sent if lifted_by is not None or is_flown else ():
                 self.estimator.sent(command)
             self.target, self._clean_since, self._last_view = target, view.at, None
         else:

@@ -10,7 +10,7 @@ _LOOK, _FLY, _CAMERAS, _RECORD, _BOARDS, _SIMULATOR = "Look", "Fly", "Cameras", 
 _MKCTL: Final = "mkdaemon.cli.mkctl"
 
 COMMANDS: Final = (
-    CommandEntry("status", f"{_MKCTL}.status:status", "The aircraft, the link and who flies, on one screen.", _LOOK),
+    CommandEntry("status", f"{_MKCTL}.status:status", "The aircraft, the link and the lease, on one screen.", _LOOK),
     CommandEntry("view", f"{_MKCTL}.view:view", "The aircraft in a browser, live or from a recording.", _LOOK),
     CommandEntry("top", f"{_MKCTL}.top:top", "A vehicle on one screen of a terminal, live, with keys.", _LOOK),
     CommandEntry("watch", f"{_MKCTL}.values:watch", "Values as they come, for example `watch 'state/**'`.", _LOOK),

@@ -144,7 +144,7 @@ WIDE: Final = 9
 
 
 class Columns:
-    """Values of every key in columns of its own, folded to the width of the terminal."""
+    """Values in columns, a table for each key, folded to the width of the terminal."""
 
     def __init__(self, width: int | None = None) -> None:
         """Begin without a heading.

@@ -45,7 +45,7 @@ CHECK_ROWS: Final = Rows()
 @LEASE_ROWS.row(
     "way to the client",
     _LEASE,
-    "the way to the client and back takes longer than `control.lease.max_path_delay`, or nobody knows",
+    "the way to the client and back takes longer than `control.lease.max_path_delay`, or is not known",
     Token.SLOW_PATH,
     is_early=True,
 )

@@ -66,8 +66,8 @@ class Rule(StrEnum):
 
     BEGINNING = (
         "refuses",
-        "It refuses every beginning it concerns, in flight too. But who flies flies on; and hold or landing of an "
-        "aircraft that is already flown by the target are the way out, and not refused.",
+        "It refuses every beginning it concerns, in flight too. A flight in progress goes on; and hold or landing of "
+        "an aircraft that is already flown by the target are the way out, and not refused.",
     )
     ALWAYS = (
         "refuses always",
@@ -76,10 +76,10 @@ class Rule(StrEnum):
     ENTRY = (
         "waits, then refuses",
         "Before the flight the stream waits for it. From sticks or attitude to a manoeuvre by the target it refuses; "
-        "between manoeuvres by the target nobody asks. A flight by the target that goes on when the aircraft answers "
-        "its sticks again waits for a fresh image and a certain place alone: wind carries away who stays level.",
+        "between manoeuvres by the target it does not apply. A flight by the target that goes on when the aircraft "
+        "answers its sticks again waits only for a fresh image and a certain place: wind carries a level one away.",
     )
-    WAITS = ("waits", "Before the flight the stream waits for it; in flight nobody asks.")
+    WAITS = ("waits", "Before the flight the stream waits for it; in flight it does not apply.")
     ADVICE = ("advises", "It is shown and refuses nothing.")
 
 
