@@ -88,7 +88,7 @@ class AnswerWatch:
         self._seen = self._asked = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
         self._written: OrderedDict[int, tuple[float, Array]] = OrderedDict()
-        self._confirmed_at = self.arrived_at = self._heard_at = -math.inf
+        self._confirmed_at = self.arrived_at = self._reported_at = -math.inf
         self._turns: deque[float] = deque([0.0], maxlen=TURNS)
         self._lost: deque[tuple[float, float]] = deque(maxlen=TURNS)
         self._owed, self._back_at = SURE, -math.inf
@@ -210,15 +210,15 @@ class AnswerWatch:
         else:
             self._weigh(expected, passed)
 
-    def _miss_confirmations(self, heard: float) -> None:
-        """Take that a report was heard at a moment [s], and no confirmation since the one before it."""
+    def _miss_confirmations(self, came: float) -> None:
+        """Take that a report came at a moment [s], and no confirmation since the one before it."""
         turn = max(self._turns)
-        if heard - self._heard_at <= SPARSE:
-            since = self._heard_at - turn
+        if came - self._reported_at <= SPARSE:
+            since = self._reported_at - turn
             if self._lost and self._lost[-1][1] >= since:
                 since = self._lost.pop()[0]
-            self._lost.append((since, heard - turn))
-        self._heard_at = heard
+            self._lost.append((since, came - turn))
+        self._reported_at = came
 
     def has_lost(self, written: float) -> bool:
         """Whether a frame written at a moment [s] was lost: reports came when its confirmation was due.
