@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Final
 
 import structlog
@@ -28,6 +29,7 @@ from mkdaemon.gateways.foxglove.topics import (
     json_message,
     json_schema,
 )
+from mkdaemon.gateways.keys import matches
 from mkdaemon.record.entry import nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
@@ -35,6 +37,8 @@ LOOK_PERIOD: Final = 2.0
 """Between two looks for new keys, while somebody is subscribed to anything [s]."""
 FOUND: Final = ("vision/*/setup", "vision/*/stats", "rx/*/*", "tx/*/*")
 """Where keys are looked for that not every vehicle has."""
+_LISTENED: Final = 512
+"""Keys whose channels are remembered; strangers can put to any."""
 LEAP: Final = 1.0
 """A key's stamp that goes back by more is of a recording that goes on at another place, or of another boot [s]."""
 
@@ -80,7 +84,7 @@ class Exhibit:
         self.lines: dict[int, Line] = {}
         self._context, self._names, self._clock = context, names, clock
         self._client: Vehicle | None = None
-        self._listeners: dict[str, list[Line]] = {}
+        self._listeners = lru_cache(_LISTENED)(self._listening)
         self._feed = Feed(self._take)
         self._known: set[str] = set()
         self._cameras: set[str] = set()
@@ -166,13 +170,15 @@ class Exhibit:
 
     def _want(self) -> None:
         """Subscribe on the bus to what somebody looks at."""
-        self._listeners = {}
-        for line in self.lines.values():
-            if line.clients:
-                for key in line.keys:
-                    self._listeners.setdefault(key, []).append(line)
-        self._feed.want(set(self._listeners))
-        (self._is_watched.set if self._listeners else self._is_watched.clear)()
+        self._listeners.cache_clear()
+        wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
+        self._feed.want(wanted)
+        (self._is_watched.set if wanted else self._is_watched.clear)()
+
+    def _listening(self, suffix: str) -> list[Line]:
+        """Channels that somebody looks at and that are made of a key."""
+        watched = (line for line in self.lines.values() if line.clients)
+        return [line for line in watched if any(matches(key, suffix) for key in line.keys)]
 
     def _start(self, work: Any, name: str) -> asyncio.Task[None]:
         task: asyncio.Task[None] = asyncio.create_task(work, name=name)
@@ -198,7 +204,7 @@ class Exhibit:
 
     # -- what they are given --------------------------------------------------------------------------------------
 
-    def _take(self, pattern: str, sample: Sample) -> None:
+    def _take(self, sample: Sample) -> None:
         """A value comes."""
         boot, at, wall = _moment(sample)
         known_boot, known = self._newest.get(sample.suffix, (boot, at))
@@ -206,7 +212,7 @@ class Exhibit:
             self._begin_anew()
         self._newest[sample.suffix] = (boot, at)
         self._clock(wall)
-        for line in self._listeners.get(pattern, ()):
+        for line in self._listeners(sample.suffix):
             line.given[sample.suffix] = at
             message = _message(line.convert, sample)
             if message is not None:

@@ -132,12 +132,6 @@ def words() -> list[str]:
     return list(dict.fromkeys(topic.word for topic in TOPICS))
 
 
-def matches(pattern: str, suffix: str) -> bool:
-    """Whether a key is one that a pattern with `*` stands for."""
-    wanted, found = pattern.split("/"), suffix.split("/")
-    return len(wanted) == len(found) and all(a in {"*", b} for a, b in zip(wanted, found, strict=True))
-
-
 def keys_of(topics: Iterable[Topic]) -> list[str]:
     """Every key that must be subscribed."""
     return sorted({topic.key for topic in topics} | KEPT)
