@@ -16,7 +16,7 @@ from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, Level, diagnoses_of, diagnosis_of
 from mkdaemon.reading.known import KEYS as PICTURED
-from mkdaemon.record.entry import NANOSECONDS
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.preflight import ControlPreflight
 

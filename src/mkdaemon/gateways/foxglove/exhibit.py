@@ -30,7 +30,7 @@ from mkdaemon.gateways.foxglove.topics import (
     json_schema,
 )
 from mkdaemon.gateways.keys import matches
-from mkdaemon.record.entry import nanoseconds
+from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
 LOOK_PERIOD: Final = 2.0

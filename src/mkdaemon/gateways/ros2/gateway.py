@@ -18,7 +18,6 @@ from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.lease import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
-from mkdaemon.gateways.keys import matches
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.boardsettings import PREFIX, BoardSettings
 from mkdaemon.gateways.ros2.commands import (
@@ -143,7 +142,7 @@ class Publishing:
     def _outlets_of(self, suffix: str) -> list[Outlet]:
         outlets = self._outlets.get(suffix)
         if outlets is None:
-            rows = [row for row in self._rows if matches(row.key, suffix)]
+            rows = [row for row in self._rows if row.is_of(suffix)]
             names = [row.name_for(suffix) for row in rows]
             outlets = self._outlets[suffix] = [
                 Outlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)

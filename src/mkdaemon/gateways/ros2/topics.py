@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
+from mkdaemon.gateways.keys import matches
 from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
 from mkdaemon.gateways.ros2.messages import Scene, name_part
 from mkdaemon.reading.known import EACH
