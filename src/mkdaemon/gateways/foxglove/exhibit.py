@@ -18,6 +18,7 @@ from foxglove import Channel, Context
 
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.errors import MkError, ProtocolError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.foxglove.feed import Feed
 from mkdaemon.gateways.foxglove.names import LATEST, Names
 from mkdaemon.gateways.foxglove.topics import (
@@ -71,6 +72,7 @@ class Exhibit:
 
     Attributes:
         lines: every channel, by its id.
+        faults: each ended the one message of a value that met it.
     """
 
     def __init__(self, context: Context, names: Names, clock: Callable[[int], None]) -> None:
@@ -82,6 +84,7 @@ class Exhibit:
             clock: told the time of every value that comes [ns; Unix time].
         """
         self.lines: dict[int, Line] = {}
+        self.faults = Faults("foxglove")
         self._context, self._names, self._clock = context, names, clock
         self._client: Vehicle | None = None
         self._listeners = lru_cache(_LISTENED)(self._listening)
@@ -214,9 +217,16 @@ class Exhibit:
         self._clock(wall)
         for line in self._listeners(sample.suffix):
             line.given[sample.suffix] = at
-            message = _message(line.convert, sample)
+            self._show(line, line.convert, sample, wall)
+
+    def _show(
+        self, line: Line, convert: Conversion | None, sample: Sample, wall: int, client: int | None = None
+    ) -> None:
+        """Give a value to everybody who looks at a channel, or to one of them."""
+        with self.faults.contained(line.channel.topic()):  # a stranger may put numbers that no message can have
+            message = _message(convert, sample)
             if message is not None:
-                line.channel.log(message, log_time=wall)
+                line.channel.log(message, log_time=wall, sink_id=client)
 
     def _begin_anew(self) -> None:
         """A recording goes on at another place, or somebody else speaks for the vehicle: what was known is not true."""
@@ -251,9 +261,8 @@ class Exhibit:
             _, at, wall = _moment(sample)
             if is_first and at <= line.given.get(sample.suffix, float("-inf")):
                 continue  # it came while the others were asked for
-            message = _message(convert, sample)
-            if message is not None and client in line.clients:
-                line.channel.log(message, log_time=wall, sink_id=client)
+            if client in line.clients:
+                self._show(line, convert, sample, wall, client)
 
 
 def _moment(sample: Sample) -> tuple[str, float, int]:
