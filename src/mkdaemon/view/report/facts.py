@@ -11,9 +11,9 @@ import numpy as np
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import spell_value
-from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.link import fates_of
 from mkdaemon.view.report.flight import Flight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of
