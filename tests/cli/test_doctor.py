@@ -132,9 +132,9 @@ def fail_service(tree):
 
 
 def install_units(tree, options=""):
-    for unit in UNITS:
-        text = unit_text(unit, Path("/opt/mkdaemon/.venv/bin"))
-        tree.write(f"/etc/systemd/system/{unit.name}", text.replace("run --config", f"run{options} --config"))
+    for name in UNITS:
+        text = unit_text(name)
+        tree.write(f"/etc/systemd/system/{name}", text.replace("run --config", f"run{options} --config"))
 
 
 def no_service(tree):

@@ -146,7 +146,7 @@ def test_the_daemons_are_started_with_options_that_exist():
         words = line.replace("%i", "mk1").split()[1:]
         function, bound, _ = app.parse_args(words, exit_on_error=False, print_error=False)
         assert function is run_daemon
-        name = "mk1" if "@" in unit.name else "vehicle"
+        name = "mk1" if "@" in unit else "vehicle"
         assert str(bound.kwargs["config"]) == f"/etc/mkdaemon/{name}.toml"
 
 

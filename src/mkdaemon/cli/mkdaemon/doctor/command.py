@@ -13,7 +13,7 @@ from rich.text import Text
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
-from mkdaemon.cli.mkdaemon.doctor.check import Finding, Needs, Severity
+from mkdaemon.cli.mkdaemon.doctor.check import Fault, Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS, Examined, examine
 from mkdaemon.cli.printing import json_line
@@ -69,7 +69,7 @@ def run_doctor(
     return {Severity.ERROR: EXIT_FAILURE, Severity.WARNING: EXIT_WARNING}.get(seen.worst() or Severity.ADVICE, EXIT_OK)
 
 
-def by_severity(findings: Iterable[Finding]) -> list[Finding]:
+def by_severity(findings: Iterable[Fault]) -> list[Fault]:
     """What matters most first."""
     return sorted(findings, key=lambda finding: list(Severity).index(finding.severity))
 
@@ -88,7 +88,7 @@ def show(seen: Examined, console: Console) -> None:
     console.print(Text("; ".join([f"{words or 'nothing found'} by {len(CHECKS)} checks", *unseen])), soft_wrap=True)
 
 
-def _mend(machine: Machine, finding: Finding, *, as_json: bool) -> None:
+def _mend(machine: Machine, finding: Fault, *, as_json: bool) -> None:
     """Type a safe command, and say so."""
     command = finding.command.replace("sudo ", "") if os.geteuid() == 0 else finding.command
     is_done = machine.run(["sh", "-c", command]).code == 0

@@ -12,7 +12,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkdaemon.gateway import GATEWAYS
-from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, UNITS, Unit, unit_text
+from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, flies, unit_text
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.systemcommands import NOT_FOUND, Answered, run_command
 from mkdaemon.cli.terminal import on_one_line
@@ -118,19 +118,19 @@ class Planned:
     """One unit to install.
 
     Attributes:
-        unit: the unit.
+        name: of the file.
         instance: what `systemctl` is told.
         settings: the file that it reads.
     """
 
-    unit: Unit
+    name: str
     instance: str
     settings: Path
 
     @property
     def path(self) -> Path:
         """Of its file."""
-        return Path("/etc/systemd/system") / self.unit.name
+        return Path("/etc/systemd/system") / self.name
 
 
 def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Planned]:
@@ -146,7 +146,6 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
     if "gateway" in parts and gateway not in names:
         msg = f"--gateway {gateway!r}: there is {', '.join(names)}"
         raise ConfigError(msg)
-    units = {unit.name: unit for unit in UNITS}
     found = []
     for part in dict.fromkeys(parts):
         if part == "daemon":
@@ -155,7 +154,7 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
             name, instance, file = "-gateway@", f"-gateway@{gateway}", f"gateway-{gateway}.env"
         else:
             name, instance, file = "-recorder", "-recorder", "recorder.env"
-        found.append(Planned(units[f"mkdaemon{name}.service"], f"mkdaemon{instance}", SETTINGS / file))
+        found.append(Planned(f"mkdaemon{name}.service", f"mkdaemon{instance}", SETTINGS / file))
     return found
 
 
@@ -173,9 +172,9 @@ def programs_folder(host: Host) -> Path:
 def preview(host: Host, chosen: Sequence[Planned], programs: Path) -> Iterator[str]:
     """What would be written, and typed."""
     for planned in chosen:
-        state = _state(host.at(planned.path), unit_text(planned.unit, programs))
+        state = _state(host.at(planned.path), unit_text(planned.name, programs))
         yield f"# {planned.path} ({state})"
-        yield from unit_text(planned.unit, programs).splitlines()
+        yield from unit_text(planned.name, programs).splitlines()
     if _needs_rules(chosen):
         yield f"# /etc/udev/rules.d/{RULES} ({_state(host.at(_rules_path()), _rules_text())})"
     yield f"# nothing was written: sudo {programs}/mkdaemon install-service ... --write does"
@@ -194,7 +193,7 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
             msg = f"{planned.path} was written by hand: remove it, or overwrite it with --force"
             raise ConfigError(msg)
     for planned in chosen:
-        _write(host.at(planned.path), unit_text(planned.unit, programs))
+        _write(host.at(planned.path), unit_text(planned.name, programs))
         yield Step(f"wrote {planned.path}")
     if _needs_rules(chosen):
         _write(host.at(_rules_path()), _rules_text())
@@ -202,7 +201,7 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
     for planned in chosen:
-        if planned.unit.flies and not host.at(planned.settings).exists():
+        if flies(planned.name) and not host.at(planned.settings).exists():
             yield Step(f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}")
         yield Step(f"next: sudo systemctl enable --now {planned.instance}")
 
@@ -222,8 +221,8 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
         others = [
             link.name
             for link in host.at(Path("/etc/systemd/system/multi-user.target.wants")).glob("mkdaemon*@*.service")
-            if "@" in planned.unit.name
-            and link.name.startswith(planned.unit.name.partition("@")[0] + "@")
+            if "@" in planned.name
+            and link.name.startswith(planned.name.partition("@")[0] + "@")
             and link.name != f"{planned.instance}.service"
         ]
         if others:
@@ -242,7 +241,7 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
 
 def _needs_rules(chosen: Sequence[Planned]) -> bool:
     """Whether one of the units opens a serial line."""
-    return any(planned.unit.flies for planned in chosen)
+    return any(flies(planned.name) for planned in chosen)
 
 
 def _rules_path() -> Path:
