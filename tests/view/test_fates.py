@@ -19,7 +19,6 @@ from mkdaemon.reading import Reading
 from mkdaemon.telemetry.link import FATES, Fates, LinkHealth, RoundTripStats, Why, fates_of
 from mkdaemon.view.page.picture import Picture
 from mkdaemon.view.report.facts import link_rows
-from mkdaemon.view.report.inwords import sentences
 from mkdaemon.view.top.panels import Board
 from tests.view.page.flights import link_state, stamp
 from tests.view.report.known import Tape
@@ -63,10 +62,6 @@ def in_the_table_of_a_report():
     return "\n".join(" ".join(row) for row in link_rows(recorded()))
 
 
-def in_the_words_of_a_report():
-    return "\n".join(sentences(recorded(), [], 0.0)).lower().replace(": ", " ")
-
-
 def run_of_linktest():
     """A load that begins when one frame of each kind has been answered, and ends after those of `COUNTED`."""
     line, one = _Line(), Fates(sent=1, answered=1)
@@ -100,7 +95,7 @@ def counts_of(words):
     return {"sent": int(sent), "answered": int(answered)} | {NAMES.get(name, name): int(count) for count, name in rest}
 
 
-@pytest.mark.parametrize("screen", [in_status, in_top, in_page, in_the_table_of_a_report, in_the_words_of_a_report])
+@pytest.mark.parametrize("screen", [in_status, in_top, in_page, in_the_table_of_a_report])
 def test_every_screen_shows_every_count(screen):
     lines = screen().split("\n")
     for name, title in FATES.items():

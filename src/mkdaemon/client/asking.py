@@ -96,7 +96,7 @@ class Asking:
         return await self._transport.command("do", verb, asked, patience=patience)
 
 
-def _as(reply: str, answer: Answer) -> _Reply:
+def _as(reply: str, answer: Answer) -> _Reply:  # type: ignore[type-var]  # who calls says which
     """An answer as a value of a class, whose module is imported when it is needed."""
     module, _, name = reply.partition(":")
     found: _Reply = answer.as_a(getattr(import_module(f"mkdaemon.telemetry.{module}"), name))

@@ -48,8 +48,7 @@ class PlayKey:
         """
         suffix = shown_suffix(self.whole)
         if suffix is None:
-            msg = f"{self.whole} is no key of published values: a player cannot put it"
-            raise ValueError(msg)
+            raise ValueError(f"{self.whole} is no key of published values: a player cannot put it")
 
 
 def shown_suffix(whole: str) -> str | None:
@@ -81,8 +80,7 @@ def check_name(name: str | None) -> None:
         ConfigError: it cannot.
     """
     if name is not None and re.fullmatch(VEHICLE_NAME, name) is None:
-        msg = f"--as {name!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"--as {name!r}: a name has lower-case letters, digits, - and _")
 
 
 AHEAD: Final = 256

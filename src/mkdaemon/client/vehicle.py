@@ -172,6 +172,5 @@ class Vehicle(VerbCalls):
         found = message_from(answer.reply_type, reply) if answer.reply_type else None
         if expect is not None and not isinstance(found, expect):
             name = "nothing" if found is None else type(found).__name__
-            msg = f"{board.word} answers {message.spec.key} with {name}, not {expect.__name__}"
-            raise ProtocolError(msg)
+            raise ProtocolError(f"{board.word} answers {message.spec.key} with {name}, not {expect.__name__}")
         return found

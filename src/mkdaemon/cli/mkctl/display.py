@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import os
 import sys
 import termios
@@ -53,10 +52,8 @@ async def display(
     ] = None,
     /,
     *,
-    once: Annotated[bool, Parameter(help="Print one picture and leave.", negative=())] = False,
-    keys: Annotated[
-        bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.", negative=())
-    ] = False,
+    once: Annotated[bool, Parameter(help="Print one picture and leave.")] = False,
+    keys: Annotated[bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show a board's menu and press its keys.
@@ -69,7 +66,7 @@ async def display(
         asked = Board[board.upper()] if board else await _board_here(client)
         if once or connection.json or not (sys.stdin.isatty() and sys.stdout.isatty()):
             picture = await _press(client, asked, MenuKey.NONE, 0)
-            print(json.dumps({"lines": lines_of(picture)}) if connection.json else "\n".join(lines_of(picture)))
+            connection.show({"lines": lines_of(picture)}, "\n".join(lines_of(picture)))
             return
         with _raw_terminal():
             await _live(client, asked, allow_change=keys)
@@ -103,8 +100,7 @@ async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) ->
     message = DisplayRequest(keys_inverted=ALL_KEYS_UP & ~int(keys), interval=interval)
     answer = await try_request(client, board, message)
     if not isinstance(answer, Display):
-        msg = f"the {board.word.upper()} sends no menu; check `mkctl status`"
-        raise RequestTimeoutError(msg)
+        raise RequestTimeoutError(f"the {board.word.upper()} sends no menu; check `mkctl status`")
     return answer.text
 
 

@@ -19,7 +19,7 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.mkctl.logtime import moment_of
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client.player import Player
@@ -37,9 +37,9 @@ async def play(
     speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
     start: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
     end: Annotated[str | None, Parameter(name="--to", allow_leading_hyphen=True)] = None,
-    loop: Annotated[bool, Parameter(negative=())] = False,
-    step: Annotated[bool, Parameter(negative=())] = False,
-    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
+    loop: bool = False,
+    step: bool = False,
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
     name: Annotated[str | None, Parameter(name="--as")] = None,
     listen: str | None = None,
     wait: Annotated[float, Parameter(name=["--wait", "-w"])] = 10.0,
@@ -111,16 +111,13 @@ def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
     missing, sent = {} if player.was_sought else player.missing, player.sent.total
     late = player.sent.late.quantile(0.99)
-    if as_json:
-        found = {"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}
-        print(json_line(found | {"was_sought": player.was_sought}))
-    else:
-        verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
-        if player.was_sought:
-            verdict = "not compared with the file, as it was moved to other places"
-        print(f"{sent} values of {len(player.sent.counts)} keys put: {verdict}")
-        if late is not None:
-            print(f"late p99: {late * 1e3:.2f} ms")
+    verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
+    if player.was_sought:
+        verdict = "not compared with the file, as it was moved to other places"
+    words = f"{sent} values of {len(player.sent.counts)} keys put: {verdict}"
+    words += "" if late is None else f"\nlate p99: {late * 1e3:.2f} ms"
+    found = {"sent": sent, "missing": missing, "late_p99_s": late, **picked(player, "rounds", "was_sought")}
+    show(found, words, as_json=as_json)
     return EXIT_OK if not missing else EXIT_FAILURE
 
 

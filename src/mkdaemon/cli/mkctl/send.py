@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -238,13 +237,9 @@ async def send(
         board = board or await find_board(client, form)
         answer = await client.command(board.word, form.key, fields)
     reply = answer.require()
-    if at.json:
-        shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in reply.items()}
-        print(json.dumps({"status": answer.status, "reply": shown, "duration": answer.duration}))
-    elif reply:
-        print(describe_reply(message_from(answer.reply_type, reply)))
-    else:
-        print(answer.reason or f"answered: {answer.status}")
+    words = describe_reply(message_from(answer.reply_type, reply)) if reply else answer.reason
+    found = {"status": answer.status, "reply": reply, "duration": answer.duration}
+    at.show(found, words or f"answered: {answer.status}")
 
 
 async def find_board(client: Vehicle, form: RequestForm) -> Board:
@@ -286,7 +281,7 @@ def _command(form: RequestForm) -> Callable[..., Awaitable[None]]:
         parameters.append(_keyword("board", words | None, about, default=None))
     if form.danger:
         about = f"I know the danger: {form.danger}."
-        parameters.append(_keyword("confirm", bool, about, default=False, negative=()))
+        parameters.append(_keyword("confirm", bool, about, default=False))
     parameters.append(
         inspect.Parameter("connection", inspect.Parameter.KEYWORD_ONLY, default=HERE, annotation=Connection)
     )

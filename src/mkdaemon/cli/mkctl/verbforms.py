@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 from pydantic.fields import FieldInfo
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line, short
+from mkdaemon.cli.printing import short
 from mkdaemon.client.asking import client_name
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
@@ -42,13 +42,8 @@ async def ask(verb: Verb, given: dict[str, str | bool | None], connection: Conne
     async with connection.open() as uav:
         answer = await uav.command("do", verb.name, fields, patience=verb.patience)
     reply = answer.require()
-    if connection.json:
-        print(json_line(reply))
-        return
-    for name, value in reply.items():
-        print(f"{name:24} {short(value)}")
-    if not reply:
-        print(answer.status.value)
+    words = "\n".join(f"{name:24} {short(value)}" for name, value in reply.items())
+    connection.show(reply, words or answer.status.value)
 
 
 def _read(name: str, text: str, annotation: Any) -> Any:
@@ -58,8 +53,7 @@ def _read(name: str, text: str, annotation: Any) -> Any:
     try:
         return json.loads(text)
     except ValueError as error:
-        msg = f"--{name.replace('_', '-')} {text!r}: give JSON, for example 3, true or [1, 2]"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"--{name.replace('_', '-')} {text!r}: give JSON, for example 3, true or [1, 2]") from error
 
 
 def _takes_words(annotation: Any) -> bool:
@@ -103,7 +97,7 @@ def _command(verb: Verb, group: str, method: str) -> Callable[..., Awaitable[Non
 
 
 def _parameter(name: str, field: FieldInfo, meaning: str) -> inspect.Parameter:
-    about = Parameter(help=" ".join(meaning.split()), negative=(), allow_leading_hyphen=field.annotation is not bool)
+    about = Parameter(help=" ".join(meaning.split()), allow_leading_hyphen=field.annotation is not bool)
     kind: Any = Annotated[str if field.is_required() else str | None, about]
     default: Any = inspect.Parameter.empty if field.is_required() else None
     if field.annotation is bool:

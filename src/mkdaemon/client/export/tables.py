@@ -49,8 +49,7 @@ class Table:
             MkError: there are too many columns.
         """
         if len(row) + len(self.columns) > MOST_COLUMNS and len({*row, *self.columns}) > MOST_COLUMNS:
-            msg = f"{self.name}: more than {MOST_COLUMNS} columns; export other keys, with --key"
-            raise MkError(msg)
+            raise MkError(f"{self.name}: more than {MOST_COLUMNS} columns; export other keys, with --key")
         for name, part in row.items():
             kinds = self.columns.setdefault(name, set())
             if part is not None:
@@ -109,8 +108,7 @@ def write_parquet(read: Read, folder: Path, *, overwrite: bool) -> list[Path]:
     try:
         from mkdaemon.client.export.parquet import RowGroups
     except ImportError:
-        msg = 'Parquet needs pyarrow: pip install "mkdaemon[export]"'
-        raise ConfigError(msg) from None
+        raise ConfigError('Parquet needs pyarrow: pip install "mkdaemon[export]"') from None
     tables = tables_of(read())
     paths = _paths(tables, folder, "parquet", overwrite=overwrite)
     with ExitStack() as files:
@@ -136,8 +134,7 @@ def _paths(tables: dict[Place, Table], folder: Path, suffix: str, *, overwrite: 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder}: cannot be made ({error.strerror}); choose another place"
-        raise MkError(msg) from error
+        raise MkError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
     paths = {place: folder / f"{table.name}.{suffix}" for place, table in tables.items()}
     for path in paths.values():
         refuse_existing(path, overwrite=overwrite)

@@ -134,8 +134,7 @@ def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = Fa
     """
     recording = Recording(path)
     if recording.read_session() is None:
-        msg = f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings")
     kinds = {Kind.SAMPLE, Kind.IMAGE} if images else {Kind.SAMPLE}
     for entry in recording.entries(lambda facts: facts.kind in kinds and matches_any(facts.key, patterns)):
         value = _value(entry)

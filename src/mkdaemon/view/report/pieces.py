@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -72,6 +72,38 @@ class Piece:
     def name(self) -> str:
         """Manoeuvre and stage in words."""
         return f"{self.manoeuvre}: {self.stage}" if self.stage else self.manoeuvre
+
+
+class Settled(NamedTuple):
+    """How well the places were held that a flight flew to.
+
+    Attributes:
+        rms_cm: distance from the goal, horizontally [cm, RMS].
+        worst_cm: the largest [cm].
+        worst: where that was.
+        blind: how long of the flight is left out [s].
+    """
+
+    rms_cm: float
+    worst_cm: float
+    worst: Piece
+    blind: float
+
+    @classmethod
+    def of(cls, pieces: Sequence[Piece]) -> Settled | None:
+        """Sum up pieces; None where none of them has errors of a place."""
+        found = [(piece, piece.errors) for piece in pieces if piece.errors is not None and not piece.stage]
+        if not found:
+            return None
+        squares = sum(errors.count * errors.level_rms_cm**2 for _, errors in found)
+        worst, errors = max(found, key=lambda one: one[1].level_max_cm)
+        rms = math.sqrt(squares / sum(errors.count for _, errors in found))
+        return cls(rms, errors.level_max_cm, worst, sum(piece.blind for piece in pieces))
+
+    @property
+    def left_out(self) -> str:
+        """What the figures leave out, half a sentence; empty for nothing."""
+        return f"; {self.blind:.1f} s of blind flight are left out" if self.blind else ""
 
 
 @dataclass(frozen=True, slots=True)

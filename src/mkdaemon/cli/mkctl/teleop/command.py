@@ -49,7 +49,7 @@ _PAD: Final = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 class InputOptions:
     """With what is flown; gamepads of this machine unless one of these is given."""
 
-    keyboard: Annotated[bool, Parameter(negative=())] = False
+    keyboard: bool = False
     """The keys of this terminal, also over ssh."""
     joy: str | None = None
     """A pad of another machine, by the name under which `--publish` sends it there."""
@@ -67,11 +67,11 @@ PADS: Final = InputOptions()
 async def teleop(
     *,
     hands: InputOptions = PADS,
-    list_: Annotated[bool, Parameter(name="--list", negative=(), help="Show the pads of this machine.")] = False,
-    learn: Annotated[bool, Parameter(negative=(), help="Write the mapping of the pad that is plugged in.")] = False,
+    list_: Annotated[bool, Parameter(name="--list", help="Show the pads of this machine.")] = False,
+    learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
     publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
     record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
-    force: Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take the lease from whoever holds it.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly with a gamepad, or with the keyboard. Nothing is sent unless the enable button is held: docs/teleop.md.
@@ -131,19 +131,16 @@ def _check(hands: InputOptions) -> None:
     """
     chosen = [f"--{name}" for name in ("keyboard", "joy", "replay") if getattr(hands, name)]
     if len(chosen) > 1:
-        msg = f"{' and '.join(chosen)} do not go together: give one"
-        raise ConfigError(msg)
+        raise ConfigError(f"{' and '.join(chosen)} do not go together: give one")
     if hands.keyboard and not (sys.stdin.isatty() and sys.stdout.isatty()):
-        msg = "--keyboard needs a terminal, as `ssh -t` gives"
-        raise ConfigError(msg)
+        raise ConfigError("--keyboard needs a terminal, as `ssh -t` gives")
     if hands.joy is not None:
         _require_pad_name(hands.joy, "--joy")
 
 
 def _require_pad_name(name: str, option: str) -> None:
     if _PAD.fullmatch(name) is None:
-        msg = f"{option} {name!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"{option} {name!r}: a name has lower-case letters, digits, - and _")
 
 
 def _open_new(path: Path) -> TextIO:
@@ -155,8 +152,7 @@ def _open_new(path: Path) -> TextIO:
     try:
         return path.open("x", encoding="utf-8")
     except OSError as error:
-        msg = f"--record {path}: {error.strerror}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"--record {path}: {error.strerror}") from error
 
 
 def _list(connection: Connection) -> int:
@@ -202,8 +198,7 @@ async def _publish(name: str, connection: Connection) -> int:
     _require_pad_name(name, "--publish")
     secret = os.environ.get(SECRET)
     if not secret:
-        msg = f"--publish needs {SECRET}: `mkctl teleop --joy {name}` shows it where it flies"
-        raise ConfigError(msg)
+        raise ConfigError(f"--publish needs {SECRET}: `mkctl teleop --joy {name}` shows it where it flies")
     news = asyncio.Event()
     pad = only_pad(news)
     try:

@@ -115,8 +115,7 @@ class Keyboard:
                 self._screen.write(QUESTION.decode())
                 self._screen.flush()
             except OSError as error:
-                msg = f"the terminal is gone: {error.strerror}"
-                raise DeviceLostError(msg) from error
+                raise DeviceLostError(f"the terminal is gone: {error.strerror}") from error
         alive_at = self.keys.alive_at
         if alive_at is None:
             if now - self._began > PATIENCE:

@@ -7,9 +7,7 @@ import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, NamedTuple
-
-from cyclopts import Parameter
+from typing import Final, Literal, NamedTuple
 
 from mkdaemon.cli.mkdaemon.gateway import GATEWAYS
 from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, flies, unit_text
@@ -65,9 +63,9 @@ def install_service(
     vehicle: str | None = None,
     gateway: str = "mavlink",
     programs: Path | None = None,
-    write: Annotated[bool, Parameter(negative=())] = False,
-    remove: Annotated[bool, Parameter(negative=())] = False,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    write: bool = False,
+    remove: bool = False,
+    force: bool = False,
 ) -> int:
     """Let systemd start the daemon, the ground recorder or a gateway; without --write it only shows what it would do.
 
@@ -92,8 +90,7 @@ def install_service(
         MkError: a file cannot be written; says how.
     """
     if write and remove:
-        msg = "--write and --remove: give one of them"
-        raise ConfigError(msg)
+        raise ConfigError("--write and --remove: give one of them")
     host = Host()
     chosen = plan(parts or ("daemon",), vehicle, gateway)
     folder = programs or programs_folder(host)
@@ -140,12 +137,10 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
         ConfigError: no vehicle, or no gateway, can be called so.
     """
     if vehicle is not None and re.fullmatch(VEHICLE_NAME, vehicle) is None:
-        msg = f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _")
     names = [entry.name for entry in GATEWAYS]
     if "gateway" in parts and gateway not in names:
-        msg = f"--gateway {gateway!r}: there is {', '.join(names)}"
-        raise ConfigError(msg)
+        raise ConfigError(f"--gateway {gateway!r}: there is {', '.join(names)}")
     found = []
     for part in dict.fromkeys(parts):
         if part == "daemon":
@@ -190,8 +185,7 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
     for planned in chosen:
         place = host.at(planned.path)
         if place.exists() and not place.read_text(encoding="utf-8").startswith(MARK) and not force:
-            msg = f"{planned.path} was written by hand: remove it, or overwrite it with --force"
-            raise ConfigError(msg)
+            raise ConfigError(f"{planned.path} was written by hand: remove it, or overwrite it with --force")
     for planned in chosen:
         _write(host.at(planned.path), unit_text(planned.name, programs))
         yield Step(f"wrote {planned.path}")
