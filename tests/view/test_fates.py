@@ -17,9 +17,9 @@ from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import Ledger, Probe, ProbeKind
 from mkdaemon.reading import Reading
 from mkdaemon.telemetry.link import FATES, Fates, LinkHealth, RoundTripStats, Why, fates_of
-from mkdaemon.view.page.picture import Picture
+from mkdaemon.view.page.picture import VehiclePicture
 from mkdaemon.view.report.facts import link_rows
-from mkdaemon.view.top.panels import Board
+from mkdaemon.view.top.panels import VehicleBoard
 from tests.view.page.flights import link_state, stamp
 from tests.view.report.known import Tape
 from tests.view.report.test_pieces import read
@@ -46,14 +46,14 @@ def in_status():
 
 
 def in_top():
-    board = Board("mk1")
+    board = VehicleBoard("mk1")
     board.take("link/state", link_state(1000.0), 1000.0)
     board.take("link/health", HEALTH, 1000.0)
     return "\n".join("".join(text for text, _ in row) for row in board.rows(1000.0))
 
 
 def in_page():
-    picture = Picture("mk1")
+    picture = VehiclePicture("mk1")
     picture.take("link/health", HEALTH, 1000.0)
     return "\n".join(f"{line['name']} {line['text']}" for line in picture.show(1000.0)["lines"])
 

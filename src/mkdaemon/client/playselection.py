@@ -136,7 +136,7 @@ class Lateness:
 
 
 @dataclass(slots=True)
-class Sent:
+class PlayedCounts:
     """What was put.
 
     Attributes:
@@ -169,7 +169,7 @@ class Played(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class PlaySelection:
     """Which part of a recording is played, and as what.
 
     Attributes:
@@ -190,7 +190,7 @@ class Selection:
     _source: PlaySource
 
     @classmethod
-    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> Selection:
+    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> PlaySelection:
         """Look through a recording once.
 
         Args:

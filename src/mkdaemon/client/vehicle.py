@@ -13,7 +13,7 @@ from mkdaemon.client.lease import TAKING_OFF, Lease, Leases
 from mkdaemon.client.navi import Navi
 from mkdaemon.client.records import Records
 from mkdaemon.client.samples import Sample, message_from
-from mkdaemon.client.settings import Settings
+from mkdaemon.client.settings import VehicleSettings
 from mkdaemon.client.summary import VehicleStatus
 from mkdaemon.client.verbcalls import VerbCalls
 from mkdaemon.errors import MkError, ProtocolError
@@ -45,7 +45,7 @@ class Vehicle(VerbCalls):
         super().__init__(session, vehicle, endpoint)
         self._root = root
         self.lease = Leases(self)
-        self.settings: Settings = Settings(self)
+        self.settings: VehicleSettings = VehicleSettings(self)
         self.navi: Navi = Navi(self)
         self.records: Records = Records(self)
 

@@ -1,8 +1,8 @@
 """The frozen base of every value that crosses the bus.
 
 The validators of a class are built when it is used first: for all of them it takes 0.2 s, a third of the processor time
-of a command like `mkctl status`. A daemon builds them before it flies (`build_models`). The modules of this package evaluate their
-annotations: strings, which pydantic compiles one by one, cost such a command another 0.04 s.
+of a command like `mkctl status`. A daemon builds them before it flies (`build_models`). The modules of this package
+evaluate their annotations: strings, which pydantic compiles one by one, cost such a command another 0.04 s.
 """
 
 from functools import cache

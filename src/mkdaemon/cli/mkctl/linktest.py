@@ -22,7 +22,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, save
 
 if TYPE_CHECKING:
-    from mkdaemon.client.linktest.advice import Verdict
+    from mkdaemon.client.linktest.advice import LineVerdict
     from mkdaemon.client.linktest.campaign import LinkTestFound, LinkTestPlan, OnLinkTest
     from mkdaemon.client.linktest.measures import LoadRun, Measures
     from mkdaemon.client.linktest.probes import Probe
@@ -211,7 +211,7 @@ def _fields(run: LoadRun) -> dict[str, Any]:
     }
 
 
-def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) -> None:
+def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: LineVerdict) -> None:
     from rich.table import Table
 
     from mkdaemon.cli.console import Console

@@ -24,7 +24,7 @@ def option(name: str, kind: Any, about: str, *, is_required: bool = False) -> in
     """
     is_flag = kind is bool
     default: Any = inspect.Parameter.empty if is_required else False if is_flag else None
-    given = kind if is_required or is_flag else kind | None
+    given: Any = kind if is_required or is_flag else kind | None
     annotation = Annotated[given, Parameter(help=" ".join(about.split()), allow_leading_hyphen=not is_flag)]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 

@@ -6,11 +6,11 @@ import asyncio
 import os
 import sys
 import termios
-import time
 import tty
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
@@ -70,18 +70,18 @@ async def play(
         MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.
         ConfigError: a time, name, speed or endpoint cannot be understood.
     """
-    from mkdaemon.client.player import Pace, Player, open_player_session
-    from mkdaemon.client.playselection import Selection, check_name
+    from mkdaemon.client.player import Player, PlayPace, open_player_session
+    from mkdaemon.client.playselection import PlaySelection, check_name
     from mkdaemon.client.playsource import RecordedSamples
 
     require_length(speed, "--speed")
     check_name(name)
     part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))
     with reading_progress([file]) as progress:
-        selection = Selection.of(part, name, progress)
-    where = [connection.connect] if listen is None else []
+        selection = PlaySelection.of(part, name, progress)
+    where = () if listen else (connection.connect,)
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
-        player = Player(session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=step), file.name)
+        player = Player(session, selection, PlayPace(speed, selection.first, monotonic(), is_paused=step), file.name)
         await player.refuse_live_daemons()
         favour_threads()
         with player.answering():

@@ -74,15 +74,15 @@ async def view(
 @asynccontextmanager
 async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> AsyncIterator[Vehicle]:
     """Play a recording in this process, on a bus of its own; a client of what is played."""
-    from mkdaemon.client.player import Pace, Player, open_player_session
-    from mkdaemon.client.playselection import Selection
+    from mkdaemon.client.player import Player, PlayPace, open_player_session
+    from mkdaemon.client.playselection import PlaySelection
     from mkdaemon.client.playsource import RecordedSamples
 
     with reading_progress([file]) as progress:
-        selection = await asyncio.to_thread(Selection.of, RecordedSamples(file), None, progress)
+        selection = await asyncio.to_thread(PlaySelection.of, RecordedSamples(file), None, progress)
     async with open_player_session(connect=(), listen=None, alone=True) as session:
         player = Player(
-            session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
+            session, selection, PlayPace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
         )
         with player.answering():
             playing = asyncio.create_task(player.play(loops=loops, stays=True), name="player")

@@ -33,7 +33,7 @@ _CODE: Final = r"[0-9]{1,5}"
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class InputPicture:
     """One image of the input: its file, its number in a video, its pixels or why there are none."""
 
     file: str
@@ -151,14 +151,14 @@ def _inputs(paths: list[Path]) -> Iterator[Path]:
             raise ConfigError(f"no such picture, folder or video: {path}")
 
 
-def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
+def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[InputPicture]:
     """All images of pictures and videos, and what is wrong with those that are none, or not of this lens."""
     for path in paths:
         is_clip, number = path.suffix.lower() in CLIPS, -1
         try:
             images: Iterable[Recorded] = open_clip(path) if is_clip else [(0.0, partial(read_picture, path))]
         except VisionError:
-            yield Picture(str(path), None, None, "no video that can be read")
+            yield InputPicture(str(path), None, None, "no video that can be read")
             continue
         for number, (_, decode) in enumerate(images):
             pixels, fault = None, ""
@@ -166,9 +166,9 @@ def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
                 pixels = _of_lens(decode(), lens)
             except PictureError as error:
                 fault = str(error)
-            yield Picture(str(path), number if is_clip else None, pixels, fault)
+            yield InputPicture(str(path), number if is_clip else None, pixels, fault)
         if number < 0:
-            yield Picture(str(path), None, None, "no image in this video")
+            yield InputPicture(str(path), None, None, "no image in this video")
 
 
 def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
@@ -180,7 +180,7 @@ def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
 
 
 def _print_picture(
-    picture: Picture,
+    picture: InputPicture,
     result: StillResult | None,
     k: Intrinsics | None,
     *,
@@ -212,7 +212,7 @@ def _print_picture(
         print(f"  hint: {hint}")
 
 
-def _hints(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
+def _hints(picture: InputPicture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
     """Hints about a picture, and about the first image of a video."""
     if picture.pixels is None or picture.frame:
         return []
@@ -226,7 +226,7 @@ def _missing(k: Intrinsics | None, *, sized: bool) -> str:
     return "nothing fits these tags" if sized else "give --target or --tag-size"
 
 
-def _object(picture: Picture, result: StillResult | None) -> dict[str, Any]:
+def _object(picture: InputPicture, result: StillResult | None) -> dict[str, Any]:
     """The JSON object of one image."""
     found: dict[str, Any] = {"file": picture.file}
     if picture.frame is not None:
@@ -272,7 +272,7 @@ def _pose(found: StillPose) -> dict[str, Any]:
     }
 
 
-def _overlay_path(place: Path, picture: Picture, *, single: bool) -> Path:
+def _overlay_path(place: Path, picture: InputPicture, *, single: bool) -> Path:
     """The named picture when there is one image, else one in a folder under the image's own name."""
     if single and picture.frame is None and place.suffix.lower() in {".png", ".jpg", ".jpeg"}:
         return place

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.client.export.values import Row, Value, flat, unit_of
+from mkdaemon.client.export.values import ExportedValue, Row, flat, unit_of
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, saving
 
@@ -24,7 +24,7 @@ MOST_COLUMNS: Final = 5000
 """Of a table; ours have up to a few hundred."""
 WAITING: Final = 200_000
 """Cells that wait for their row group of a Parquet file, of all tables together; 20 MB."""
-Read = Callable[[], Iterable[Value]]
+Read = Callable[[], Iterable[ExportedValue]]
 """Gives all values of a recording, in order, every time it is called."""
 Place = tuple[str, str]
 """Vehicle and key of a table."""
@@ -56,7 +56,7 @@ class Table:
                 kinds.add(type(part))
 
 
-def row_of(value: Value) -> Row:
+def row_of(value: ExportedValue) -> Row:
     """The cells of a value, by the name of their column."""
     row: Row = dict(zip(TIMES, (float(value.wall), float(value.monotonic)), strict=True))
     for name, part in flat({name: part for name, part in value.fields.items() if name != "stamp"}).items():
@@ -65,7 +65,7 @@ def row_of(value: Value) -> Row:
     return row
 
 
-def tables_of(values: Iterable[Value]) -> dict[Place, Table]:
+def tables_of(values: Iterable[ExportedValue]) -> dict[Place, Table]:
     """The table of each vehicle and key."""
     tables: dict[Place, Table] = {}
     for value in values:

@@ -14,7 +14,7 @@ from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
 from mkdaemon.telemetry.link import FATES
-from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of
 
 Row = tuple[str, str]
@@ -31,12 +31,12 @@ def shares(conditions: list[tuple[float, str]], end: float) -> dict[str, float]:
     return found
 
 
-def at_end(flight: Flight, *words: str) -> list[Row]:
+def at_end(flight: RecordedFlight, *words: str) -> list[Row]:
     """Facts of the end, in the words of every screen; what is not known is left out."""
     return [(fact.name, fact.aged) for fact in flight.end.facts if fact.id in words and fact.text != UNKNOWN]
 
 
-def over_time(flight: Flight, names: Mapping[str, str], before: str = "") -> list[Row]:
+def over_time(flight: RecordedFlight, names: Mapping[str, str], before: str = "") -> list[Row]:
     """How numbers went: the first and the last, and between what they were.
 
     Args:
@@ -66,7 +66,7 @@ def counted(fields: Mapping[str, Any], titles: Mapping[str, str]) -> list[Row]:
     return rows
 
 
-def link_rows(flight: Flight) -> list[Row]:
+def link_rows(flight: RecordedFlight) -> list[Row]:
     """How the line was."""
     times = shares(flight.conditions, flight.ended)
     rows = [("condition", ", ".join(f"{word} {seconds:.1f} s" for word, seconds in times.items())[:300])]
@@ -77,7 +77,7 @@ def link_rows(flight: Flight) -> list[Row]:
     return rows[not times :] + counted(flight.last.get("link/traffic", {}), titles)
 
 
-def eyes_rows(flight: Flight, camera: str) -> list[Row]:
+def eyes_rows(flight: RecordedFlight, camera: str) -> list[Row]:
     """How a camera and its detector worked."""
     stats = flight.last.get(f"vision/{camera}/stats", {})
     poses = flight.series.get(f"{camera} pose.x")
@@ -92,14 +92,14 @@ def eyes_rows(flight: Flight, camera: str) -> list[Row]:
     ]
 
 
-def battery_rows(flight: Flight) -> list[Row]:
+def battery_rows(flight: RecordedFlight) -> list[Row]:
     """What the flight took of the battery."""
     numbers = {"voltage": "voltage [V]", "current": "current [A]", "used_mah": "charge used [mAh]"}
     found = over_time(flight, numbers, "battery.")
     return [*at_end(flight, "battery"), *found] if found else []
 
 
-def version_rows(flight: Flight, session: Session | None) -> list[Row]:
+def version_rows(flight: RecordedFlight, session: Session | None) -> list[Row]:
     """Programs and boards that flew."""
     recorded = [] if session is None else [("recorded by", f"{session.program} on {session.host} ({session.recorder})")]
     layout = text_of(flight.last.get("link/state", {}), "external_control")
@@ -116,7 +116,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def parameter_rows(flight: Flight) -> tuple[str, list[Row]]:
+def parameter_rows(flight: RecordedFlight) -> tuple[str, list[Row]]:
     """The active parameter set: its name, and its parameters; nothing where it was not read or is not known."""
     try:
         found = ParameterSet.from_payload(flight.parameters)
@@ -140,7 +140,7 @@ def configuration(session: Session | None) -> str:
         return session.config[:100_000]
 
 
-def losses(summary: Summary, flight: Flight) -> list[str]:
+def losses(summary: Summary, flight: RecordedFlight) -> list[str]:
     """What the recording lacks, a sentence each; nothing where it is whole."""
     report = summary.report
     lines: list[str] = []

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from mkdaemon.reading import Sort
-from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.happenings import refusals
 from mkdaemon.view.report.pieces import Piece, Settled
 
@@ -19,13 +19,13 @@ def moment(seconds: float) -> str:
         return "an unknown time"
 
 
-def flown_time(flight: Flight) -> float:
+def flown_time(flight: RecordedFlight) -> float:
     """How long the machine steered [s]."""
     ends = [state.at for state in flight.states[1:]] + [flight.ended]
     return sum(max(end - state.at, 0.0) for state, end in zip(flight.states, ends, strict=False) if state.is_flown)
 
 
-def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str]:
+def sentences(flight: RecordedFlight, pieces: Sequence[Piece], began: float) -> list[str]:
     """What happened, in order of importance.
 
     Args:
@@ -39,7 +39,7 @@ def sentences(flight: Flight, pieces: Sequence[Piece], began: float) -> list[str
     return [*lines, *_failsafes(flight), *_refused(flight)]
 
 
-def _flown(flight: Flight, pieces: Sequence[Piece]) -> list[str]:
+def _flown(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[str]:
     seconds = flown_time(flight)
     if not seconds:
         return []
@@ -60,7 +60,7 @@ def _errors(pieces: Sequence[Piece]) -> list[str]:
     ]
 
 
-def _failsafes(flight: Flight) -> list[str]:
+def _failsafes(flight: RecordedFlight) -> list[str]:
     found = [one for one in flight.happenings if one.sort is Sort.FAILSAFE]
     if not found:
         return ["No failsafe acted."]
@@ -69,7 +69,7 @@ def _failsafes(flight: Flight) -> list[str]:
     return [f"{words} at {found[0].at:.1f} s: {first}."]
 
 
-def _refused(flight: Flight) -> list[str]:
+def _refused(flight: RecordedFlight) -> list[str]:
     found = refusals(flight.happenings)
     if not found:
         return ["Nothing was refused."]

@@ -10,7 +10,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import Sort
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
-from mkdaemon.view.report.flight import Flight, FlightReader
+from mkdaemon.view.report.flight import FlightReader, RecordedFlight
 from mkdaemon.view.report.happenings import refusals
 from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
@@ -81,7 +81,7 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
     )
 
 
-def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> Flight:
+def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> RecordedFlight:
     """The flight that is wanted.
 
     Raises:
@@ -100,7 +100,7 @@ def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> Flight:
     return flights[name]
 
 
-def _cards(flight: Flight, pieces: Sequence[Piece]) -> list[Card]:
+def _cards(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Card]:
     """Figures that are seen first."""
     cards = [Card(f"{flown_time(flight):.1f} s", "flown by the machine")]
     if (settled := Settled.of(pieces)) is not None:

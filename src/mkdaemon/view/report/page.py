@@ -21,7 +21,7 @@ from typing import Final
 from mkdaemon.errors import ConfigError
 from mkdaemon.reading import EventLine
 from mkdaemon.view.report.facts import Row
-from mkdaemon.view.report.happenings import Refused
+from mkdaemon.view.report.happenings import RefusalCount
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.plots import Plot
 from mkdaemon.view.report.verdict import Head
@@ -83,7 +83,7 @@ class Report:
     losses: Sequence[str]
     plots: Sequence[Plot]
     pieces: Sequence[Piece]
-    refusals: Sequence[Refused]
+    refusals: Sequence[RefusalCount]
     happenings: Sequence[EventLine]
     pictures: Mapping[int, str]
     picture_note: str
@@ -254,7 +254,7 @@ def _more(left: int, what: str) -> str:
     return f'<p class="note">... and {left} more {what}.</p>' if left > 0 else ""
 
 
-def _refusals(refusals: Sequence[Refused]) -> str:
+def _refusals(refusals: Sequence[RefusalCount]) -> str:
     rows = [(one.token or "-", one.text, one.fix, str(one.count), f"{one.first:.1f}") for one in refusals[:100]]
     head = ("token", "first of them", "remedy", "times", "first at (s)")
     return _table(head, rows, [one.first for one in refusals[:100]], numbers=2) + _more(len(refusals) - 100, "tokens")

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from mkdaemon.view.report.flight import Flight, State
+from mkdaemon.view.report.flight import FlownState, RecordedFlight
 from mkdaemon.view.report.timeseries import Array
 
 SETTLING: Final = 2.0
@@ -115,7 +115,7 @@ class _Track:
     goals: Array
 
     @classmethod
-    def of(cls, flight: Flight) -> _Track:
+    def of(cls, flight: RecordedFlight) -> _Track:
         if not flight.has("error.x") or len(flight.series["error.x"]) != len(flight.series.get("goal.x", ())):
             return cls(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
         parts = {name: [flight.series[f"{name}.{axis}"].arrays() for axis in "xyz"] for name in ("error", "goal")}
@@ -129,7 +129,7 @@ class _Track:
         return _Track(self.times[first:last], self.errors[first:last], self.goals[first:last])
 
 
-def pieces_of(flight: Flight) -> list[Piece]:
+def pieces_of(flight: RecordedFlight) -> list[Piece]:
     """Every stage of every manoeuvre of a flight, in order."""
     track = _Track.of(flight)
     found: list[Piece] = []
@@ -141,9 +141,9 @@ def pieces_of(flight: Flight) -> list[Piece]:
     return found
 
 
-def _stages(flight: Flight) -> Iterator[tuple[list[State], float]]:
+def _stages(flight: RecordedFlight) -> Iterator[tuple[list[FlownState], float]]:
     """States of one manoeuvre and stage, and when they end [s]."""
-    group: list[State] = []
+    group: list[FlownState] = []
     for state in flight.states:
         is_same = bool(group) and (state.manoeuvre, state.stage) == (group[0].manoeuvre, group[0].stage)
         if group and not (is_same and state.is_flown):
@@ -183,7 +183,7 @@ def _as_goal(row: Array) -> Goal:
     return x, y, z
 
 
-def _piece(states: list[State], track: _Track, begin: float, end: float, goal: Goal | None) -> Piece:
+def _piece(states: list[FlownState], track: _Track, begin: float, end: float, goal: Goal | None) -> Piece:
     first = states[0]
     reached = next((state.at for state in states if state.is_done and begin <= state.at < end), None)
     since = begin

@@ -12,7 +12,7 @@ from mkdaemon.cli.mkctl.teleop.devices import Device
 from mkdaemon.client.teleop.learning import (
     BUTTONS,
     STICKS,
-    Question,
+    LearningQuestion,
     is_calm,
     mapping_text,
     moved_axis,
@@ -95,7 +95,7 @@ class Learner:
             await self._ask(question, patience, is_stick=False)
         return mapping_text(self._device.facts.name, self._id, self._answers)
 
-    async def _ask(self, question: Question, patience: float, *, is_stick: bool) -> None:
+    async def _ask(self, question: LearningQuestion, patience: float, *, is_stick: bool) -> None:
         rest, buttons_rest = self._read()
         self._show(f"  {question.words}")
         ends = self._loop.time() + patience

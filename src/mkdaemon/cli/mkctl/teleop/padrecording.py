@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceState
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.client.teleop.teleop import Output
+from mkdaemon.client.teleop.teleop import TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import read_text
@@ -104,7 +104,7 @@ class PadRecorder:
         """Note that a device went."""
         self._write(now, "lost", device=name, reason=reason)
 
-    def decided(self, output: Output, now: float) -> None:
+    def decided(self, output: TeleopOutput, now: float) -> None:
         """Note what was decided, where it is another thing than before."""
         wanted = output.setpoint
         shown = None if wanted is None else {"kind": wanted.kind, **wanted.fields}

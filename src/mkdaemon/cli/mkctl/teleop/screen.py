@@ -11,7 +11,7 @@ from rich.text import Text
 
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
-from mkdaemon.client.teleop.hands import Hands
+from mkdaemon.client.teleop.hands import PadHands
 from mkdaemon.reading import Fact
 from mkdaemon.telemetry.control import ControlOutput
 from mkdaemon.telemetry.tone import Tone
@@ -109,7 +109,7 @@ def _pads(session: TeleopSession) -> list[Text]:
     return lines or [_line(("pad      ", DIM), ("none", BAD))]
 
 
-def _sticks(session: TeleopSession, watcher: Watcher, hands: Hands | None) -> list[Text]:
+def _sticks(session: TeleopSession, watcher: Watcher, hands: PadHands | None) -> list[Text]:
     wanted = session.output.setpoint
     fields = dict(wanted.fields) if wanted is not None and wanted.kind == "stick" else {}
     if not fields and wanted is None and hands is not None:

@@ -12,7 +12,7 @@ from typing import Final, Literal, NamedTuple
 from mkdaemon.cli.mkdaemon.gateway import GATEWAYS
 from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, flies, unit_text
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
-from mkdaemon.cli.systemcommands import NOT_FOUND, Answered, run_command
+from mkdaemon.cli.systemcommands import NOT_FOUND, CommandOutput, run_command
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.config.reader import samples_folder
@@ -29,7 +29,7 @@ HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
 """What `ProtectHome=yes` hides from a service."""
 
 
-class Step(NamedTuple):
+class InstallStep(NamedTuple):
     """One thing that was done.
 
     Attributes:
@@ -51,7 +51,7 @@ class Host:
     """
 
     root: Path = Path("/")
-    run: Callable[[Sequence[str]], Answered] = run_command
+    run: Callable[[Sequence[str]], CommandOutput] = run_command
 
     def at(self, path: Path) -> Path:
         """Where an absolute path lies."""
@@ -102,7 +102,7 @@ def install_service(
     elif write:
         steps = write_units(host, chosen, folder, force=force)
     else:
-        steps = map(Step, preview(host, chosen, folder))
+        steps = map(InstallStep, preview(host, chosen, folder))
     code = EXIT_OK
     for step in steps:
         print(on_one_line(step.words))
@@ -175,7 +175,7 @@ def preview(host: Host, chosen: Sequence[Planned], programs: Path) -> Iterator[s
     yield f"# nothing was written: sudo {programs}/mkdaemon install-service ... --write does"
 
 
-def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[Step]:
+def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[InstallStep]:
     """Write units and rules, and tell systemd and udev.
 
     Raises:
@@ -188,19 +188,21 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
             raise ConfigError(f"{planned.path} was written by hand: remove it, or overwrite it with --force")
     for planned in chosen:
         _write(host.at(planned.path), unit_text(planned.name, programs))
-        yield Step(f"wrote {planned.path}")
+        yield InstallStep(f"wrote {planned.path}")
     if _needs_rules(chosen):
         _write(host.at(_rules_path()), _rules_text())
-        yield Step(f"wrote {_rules_path()}")
+        yield InstallStep(f"wrote {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
     for planned in chosen:
         if flies(planned.name) and not host.at(planned.settings).exists():
-            yield Step(f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}")
-        yield Step(f"next: sudo systemctl enable --now {planned.instance}")
+            yield InstallStep(
+                f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}"
+            )
+        yield InstallStep(f"next: sudo systemctl enable --now {planned.instance}")
 
 
-def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
+def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[InstallStep]:
     """Stop what the units start, and remove them; a template stays while another instance is enabled.
 
     Raises:
@@ -209,7 +211,7 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
     for planned in chosen:
         place = host.at(planned.path)
         if not place.exists():
-            yield Step(f"{planned.path} is not there")
+            yield InstallStep(f"{planned.path} is not there")
             continue
         yield from _typed(host, "systemctl", "disable", "--now", planned.instance)
         others = [
@@ -220,17 +222,17 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
             and link.name != f"{planned.instance}.service"
         ]
         if others:
-            yield Step(f"{planned.path} stays: {', '.join(others)} is enabled")
+            yield InstallStep(f"{planned.path} stays: {', '.join(others)} is enabled")
             continue
         _remove(place)
-        yield Step(f"removed {planned.path}")
+        yield InstallStep(f"removed {planned.path}")
     rules = host.at(_rules_path())
     if _needs_rules(chosen) and not any(host.at(planned.path).exists() for planned in chosen) and rules.exists():
         _remove(rules)
-        yield Step(f"removed {_rules_path()}")
+        yield InstallStep(f"removed {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
-    yield Step(f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)")
+    yield InstallStep(f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)")
 
 
 def _needs_rules(chosen: Sequence[Planned]) -> bool:
@@ -277,10 +279,10 @@ def _refusal(place: Path, error: OSError) -> MkError:
     return MkError(f"{place}: {error.strerror}: run it with sudo")
 
 
-def _typed(host: Host, *words: str) -> Iterator[Step]:
+def _typed(host: Host, *words: str) -> Iterator[InstallStep]:
     """Run a command of the system; a machine without systemd or udev has none, and is told so."""
     answer = host.run(words)
     line = " ".join(words)
     is_done = answer.code == 0
     reason = "not installed" if answer.code == NOT_FOUND else f"exit code {answer.code}"
-    yield Step(f"typed {line}" if is_done else f"FAILED: {line} ({reason})", is_done)
+    yield InstallStep(f"typed {line}" if is_done else f"FAILED: {line} ({reason})", is_done)
