@@ -72,7 +72,7 @@ def test_values_grow_old_while_nothing_comes():
     shown = picture.show(NOW + 10.0)
     assert line(shown, "attitude")["age"] == pytest.approx(10.0)
     assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == []
-    assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
+    assert [one["text"] for one in shown["large"]] == ["10 s old"] * 3
     assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.05)
     assert shown["scene"]["goal"] is None
     assert may(shown) == {"lease": True, "release": True, "abort": True}

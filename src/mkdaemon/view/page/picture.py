@@ -328,9 +328,11 @@ def _is_line(fact: Fact) -> bool:
 
 
 def _large(fact: Fact) -> dict[str, Any]:
-    """A fact as a large number; a dash for one that is not the present one."""
-    is_present = fact.number is not None and not fact.is_stale
-    number = f"{fact.number:.{2 if fact.unit == 'm' else 1}f} {fact.unit}" if is_present else "–"
+    """A fact as a large number; of one that is not the present one its age, a dash where there is none."""
+    number = "–"
+    if fact.number is not None and fact.age is not None:
+        present = f"{fact.number:.{2 if fact.unit == 'm' else 1}f} {fact.unit}"
+        number = f"{age_words(fact.age)} old" if fact.is_stale else present
     return {"id": fact.id, "name": fact.name, "text": number, "tone": fact.tone}
 
 

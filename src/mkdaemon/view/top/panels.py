@@ -27,7 +27,7 @@ EVENTS: Final = 5
 """Events that are kept."""
 _SHOWN: Final = 3
 """Least rows of events."""
-_LEFT: Final = 25
+_LEFT: Final = 23
 """Columns of the horizon."""
 _NAME: Final = 14
 """Columns of a name."""
@@ -149,10 +149,8 @@ def _one(fact: Fact, width: int) -> Row:
 def _below(picture: Picture) -> Iterator[Row]:
     """The lease, the line, the cameras, what became of what was sent."""
     cameras = [fact for fact in picture.facts if fact.id.startswith(("eye", "sight"))]
-    for fact in (*map(picture.fact, BELOW), *cameras):
+    for fact in (*map(picture.fact, BELOW), *cameras, *map(picture.fact, FATES)):
         yield from _wrapped(fact.name, fact.aged, TONES[fact.tone])
-    for word in FATES:
-        yield _one(picture.fact(word), _NAME)
 
 
 def _wrapped(name: str, text: str, looks: RowStyle) -> Iterator[Row]:
