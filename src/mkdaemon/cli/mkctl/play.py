@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import sys
-import termios
-import tty
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Final
@@ -16,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.keyreader import taking_keys
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.mkctl.logtime import moment_of
@@ -128,8 +127,6 @@ FACTOR: Final = 2.0
 LEGEND: Final = "space pause, n step, ←→ 5 s, + faster, - slower, q end"
 LEAP: Final = 5.0
 """With an arrow key [s]."""
-_ARROWS: Final = {"\x1b[D": "<", "\x1bOD": "<", "\x1b[C": ">", "\x1bOC": ">"}
-"""What a terminal sends for the arrow keys, and the keys that mean the same."""
 
 
 def key_pressed(player: Player, key: str) -> None:
@@ -137,7 +134,7 @@ def key_pressed(player: Player, key: str) -> None:
 
     Args:
         player: what plays.
-        key: one character.
+        key: as `KeyReader` has it.
     """
     match key:
         case " ":
@@ -148,8 +145,8 @@ def key_pressed(player: Player, key: str) -> None:
             player.adjust(lambda pace, now: pace.change_speed(FACTOR, now))
         case "-":
             player.adjust(lambda pace, now: pace.change_speed(1 / FACTOR, now))
-        case "<" | ">":
-            player.seek(player.status().place + (LEAP if key == ">" else -LEAP))
+        case "left" | "right":
+            player.seek(player.status().place + (LEAP if key == "right" else -LEAP))
         case "q":
             player.stop()
         case _:
@@ -166,7 +163,9 @@ async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
     console = Console(stderr=True)
     is_shown = not quiet and console.is_terminal
     columns = (BarColumn(), TextColumn("{task.description}"), TextColumn(LEGEND, style="dim"))
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bars, _keys(player, is_shown):
+    takes_keys = is_shown and sys.stdin.isatty()
+    keys = taking_keys(sys.stdin.fileno(), partial(key_pressed, player)) if takes_keys else nullcontext()
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bars, keys:
         drawing = asyncio.create_task(_draw(player, bars.update, bars.add_task("", total=None)), name="bar")
         try:
             yield
@@ -182,28 +181,3 @@ async def _draw(player: Player, update: Callable[..., None], task: object) -> No
         text += f", {status.state}" if status.state is not PlayState.PLAYING else ""
         update(task, total=status.length or 1.0, completed=status.place, description=text)
         await asyncio.sleep(DRAW)
-
-
-@contextmanager
-def _keys(player: Player, is_shown: bool) -> Iterator[None]:
-    """Take keys without Return; the terminal is as before afterwards."""
-    if not (is_shown and sys.stdin.isatty()):
-        yield
-        return
-    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
-    before = termios.tcgetattr(terminal)
-
-    def read() -> None:
-        keys = os.read(terminal, 32).decode("latin-1")
-        for arrow, key in _ARROWS.items():
-            keys = keys.replace(arrow, key)
-        for key in keys or "q":
-            key_pressed(player, key)
-
-    try:
-        tty.setcbreak(terminal)
-        loop.add_reader(terminal, read)
-        yield
-    finally:
-        loop.remove_reader(terminal)
-        termios.tcsetattr(terminal, termios.TCSAFLUSH, before)  # what was typed and not read is for nobody else

@@ -17,10 +17,11 @@ from typing import Annotated, Any, Final, Literal, TextIO
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.keyreader import raw_terminal
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev, new_paths
 from mkdaemon.cli.mkctl.teleop.joypad import look_for_joy, publish_pad
-from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard, raw_terminal
+from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard
 from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, save_mapping
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator, watch_simulator
