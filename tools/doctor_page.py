@@ -6,13 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.cli.mkdaemon.doctor.aircraft import AIRCRAFT
-from mkdaemon.cli.mkdaemon.doctor.busline import BUS
-from mkdaemon.cli.mkdaemon.doctor.camerafaults import CAMERAS
 from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs
-from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
-from mkdaemon.cli.mkdaemon.doctor.serialline import SERIAL_LINE
-from mkdaemon.cli.mkdaemon.doctor.table import CHECKS, CONFIGURATION
+from mkdaemon.cli.mkdaemon.doctor.table import PARTS
 
 _HEAD: Final = """# The doctor
 
@@ -40,28 +35,19 @@ mkdaemon doctor --json                                         # one fault a lin
 Each check has its severity, what is found, why it matters and what to do. A word in capital letters stands for what
 was found. What needs a file or a running daemon says so.
 """
-_PARTS: Final = (
-    ("The configuration", CONFIGURATION),
-    ("The serial line", SERIAL_LINE),
-    ("The computer", COMPUTER),
-    ("The bus", BUS),
-    ("Cameras", CAMERAS),
-    ("The aircraft", AIRCRAFT),
-)
 _NEEDS: Final = {Needs.MACHINE: "", Needs.CONFIG: ", with a file", Needs.DAEMON: ", with a daemon"}
 
 
 def doctor_page(_root: Path | None = None) -> str:
     """Return the whole page; nothing is read from the source tree."""
-    assert sum(len(checks) for _, checks in _PARTS) == len(CHECKS)
     return "\n".join(_lines())
 
 
 def _lines() -> Iterator[str]:
     yield _HEAD
-    for title, checks in _PARTS:
-        yield f"## {title}\n"
-        for check in checks:
+    for part in PARTS:
+        yield f"## {part.title}\n"
+        for check in part.checks:
             yield from _entry(check)
         yield ""
 

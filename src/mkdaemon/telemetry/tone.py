@@ -1,7 +1,5 @@
 """How good a state is."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Self
 
