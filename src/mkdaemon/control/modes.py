@@ -32,7 +32,7 @@ class Trigger(StrEnum):
     CLIENT_GONE = "client_gone"
     """The holder's liveliness token is gone."""
     LINK_LOST = "link_lost"
-    """The link is unusable for too long, or the port was opened anew."""
+    """The link is unusable for too long, or the port was reopened."""
     CONTROL_IMPOSSIBLE = "control_impossible"
     """The aircraft takes no external control any more."""
     LINE_RELEASING = "line_releasing"

@@ -249,7 +249,7 @@ SERIAL_LINE: Final = (
         Severity.ERROR,
         what="brltty takes serial adapters for braille displays: {found}",
         why="A braille terminal takes the adapter away, and /dev/ttyUSB0 disappears when it is plugged in.",
-        fix="Remove it where nobody needs braille.",
+        fix="If braille is not needed, remove it.",
         command="sudo apt-get remove brltty",
         look=_brltty,
     ),

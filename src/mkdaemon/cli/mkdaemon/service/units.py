@@ -147,7 +147,7 @@ UNITS: Final = (
         fields={"file": "%i", "options": " --vehicle %i", "folder": "/%i"},
     ),
     Unit("mkdaemon-recorder.service", "MikroKopter ground recorder", "recording.md", _RECORDER),
-    Unit("mkdaemon-gateway@.service", "MikroKopter gateway %i", "gateways.md", _GATEWAY),
+    Unit("mkdaemon-gateway@.service", "MikroKopter gateway %i", "operations.md", _GATEWAY),
 )
 """Every unit."""
 
