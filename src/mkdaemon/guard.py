@@ -58,7 +58,7 @@ class Word:
     PORT = b"P"
     """The open port; its descriptor comes with the packet."""
     CLOSED = b"C"
-    """The port is closed: let go of the duplicate, or an unplugged device would keep its name."""
+    """The port is closed: close the duplicate, or an unplugged device would keep its name."""
     FRAMES = b"F"
     """JSON list of the release frames, as hexadecimal, in the order they are repeated."""
     BEAT = b"H"
@@ -309,8 +309,8 @@ def _write_report(text: str, report: Path | None) -> None:
 def go_first(process: int = 0) -> None:
     """Let a process, this one by default, run before ordinary programs and before a loop that never sleeps.
 
-    Without the right to it nothing changes. The guard sleeps until it is needed and then writes 40 frames a second at
-    most, so it can starve nobody.
+    Without the right to it nothing changes. The guard sleeps until it is needed, and then writes at most 40 frames a
+    second, so other programs are not delayed.
     """
     for priority in REAL_TIME:
         with suppress(OSError, AttributeError):

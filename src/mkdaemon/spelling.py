@@ -20,7 +20,7 @@ def spelled(text: str) -> str:
 
 
 def on_one_line(text: object) -> str:
-    """What somebody else wrote, as a part of one line: no line of its own can pass for one of ours.
+    """Foreign text as a part of one line: its line breaks cannot imitate a line of ours.
 
     Args:
         text: a text, or anything that has one.

@@ -92,7 +92,7 @@ async def test_a_lease_somebody_else_took_is_lost():
 
 async def test_status_from_before_the_lease_does_not_end_it():
     async with connected() as (daemon, uav):
-        daemon.say(Phase.FREE, "nobody has taken the lease")
+        daemon.say(Phase.FREE, "no lease was requested yet")
         async with uav.lease() as lease:
             await lease.stick(throttle=0, seconds=0.1)
 

@@ -36,8 +36,8 @@ LONGEST_IMAGE: Final = 1 << 27
 PENDING: Final = 300
 """Connections that may be silent at a time before new ones are turned away."""
 SESSIONS: Final = 300
-"""Clients at a time. With those that are silent this stays well below 1,024 open files: so many a service may have, and
-pyserial cannot watch a port that was opened after them (select(2), FD_SETSIZE)."""
+"""Clients at a time. Together with the silent ones this stays well below 1,024 open files: a service may not open more,
+and pyserial cannot watch a port with a higher number (select(2), FD_SETSIZE)."""
 PENDING_TIME: Final = 5.0
 """A connection that has not introduced itself within this time is closed [s]."""
 ALL_OTHERS: Final = "others"

@@ -146,8 +146,8 @@ class Row:
         guard: what must hold besides; the first row of an event whose guard holds is taken.
         target: phase it leads to.
         reaction: what is sent.
-        reason: one sentence for `control/status`; `{words}` are filled in, `{cause}` is given by who reports the event.
-        is_asked: somebody asked for it; a release nobody asked for is a failsafe.
+        reason: one sentence for `control/status`; `{words}` are filled in, `{cause}` comes with the event.
+        is_asked: it was requested; a release that was not requested is a failsafe.
     """
 
     sources: tuple[Phase, ...]

@@ -26,7 +26,7 @@ class Outlet(Protocol):
 
 
 class Audit:
-    """Publishes events, and logs them for whoever reads the journal."""
+    """Publishes events, and writes them to the log."""
 
     def __init__(self, bus: Outlet, clock: Clock) -> None:
         self._bus = bus

@@ -262,7 +262,7 @@ class Daemon:
         return status_line(self._wiring.health(), self._flight.phase)
 
     async def _report_floods(self) -> None:
-        """Say what was shed, and refuse setpoints put where nobody may, once a second."""
+        """Once a second, report dropped samples, and refuse setpoints on keys that no client may write."""
         while True:
             await self._bus.refuse_uninvited()
             shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())

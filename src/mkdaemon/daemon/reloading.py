@@ -18,7 +18,7 @@ class Reloading:
         """Wait to be asked.
 
         Args:
-            read: reads the configuration as at the start; called on a thread of its own.
+            read: reads the configuration as at the start; called on a separate thread.
         """
         self._read = read
         self._asked = asyncio.Event()

@@ -41,7 +41,7 @@ def vehicle_health(
 
 
 def status_line(health: VehicleHealth, phase: Phase) -> str:
-    """Return one line of what counts: the line, the motors, who flies.
+    """Return one line: the link, the motors, the phase of control.
 
     Args:
         health: the vehicle's signs of life.

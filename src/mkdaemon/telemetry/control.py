@@ -209,7 +209,7 @@ class ReleaseOutcome(ToneEnum):
     UNCONFIRMED = (
         *(
             "unconfirmed",
-            "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)",
+            "released, but NOT confirmed: the line stays silent until the FlightCtrl ends external control (6 s)",
         ),
         Tone.BAD,
     )

@@ -1,6 +1,6 @@
 """The simulator on the bus: true state and faults under `mk/<vehicle>/sim/`.
 
-A session of its own, as a client of whoever listens: where nobody does, the simulator flies on and tries again.
+The simulator's session is a client of the daemon. Without a daemon the simulator flies on and tries again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A simulator's Zenoh session: a client of whoever listens, opened again and again while nobody does."""
+"""A simulator's Zenoh session: a client of the daemon, opened again and again until one listens."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from mkdaemon.telemetry.setpoint import SetpointFrame
 STANDS: Final = 0.15
 """Who is no higher than this above its standing height is on the ground [m]."""
 CARRIES: Final = 0.6
-"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+"""With more throttle the aircraft may be in the air [share of hover]: a third of its weight is carried."""
 
 _IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
 _TAKE_OFF: Final = (Concern.TAKE_OFF,)
@@ -89,7 +89,7 @@ def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     "take-off from the ground", _TAKE_OFF, "sticks or attitudes of a client are being flown", Token.NOT_ON_GROUND
 )
 def on_ground(now: Situation, wanted: object) -> Verdict:
-    """A take-off begins on the ground, where nobody flies by hand."""
+    """A take-off starts on the ground, not from a flight by sticks or attitude."""
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
 

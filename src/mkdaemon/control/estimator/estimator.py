@@ -46,12 +46,12 @@ within two of them."""
 UPRIGHT: Final = 0.5
 """Smallest upward share of the body's own up with which an image's tilt is taken: 60 degrees of tilt."""
 UNSENT: Final = 0.3
-"""Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
-boards report [s]."""
+"""After a pause of stick frames of this length the pilot flies with unknown sticks: the reported tilt is taken as the
+commanded one [s]."""
 HELD: Final = 0.5
 """The last frame that arrived acts at least this long [s]: the earliest FlightCtrl drops it then, others later."""
 LOST_FOR: Final = 0.1
-"""A burst of lost stick frames is so long [s]: four frames on average."""
+"""Mean length of a burst of lost stick frames [s]: four frames."""
 LOST: Final = 0.06
 """Variance of the sticks that act over the square of their change within that time: a radio that loses 1 % in such
 bursts lets the old ones act on. Without it one burst at the beginning of a step of 1 m had ten measurements refused in
@@ -82,7 +82,7 @@ class _Record:
     Attributes:
         at: when its newest image was taken [s].
         refused: its images refused one after the other.
-        is_wrong: it contradicted another camera that was believed, until the two agree.
+        is_wrong: it contradicted the camera in use, and the two do not agree yet.
     """
 
     at: float
@@ -215,8 +215,8 @@ class Estimator:
     """Follows one target.
 
     Attributes:
-        model: the plant believed in.
-        line: the same with the delays that were believed of the line when the estimate began.
+        model: the plant as estimated.
+        line: the same, with the delays of the line as estimated when this estimate started.
         hover_gas: throttle that carries the aircraft, estimated [count of 254].
         innovation: mean square of the recent innovations over their expected size; about 1 when all is well.
         refused: measurements that are none, since the start, by what is wrong with them.

@@ -47,14 +47,14 @@ LEAK_BLUR: Final = 0.4
 ACCELEROMETER_SCALE: Final = 0.9
 """Tilt that the accelerometers show over that in which they are: 0.79 to 1 on boards of 170 to 216 counts a g."""
 CABLE_UPLINK: Final = 0.0045
-"""By cable a stick frame is in the firmware's memory so long after it was written [s]; docs/lab/genuine.md."""
+"""By cable, time from writing a stick frame until it is in the firmware's memory [s]; docs/lab/genuine.md."""
 CABLE_AGE: Final = 0.030
 """By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms, for their SPI bus;
 docs/lab/genuine.md."""
 PACKED_AGE: Final = 0.080
 """The same behind a NaviCtrl whose FlightCtrl is older than 2.10, by packets of 61 ms; docs/lab/genuine-navictrl.md."""
 UNMEASURED: Final = 0.009
-"""What a line adds to each where nobody measured it [s]: half of a radio's, so both cables and radios are near."""
+"""Delay that an unmeasured line adds to each direction [s]: half of a radio's, so cable and radio are equally near."""
 LEAST_LINE_SD: Final = 0.004
 """Least doubt about the delay of a line that was measured [s]; a third of what it adds is more where it is slow."""
 SHORTEST: Final = 0.001
@@ -195,7 +195,7 @@ class AircraftModel:
         return replace(self, cable_age=PACKED_AGE, attitude_age=PACKED_AGE + UNMEASURED)
 
     def by_line(self, added: float) -> AircraftModel:
-        """Return the same aircraft at the end of a line that adds so much to a cable's delay, each way [s]."""
+        """Return the same aircraft behind a line that adds `added` to a cable's delay, each way [s]."""
         return replace(
             self,
             uplink=CABLE_UPLINK + added,
@@ -204,7 +204,7 @@ class AircraftModel:
         )
 
     def later(self, lag: float) -> AircraftModel:
-        """Return the same aircraft, sticks and reports together so much later [s]: nothing says which of them."""
+        """Return the same aircraft with `lag` more delay of sticks and reports together [s], divided equally."""
         uplink, age = (max(SHORTEST, delay + lag / 2.0) for delay in (self.uplink, self.attitude_age))
         return replace(self, uplink=uplink, attitude_age=age)
 

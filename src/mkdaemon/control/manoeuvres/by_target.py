@@ -60,7 +60,7 @@ class ByTarget(Manoeuvre):
         What the estimate must be like is asked of admission.
         """
         if isinstance(before, ByTarget):
-            self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # of its own kind
+            self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # the same class
         return ""
 
     def step(self, now: float, *, is_flying: bool) -> Step:

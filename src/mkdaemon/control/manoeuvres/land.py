@@ -131,10 +131,10 @@ class LandingLimits:
         touch_age: oldest image that shows whether the feet stand [s].
         touch_height: lower than this they stand, where an image shows it [m].
         settled: time the feet must stand [s].
-        pad_radius: who comes down farther from the middle has not landed on the target [m].
-        patience: so long it waits for everything above to be met [s].
-        yielding: after that every condition is twice as wide each time it has waited so much longer [s]: no landing
-            hangs in the air until the battery is empty.
+        pad_radius: a touchdown farther from the middle is not on the target [m].
+        patience: longest wait for the conditions above [s].
+        yielding: then every tolerance doubles each time after this wait [s]: no landing waits until the battery is
+            empty.
     """
 
     stand_height: float = 0.10
@@ -225,7 +225,7 @@ class Landing:
         self.phase, self._height = LandingPhase.APPROACH, height
 
     def _is_refuted(self, estimate: Estimate, height: float) -> bool:
-        """Whether an image shows that the aircraft is not as low as was believed when it was decided."""
+        """Whether an image shows the aircraft higher than estimated when the landing was committed."""
         is_high = height - DEVIATIONS * float(estimate.position_sd[2]) > self._limits.refuted
         return is_high and estimate.age <= self._limits.touch_age
 
@@ -277,7 +277,7 @@ class Landing:
 
 
 class Land(ByTarget):
-    """Goes down on the target; once committed or standing, what the eyes see no longer matters."""
+    """Descends onto the target; once committed or standing, it ignores vision."""
 
     kind: ClassVar[str] = "land"
     is_timed_whole: ClassVar[bool] = True

@@ -46,7 +46,7 @@ class End:
 
     @property
     def is_failure(self) -> bool:
-        """Whether nobody asked for this end."""
+        """Whether this end was not requested."""
         return self.outcome not in REACHED_ITS_END
 
 

@@ -40,7 +40,7 @@ FARTHEST_REST: Final = 0.10
 FLIGHT: Final = 12.0
 """Length of the flight on the model [s]."""
 FLIGHT_END: Final = 3.0
-"""What counts is the end of it, so long [s]."""
+"""Length of its end that is judged [s]."""
 FLIGHT_FROM: Final = 0.5
 """Where it begins, from its goal [m]."""
 FLIGHT_WIND: Final = 2.0
@@ -103,7 +103,7 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
 
 
 def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None = None) -> CommandRejectedError | None:
-    """Say why nobody may fly this loop; None where it is safe on the model.
+    """Return why this loop must not be flown; None if it is safe on the model.
 
     Args:
         model: of the aircraft.

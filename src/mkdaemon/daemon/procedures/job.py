@@ -1,4 +1,4 @@
-"""One run of a procedure: what it does, who asked, and what is told about it."""
+"""One run of a procedure: its work, its client, and its reports."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Job:
 
     def __post_init__(self) -> None:
         self.note_id = self.note_id or self.id
-        # Whoever asked may be gone by the time it fails; then nobody takes the exception.
+        # If the client is gone when it fails, no task takes the exception.
         self.done.add_done_callback(lambda done: done.cancelled() or done.exception())
 
     def cancel(self) -> None:

@@ -72,8 +72,8 @@ class Journal:
 
         Args:
             folder: of the vehicle.
-            disk: a thread of its own if none is given; two would let the removal of a note overtake its writing where
-                whoever waited for that was cancelled.
+            disk: a single thread by default; with two, the removal of a note could overtake its writing after the
+                waiting task was cancelled.
         """
         self.folder = folder
         self.disk = disk or ThreadPoolExecutor(1, thread_name_prefix="journal")

@@ -29,7 +29,7 @@ def _shrink(part: Grey, scale: float) -> Grey:
 
 
 ROOM, ROOM_PX = 0.2, 14.0
-"""Room around a target in a window: share of its size, and so much more [px]."""
+"""Room around a target in a window: share of its size, plus a margin [px]."""
 GREY_EFFORT: Final = 4
 """Duration of a fit to grey values over one to edges: 4 to 20 ms, on VGA."""
 PATCH_PX = 40

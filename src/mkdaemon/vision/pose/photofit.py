@@ -86,7 +86,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
 
     Returns:
         The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
-        variance of a residual, not less than so many pixels can tell from none.
+        variance of a residual, not less than this number of pixels can distinguish from zero.
     """
     all_factors, all_common, start = 0.0, 0.0, 0
     for used in windows:

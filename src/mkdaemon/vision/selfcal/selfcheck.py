@@ -85,7 +85,7 @@ TURN: Final = slice(3, 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageEvidence:
-    """What one image says of its own unknowns, then those of `CameraFilter`: they cost x^T matrix x - 2 pull^T x.
+    """Information of one image about its own unknowns, then those of `CameraFilter`; cost x^T matrix x - 2 pull^T x.
 
     Attributes:
         rotation: camera from target as the pose has it `(3, 3)`.

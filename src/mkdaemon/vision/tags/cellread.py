@@ -51,7 +51,7 @@ class Detection:
         decision_margin: mean distance of the bits from the threshold [grey].
         corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
         view: in which it was found.
-        shrunk: by how much the image was shrunk for its corners, which are so much looser.
+        shrunk: factor by which the image was reduced to find the corners; their uncertainty grows by it.
     """
 
     family: str
@@ -129,7 +129,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
 
 @lru_cache(maxsize=4096)
 def chance(read: int, wrong: int, tries: int) -> float:
-    """Bound of the probability that of so many cells of a random quad so few, or fewer, disagree with one of codes."""
+    """Bound of the probability that at most `wrong` of `read` cells of a random quad differ from one of the codes."""
     # P(X <= wrong) of X ~ Bin(read, 1/2), times the codes that are tried: the bound of Boole.
     return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 

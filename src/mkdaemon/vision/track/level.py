@@ -49,7 +49,7 @@ DECKS, WRONG = slice(2), 2
 FOLLOWS: Final = np.array([[1, 1, 0, 0, 0], [1, 1, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]])
 """Which kind begins where another one was, or, the last column, anywhere."""
 ANEW: Final = 10.0
-"""Mean time after which any kind may follow [s]; a deck that rests or rocks goes on for twice as long."""
+"""Mean time after which any kind may follow [s]; a deck that rests or rocks continues for twice this time."""
 MISSED: Final = log(0.01 / radians(20.0) ** 2)
 """Density of the normal of a wrong fit, one of a hundred, spread over 20 degrees, as `attitude.corrected` tells it."""
 LEAST_WEIGHT: Final = 1e-12
