@@ -227,6 +227,8 @@ class AnswerWatch:
         fast = signals - self._slow
         asked, seen = fast[:2], fast[2]
         acts = SHARES[:, None] * asked[:, None, :]
+        # Log-likelihood ratio of "no answer" (the report holds none of the expected motion) against "answers" (it holds
+        # a share of it), summed and clipped at both ends. Source: E. Page, Biometrika 41 (1954), cumulative sums.
         variance = ROUGHNESS**2 + (MODEL_ERROR * acts) ** 2
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
         evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=2)

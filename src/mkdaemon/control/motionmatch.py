@@ -105,6 +105,8 @@ class MotionMatch:
         middle = slice(reach, -reach)
         if float(np.sqrt((first[:, middle] ** 2).sum(axis=0).mean())) < LEAST_MOTION:
             return None
+        # Normalised cross-correlation of both angles together, at each shift of the grid; the lag is its largest
+        # magnitude, refined by a parabola through three values. A negative one is a mounting turned by half a turn.
         shifts = range(-reach, reach + 1)
         likeness = np.array([_likeness(first[:, middle], np.roll(second, -k, axis=1)[:, middle]) for k in shifts])
         best = int(np.argmax(np.abs(likeness)))

@@ -453,6 +453,8 @@ class Estimator:
     def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the height: the place (3,) of the target, as if level [m], along the normal of the believed tilt."""
         tuning, tilt = self._tuning, self._level.states_at(view.at)[:, T]
+        # Height over the target's plane: h = -n . r, with r the target from the aircraft and n the plane's normal, both
+        # in axes turned level by heading alone. var(h) = n' S n + x^2 var(tilt x) + y^2 var(tilt y) + floor^2.
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0

@@ -244,6 +244,9 @@ class AircraftModel:
     def _level(self) -> tuple[Array, Array]:
         """Rates (9, 9) and input (9, 1) of a horizontal axis without its leak."""
         a, b = np.zeros((LEVEL_STATES, LEVEL_STATES)), np.zeros((LEVEL_STATES, 1))
+        # p' = v; v' = g t - drag v + d; t' = w, and without its leak the FlightCtrl's own tilt th' = w;
+        # z' = th - us; rate_lag w' = -a1 (th - us) - a2 z - w; stick_filter us' = u - us.
+        # Source: docs/control.md, "The attitude loop".
         a[P, V] = 1.0
         a[V, T], a[V, V], a[V, D] = GRAVITY, -self.drag, 1.0
         a[T, W] = 1.0
@@ -261,6 +264,7 @@ class AircraftModel:
     def vertical(self, step: float) -> tuple[Array, Array]:
         """Return transition (4, 4) and input (4,) of the vertical axis over a step [s]."""
         a, b = np.zeros((4, 4)), np.zeros((4, 1))
+        # h' = s; s' = g f + e - drag s; thrust_lag f' = u - f, with u = (gas / hover gas)^2 - 1.
         a[H, S] = 1.0
         a[S, F], a[S, E], a[S, S] = GRAVITY, 1.0, -self.drag
         a[F, F], b[F, 0] = -1.0 / self.thrust_lag, 1.0 / self.thrust_lag

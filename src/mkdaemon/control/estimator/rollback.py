@@ -223,6 +223,8 @@ class RollbackFilter:
         f, g, noise = self._f, self._g, self._noise
         if self._fed_back is not None:  # the count is unknown after a coast: use the linear mean of the quantised term
             f = f + self._fed_back
+        # x(n) = F^n x + (sum of F^k g) u, P(n) = F^n P F^n' + sum of F^k Q F^k' + var(u) (sum) (sum)': the input is
+        # unknown but constant. Each round doubles the length of the step (F, g, Q), as in powers by squaring.
         while steps:
             if steps % 2:
                 whole, pushed, grown = f @ whole, f @ pushed + g, f @ grown @ f.T + noise
@@ -308,7 +310,9 @@ class RollbackFilter:
 
     def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:
         """Correct a slot; inside a step the state moves as its rate says, so the row is carried back to its start."""
+        # z = h x(t + offset) with x(t + offset) = x + A x offset, so the row at the slot's time is h + h A offset.
         row = measurement.row + measurement.row @ self._rate * offset
+        # Kalman: K = P h / (h P h' + R). A lasting bias widens the gate only; a value outside it has weight zero.
         gain = slot.covariance @ row
         spread = gain @ row + measurement.variance
         innovation = measurement.values - self._state_of(slot) @ row

@@ -128,6 +128,7 @@ class StickResponse:
 
     def _compare(self, at: float, tilt: Array) -> None:
         """Compare a report with what every hypothesis expects."""
+        # The expectation of each lag at the report's time, interpolated on the grid.
         newest = (at - self._time) / STEP + len(self._expected) - 1  # place of the moment itself
         first = math.floor(newest)
         place = first - _LAG_STEPS
@@ -139,11 +140,13 @@ class StickResponse:
         passed = max(0.0, at - self._measured_at)
         keep, step = self._keep**passed, min(passed, 0.1)
         self._measured_at = max(self._measured_at, at)
+        # High-pass, the same for expectations x and report y: y - (low-pass of time constant SLOW).
         signals = np.concatenate([expected.transpose(1, 0, 2).reshape(-1, 2), tilt[None]])
         slow = signals if self._slow is None else self._slow
         slow = self._slow = slow + (signals - slow) * (1.0 - math.exp(-passed / SLOW))
         fast = signals - slow
         moved, seen = fast[:-1].reshape(2, len(LAGS), 2), fast[-1]
+        # Sums with exponential forgetting, of both axes: Sxx, Sxy (filter, lag), Syy and the time they cover.
         self._squares = keep * self._squares + step * (moved**2).sum(axis=2)
         self._products = keep * self._products + step * (moved @ seen)
         self._reported = keep * self._reported + step * float(seen @ seen)
@@ -154,6 +157,8 @@ class StickResponse:
 
     def _judge(self) -> None:
         """Choose the filter, and weigh the delays."""
+        # With the best gain a hypothesis leaves Syy - Sxy^2 / Sxx. The noise is unknown, so its log-likelihood is
+        # -(n / 2) ln(residual), with n independent residuals; plus the prior of the lag. Source: Gelman, as above.
         fitted = np.maximum(self._products, 0.0) ** 2 / np.maximum(self._squares, 1e-12)
         left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * max(self._seen, STEP)
         likelihood = -0.5 * INDEPENDENT * self._seen * np.log(left) + self._prior
@@ -161,6 +166,7 @@ class StickResponse:
         chosen = int(self.has_other_filter)
         if self._is_moving and best[1 - chosen] - best[chosen] > CLEARLY:
             self.has_other_filter, chosen = not self.has_other_filter, 1 - chosen
+        # The lag is the posterior mean over the bank of the chosen filter.
         weights = np.exp(likelihood[chosen] - best[chosen])
         self.lag = float(weights @ LAGS / weights.sum())
 
@@ -173,6 +179,8 @@ class StickResponse:
         if self._is_moving:
             chosen = int(self.has_other_filter), int(np.abs(LAGS - self.lag).argmin())
             squares, products = float(self._squares[chosen]), float(self._products[chosen])
+            # Least squares: g = Sxy / Sxx. It must beat the model's gain 1 by the likelihood ratio of both residuals,
+            # (n / 2) ln(residual(1) / residual(g)), where residual(g) = Syy - 2 g Sxy + g^2 Sxx.
             gain = min(max(products / squares, LIKELY[0]), LIKELY[1])
             least, as_model = (
                 self._reported - 2.0 * factor * products + factor**2 * squares + LEAST_LEFT**2 * self._seen

@@ -65,6 +65,8 @@ def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, 
     stick_cost = np.array([[costs.stick * STEP]])
     gain, to_go = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, stick_cost)
     closed = f - g @ gain
+    # A jump j of the wanted acceleration k steps ahead changes the error's tilt by -j / g. The optimal input for it is
+    # (R + g' P g)^-1 g' (F - g K)'^k P e_T j / g. Source: M. Tomizuka, Automatica 11 (1975), optimal finite preview.
     row, ahead = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], []
     for _ in range(PREVIEW):
         ahead.append(float(row @ to_go[:, T]) / GRAVITY)
@@ -105,6 +107,8 @@ class HorizontalRegulator:
         costs, drag = self._costs, self._model.drag
         error = estimate.axes[:, :7].copy()
         velocity = reference.velocity[:2]
+        # Equilibrium at constant speed: g t = drag v - d; the FlightCtrl's own tilt and the stick are t + b. The wanted
+        # acceleration a adds a / g to t alone. u = u_eq - K (x - x_eq) + sum of p_k (jump of a in k steps).
         pushed = (drag * velocity - estimate.disturbance) / GRAVITY
         held = pushed + estimate.axes[:, B]
         error[:, P] = np.minimum(np.maximum(error[:, P] - reference.position[:2], -costs.reach), costs.reach)

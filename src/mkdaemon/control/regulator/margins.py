@@ -213,9 +213,11 @@ def _rest_beside(model: AircraftModel, cfg: ControlConfig) -> float:
 
 
 def _rest_above(model: AircraftModel, cfg: ControlConfig, doubt: float) -> float:
+    """Largest height error at the end of a simulated flight, with whole counts and the limiter's slew rate [m]."""
     limits, period = cfg.limiter, 1.0 / cfg.rate
     hover = limits.hover_throttle + GAS_CENTRE
     f, g = model.vertical(period)
+    # The state is known exactly: what remains is the limit cycle of the rounding and of the limiter.
     state = np.zeros(4)
     state[H], state[E] = -FLIGHT_FROM, GRAVITY * doubt
     shaper, sent, worst = CountShaper(-127, 127), limits.hover_throttle, 0.0

@@ -197,6 +197,8 @@ def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> A
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
     it is white; beside a white one b - contrast and b.
     """
+    # Each line between two cells is one vote: v = (step to the inner cell) / (step expected for white) - 1/2. Comparing
+    # neighbours makes the vote independent of light that changes over the tag.
     outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = LIMITS.read.faint * contrast
@@ -216,6 +218,7 @@ def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
 
     Only for the inner one `(m, n * n)`. And samples on both sides, those in inner cells first `(2 * m * 3, 2)` [cells].
     """
+    # All pairs of neighbours, across and down; of each pair the cell nearer to the rim is the outer one.
     index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
     first, second = (np.concatenate([of.ravel() for of in one]) for one in zip(beside, below, strict=True))
