@@ -170,7 +170,7 @@ def _put_in_place(fresh: Path, place: Path, *, overwrite: bool) -> None:
     """Give a written file its name.
 
     Raises:
-        FileExistsError: somebody has made a file of that name, and `overwrite` is off.
+        FileExistsError: the file exists, and `overwrite` is off.
     """
     if not overwrite:
         try:

@@ -1,4 +1,4 @@
-"""What others wrote, spelled so that nothing in it acts on whoever shows it."""
+"""Foreign text, escaped so that no control character acts on the terminal or page that shows it."""
 
 from __future__ import annotations
 

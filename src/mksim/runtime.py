@@ -41,7 +41,7 @@ async def running(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[N
 
 
 class PseudoTerminal:
-    """The host's serial port: raw, and open for as long as the simulator runs, whoever opens and closes it."""
+    """The host's serial port: raw, and open while the simulator runs, even if programs open and close it."""
 
     def __init__(self) -> None:
         """Open it.

@@ -357,7 +357,7 @@ FAULTS = {
     "an open bus": (
         "open-bus",
         lambda t: t.configure(bus='listen = ["tcp/0.0.0.0:7447"]\nallow_open = true'),
-        "tcp/0.0.0.0:7447 lets everybody",
+        "tcp/0.0.0.0:7447 lets every program",
         "mkdaemon security",
     ),
     "a certificate that ends": (

@@ -22,7 +22,7 @@ STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 PLAIN_RATE: Final = 50.0
 """Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a
-look of 0.05 s to find one and refuse it. While anybody subscribes to `mk/**`, all of a flood leaves the stranger;
+look of 0.05 s to find one and refuse it. While any client subscribes to `mk/**`, the whole flood leaves its sender;
 routed on to `mkctl log record` it cost the lease in 6 of 6 flights on two cores."""
 UNSTAMPED_RATE: Final = 200.0
 """Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""

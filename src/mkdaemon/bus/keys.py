@@ -193,7 +193,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
-    KeySpec("event/mark", _P, MarkEvent, "on occurrence", "Somebody marked this moment for the recordings."),
+    KeySpec("event/mark", _P, MarkEvent, "on occurrence", "A client marked this moment for the recordings."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health",

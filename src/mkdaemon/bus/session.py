@@ -60,7 +60,7 @@ def session_config(
         msg = f"{zenoh_file}: no usable Zenoh configuration: {_plain_words(error)}"
         raise ConfigError(msg) from error
     settings = _measured_settings(mode, lease, patience)
-    # An own file keeps its own endpoints unless ours are given; where it has none, Zenoh would listen to everybody.
+    # An own file keeps its own endpoints unless ours are given; without one, Zenoh would listen on all interfaces.
     for place, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
         if endpoints or config.get_json(place) == zenoh.Config().get_json(place):
             settings[place] = list(endpoints)

@@ -157,7 +157,7 @@ class EventKeys:
         self.clock: Stream[ClockEvent] = Stream(transport, "event/clock", "mkdaemon.telemetry.event:ClockEvent")
         """`event/clock`, on occurrence: The system clock was set: how far, and which way."""
         self.mark: Stream[MarkEvent] = Stream(transport, "event/mark", "mkdaemon.telemetry.record:MarkEvent")
-        """`event/mark`, on occurrence: Somebody marked this moment for the recordings."""
+        """`event/mark`, on occurrence: A client marked this moment for the recordings."""
         self.log: Stream[LogEvent] = Stream(transport, "event/log", "mkdaemon.telemetry.event:LogEvent")
         """`event/log`, on occurrence: Other things worth knowing."""
 

@@ -97,7 +97,7 @@ class AnswerWatch:
         self._slow: Array | None = None  # of what is expected and of what is reported, by axis
 
     def _begin(self, now: float) -> None:
-        """Begin a flight with the tilt that was reported last, which somebody else's sticks ask for."""
+        """Start a flight with the tilt that was reported last, commanded by the pilot's sticks."""
         self.forget()
         self._is_judged = False
         self._written.clear()

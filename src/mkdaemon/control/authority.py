@@ -33,7 +33,7 @@ class Lease:
 
     Attributes:
         holder: the client.
-        epoch: number of the lease; everybody may know it.
+        epoch: number of the lease; public.
         secret: what only the holder knows.
         ttl: life without a sign of life [s].
         sign_of_life: when the latest came: a setpoint or a renewal [s].
@@ -68,7 +68,7 @@ class Lease:
             raise self.not_holder()
 
     def not_holder(self) -> CommandRejectedError:
-        """Why somebody else is refused."""
+        """Why another client is refused."""
         return refuse(Token.NOT_HOLDER, holder=self.holder)
 
     def check_setpoint(self, setpoint: Setpoint) -> None:

@@ -84,14 +84,14 @@ class LeaseAsked(Event):
 
 @dataclass(frozen=True, slots=True)
 class ReleaseAsked(Event):
-    """Somebody asks to end the lease and to release the aircraft."""
+    """A client asks to end the lease and to release the aircraft."""
 
     request: ReleaseRequest
 
 
 @dataclass(frozen=True, slots=True)
 class AbortAsked(Event):
-    """Somebody asks to stop the manoeuvre; the lease goes on."""
+    """A client asks to stop the manoeuvre; the lease continues."""
 
     request: AbortRequest
 

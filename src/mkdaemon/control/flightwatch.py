@@ -1,4 +1,4 @@
-"""What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure.
+"""What ends a flight without a request: line, receiver, height control, the NaviCtrl, the battery. Pure.
 
 A battery sags while the motors work hard, so only what lasts counts, and a little more voltage is not yet the end of
 it. Source: docs/safety.md, "What ends a flight".

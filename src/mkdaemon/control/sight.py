@@ -213,7 +213,7 @@ class Sight:
 
     @property
     def _is_astray(self) -> bool:
-        """Whether the estimate is led away from what images show: by somebody else's sticks, or by dead reckoning."""
+        """Whether the estimate may have left what images show: by the pilot's sticks, or by dead reckoning."""
         known = self.estimator
         if known is None:
             return False

@@ -1,4 +1,4 @@
-"""Every query gets an answer, and every answer is on the bus for everybody to see."""
+"""Every query gets an answer, and every answer is also published."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Audit:
         _log.warning("failsafe", action=action, reason=reason, released=released)
 
     def mark(self, text: str, holder: str) -> None:
-        """Somebody marked this moment."""
+        """A client marked this moment."""
         self._bus.publish("event/mark", MarkEvent(stamp=self._clock.stamp(), text=text, holder=holder))
         _log.info("mark", text=text, holder=holder)
 

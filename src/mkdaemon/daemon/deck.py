@@ -152,7 +152,7 @@ class Deck:
         return key.epoch_signed(Signature(kind.suffix, payload, proof))
 
     def feed(self, event: Event, now: float) -> Reply:
-        """Tell the core of an event at a time [s]; whoever ticks it is woken where that is due."""
+        """Feed the core with an event at a time [s], and wake the control task if a tick is due."""
         reply = self.core.feed(event, now)
         self.holder_key = self.core.holder_key
         if reply.is_due:

@@ -1,6 +1,6 @@
 """The way in that needs no Zenoh: a Unix socket that releases, however busy the bus is.
 
-Thousands of silent TCP connections keep every new client off the bus; whoever is on this machine and may open the
+Thousands of silent TCP connections keep every new client off the bus; a program on this machine that may open the
 socket can release all the same. See `mkdaemon.bus.localsocket` for what is said over it.
 """
 

@@ -28,7 +28,7 @@ LOWEST_REAL_TIME: Final = 1
 """Above every ordinary thread, below everything else that is real-time."""
 
 NICE: Final = -10
-"""Of the process's other threads: whoever of them holds the interpreter holds up the loop, so no other program may keep
+"""Of the process's other threads: a thread that holds the interpreter delays the loop, so no other program may keep
 it waiting. On two cores shared with nine busy programs the loop stood still for 0.36 s otherwise."""
 AUTOGROUP: Final = Path("/proc/self/autogroup")
 """Nice value of all programs of a session against those of other sessions: sched(7), "The autogroup feature"."""

@@ -42,7 +42,7 @@ class Releases:
         tasks.create_task(self._follow(reason, release), name="control.release")
 
     async def _follow(self, reason: str, release: Awaitable[ReleaseResult]) -> None:
-        """Wait for the end of a release, then report it to the core and to whoever asked for it."""
+        """Wait for the end of a release, then report it to the core and to the waiting clients."""
         began = self._clock.now()
         result: ReleaseResult | None = None
         with suppress(TimeoutError):

@@ -12,7 +12,7 @@ from mkdaemon.errors import ConfigError
 
 
 class Reloading:
-    """Reads the configuration again whenever somebody asks."""
+    """Reads the configuration again on request."""
 
     def __init__(self, read: Callable[[], Config]) -> None:
         """Wait to be asked.

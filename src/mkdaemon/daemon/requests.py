@@ -116,7 +116,7 @@ class BoardRequests:
     ) -> CommandResult:
         async with way_to(self._link, board, message, admit):
             await self.prove_board(board, message)
-            # Seconds may have passed: somebody may hold the lease by now, or have started the motors.
+            # Seconds may have passed: a client may hold the lease by now, or the pilot may have started the motors.
             self._interlock.require(self._beginning(board, message, is_confirmed=is_confirmed))
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._feed(MotorTestSent(), self._clock.now())
@@ -198,7 +198,7 @@ class BoardRequests:
         self._interlock.require(self._beginning(board, message, is_confirmed=True, is_step=True, unproven=found))
 
     async def _pass_through(self, port: RedirectPort, admit: Callable[[], None]) -> CommandResult:
-        """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.
+        """Answer a bare redirection: it ends after a while, or the line would be lost for ever.
 
         Raises:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.

@@ -21,7 +21,7 @@ def vehicle_health(
         link: the line.
         stamp: the moment.
         note: of the configuration.
-        open_endpoints: where everybody in the network may come in.
+        open_endpoints: endpoints open to the whole network.
     """
     state, flight = facts.link, facts.newest(Flight, stamp.monotonic)
     return VehicleHealth(

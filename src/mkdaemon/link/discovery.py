@@ -5,7 +5,7 @@ FlightCtrl the NaviCtrl's time request spins a motor (docs/protocol.md, "Same le
 
 1. `v` to any address. The address of the answer is the only proof of who is there.
 2. No answer, or one from a FlightCtrl: another program may have left a NaviCtrl redirected. The escape sequence twice,
-   50 ms apart, ends that; harmless to everybody else. Ask again.
+   50 ms apart, ends that, and does not disturb other boards. Ask again.
 3. A NaviCtrl answered and the FlightCtrl's release is unknown: once fresh telemetry says that the motors stand still,
    redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile. Motors that
    run are waited for; a FlightCtrl that does not answer is looked for again, ever more seldom, and then no more.
@@ -43,7 +43,7 @@ of telemetry; their number is `link.flightctrl_looks`."""
 STILL: Final = 0.3
 """A NaviCtrl that passes the line through is silent for this long after three questions of 0.15 s [s]."""
 DISCOVERY_TIME: Final = 4.0
-"""How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
+"""Longest wait of a request for the identification of the boards [s]; a start takes 0.5-1.5 s."""
 
 
 async def discover(link: Link) -> None:

@@ -70,7 +70,7 @@ class SilentObserver:
         """Ignore it."""
 
     async def live_set_at_risk(self, wanted: LiveSet) -> None:
-        """Refuse: somebody must keep a note of the live set.
+        """Refuse: a note of the live set is needed.
 
         Raises:
             ProtocolError: always.

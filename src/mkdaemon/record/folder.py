@@ -226,7 +226,7 @@ class RawFile:
         os.fdatasync(self._number)
 
     def is_in_place(self) -> bool:
-        """Whether the file still has its name: somebody may have removed it or its folder."""
+        """Whether the file still has its name: another program may have removed it or its folder."""
         try:
             found = self.path.stat()
         except OSError:

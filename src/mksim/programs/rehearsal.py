@@ -113,7 +113,7 @@ class RehearsedEyes(Eyes):
     Attributes:
         images: processed.
         posed: of those, with a pose.
-        is_watched: somebody looks at the images.
+        is_watched: a viewer shows the images.
     """
 
     def __init__(
@@ -318,7 +318,7 @@ class Rehearsal:
         self._watch_world = moved
 
     def watch(self, follow: Show) -> None:
-        """Let somebody hear of every value, what the camera sees among them."""
+        """Report every value, also the camera's view."""
         self.bus.followers.append(follow)
         self._eyes.is_watched = True
 

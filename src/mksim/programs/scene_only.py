@@ -1,4 +1,4 @@
-"""`mkdaemon sim --scene-only`: the simulated camera alone, flown by whoever publishes a pose."""
+"""`mkdaemon sim --scene-only`: the simulated camera alone, moved by published poses."""
 
 from __future__ import annotations
 

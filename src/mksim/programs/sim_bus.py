@@ -181,7 +181,7 @@ async def sim_on_bus(
     *,
     port: str = "",
 ) -> AsyncIterator[None]:
-    """Be on the bus, whenever somebody listens, for as long as the context lasts.
+    """Be on the bus, whenever a daemon listens, while the context lasts.
 
     Args:
         simulation: the aircraft.

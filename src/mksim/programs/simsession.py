@@ -14,7 +14,7 @@ from mkdaemon.errors import ConfigError, MkError
 
 _RETRY = 2.0
 _PATIENCE_TIME = 0.5
-"""Longest attempt to find somebody who listens; the program's end waits for it."""
+"""Longest attempt to connect to a daemon; the program's end waits for it."""
 _ENDPOINT = re.compile(r"[a-z_]+/\S+")
 
 

@@ -48,12 +48,12 @@ def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
 @BUSY_ROWS.row(
     "stick frames",
     _BOTH,
-    "it keeps stick frames from the aircraft, or excludes flying, and somebody holds the lease or takes it",
+    "it keeps stick frames from the aircraft, or excludes flying, and a client holds or takes the lease",
     Token.FLYING,
     is_early=True,
 )
 def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
-    """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
+    """Refuse what keeps stick frames from the aircraft during a flight, or while a client takes the lease."""
     is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow and wanted.is_disturbing)
     if is_harmless or now.is_free:
         return passed()

@@ -223,7 +223,7 @@ def _model(now: Situation) -> Verdict:
 )
 def _loop(now: Situation) -> Verdict:
     if now.loop is not None:
-        # A new one: whoever raises it would hang the way it went to one that is kept.
+        # A new error each time: raising a kept one would add its traceback to it.
         return stands(CommandRejectedError(now.loop.token, now.loop.reason, now.loop.fix))
     return passed("stable on the model of this aircraft, with the configured limits")
 

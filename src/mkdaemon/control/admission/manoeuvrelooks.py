@@ -54,7 +54,7 @@ def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
     Token.TARGET_UNCLEAR,
 )
 def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Whoever names no target means the one that is flown by, else the one in sight, or below."""
+    """Without a name, the target is the one in use, else the one in sight or below."""
     if wanted.target or (now.flown is not None and now.flown.is_by_target):
         return passed()
     entry, name = now.entry, f"setpoint/{wanted.concern}"

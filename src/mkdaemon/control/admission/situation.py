@@ -19,7 +19,7 @@ from mkdaemon.telemetry.vision import VisionStats
 
 @dataclass(frozen=True, slots=True)
 class OwedSet:
-    """A live set of the FlightCtrl that has to be proven before anybody relies on it.
+    """A live set of the FlightCtrl that must be proven before it is used.
 
     Attributes:
         slot: number of the set.

@@ -83,7 +83,7 @@ class _Slot:
 class RollbackFilter:
     """State and covariance of `k` equal axes with `n` states.
 
-    What a measurement changes is brought up to the newest state when somebody asks for it: an image gives two
+    The effect of a measurement is carried to the newest state when that state is read: an image gives two
     measurements of one moment.
 
     Attributes:

@@ -176,7 +176,7 @@ def refusal_for(verb: str, error: Exception, link: Link) -> CommandRejectedError
         case CommandRejectedError():
             return error
         case InterruptedProcedureError():
-            return refuse(Token.CANCELLED, name=verb, detail="somebody asked for that, or the daemon ends")
+            return refuse(Token.CANCELLED, name=verb, detail="a client asked for it, or the daemon ends")
         case LinkLostError():
             condition = link.health().state.condition.value
             return refuse(Token.LINK_DOWN, state=condition, detail=str(error))

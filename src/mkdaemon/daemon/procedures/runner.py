@@ -244,7 +244,7 @@ class ProcedureRunner:
                 self._fail(job, observer, InterruptedProcedureError("it was ended where it stood"))
 
     def _free_line(self, job: Job) -> None:
-        """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
+        """Let the next procedure start, before the waiting client gets the end and may ask for it."""
         if self._job is job:
             self._job, self._interlock.running, self._interlock.is_alone = None, None, False
 

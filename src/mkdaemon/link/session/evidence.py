@@ -124,7 +124,7 @@ class Arrivals:
 
     @property
     def asked(self) -> list[FrameKind]:
-        """The kinds somebody asked for."""
+        """The kinds that were requested."""
         return [kind for kind in self._kinds.values() if kind.interval is not None]
 
     def overdue(self, now: float) -> list[FrameKind]:

@@ -335,7 +335,7 @@ class Exchange:
         self._wake(min(self._dialogue.next_time(now), self._judge_at, look), now)
 
     def _write(self, port: Port, entry: Entry) -> None:
-        """Write one frame, and tell whoever listens.
+        """Write one frame, and report it to the listeners.
 
         Raises:
             LinkLostError: the port is lost.

@@ -140,7 +140,7 @@ class Identity:
         return changed
 
     def port_opened(self) -> None:
-        """Whoever is there must show himself."""
+        """The aircraft must be identified again."""
         self._peers.restart()
         self.flight.port_opened()
         self._changed = True

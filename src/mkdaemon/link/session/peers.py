@@ -113,7 +113,7 @@ class Peers:
     def note_sender(self, board: Board) -> bool:
         """Note that a frame came from a board; returns whether the wire ends at another board than before.
 
-        A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection somebody left open); a NaviCtrl that
+        A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection left open); a NaviCtrl that
         speaks is always at the end of the wire.
         """
         if board not in _PILOTS:

@@ -1,9 +1,9 @@
 """Procedures: conversations with a board that take several requests, written without I/O and without a clock.
 
 A procedure is a generator. It yields what it wants done next and is sent what came back: the answer to a request, or
-None when none came in time. Whoever drives it owns the line: the daemon over its link (`mkdaemon.link.procedures`),
-tests and campaigns over a simulated line in virtual time. A procedure ends with its result or raises, so there is no
-third outcome.
+None when none came in time. The driver of a procedure owns the line: the daemon over its link
+(`mkdaemon.link.procedures`), tests and campaigns over a simulated line in virtual time. A procedure ends with its
+result or raises.
 
 The line may lose, damage, delay and repeat frames, but keeps their order. Source: docs/firmware-notes, "Losses".
 """
@@ -80,7 +80,7 @@ class LiveSet:
 
 @dataclass(frozen=True, slots=True)
 class LiveSetAtRisk:
-    """From the next request on another set may be live: whoever drives the procedure notes which one belongs there.
+    """From the next request on another set may be live: the driver notes which one must be restored.
 
     Attributes:
         wanted: what has to be live in the end.

@@ -229,7 +229,7 @@ BUS: Final = (
     Check(
         "open-bus",
         Severity.WARNING,
-        what="{endpoints} lets everybody in the network fly the aircraft",
+        what="{endpoints} lets every program in the network fly the aircraft",
         why="bus.allow_open says so.",
         fix="Listen on 127.0.0.1, or give each client a certificate.",
         command="mkdaemon security new-ca --help",
@@ -249,7 +249,7 @@ BUS: Final = (
     Check(
         "private-key",
         Severity.WARNING,
-        what="everybody on this machine may read the private key {file}",
+        what="every user of this machine can read the private key {file}",
         why="Who has read it is who it belongs to.",
         fix="Keep it to its owner.",
         command="chmod o-rwx {file}",
