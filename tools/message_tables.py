@@ -68,7 +68,7 @@ def troubles_page(root: Path) -> str:
 
 
 def _first_letter(printed: str) -> str:
-    return re.sub(r"\W+", "", printed)[:1].upper()
+    return "Begins with a number" if printed.startswith("{") else re.sub(r"\W+", "", printed)[:1].upper()
 
 
 def _alarm(alarm: StrEnum) -> Message:

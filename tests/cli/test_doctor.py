@@ -381,10 +381,10 @@ FAULTS = {
     "a file of mkdaemon security that everybody may read": (
         "private-key",
         lambda t: certify(t, days=300, mode=0o644),
-        "may read the private key",
+        "can read the private key",
         "chmod o-rwx",
     ),
-    "a key that everybody may read": ("private-key", open_key, "everybody on this machine", "chmod o-rwx"),
+    "a key that everybody may read": ("private-key", open_key, "every user of this machine", "chmod o-rwx"),
     "no camera": ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist", "v4l2-ctl"),
     "a camera without rights": (
         "camera-forbidden",
