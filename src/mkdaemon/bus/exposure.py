@@ -1,4 +1,4 @@
-"""Who can reach the bus: what listens to the network, and whether it asks who comes."""
+"""Exposure of the bus: which endpoints the network reaches, and whether they authenticate clients."""
 
 from __future__ import annotations
 

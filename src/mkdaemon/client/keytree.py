@@ -139,7 +139,7 @@ class EventKeys:
 
     def __init__(self, transport: Transport) -> None:
         self.command: Stream[CommandEvent] = Stream(transport, "event/command", "mkdaemon.telemetry.event:CommandEvent")
-        """`event/command`, every command: Who asked what, what was decided and why."""
+        """`event/command`, every command: Every request: client, decision, reason."""
         self.mode: Stream[ModeEvent] = Stream(transport, "event/mode", "mkdaemon.telemetry.event:ModeEvent")
         """`event/mode`, on change: Authority or flight mode changed."""
         self.failsafe: Stream[FailsafeEvent] = Stream(

@@ -1,4 +1,4 @@
-"""Who may fly, and what is sent because of it: one lease at a time, and the ladder from setpoint to release.
+"""Authority over the aircraft: one lease at a time, and the ladder from setpoint to release.
 
 A pure state machine over the table of `modes`: every method takes `now` [s; monotonic] and nothing happens between
 calls. Frames of an old epoch cannot leave: only `tick` hands out sticks, and it hands out those of the present lease.

@@ -179,7 +179,7 @@ class FlightCore:
         granted: LeaseState | None = None
         match request.action:
             case "take":
-                # Who takes the lease over must not wait for the gate to be read.
+                # A take-over of the lease must not wait until the gate is read.
                 is_to_be_read = found is None and self._authority.lease(now) is None
                 if found is not None or is_to_be_read:
                     self._preflight.active_set = found or UNREAD

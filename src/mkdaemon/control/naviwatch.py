@@ -19,7 +19,7 @@ PERIOD: Final = 1.0
 SAME_PLACE: Final = 1.0
 """A target within this distance of home is home [m]."""
 AT_HOME: Final = 5.0
-"""Who is so close to home has come home [m]; GPS is good for 2 to 3 m."""
+"""Distance from home that counts as arrived [m]; GPS is good for 2 to 3 m."""
 _QUIET: Final = frozenset({NaviStage.GROUND, NaviStage.FREE})
 
 HANDS: Final = {

@@ -1,4 +1,4 @@
-"""The audit trail: who asked what, what was decided and why; nothing that moves the aircraft is invisible."""
+"""The audit trail: every request with its client, the decision and its reason. Every command is published."""
 
 from __future__ import annotations
 

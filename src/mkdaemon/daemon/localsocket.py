@@ -116,7 +116,7 @@ class Reception(threading.Thread):
         self._waker, self._woken = socket.socketpair()
 
     def close(self) -> None:
-        """End it; from any thread. Who has asked is still answered where the loop gets to it."""
+        """End it; from any thread. Requests that were read are still answered if the loop gets to them."""
         self._is_over = True
         self._waker.send(b".")
         self.join(CLOSING)
@@ -215,7 +215,7 @@ class Reception(threading.Thread):
 
 
 def _reply(connection: socket.socket, result: CommandResult) -> None:
-    """Answer and hang up; an answer is shorter than what the kernel keeps for who does not read."""
+    """Answer and close; an answer is shorter than the kernel's buffer for a client that does not read."""
     with connection, suppress(OSError):
         connection.send(result.model_dump_json().encode() + b"\n")
 

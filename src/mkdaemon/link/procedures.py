@@ -171,7 +171,7 @@ async def way_to(
 
     Args:
         link: the line.
-        board: who is to hear it.
+        board: the addressee.
         message: the message.
         admit: see `redirection`.
 

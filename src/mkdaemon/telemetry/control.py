@@ -1,4 +1,4 @@
-"""Who may fly, and what is sent to the aircraft."""
+"""The lease, the phase of control, and what is sent to the aircraft."""
 
 from __future__ import annotations
 
@@ -255,7 +255,7 @@ class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 
     holder: str
-    """Who may fly."""
+    """The present lease."""
     epoch: int
     """Every lease has its own; setpoints of any other are refused."""
     ttl: float

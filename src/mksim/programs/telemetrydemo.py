@@ -287,7 +287,7 @@ async def _last_words(process: Process) -> str:
     """What a process that failed said last."""
     if process.returncode is None:
         process.terminate()
-    elif process.returncode < 0:  # who was killed said nothing of it: his last line is about something else
+    elif process.returncode < 0:  # a killed process printed no reason: its last line is about something else
         return f"exit code {process.returncode}"
     assert process.stderr is not None
     with suppress(TimeoutError):

@@ -15,7 +15,7 @@ from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import SetpointFrame
 
 STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
+"""Up to this height above its standing height the aircraft is on the ground [m]."""
 CARRIES: Final = 0.6
 """With more throttle the aircraft may be in the air [share of hover]: a third of its weight is carried."""
 

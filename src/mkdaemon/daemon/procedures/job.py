@@ -43,7 +43,7 @@ class Job:
 
     Attributes:
         verb: what it is.
-        holder: who asked.
+        holder: the client that asked.
         work: does it; hears of itself through the observer.
         is_alone: it excludes flying, and motors must be known to stand still at each dangerous request.
         id: of this run.

@@ -39,7 +39,7 @@ class Note(BaseModel):
     verb: str
     """What it is."""
     holder: str
-    """Who asked for it."""
+    """The client that asked for it."""
     stamp: Stamp
     """When the note was taken."""
     board: str = "fc"

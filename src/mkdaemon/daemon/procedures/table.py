@@ -26,7 +26,7 @@ class ProcedureSpec:
     """One procedure.
 
     Attributes:
-        board: who is asked.
+        board: the addressee.
         make: makes the procedure for a request.
         is_alone: motors must be off and nothing may fly, unless the request says `in_flight`.
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.

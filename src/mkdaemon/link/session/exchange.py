@@ -47,7 +47,7 @@ CLOSED: Final = "closed by us"
 Answer = asyncio.Future[WireMessage | None]
 """Of a question: its answer; None where it was sent and none ever comes."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
-"""Finds out who is there whenever `needs_discovery` is set; runs for ever."""
+"""Identifies the boards whenever `needs_discovery` is set; runs for ever."""
 
 
 class Waiters:

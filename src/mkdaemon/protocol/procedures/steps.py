@@ -23,7 +23,7 @@ class Ask:
     """Send a request once and wait for its answer.
 
     Attributes:
-        board: who is asked; only this board's frames can answer.
+        board: the addressee; only its frames can answer.
         message: the request.
         accepts: whether a message of that board answers this very request; late answers to others do not.
         timeout: how long to wait after the last byte was sent [s].
@@ -121,7 +121,7 @@ class Question(Generic[_Answer]):
     """A request, and which message answers it.
 
     Attributes:
-        board: who is asked.
+        board: the addressee.
         message: the request.
         kinds: classes of the answer, one for each layout.
         fits: whether a message of these kinds answers this very request.
