@@ -9,7 +9,7 @@ A broken line is another thing: an aircraft whose frames are lost obeys the last
 confirms frames, its response to the confirmed ones is weighed beside its response to all: while either explains what
 is reported, the aircraft obeys. The first frame that is confirmed after a break ends what was found during it.
 
-Level sticks cannot be verified by tilt. Then a level aircraft counts as an answer, because a pilot who flies tilts it.
+Level sticks cannot be verified by tilt. Then a level aircraft counts as an answer, because a pilot's sticks tilt it.
 In still air the pilot may hold it level for a while: after each wrong conclusion it must stay level for twice as long.
 
 Where a board reports the gate itself, that decides. Source of the weighing: cumulative sums of log-likelihoods, E. S.

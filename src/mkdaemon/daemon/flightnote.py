@@ -101,7 +101,7 @@ class FlightNotes:
         self._clock = clock
 
     def read(self) -> FlightMemory | None:
-        """Return what an earlier daemon knew; None where there is nothing, or nothing that can be believed."""
+        """Return the note of an earlier daemon; None without a note, or if it cannot be trusted."""
         try:
             note = FlightNote.model_validate_json(read_bytes(self._path, _LONGEST), strict=True)
         except (OSError, ValidationError):

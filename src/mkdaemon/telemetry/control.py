@@ -387,7 +387,7 @@ class EstimateValue(Telemetry):
 
 
 class ControlEstimate(Stamped, EstimateValue):
-    """What the flight core believes: `control/estimate`, with every stick frame in the air; nothing on the ground."""
+    """The flight core's estimate: `control/estimate`, with every stick frame in the air; nothing on the ground."""
 
 
 class ErrorValue(Telemetry):

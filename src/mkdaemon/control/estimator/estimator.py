@@ -405,7 +405,7 @@ class Estimator:
         row[P], row[T] = 1.0, seen[2]
         variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
-        gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
+        gate = GATE if is_trusted or doubt is not None else 0.0  # a contradicting camera is compared, not used
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
@@ -561,9 +561,9 @@ class Estimator:
         self.caution = min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0)
 
     def _believe(self) -> None:
-        """Go on with the beliefs of the caution.
+        """Continue with the tuning for the present caution.
 
-        Once an image and before it: nothing is late then, so nothing has to come forward for it.
+        Called once for each image and before it: then the filter has nothing to repeat.
         """
         if self._believed == self.caution:
             return

@@ -1,14 +1,14 @@
-"""The aircraft as a plant: what a stick count does, from the parameter set of its FlightCtrl.
+"""The aircraft as a plant: its response to the sticks, from the parameter set of its FlightCtrl.
 
 One horizontal axis, with `u` the stick in radians of wanted tilt (docs/control.md, "The attitude loop")::
 
     p'  = v                                  position relative to the target
     v'  = g t - c v + d                      d: acceleration by wind, by the target's own motion, by model errors
     t'  = w                                  true tilt
-    th' = w - (th - (c v - d) / g - b) / ta  the tilt that the FlightCtrl believes; the last term is its leak
+    th' = w - (th - (c v - d) / g - b) / ta  the FlightCtrl's own estimate of the tilt; the last term is its leak
     z'  = th - us
     w'  = (-a1 (th - us) - a2 z - w) / tw    the rate loop
-    us' = (u - us) / ts                      the stick filter of FC >= 2.10, next to nothing before
+    us' = (u - us) / ts                      the stick filter of FC >= 2.10, small before
     b' = 0                                   tilt of the accelerometers against the airframe
 
 and the vertical axis, with `q` the squared ratio of throttle to hover throttle, less one::

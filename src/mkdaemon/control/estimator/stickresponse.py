@@ -204,7 +204,7 @@ class StickResponse:
 
 
 def tilt_response(model: AircraftModel) -> tuple[Array, Array]:
-    """Transition (4, 4) and input (4,) over `STEP` of believed tilt, its integral, its rate and the filtered stick."""
+    """Transition (4, 4) and input (4,) over `STEP` of the FlightCtrl's tilt, integral, rate and filtered stick."""
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / model.leak, 1.0
     a[1, 0], a[1, 3] = 1.0, -1.0

@@ -1,18 +1,14 @@
 """Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
 
-Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` it is decided: throttle
-falls below hover and stays there until the feet stand. An aircraft that is suddenly believed to be low has not sunk
-there, and is not decided for; a fresh image of one that is high takes the decision back. That the feet stand is final,
-and needs evidence: a fresh image, or a
-fall that cannot have been shorter (`Fall`). Source: docs/lab/control.md, "Landing"; without the final push a third to
-two thirds of the landings miss.
+Near the ground the rotors' cushion pushes the aircraft sideways. Therefore, below `commit_height`, the landing is
+committed: the throttle falls below hover and stays there until the feet stand. The estimate must have sunk to that
+height; a sudden jump does not commit. A fresh image of an aircraft that is high cancels it. Without the final push a
+third to two thirds of the landings miss (docs/lab/control.md, "Landing").
 
-How far a sinking aircraft must have come down at least, from its thrust alone.
-
-Nothing on the line says that the feet stand. What is left without an image is physics: from the highest place where the
-aircraft can have been, at the slowest sink it can have had, with the thrust that was sent and the cushion of the
-ground, there is a time by which it has come down. Source of the cushion: I. Cheeseman and W. Bennett, ARC R&M 3021,
-1955.
+A touchdown is final, and needs evidence: a fresh image, or a fall of sufficient length (`Fall`). No message on the line
+reports the touchdown. Without an image, `Fall` bounds the time of it: from the highest possible position, with the
+slowest possible sink rate, the thrust that was sent and the ground effect, the aircraft must have come down. Source of
+the ground effect: I. Cheeseman and W. Bennett, ARC R&M 3021, 1955.
 """
 
 from __future__ import annotations

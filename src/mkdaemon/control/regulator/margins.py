@@ -46,7 +46,7 @@ FLIGHT_FROM: Final = 0.5
 FLIGHT_WIND: Final = 2.0
 """That it has to bear: the light wind of docs/lab/control.md [m/s]."""
 HOVER_DOUBT: Final = 0.1
-"""Thrust it must make up for, either way: an aircraft heavier or lighter than believed [share of the weight]."""
+"""Thrust it must make up for, either way: an aircraft heavier or lighter than assumed [share of the weight]."""
 _NOWHERE: Final = np.zeros(3)
 _UNMOVED: Final = np.zeros((2, LEVEL_STATES))
 _AT_REST: Final = np.zeros(4)

@@ -321,10 +321,10 @@ def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tu
     both = Unknowns([line["beyond"], line["light"]])
     scatter = max(MAD * median(np.abs(residual)), 1.0)
     weights = 1.0 / np.maximum((residual / (LIMITS.certainty.deviations * scatter)) ** 2, 1.0)
-    anew = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
+    refitted = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
     # Of what the motion lacks the residual holds no more than is beside what was taken out.
-    line["beyond"] = replace(line["beyond"], off=-anew[both["beyond"]])
-    return residual - anew @ both.rows, list(line.values())
+    line["beyond"] = replace(line["beyond"], off=-refitted[both["beyond"]])
+    return residual - refitted @ both.rows, list(line.values())
 
 
 START_BLUR_PX = 0.7
