@@ -58,9 +58,9 @@ PAD_STARTS: Final = 45.0
 PAD_SPEED: Final = 0.3
 """Of the target once it moves, east [m/s]."""
 IMAGE_LATENCY: Final = 0.060
-"""From the exposure to the host [s]; the eyes' own time comes on top."""
+"""From the exposure to the host [s]; vision's computing time is added."""
 EYES_TIME: Final = 0.020
-"""What the eyes need for an image on an ordinary computer [s]; virtual time knows no computer."""
+"""Computing time of vision for an image on an ordinary computer [s], because virtual time has none."""
 
 
 def simulated_aircraft(seed: int, wind: str, fps: float, loss: float | None = None) -> SimConfig:
@@ -111,9 +111,9 @@ class RehearsedEyes(Eyes):
     """The camera of the simulated aircraft and what looks through it.
 
     Attributes:
-        images: looked at so far.
+        images: processed.
         posed: of those, with a pose.
-        is_watched: somebody looks at the images.
+        is_watched: a viewer shows the images.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class RehearsedEyes(Eyes):
         self._stream = StreamStatus(EyeState.OK, "", fps=scene.cfg.fps, width=lens.width, height=lens.height)
 
     def attitude_received(self, attitude: Attitude) -> None:
-        """Tell the eyes how the vehicle lies."""
+        """Give vision the attitude."""
         at = attitude.stamp.monotonic
         self._attitudes.append(AttitudeSample(at, attitude.roll, attitude.pitch, attitude.yaw))
 
@@ -208,7 +208,7 @@ class FlightPart:
 
 
 def over_pad(name: str, east: float, seconds: float | None = None, **more: Any) -> FlightPart:
-    """Hold a place so far east of the middle of the target [m], `HEIGHT` above it."""
+    """Hold a place `east` of the middle of the target [m], `HEIGHT` above it."""
     fields = {"position": (east, 0.0, HEIGHT), "frame": SetpointFrame.PAD}
     return FlightPart(name, PositionSetpoint, fields, seconds, **more)
 
@@ -271,7 +271,7 @@ class Rehearsal:
             watcher: sees the flight.
             parts: what is flown.
             moved: called after every step of the world with the time [s].
-            calibrated: what the eyes believe of the lens through which images are rendered.
+            calibrated: the calibration that vision uses of the lens through which images are rendered.
         """
         loop = asyncio.get_running_loop()
         world, seed = aircraft.world, config.seed
@@ -318,7 +318,7 @@ class Rehearsal:
         self._watch_world = moved
 
     def watch(self, follow: Show) -> None:
-        """Let somebody hear of every value, what the camera sees among them."""
+        """Report every value, also the camera's view."""
         self.bus.followers.append(follow)
         self._eyes.is_watched = True
 
