@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from mkdaemon.bus.keys import fresh_for
 from mkdaemon.reading.known import Knowledge, Known
 from mkdaemon.spelling import on_one_line
-from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, Phase
+from mkdaemon.telemetry.control import NEVER_TAKEN, ControlError, ControlEstimate, ControlStatus, Phase
 from mkdaemon.telemetry.link import FATES, LinkHealth, LinkState
 from mkdaemon.telemetry.record import RecordStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
@@ -27,8 +27,6 @@ WEAK_CELL: Final = 3.5
 """A lithium cell below this has less than a tenth left, less under load [V]."""
 EMPTY_CELL: Final = 3.0
 """A lithium cell below this is damaged [V]."""
-NEVER_TAKEN: Final = "nobody has taken the lease"
-"""The daemon's reason before the first lease, which says what the words of the phase say."""
 SIGHT: Final = fresh_for("vision/<camera>/pose") or 0.0
 """A target whose last pose is older is not in sight [s]."""
 DEAD_RECKONING: Final = fresh_for("control/estimate") or 0.0

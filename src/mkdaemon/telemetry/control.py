@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
-from typing import Self
+from typing import Final, Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.tone import Tone, ToneEnum
@@ -18,6 +18,10 @@ class Trait(Enum):
     """The newest setpoint is followed."""
     ABORTABLE = auto()
     """An abort changes what is flown."""
+
+
+NEVER_TAKEN: Final = "no lease was requested yet"
+"""Reason before the first lease: it says no more than the words of the phase."""
 
 
 class Phase(StrEnum):
