@@ -95,7 +95,6 @@ class Exhibit:
         self._is_watched = asyncio.Event()
         self._looking: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._made: list[tuple[Channel, bytes, int, int | None]] = []
         for topic in TOPICS:
             if not topic.is_of_a_camera:
                 self._add_topic(topic)
@@ -169,7 +168,6 @@ class Exhibit:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._send()
         for line in self.lines.values():
             line.channel.close()
 
@@ -228,15 +226,7 @@ class Exhibit:
         with self.faults.contained(line.channel.topic()):  # a stranger may put numbers that no message can have
             message = _message(convert, sample)
             if message is not None:
-                if not self._made:
-                    asyncio.get_running_loop().call_soon(self._send)
-                self._made.append((line.channel, message, wall, client))
-
-    def _send(self) -> None:
-        """Hand over what was made since the last time: the server's thread is woken once, not for each message."""
-        made, self._made = self._made, []
-        for channel, message, wall, client in made:
-            channel.log(message, log_time=wall, sink_id=client)
+                line.channel.log(message, log_time=wall, sink_id=client)
 
     def _begin_anew(self) -> None:
         """A recording goes on at another place, or somebody else speaks for the vehicle: what was known is not true."""
