@@ -19,17 +19,12 @@ from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
-    "configs/systemd/mkdaemon-gateway@.service": "tools.service_units:gateway",
-    "configs/systemd/mkdaemon-recorder.service": "tools.service_units:recorder",
-    "configs/systemd/mkdaemon.service": "tools.service_units:daemon",
-    "configs/systemd/mkdaemon@.service": "tools.service_units:daemon_of_many",
     "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
     "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
-    "docs/doctor.md": "tools.doctor_page:doctor_page",
     "docs/figures/architecture.svg": "tools.page_drawings:architecture_picture",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
     "docs/figures/flying.svg": "tools.page_drawings:flying_picture",

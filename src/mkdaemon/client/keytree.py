@@ -139,7 +139,7 @@ class EventKeys:
 
     def __init__(self, transport: Transport) -> None:
         self.command: Stream[CommandEvent] = Stream(transport, "event/command", "mkdaemon.telemetry.event:CommandEvent")
-        """`event/command`, every command: Who asked what, what was decided and why."""
+        """`event/command`, every command: Every request: client, decision, reason."""
         self.mode: Stream[ModeEvent] = Stream(transport, "event/mode", "mkdaemon.telemetry.event:ModeEvent")
         """`event/mode`, on change: Authority or flight mode changed."""
         self.failsafe: Stream[FailsafeEvent] = Stream(
@@ -157,7 +157,7 @@ class EventKeys:
         self.clock: Stream[ClockEvent] = Stream(transport, "event/clock", "mkdaemon.telemetry.event:ClockEvent")
         """`event/clock`, on occurrence: The system clock was set: how far, and which way."""
         self.mark: Stream[MarkEvent] = Stream(transport, "event/mark", "mkdaemon.telemetry.record:MarkEvent")
-        """`event/mark`, on occurrence: Somebody marked this moment for the recordings."""
+        """`event/mark`, on occurrence: A client marked this moment for the recordings."""
         self.log: Stream[LogEvent] = Stream(transport, "event/log", "mkdaemon.telemetry.event:LogEvent")
         """`event/log`, on occurrence: Other things worth knowing."""
 

@@ -83,9 +83,9 @@ def validated(
 
 
 def samples_folder() -> Path:
-    """Where the sample configurations are: beside the installed package, or in the source tree."""
-    installed = Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
-    return installed if installed.is_dir() else Path("configs")
+    """Where the sample configurations are: in the source tree that this module is read from, or installed beside it."""
+    tree = Path(__file__).parents[3] / "configs"
+    return tree if tree.is_dir() else Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
 
 
 def read_file(path: Path) -> str:

@@ -27,6 +27,8 @@ WEAK_CELL: Final = 3.5
 """A lithium cell below this has less than a tenth left, less under load [V]."""
 EMPTY_CELL: Final = 3.0
 """A lithium cell below this is damaged [V]."""
+NEVER_TAKEN: Final = "nobody has taken the lease"
+"""The daemon's reason before the first lease, which says what the words of the phase say."""
 SIGHT: Final = fresh_for("vision/<camera>/pose") or 0.0
 """A target whose last pose is older is not in sight [s]."""
 DEAD_RECKONING: Final = fresh_for("control/estimate") or 0.0
@@ -123,7 +125,7 @@ def phase_words(status: ControlStatus) -> str:
 
 def _control(status: ControlStatus, known: Knowledge) -> Wording:
     words = status.phase.words.format(holder=holder_of(status))
-    words = words if status.reason in ("", words) else f"{words}; {status.reason}"
+    words = words if status.reason in ("", words, NEVER_TAKEN) else f"{words}; {status.reason}"
     layout = status.external_control or "not possible"
     return Wording(f"{words}; external control {layout}", Tone.BAD if status.trouble else status.phase.tone)
 

@@ -1,7 +1,5 @@
 """What was asked, decided and noticed: the audit trail under `event/`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from mkdaemon.telemetry.base import Stamped

@@ -1,7 +1,5 @@
 """What the link says about itself: state, health and traffic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
@@ -112,7 +110,7 @@ class Fates(Telemetry):
     outage: int = 0
     """Unanswered while the line was lost, or while this program stood still."""
     withdrawn: int = 0
-    """Unanswered when whoever had asked stopped waiting."""
+    """Unanswered when the requester stopped waiting."""
 
     @property
     def words(self) -> str:
@@ -125,7 +123,7 @@ class Fates(Telemetry):
         parts += [f"{self.waiting} waiting"] if self.waiting else []
         return ", ".join(parts)
 
-    def since(self, before: Fates) -> Fates:
+    def since(self, before: "Fates") -> "Fates":
         """What became of the frames that were sent after an earlier count."""
         return Fates(**{name: count - getattr(before, name) for name, count in self})
 

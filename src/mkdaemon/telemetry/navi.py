@@ -1,7 +1,5 @@
 """What the NaviCtrl flies by its own position control: a target, a route, the way home; and how it is asked to."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Annotated
 

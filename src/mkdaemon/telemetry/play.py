@@ -1,7 +1,5 @@
 """What a player of recordings says about itself."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What must be true before a flight, what was found, and what to do about it."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Final
 

@@ -4,8 +4,6 @@ Every request may name its `holder`, which others read in the progress and in re
 `settings` and `mission`.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field
@@ -34,7 +32,7 @@ class ProcedureProgress(Stamped):
     verb: str
     """What was asked for, `settings_backup`; `recovery` where the daemon itself began it."""
     holder: str
-    """Who asked."""
+    """The client that asked."""
     state: ProcedureState
     """Where it stands."""
     step: int

@@ -1,7 +1,5 @@
 """What the daemon's recorder does, and the marks that people set in recordings."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from mkdaemon.telemetry.base import Command, Stamped
@@ -66,7 +64,7 @@ class MarkRequest(Command):
 
 
 class MarkEvent(Stamped):
-    """Somebody marked a moment: `event/mark`."""
+    """A client marked a moment: `event/mark`."""
 
     text: str
     """What happened."""

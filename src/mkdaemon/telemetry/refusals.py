@@ -3,8 +3,6 @@
 A client can know them all: docs/keys.md shows this table, and a test walks it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, Final, Self
@@ -556,7 +554,7 @@ class Token(StrEnum):
     )
     LABELS_INCONSISTENT = (
         "labels_inconsistent",
-        "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",
+        "the checksum of the labels differs from the {board}'s ({found:#04x}, not {wanted:#04x}).",
         "Read them again on a better line.",
     )
 

@@ -1,7 +1,5 @@
 """What clients stream to fly: setpoints, each with the lease it stands on, a sequence number and a time to live."""
 
-from __future__ import annotations
-
 import math
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final

@@ -3,8 +3,6 @@
 Parameter sets are bytes as they cross the line: revision first, padding behind the last field kept.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -144,7 +142,7 @@ class OwedSet(Described):
     verb: str
     """What it was."""
     holder: str
-    """Who had asked."""
+    """The client that asked."""
     stamp: Stamp
     """When the note was taken."""
     firmware: str

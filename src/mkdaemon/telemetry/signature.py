@@ -8,8 +8,6 @@ A setpoint says when it was sent, by a clock of its sender's that only runs on: 
 signature. The daemon learns from the stamps of a lease how that clock stands to its own (`mkdaemon.bus.senderclock`).
 """
 
-from __future__ import annotations
-
 import hmac
 from dataclasses import dataclass, field
 from typing import Final
@@ -53,7 +51,7 @@ def stamp_of(proof: bytes) -> float | None:
 
 
 def private_key(secret: str, key: str) -> str:
-    """The key below a plain one that only who knows a secret can name; no wildcard matches its last chunk.
+    """The key below a plain one that only an owner of the secret can name; no wildcard matches its last chunk.
 
     Args:
         secret: shared by both sides.

@@ -1,7 +1,5 @@
 """What the simulator says about itself: the true state and the faults that run. Never read by flight code."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

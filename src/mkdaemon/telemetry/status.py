@@ -1,7 +1,5 @@
 """How a command ends, as its reply says it."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -3,8 +3,6 @@
 The stamp is the moment the last byte arrived, or was handed to the port.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from mkdaemon.telemetry.base import Stamped
@@ -29,7 +27,7 @@ class FrameSample(Stamped):
     sequence: int
     """The same number as in `raw/rx` or `raw/tx`."""
     board: str
-    """fc, nc, mag, osd, bl: who sent it or was addressed; any: whoever listens; other: no known board."""
+    """fc, nc, mag, osd, bl: the sender or the addressee; any: every board; other: no known board."""
     id: str
     """Command letter."""
     message: str

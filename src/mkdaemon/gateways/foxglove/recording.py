@@ -13,7 +13,7 @@ from typing import Final
 from foxglove import Schema
 from mcap.writer import Writer
 
-from mkdaemon.client.export.values import Value
+from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
 from mkdaemon.files import saving
 from mkdaemon.gateways.faults import expressible
@@ -44,8 +44,8 @@ class _Aircraft:
         self._lines: dict[str, list[_Line]] = {}
         self._topics: dict[str, _Line] = {}
 
-    def take(self, value: Value) -> int:
-        """Write every message that a value makes; their number. Raises `MkError` as `Value.stamped` does."""
+    def take(self, value: ExportedValue) -> int:
+        """Write every message that a value makes; their number. Raises `MkError` as `ExportedValue.stamped` does."""
         if value.suffix not in self._lines:
             self._lines[value.suffix] = self._lines_of(value)
         count, at = 0, min(max(nanoseconds(value.wall), 0), LATEST)
@@ -57,7 +57,7 @@ class _Aircraft:
                 count += 1
         return count
 
-    def _lines_of(self, value: Value) -> list[_Line]:
+    def _lines_of(self, value: ExportedValue) -> list[_Line]:
         head, _, rest = value.suffix.partition("/")
         camera = rest.partition("/")[0] if head == "vision" else ""
         rows = [topic.of(camera) if topic.is_of_a_camera else topic for topic in TOPICS]
@@ -77,7 +77,7 @@ class _Aircraft:
         return self._writer.register_channel(self._names.topic(name), encoding, known)
 
 
-def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
+def write(values: Iterable[ExportedValue], path: Path, *, overwrite: bool) -> int:
     """Write a file, whole or not at all; returns the number of messages.
 
     Args:
