@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.extras import needing
 from mkdaemon.cli.printing import show
-from mkdaemon.errors import ConfigError
 
 Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
 
@@ -70,23 +69,10 @@ def export(
             write_bag(read_values(file, key, images=True), bag, overwrite=force)
             written = [bag]
         case "foxglove":
+            with needing("--format foxglove", "foxglove-sdk", "foxglove"):
+                from mkdaemon.gateways.foxglove.recording import write as write_foxglove
+
             written = [output or Path(f"{file.stem}-foxglove.mcap")]
-            write_foxglove = _foxglove_writer()
             write_foxglove(read_values(file, key, images=True), written[0], overwrite=force)
     for path in written:
         show({"written": str(path)}, str(path), as_json=as_json)
-
-
-def _foxglove_writer() -> Callable[..., int]:
-    """The writer of `--format foxglove`.
-
-    Raises:
-        ConfigError: foxglove-sdk is not installed.
-    """
-    try:
-        from mkdaemon.gateways.foxglove.recording import write
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "foxglove":
-            raise
-        raise ConfigError('--format foxglove needs foxglove-sdk: pip install "mkdaemon[foxglove]"') from None
-    return write
