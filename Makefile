@@ -9,14 +9,14 @@ PYTHONS ?= 3.11 3.12 3.13
 # Where it is set, each of the hundred programs that the tests start compiles every module anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check check-lab check-pythons check-view check-gateways bench figures hil docs site walk venv install clean
+.PHONY: demo test check check-lab check-pythons check-view check-gateways check-recipes bench figures hil docs site walk venv install clean
 .DEFAULT_GOAL := demo
 
 demo: venv
 	$(BIN)/mkdaemon demo
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways"
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways and not whole"
 # What the product is measured and rehearsed with proves itself apart: the lab, the tools, the simulator.
 LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance
 
@@ -54,6 +54,10 @@ check-view: venv
 check-gateways: venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps $(addprefix --requirement ,$(wildcard tests/gateways/*/clients.txt))
 	$(BIN)/python -m pytest -q -m gateways tests/gateways
+
+# The recipes of docs/architecture.md, carried out on a copy of the tree, before every test of the packages they edit.
+check-recipes: venv
+	$(BIN)/python -m pytest -q -m whole tests/tools/test_recipes.py
 
 bench: venv
 	$(BIN)/python -m lab protocol --json

@@ -82,6 +82,22 @@ def test_sticks_that_did_not_arrive_are_not_believed_to_act(seed):
     assert max(rig.beside) < 0.3
 
 
+@pytest.mark.parametrize("seed", [1, 2, 5])
+@pytest.mark.parametrize("begins", [0.4, 4.0])
+def test_an_uplink_that_heals_while_the_downlink_is_silent_gets_no_correction_twice(seed, begins):
+    """Nothing shows for 0.4 s that frames arrive again: those whose confirmation is not due yet are taken to act.
+
+    With all of them taken as lost, each frame asked for the whole correction again, and the aircraft carried all of
+    it out: it tilted by 20 to 40 degrees, and went 1 to 10 m aside of a place that it held, or stepped to.
+    """
+    rig = Stepping(Flight(seed=seed, wind=WindClass.LIGHT, seconds=16.0, start=1.9, camera=CameraModel(rate=15.0)))
+    breaks = STEP + begins
+    rig.broken, rig.silent = (breaks, breaks + 0.32), (breaks + 0.32, breaks + 0.72)
+    record = rig.fly()
+    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, Release)]
+    assert rig.farthest < 1.2
+
+
 class GatedConfirming(ConfirmingBoard, Gated):
     """The pilot shuts the gate of a board that confirms frames all the same."""
 
@@ -90,6 +106,39 @@ def test_confirmed_frames_that_tilt_nothing_are_unanswered():
     rig = GatedConfirming(Flight(seed=1, wind=WindClass.INDOOR, seconds=9.0))
     rig.fly()
     assert SHUT < rig.phases()[Phase.UNANSWERED] < SHUT + 2.5
+
+
+def cut_line(*, silent_from=math.inf):
+    """A watch that has got no confirmation since 1.0 s; it gets reports until the downlink falls silent, too."""
+    watch = AnswerWatch(AircraftModel())
+    for number in range(1, 101):
+        at = 0.02 * number
+        watch.sent(0.0, 0.0, at)
+        watch.frame_written(number, at)
+        if at <= 1.0:
+            watch.frame_confirmed(number, at + 0.06)
+        if not silent_from <= at < silent_from + 0.4:
+            watch.attitude_received(at - AircraftModel().attitude_age, 0.0, 0.0, says_something=True)
+    return watch
+
+
+def test_a_frame_is_lost_once_reports_came_when_its_confirmation_was_due():
+    watch = cut_line()
+    assert watch.is_cut
+    assert [at for at in (1.1, 1.5, 1.93, 1.95, 2.0) if watch.has_lost(at)] == [1.1, 1.5, 1.93]
+
+
+def test_of_frames_whose_confirmations_were_due_in_a_silence_nothing_is_known():
+    watch = cut_line(silent_from=1.4)
+    assert watch.is_cut
+    assert [at for at in (1.1, 1.3, 1.4, 1.7, 1.85) if watch.has_lost(at)] == [1.1, 1.3, 1.85]
+
+
+def test_a_confirmation_ends_what_was_lost_before_it():
+    watch = cut_line()
+    watch.frame_confirmed(100, 2.06)
+    assert not watch.is_cut
+    assert not watch.has_lost(1.5)
 
 
 def test_the_first_frame_that_is_confirmed_after_a_break_ends_what_was_found():

@@ -104,8 +104,8 @@ def words_of(command: str) -> list[str]:
     return [*shlex.split(before), *(["-k", expression] if is_chosen else [])]
 
 
-def run(words: Sequence[str], tree: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command in the tree."""
+def run(words: Sequence[str], tree: Path, limit: float = 600.0) -> subprocess.CompletedProcess[str]:
+    """Run a command in the tree, for as long as the limit at most [s]."""
     environment = {
         **os.environ,
         "PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}",
@@ -115,7 +115,7 @@ def run(words: Sequence[str], tree: Path) -> subprocess.CompletedProcess[str]:
     }
     program = sys.executable if words[0] == "python" else words[0]
     return subprocess.run(
-        [program, *words[1:]], cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=600
+        [program, *words[1:]], cwd=tree, env=environment, capture_output=True, text=True, check=False, timeout=limit
     )
 
 
@@ -163,13 +163,18 @@ def proofs(tree):
     return dict(zip(commands, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
+def packages() -> list[str]:
+    """Folders of tests of the packages that recipes edit, and the test of closed sets."""
+    names = {Path(path).parts[2] for recipe in RECIPES for path in recipe.files if path.startswith("src/")}
+    return [*(f"tests/{name}" for name in sorted(names)), "tests/test_closed_sets.py"]
+
+
 def files_that_read_tables() -> list[str]:
-    """Every test file of the packages that recipes edit that reads a table, and the test of closed sets."""
-    packages = {Path(path).parts[2] for recipe in RECIPES for path in recipe.files if path.startswith("src/")}
-    files = [file for package in packages for file in (ROOT / "tests" / package).rglob("test_*.py")]
+    """Every test file of those packages that reads a table."""
+    files = [file for folder in packages() for file in (ROOT / folder).rglob("test_*.py")]
     texts = {file: file.read_text(encoding="utf-8") for file in files}
     chosen = [file for file, text in texts.items() if READS_TABLE.search(text) and not SLOW.search(text)]
-    return sorted(str(file.relative_to(ROOT)) for file in (*chosen, ROOT / "tests" / "test_closed_sets.py"))
+    return [*sorted(str(file.relative_to(ROOT)) for file in chosen), "tests/test_closed_sets.py"]
 
 
 def test_the_page_has_a_recipe_for_everything_that_is_often_added():
@@ -203,4 +208,11 @@ def test_with_all_recipes_carried_out_every_test_that_reads_a_table_passes(tree)
     files = files_that_read_tables()
     assert len(files) > 15
     done = run(["python", "-m", "pytest", "-q", "-n", "0", *files], tree)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.whole
+def test_with_all_recipes_carried_out_every_test_of_the_packages_they_edit_passes(tree):
+    """Seven minutes of a core: `make check-recipes`."""
+    done = run(["python", "-m", "pytest", "-q", "-n", "2", *packages()], tree, limit=7200)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -21,7 +21,8 @@ from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.client.playsource import Choice, PlaySource, Progress
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import NANOSECONDS, Entry, nanoseconds
+from mkdaemon.record.entry import Entry
+from mkdaemon.stamp import NANOSECONDS, nanoseconds
 
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
 _HANDS: Final = "joy/"

@@ -63,6 +63,8 @@ CUT: Final = 0.2
 loses 15 % in bursts of four has a pause of 0.1 s now and then."""
 REPORTS: Final = 4
 """At least this number of reports must come meanwhile: a silent downlink loses the confirmations too."""
+TURNS: Final = 16
+"""The slowest of this number of confirmations says how long one takes: those that come later are lost."""
 GATE_FRESH: Final = 2.0
 """What a board said of the gate longer ago counts no more [s]."""
 REACH: Final = 0.3
@@ -86,7 +88,9 @@ class AnswerWatch:
         self._seen = self._asked = np.zeros(2)
         self._gate: tuple[bool, float] | None = None
         self._written: OrderedDict[int, tuple[float, Array]] = OrderedDict()
-        self._confirmed_at = self.arrived_at = -math.inf
+        self._confirmed_at = self.arrived_at = self._reported_at = -math.inf
+        self._turns: deque[float] = deque([0.0], maxlen=TURNS)
+        self._lost: deque[tuple[float, float]] = deque(maxlen=TURNS)
         self._owed, self._back_at = SURE, -math.inf
         self._begin(0.0)
 
@@ -163,6 +167,8 @@ class AnswerWatch:
                 break
         self._act(1, written, asked)
         self.arrived_at, self._reports = written, 0
+        self._turns.append(now - written)
+        self._lost.clear()
         if now - self._confirmed_at > PAUSE:
             self.line_heals()
         self._confirmed_at = now
@@ -191,6 +197,7 @@ class AnswerWatch:
         if at - self._sent_at > PAUSE:
             return
         self._reports += 1
+        self._miss_confirmations(at + self._model.attitude_age)
         silent = at - max(self._confirmed_at, self._began_at)
         self.is_cut = self._confirmed_at > -math.inf and silent > CUT and self._reports >= REPORTS
         self._advance(at)
@@ -202,6 +209,23 @@ class AnswerWatch:
             self._weigh_level(passed / TOGETHER)
         else:
             self._weigh(expected, passed)
+
+    def _miss_confirmations(self, came: float) -> None:
+        """Take that a report came at a moment [s], and no confirmation since the one before it."""
+        turn = max(self._turns)
+        if came - self._reported_at <= SPARSE:
+            since = self._reported_at - turn
+            if self._lost and self._lost[-1][1] >= since:
+                since = self._lost.pop()[0]
+            self._lost.append((since, came - turn))
+        self._reported_at = came
+
+    def has_lost(self, written: float) -> bool:
+        """Whether a frame written at a moment [s] was lost: reports came when its confirmation was due.
+
+        Of a frame whose confirmation is not due yet, or was due in a silence of the downlink, nothing is known.
+        """
+        return any(since < written <= until for since, until in self._lost)
 
     def gate_reported(self, now: float, *, is_open: bool) -> None:
         """Take what a board says now [s] of the gate; one that was opened is reason to begin anew."""

@@ -142,11 +142,14 @@ class Sight:
         at = attitude.stamp.monotonic - self.attitude_age
         scale = SHOWN if attitude.scale is AngleScale.FLIGHTCTRL else 1.0
         pitch, roll = attitude.pitch / scale, attitude.roll / scale
-        was_cut = self.answer.is_cut
         self.answer.attitude_received(at, pitch, roll, says_something=self._is_answer_judged)
         if self.estimator is not None:
-            if self.answer.is_cut and not was_cut:
-                self.estimator.sticks_known(self.answer.arrived_at)
+            if self.answer.is_cut and not self._is_others:
+                # Frames of which nothing is known are taken to act. Without them the regulator would ask for its
+                # whole correction again with every frame, and a line that heals in a silence would carry it out.
+                arrived = self.answer.arrived_at
+                later = (command for command in self._sent if command.at > arrived)
+                self.estimator.sticks_lost(arrived, [each for each in later if not self.answer.has_lost(each.at)])
             line_age = self.estimator.line.attitude_age
             self.estimator.attitude_received(attitude.stamp.monotonic - line_age, pitch, roll, attitude.yaw)
             if self.answer.is_sure:
@@ -208,8 +211,11 @@ class Sight:
         self._sent.append(command)
         self.answer.model_found(self._known_model())
         self.answer.sent(counts.pitch, counts.roll, now)
-        if self.estimator is not None and not self._is_others and not self.answer.is_cut:
-            self.estimator.sent(command)
+        if self.estimator is not None and not self._is_others:
+            if self.answer.is_cut:
+                self.estimator.under_way(command)
+            else:
+                self.estimator.sent(command)
 
     @property
     def _is_astray(self) -> bool:

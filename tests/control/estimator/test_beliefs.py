@@ -8,7 +8,8 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from mkdaemon.control.estimator.estimator import AT_ONCE, COMPASS_MEMORY, KNOWN, TOGETHER, UNSENT, Estimator
+from mkdaemon.control.estimator.commands import KNOWN
+from mkdaemon.control.estimator.estimator import AT_ONCE, COMPASS_MEMORY, TOGETHER, UNSENT, Estimator
 from mkdaemon.control.estimator.model import (
     LEAK_COUNT,
     LEVEL_STATES,

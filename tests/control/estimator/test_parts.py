@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.estimator import (
-    AT_ONCE,
-    KNOWN,
-    NEUTRAL,
-    TOGETHER,
-    Cameras,
-    Command,
-    CommandHistory,
-    Estimator,
-)
+from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, Command, CommandHistory
+from mkdaemon.control.estimator.estimator import AT_ONCE, TOGETHER, Cameras, Estimator
 from mkdaemon.control.estimator.model import TH, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.manoeuvres.by_target import new_autopilot
@@ -148,6 +140,15 @@ def test_a_stick_frame_that_would_act_before_an_earlier_one_acts_just_after_it()
     history.add(command(0.5, 0.2))
     assert history.at(0.6) is NEUTRAL
     assert history.at(1.0).tilt == (0.2, 0.0)
+
+
+def test_a_stick_frame_can_be_put_before_those_that_act_later():
+    history = CommandHistory()
+    for at, tilt in ((1.0, 0.1), (2.0, 0.2), (3.0, 0.3)):
+        history.add(command(at, tilt))
+    history.insert(command(1.5, 0.15))
+    history.forget_after(2.0)
+    assert [history.at(time).tilt[0] for time in (1.0, 1.4, 1.5, 1.9, 2.0, 9.0)] == [0.1, 0.1, 0.15, 0.15, 0.2, 0.2]
 
 
 def test_stick_frames_are_remembered_for_two_seconds():

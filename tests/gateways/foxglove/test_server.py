@@ -23,8 +23,9 @@ from mkdaemon.client.playselection import PlaySelection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
-from mkdaemon.record.entry import Kind, nanoseconds
+from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
+from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.event import LogEvent
 from tests.gateways.foxglove.viewer import SUBPROTOCOL, complaints, viewing
 from tests.places import DATA

@@ -21,7 +21,7 @@ from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError
-from mkdaemon.record.entry import NANOSECONDS
+from mkdaemon.stamp import NANOSECONDS
 
 if TYPE_CHECKING:
     from mkdaemon.record.reader import ReadReport

@@ -40,8 +40,8 @@ def moment_of(text: str | None, file: Path, option: str) -> int | None:
     """
     if text is None:
         return None
-    from mkdaemon.record.entry import nanoseconds
     from mkdaemon.record.reader import Recording
+    from mkdaemon.stamp import nanoseconds
 
     try:
         seconds = float(text)

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
+from mkdaemon.control.estimator.commands import Command, CommandHistory
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
@@ -67,10 +68,6 @@ TOGETHER: Final = 0.5
 """A camera whose newest image is older has no say [s]: three images of a slow one."""
 AT_ONCE: Final = 0.15
 """Cameras whose newest images are no further apart share the attitude that is in their poses [s]."""
-SAME: Final = 1e-6
-"""Moments closer together are one [s]."""
-KNOWN: Final = 2.0
-"""How long a stick frame is remembered [s]."""
 BLIND: Final = 0.5
 """Without an image for longer the estimate is dead reckoning, whose errors are not those of images [s]."""
 
@@ -167,48 +164,6 @@ def _leant(tilt: Array, seen: Array) -> Array:
     slant = math.sqrt(1.0 + float(tilt @ tilt))
     shift: Array = tilt * (float(tilt @ seen[:2]) / (slant * (slant + 1.0)) + float(seen[2]) * (1.0 - 1.0 / slant))
     return shift
-
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """One stick frame in the axes of the local frame.
-
-    Attributes:
-        at: when it acts [s; monotonic].
-        tilt: wanted tilt, the way it accelerates, x and y of the local frame [rad].
-        thrust: squared ratio of its throttle to hover throttle, less one.
-    """
-
-    at: float
-    tilt: tuple[float, float]
-    thrust: float
-
-
-NEUTRAL: Final = Command(-math.inf, (0.0, 0.0), 0.0)
-"""Nothing asked for."""
-
-
-class CommandHistory:
-    """Stick frames in the order in which they act, `uplink` after they were written: with the next receiver frame."""
-
-    def __init__(self) -> None:
-        self._commands: deque[Command] = deque([NEUTRAL])
-
-    def add(self, command: Command) -> None:
-        """Remember a command; one that would act before an earlier one acts just after it."""
-        last = self._commands[-1].at
-        self._commands.append(command if command.at >= last else replace(command, at=last))
-        while len(self._commands) > 2 and self._commands[1].at < command.at - KNOWN:
-            self._commands.popleft()
-
-    def forget_after(self, time: float) -> None:
-        """Forget what would begin to act after a time [s]."""
-        while len(self._commands) > 1 and self._commands[-1].at > time + SAME:
-            self._commands.pop()
-
-    def at(self, time: float) -> Command:
-        """Return the command that acts at a time [s]."""
-        return next((command for command in reversed(self._commands) if command.at <= time), self._commands[0])
 
 
 class Estimator:
@@ -326,11 +281,14 @@ class Estimator:
 
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
-        c, s = self._turn(command.at)
         self._sent_at, self._last_command, self._is_held = command.at, command, False
-        asked = np.array([command.pitch, command.roll]) * self.model.rad_per_count
-        self._response.sent(command.at + self.line.uplink, asked)
-        pitch, roll = (float(tilt) for tilt in asked * self._response.gain)
+        self._response.sent(command.at + self.line.uplink, self._asked(command))
+        self.under_way(command)
+
+    def under_way(self, command: StickCommand) -> None:
+        """Take note of a stick frame that acts if it arrives; the answer to it teaches nothing."""
+        c, s = self._turn(command.at)
+        pitch, roll = (float(tilt) for tilt in self._asked(command) * self._response.gain)
         self._commands.add(
             Command(
                 command.at + self.model.uplink,
@@ -339,22 +297,42 @@ class Estimator:
             )
         )
 
+    def _asked(self, command: StickCommand) -> Array:
+        """Pitch and roll (2,) that a stick frame asks for [rad]."""
+        return np.array([command.pitch, command.roll]) * self.model.rad_per_count
+
     @property
     def is_elsewhere(self) -> bool:
         """Whether the target was met again after dead reckoning, and all images since then contradict the estimate."""
         return self._was_blind and self._cameras.are_refused
 
-    def sticks_known(self, arrived: float, since: Iterable[StickCommand] = ()) -> None:
-        """Take which stick frames have arrived: what was estimated with others is estimated again.
+    def sticks_known(self, arrived: float, since: Iterable[StickCommand]) -> None:
+        """Take that stick frames arrive again: what was estimated without them is estimated again.
 
         Args:
-            arrived: when the newest one was written that the board confirmed [s]; it acts on where no other arrived.
-            since: those written after it that are taken to arrive.
+            arrived: when the newest one was written that the board confirmed [s].
+            since: that one, and those written after it.
         """
         self._commands.forget_after(arrived + self.model.uplink)
-        self._is_held = True
         for command in since:
             self.sent(command)
+        self._redrive(arrived)
+
+    def sticks_lost(self, arrived: float, coming: Iterable[StickCommand]) -> None:
+        """Take that stick frames were lost: what was estimated with them is estimated again.
+
+        Args:
+            arrived: when the newest one was written that the board confirmed [s]; it acts on.
+            coming: later ones of which nothing is known: they are taken to act.
+        """
+        self._commands.forget_after(arrived + self.model.uplink)
+        self._sent_at, self._is_held = arrived, True
+        for command in coming:
+            self.under_way(command)
+        self._redrive(arrived)
+
+    def _redrive(self, arrived: float) -> None:
+        """Estimate again what follows a stick frame that was written at a moment [s]."""
         self._level.redrive(arrived + self.model.uplink, self._drive)
         self._vertical.redrive(arrived + self.model.uplink, lambda at: ((self._commands.at(at).thrust,), None))
 
@@ -380,7 +358,7 @@ class Estimator:
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         if at - self._sent_at > (HELD if self._is_held else UNSENT):
-            self._commands.add(Command(at, (float(believed[0]), float(believed[1])), 0.0))
+            self._commands.insert(Command(at, (float(believed[0]), float(believed[1])), 0.0))
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))

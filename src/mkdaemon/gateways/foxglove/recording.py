@@ -26,8 +26,8 @@ from mkdaemon.gateways.foxglove.topics import (
     json_message,
     json_schema,
 )
-from mkdaemon.record.entry import nanoseconds
-from mkdaemon.record.reader import matches_any
+from mkdaemon.gateways.keys import matches
+from mkdaemon.stamp import nanoseconds
 
 _JSON: Final = None
 """In place of a conversion: the value is shown as JSON."""
@@ -59,7 +59,7 @@ class _Aircraft:
         head, _, rest = value.suffix.partition("/")
         camera = rest.partition("/")[0] if head == "vision" else ""
         rows = [topic.of(camera) if topic.is_of_a_camera else topic for topic in TOPICS]
-        lines = [self._line_of(row) for row in rows if matches_any(f"mk/v/{value.suffix}", row.keys)]
+        lines = [self._line_of(row) for row in rows if any(matches(key, value.suffix) for key in row.keys)]
         if value.suffix.replace(f"vision/{camera}/", f"vision/{CAMERA}/") not in SHOWN_OTHERWISE:
             lines.append((self._channel(f"/{value.suffix}", "json", json_schema(value.schema)), _JSON))
         return lines

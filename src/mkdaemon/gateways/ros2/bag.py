@@ -19,8 +19,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Frames, Scene, name_part
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Topic
-from mkdaemon.record.entry import nanoseconds
-from mkdaemon.stamp import Stamp
+from mkdaemon.stamp import Stamp, nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
 VERSION: Final = 9

@@ -10,9 +10,9 @@ from mkdaemon.errors import MkError
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import spell_value
 from mkdaemon.reading.facts import UNKNOWN
-from mkdaemon.record.entry import NANOSECONDS
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.link import FATES
 from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of

@@ -19,8 +19,9 @@ from pydantic import ValidationError
 from mkdaemon.reading import EventLine, Picture, Reading, key_spec
 from mkdaemon.reading.facts import DEAD_RECKONING
 from mkdaemon.reading.known import EACH, EVENTS
-from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
+from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.summary import Summary, Taker
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.report.happenings import MOST, happening_of, lost_line
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
