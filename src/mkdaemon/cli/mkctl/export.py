@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
@@ -12,6 +13,10 @@ from mkdaemon.cli.extras import needing
 from mkdaemon.cli.printing import show
 
 Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
+ENDINGS: Final[Mapping[Format, str]] = {
+    "csv": "-csv", "parquet": "-parquet", "gpx": ".gpx", "kml": ".kml", "ros": "-ros", "foxglove": "-foxglove.mcap",
+}  # fmt: skip
+"""Of what is written where nobody names a file."""
 
 
 def export(
@@ -49,30 +54,25 @@ def export(
     from mkdaemon.client.export.values import read_values
     from mkdaemon.files import saving
 
-    written: list[Path]
+    target = output or Path(file.stem + ENDINGS[to])
+    written = [target]
     match to:
         case "csv" | "parquet":
-            folder = output or Path(f"{file.stem}-{to}")
             write = write_csv if to == "csv" else write_parquet
-            written = write(lambda: read_values(file, key), folder, overwrite=force)
+            written = write(lambda: read_values(file, key), target, overwrite=force)
         case "gpx" | "kml":
-            track = output or Path(f"{file.stem}.{to}")
             make = gpx if to == "gpx" else kml
             tracks = tracks_of(read_values(file, key or (POSITION,)))
-            with saving(track, overwrite=force) as text:
+            with saving(target, overwrite=force) as text:
                 text.writelines(line.encode() for line in make(tracks))
-            written = [track]
         case "ros":
             from mkdaemon.gateways.ros2.bag import write as write_bag
 
-            bag = output or Path(f"{file.stem}-ros")
-            write_bag(read_values(file, key, images=True), bag, overwrite=force)
-            written = [bag]
+            write_bag(read_values(file, key, images=True), target, overwrite=force)
         case "foxglove":
             with needing("--format foxglove", "foxglove-sdk", "foxglove"):
                 from mkdaemon.gateways.foxglove.recording import write as write_foxglove
 
-            written = [output or Path(f"{file.stem}-foxglove.mcap")]
-            write_foxglove(read_values(file, key, images=True), written[0], overwrite=force)
+            write_foxglove(read_values(file, key, images=True), target, overwrite=force)
     for path in written:
         show({"written": str(path)}, str(path), as_json=as_json)
