@@ -45,8 +45,8 @@ TRIALS: Final = {
     "hand": "a hand over a side",
     "foot": "a foot over a side",
     "wide_lens": "lens of 120 degrees",
-    "rolling_told": "rolling shutter that shakes, line time told",
-    "rolling_untold": "the same, untold",
+    "rolling_told": "rolling shutter that shakes, line time known",
+    "rolling_untold": "the same, line time unknown",
 }
 LIES: Final = {
     "level": "right, the deck level",

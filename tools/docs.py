@@ -25,7 +25,6 @@ GENERATED: Final[Mapping[str, str]] = {
     "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
     "docs/configuration.md": "tools.configuration_page:configuration_page",
-    "docs/doctor.md": "tools.doctor_page:doctor_page",
     "docs/figures/architecture.svg": "tools.page_drawings:architecture_picture",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
     "docs/figures/flying.svg": "tools.page_drawings:flying_picture",

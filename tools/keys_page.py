@@ -39,7 +39,7 @@ every other unit is the end of the name (`used_mah`, `p95_ms`, `rms_px`).
 
 **Who answers.** The second column says who publishes a key, answers a query or reads a setpoint; every program reaches
 all of them through the daemon's endpoint. The daemon shows the liveliness token `alive`. No reply to a query means that
-nobody is home. Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
+no daemon runs. Clients connect in Zenoh mode `client`; a query with a wildcard under `cmd/` or `do/` commands nothing.
 """
 
 _TITLES: Final = {
@@ -79,13 +79,13 @@ _FLYING: Final = """## Flying by sticks
 
 1. Declare the liveliness token `client/<holder>`: its end, for whatever reason, ends the lease and releases the
    aircraft.
-2. Query `do/lease` with `{action: "take", holder: ...}`; the reply has the `epoch`, which everybody may know, and the
-   `secret` and the `setpoint_root`, which nobody else is told.
+2. Query `do/lease` with `{action: "take", holder: ...}`; the reply has the `epoch`, which is public, and the
+   `secret` and the `setpoint_root`, which only the holder gets.
 3. Stream setpoints to `<setpoint_root>/stick` (`setpoint/@<number>/stick`; behind a router with certificates it has no
    `@`) with that epoch, a rising `sequence` and a `ttl`, with neutral pitch, roll and yaw, until `control/status` says
    `flying`. The attachment of each sample is its signature, 32 bytes: HMAC-SHA256 with the secret (UTF-8) as its key,
    over `setpoint/stick`, a zero byte and the payload. The daemon puts what it took once more to `setpoint/stick`:
-   others can read setpoints there, but not make one. What somebody else puts there is refused. If the grant says
+   others can read setpoints there, but not make one. What other programs put there is refused. If the grant says
    `takes_stamps`, add when the setpoint is sent: the attachment then has 40 bytes, a signature over `setpoint/stick`, a
    byte of value 1, the stamp and the payload, and behind it the stamp, 8 bytes: nanoseconds of any clock of yours that
    is never set (`CLOCK_MONOTONIC`), unsigned, the most significant byte first. The age of a setpoint counts from there:

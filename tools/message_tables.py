@@ -1,6 +1,7 @@
-"""The tables of messages in docs/troubles.md: every refusal, camera alarm, state of the line and cause, as printed.
+"""The tables of messages in docs/troubles.md: every refusal, camera alarm, link state, cause and check, as printed.
 
-The prose of the page is written by hand; the tables stand between `<!-- messages -->` and `<!-- end -->`.
+The prose of the page is written by hand; the tables stand between `<!-- messages -->` or `<!-- checks -->` and
+`<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.pipeline import ALARM_ADVICE
+from tools.doctor_page import doctor_rows
 from tools.markdown import table
 
 PAGE: Final = "docs/troubles.md"
-PLACE: Final = re.compile(r"(?P<begin><!-- messages -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+PLACE: Final = re.compile(r"(?P<begin><!-- (?P<what>messages|checks) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+_HEAD: Final = ("printed", "what to do")
 _LINE: Final = "`mkctl health`; [link](link.md#states)"
 _CAMERA: Final = "[vision](vision.md#states-and-alarms)"
 
@@ -56,16 +59,16 @@ def verdict_reasons() -> Iterator[str]:
 
 
 def troubles_page(root: Path) -> str:
-    """Return docs/troubles.md with the tables of messages made from today's tables, one for each first letter."""
+    """Return docs/troubles.md with the tables of messages, one for each first letter, and of the doctor's checks."""
     letters = groupby(messages(), key=lambda message: _first_letter(message.printed))
-    parts = ["\n".join([f"### {letter}\n", *table(("printed", "what to do"), found)]) for letter, found in letters]
-    rows = "\n\n".join(parts)
+    parts = ["\n".join([f"### {letter}\n", *table(_HEAD, found)]) for letter, found in letters]
+    rows = {"messages": "\n\n".join(parts), "checks": "\n".join(table(_HEAD, doctor_rows()))}
     text = (root / PAGE).read_text(encoding="utf-8")
-    return PLACE.sub(lambda place: f"{place['begin']}\n{rows}\n\n{place['end']}", text)
+    return PLACE.sub(lambda place: f"{place['begin']}\n{rows[place['what']]}\n\n{place['end']}", text)
 
 
 def _first_letter(printed: str) -> str:
-    return re.sub(r"\W+", "", printed)[:1].upper()
+    return "Begins with a number" if printed.startswith("{") else re.sub(r"\W+", "", printed)[:1].upper()
 
 
 def _alarm(alarm: StrEnum) -> Message:

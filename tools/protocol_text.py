@@ -114,9 +114,9 @@ APPENDED: Final = {"Common commands": DEBUG_CHANNELS, "ExternalControl": EXTERNA
 DISAGREEMENTS: Final = """
 ## Disagreements
 
-Where the sources differ, and what is believed here:
+Where the sources differ, and what mkdaemon uses:
 
-| what | sources say | believed |
+| what | sources say | used |
 |---|---|---|
 | distance of NaviData 5 | dm (NaviCtrl source) or cm (comments, tools) | dm |
 | altitude of a waypoint | mm (comment), dm (data path, tools), cm (one fork) | dm |

@@ -31,8 +31,6 @@ OUTSIDE: Final = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Pages outside docs/ that the site has too."""
 LAB: Final = "docs/lab/"
 """Pages of the repository that are not in the site."""
-UNLISTED: Final = ("doctor.md",)
-"""Pages of the site that its navigation does not list; links and search find them."""
 EXAMPLES: Final = "examples.md"
 """The page made of the programs in examples/."""
 LINK: Final = re.compile(r"(?P<head>(?:\[(?P<words>[^\]\n]*))?\]\()(?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")

@@ -83,6 +83,8 @@ LONGEST_PAGE: Final = 900
 """Words that a page for a user may have."""
 _NOT_COUNTED: Final = re.compile(r"^ *```.*?^ *```|<!-- .*?-->.*?<!-- end.*?-->", re.DOTALL | re.MULTILINE)
 """Code, and tables that are made: what a reader types, compares or looks up."""
+_REFERENCE: Final = re.compile(r"^## Reference$.*", re.DOTALL | re.MULTILINE)
+"""The end of a page that has its reference below its use."""
 DIALECT: Final = "tools/dialect.toml"
 COUNTED: Final[Mapping[str, tuple[str, ...]]] = {"docs": PAGES, "src": ("src/**/*.py",)}
 """Where phrases are counted, by the name of the budget."""
@@ -134,8 +136,9 @@ def prose_of(text: str) -> str:
 
 
 def length_of(text: str) -> int:
-    """Number of words of a page, without its code and the tables that are made."""
-    return sum(bool(re.search(r"\w", word)) for word in _NOT_COUNTED.sub(" ", text).split())
+    """Number of words of a page to read: without its code, the tables that are made, and its part `## Reference`."""
+    read = _NOT_COUNTED.sub(" ", _REFERENCE.sub(" ", text))
+    return sum(bool(re.search(r"\w", word)) for word in read.split())
 
 
 def dialect_counts(root: Path) -> Iterator[Count]:

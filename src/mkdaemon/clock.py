@@ -72,7 +72,7 @@ def _adjtimex() -> Callable[[object], int] | None:
 
 
 def time_suspended() -> float:
-    """How long the machine has slept since its start [s]; the monotonic clock stood still for so long."""
+    """Time that the machine was suspended since its start [s]; the monotonic clock stood still meanwhile."""
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 

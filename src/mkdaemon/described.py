@@ -1,4 +1,4 @@
-"""Models whose fields are described by the docstrings below them, read when somebody asks.
+"""Models whose fields are described by the docstrings below them, read on demand.
 
 Under pydantic's own `use_attribute_docstrings` the source of every class is read and parsed while it is imported: a
 quarter of the time that the daemon took to start.

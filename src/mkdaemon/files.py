@@ -170,7 +170,7 @@ def _put_in_place(fresh: Path, place: Path, *, overwrite: bool) -> None:
     """Give a written file its name.
 
     Raises:
-        FileExistsError: somebody has made a file of that name, and `overwrite` is off.
+        FileExistsError: the file exists, and `overwrite` is off.
     """
     if not overwrite:
         try:
@@ -186,7 +186,7 @@ def _put_in_place(fresh: Path, place: Path, *, overwrite: bool) -> None:
 
 
 def _umask() -> int:
-    """What the user lets nobody do with new files; reading it means setting it, for every thread."""
+    """The process's umask; to read it, it must be set, for every thread."""
     with _reading_umask:
         mask = os.umask(0o077)
         os.umask(mask)

@@ -1,7 +1,7 @@
-"""Reading files that others wrote: the one place that opens them, with limits.
+"""Reads foreign files, with limits; no other module opens them.
 
-Only regular files, at most so long, and text that nests so deep. Nothing here waits, as opening a pipe would, and what
-the parsers of Python raise beside their own errors (`RecursionError`, a number with 5,000 digits) becomes theirs.
+Only regular files are read, up to a limit of length and of nesting. Nothing here blocks, as opening a pipe would. Other
+errors of Python's parsers (`RecursionError`, a number with 5,000 digits) are raised as parser errors.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ DEEPEST: Final = 64
 
 
 class _NamedFile(io.FileIO):
-    """An open file whose errors name it: a disk that fails while it is read is told with the file."""
+    """An open file that adds its name to errors, for example when the disk fails during a read."""
 
     def __init__(self, number: int, path: Path) -> None:
         super().__init__(number, "rb")
@@ -153,7 +153,7 @@ _DOT_IN_KEY: Final = re.compile(r"[\w\-\"'][ \t]*\.(?=[ \t]*[\w\-\"'])")
 def _has_long_key(text: str) -> bool:
     """Whether a dotted key has more than `DEEPEST` parts: the parser's time grows with the square of their number.
 
-    Words with so many dots between them count too where they stand in a text; honest files have none.
+    Text with that many dots is rejected too; no valid file has it.
     """
     return any(len(_DOT_IN_KEY.findall(piece)) > DEEPEST for piece in _BETWEEN_KEYS.split(text))
 

@@ -33,8 +33,8 @@ NEUTRAL_SPACING = 0.1
 RELEASE_AFTER = 0.8
 """The release begins when no stick frame was written for this long [s]; leaves 0.3 s until the ladder's 1.1 s."""
 FRAME_SPACING = 0.025
-"""Between two frames, whoever wrote them [s]: a FlightCtrl loses a frame right behind another, and 40 Hz passes a
-NaviCtrl 0.24 without loss; docs/firmware-notes.md, "Losses"."""
+"""Least time between two frames, of daemon or guard [s]: a FlightCtrl loses a frame right behind another, and 40 Hz
+passes a NaviCtrl 0.24 without loss; docs/firmware-notes.md, "Losses"."""
 RELEASE_FRAMES = 40
 """Release frames in all: 1 s of them, which a burst of lost radio packets does not outlast."""
 REAL_TIME = (2, 1)
@@ -47,7 +47,7 @@ IGNORED = (
     *(signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE),
     *(signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGTSTP),
 )
-"""Whoever ends the daemon with one of these signals must not end the guard before it has acted."""
+"""Signals that end the daemon must not end the guard before it has acted."""
 _WRITTEN = struct.Struct("<d")
 _NEVER = float("inf")
 
@@ -58,7 +58,7 @@ class Word:
     PORT = b"P"
     """The open port; its descriptor comes with the packet."""
     CLOSED = b"C"
-    """The port is closed: let go of the duplicate, or an unplugged device would keep its name."""
+    """The port is closed: close the duplicate, or an unplugged device would keep its name."""
     FRAMES = b"F"
     """JSON list of the release frames, as hexadecimal, in the order they are repeated."""
     BEAT = b"H"
@@ -309,8 +309,8 @@ def _write_report(text: str, report: Path | None) -> None:
 def go_first(process: int = 0) -> None:
     """Let a process, this one by default, run before ordinary programs and before a loop that never sleeps.
 
-    Without the right to it nothing changes. The guard sleeps until it is needed and then writes 40 frames a second at
-    most, so it can starve nobody.
+    Without the right to it nothing changes. The guard sleeps until it is needed, and then writes at most 40 frames a
+    second, so other programs are not delayed.
     """
     for priority in REAL_TIME:
         with suppress(OSError, AttributeError):

@@ -1,4 +1,4 @@
-"""What others wrote, spelled so that nothing in it acts on whoever shows it."""
+"""Foreign text, escaped so that no control character acts on the terminal or page that shows it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def spelled(text: str) -> str:
 
 
 def on_one_line(text: object) -> str:
-    """What somebody else wrote, as a part of one line: no line of its own can pass for one of ours.
+    """Foreign text as a part of one line: its line breaks cannot imitate a line of ours.
 
     Args:
         text: a text, or anything that has one.

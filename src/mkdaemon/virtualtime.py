@@ -18,7 +18,7 @@ class _JumpingSelector(selectors.SelectSelector):
 
     Attributes:
         now: virtual time [s].
-        is_woken: somebody wants the loop to look again, whatever the time.
+        is_woken: another thread asks the loop to look again, at any time.
     """
 
     def __init__(self, pace: float, start: float) -> None:

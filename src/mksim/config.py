@@ -255,9 +255,9 @@ class PlatformConfig(Section):
     acceleration: float = Field(default=0.2, gt=0.0)
     """Of the ramp [m/s2]."""
     delay: float = Field(default=0.0, ge=0.0)
-    """It stands at its start for so long first [s]."""
+    """It stands still at its start for this time [s]."""
     tilt_deg: float = Field(default=0.0, ge=0.0, le=20.0)
-    """A standing target slopes down along its x axis by so much [deg]; set `start_enu` so that its low edge is above
+    """Slope of a standing target, down along its x axis [deg]; set `start_enu` so that its low edge is above
     the ground."""
 
     @model_validator(mode="after")
@@ -415,7 +415,7 @@ class SimConfig(Section):
     listen: str | None = Field(default=None, pattern=r"^[^:]+:\d{1,5}$")
     """Also offer the port over TCP, `host:port`; it carries one client at a time."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    """Zenoh endpoints for truth and faults; where nobody listens the simulator flies on without."""
+    """Zenoh endpoints for truth and faults; if none answers, the simulator runs without them."""
     truth_rate_hz: float = Field(default=50.0, ge=0.0, le=488.0)
     """How often the true state is published [1/s]; 0 never."""
 

@@ -1,8 +1,8 @@
 """Real time for the simulation: a pseudo terminal (and, if wanted, a TCP port) whose far end is the simulated board.
 
-Every tick, a millisecond unless told otherwise, the simulation is brought up to the wall clock; a byte comes out at the
-first such moment after its wire time, never before. A host that does not read loses what does not fit, as on a line
-without flow control.
+Every tick, a millisecond by default, the simulation advances to the wall clock; a byte comes out at the first tick
+after its wire time, never before. If the host does not read, bytes that do not fit are lost, as on a line without flow
+control.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ async def running(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[N
 
 
 class PseudoTerminal:
-    """The host's serial port: raw, and open for as long as the simulator runs, whoever opens and closes it."""
+    """The host's serial port: raw, and open while the simulator runs, even if programs open and close it."""
 
     def __init__(self) -> None:
         """Open it.

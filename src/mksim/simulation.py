@@ -72,7 +72,7 @@ class Simulation:
     def pilot_doing(self) -> str:
         """What the pilot does, or waits for, after "the pilot"."""
         if self.world.truth.crashed:
-            return "stands beside a broken aircraft: start the simulator anew"
+            return "stands beside a broken aircraft: start the simulator again"
         program = self.world.pilot.program
         return f"leaves his sticks alone ({self._config.pilot_plan})" if program is None else program.doing
 

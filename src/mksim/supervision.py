@@ -1,8 +1,8 @@
 """The pilot hands the aircraft to a machine, watches, and takes it back.
 
-On stock firmware the gas of a `b` frame counts only up to the pilot's own stick, so a pilot who lets a machine fly
-holds his gas above hover; and when the machine lets go, the aircraft climbs until he reacts. Once it has landed he
-pulls his gas down, so that nothing lifts it again before the motors stand.
+On stock firmware the throttle of a `b` frame is limited by the pilot's own stick. Therefore, while a machine flies, the
+pilot holds the throttle above hover; after a release the aircraft climbs until the pilot reacts. After the landing the
+pilot lowers the throttle, so that the aircraft cannot lift again before the motors stop.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LANDED: Final = 0.5
 
 
 class Supervision:
-    """Fly by hand until a machine takes over, rest the sticks while it flies, fly by hand again when it lets go.
+    """Fly by hand until a machine takes over, rest the sticks while it flies, fly by hand again after its release.
 
     Attributes:
         flight: the flight by hand that runs, None while the machine flies or the pilot waits for it.
@@ -44,7 +44,7 @@ class Supervision:
             take_off: start by hand and hover; otherwise wait on the ground for the machine to do it.
             start_motors: on the ground, with `take_off` off: start them and wait, throttle down.
             height: to hover at, feet above the ground [m].
-            reaction: time from noticing that the machine let go to the hand on the sticks [s].
+            reaction: time from noticing the machine's release to the hand on the sticks [s].
             ceiling: gas stick while the machine flies.
         """
         self._is_external = is_external
@@ -72,7 +72,7 @@ class Supervision:
     def doing(self) -> str:
         """What the pilot does, or waits for; see `Program`."""
         if self._machine_flies:
-            return "rests the sticks while a machine flies, and takes over when it lets go"
+            return "rests the sticks while a machine flies, and takes over at its release"
         if self.flight is None:
             return "waits for a machine to start the motors and take off"
         if self.flight.phase is Phase.FLY:

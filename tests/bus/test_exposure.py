@@ -63,7 +63,7 @@ def test_with_a_zenoh_file_that_says_nothing_about_listening_nobody_is_listened_
 
 
 async def test_an_open_bus_is_refused_unless_it_is_allowed():
-    with pytest.raises(ConfigError, match=r"tcp/0\.0\.0\.0:0: everybody .* could fly .* bus\.allow_open = true"):
+    with pytest.raises(ConfigError, match=r"tcp/0\.0\.0\.0:0: every program .* could fly .* bus\.allow_open = true"):
         async with Bus.open(BusConfig(listen=("tcp/0.0.0.0:0",)), "t1"):
             pytest.fail("open")
     async with Bus.open(BusConfig(listen=("tcp/0.0.0.0:0",), allow_open=True), "t1") as bus:

@@ -358,7 +358,7 @@ FAULTS = {
     "an open bus": (
         "open-bus",
         lambda t: t.configure(bus='listen = ["tcp/0.0.0.0:7447"]\nallow_open = true'),
-        "tcp/0.0.0.0:7447 lets everybody",
+        "tcp/0.0.0.0:7447 lets every program",
         "mkdaemon security",
     ),
     "a certificate that ends": (
@@ -382,10 +382,10 @@ FAULTS = {
     "a file of mkdaemon security that everybody may read": (
         "private-key",
         lambda t: certify(t, days=300, mode=0o644),
-        "may read the private key",
+        "can read the private key",
         "chmod o-rwx",
     ),
-    "a key that everybody may read": ("private-key", open_key, "everybody on this machine", "chmod o-rwx"),
+    "a key that everybody may read": ("private-key", open_key, "every user of this machine", "chmod o-rwx"),
     "no camera": ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist", "v4l2-ctl"),
     "a camera without rights": (
         "camera-forbidden",

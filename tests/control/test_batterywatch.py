@@ -68,7 +68,7 @@ def test_the_boards_own_alarm_counts_where_the_set_is_not_known():
     facts = VehicleMemory()
     watch = BatteryWatch()
     watch.look(told(facts, UNREAD, 0.0))
-    assert watch.warning is None, "nobody says how full it is"
+    assert watch.warning is None, "it is not known how full the battery is"
     facts.state_received(battery(12.0), 0.0)
     facts.state_received(flight(is_flying=True).model_copy(update={"battery_low": True}), 0.0)
     watch.look(told(facts, UNREAD, 0.0))

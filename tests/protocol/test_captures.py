@@ -1,4 +1,4 @@
-"""Recorded traffic of genuine boards: nothing is lost, held against a count made another way."""
+"""Recorded traffic of genuine firmware: nothing is lost, held against a count made another way."""
 
 from __future__ import annotations
 

@@ -57,17 +57,21 @@ def test_an_alarm_of_a_camera_is_found(alarm):
 
 
 def test_the_search_of_the_site_finds_a_message_with_its_numbers():
-    """It finds a page that has all words; a number with its unit is none."""
+    """It finds a part of a page that has all words; a number before a unit or a noun is none."""
     [separator] = re.findall(r"^ +separator: '(.*)'$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
-    words = {word.lower() for word in re.split(separator, PAGE)}
+    parts = [
+        {word.lower() for word in re.split(separator, part)} for part in re.split("^#+ ", PAGE, flags=re.MULTILINE)
+    ]
     for printed in (
         "mkctl: battery_low: the battery is low: 11.3 V. Land and change the battery.",
         "holds the lease for another 5.0 s. Ask the holder, or take it with `--force`.",
         "no pose for 1.2 s",
         "this program stood still for 0.7 s",
+        "tag in view, 4 poses refused",
         "disk_full: 12 MB are free for recordings, less than 200 MB.",
     ):
-        assert {word.lower() for word in re.split(separator, printed)} <= words, printed
+        wanted = {word.lower() for word in re.split(separator, printed)}
+        assert any(wanted <= words for words in parts), printed
 
 
 def test_another_message_is_not_found():

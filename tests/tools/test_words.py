@@ -91,6 +91,10 @@ def test_the_length_of_a_page_is_that_of_its_prose_and_hand_written_tables():
     assert length_of(page) == 8  # A, title, It, mkctl, flys, well, a, b
 
 
+def test_what_stands_under_reference_is_looked_up_and_not_counted():
+    assert length_of("# A title\n\n## Reference of keys\n\nOne two.\n\n## Reference\n\n### More\n\nmany words\n") == 7
+
+
 def test_a_page_for_users_that_is_too_long_is_named(capsys, tmp_path):
     (tmp_path / "docs").mkdir()
     (tmp_path / "mkdocs.yml").write_text("nav:\n  - How-to:\n      - A: a.md\n  - Reference:\n      - B: b.md\n")

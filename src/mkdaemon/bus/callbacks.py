@@ -1,7 +1,7 @@
 """The one way in for what Zenoh delivers: whatever arrives, nothing is raised on its threads.
 
-Everybody on the bus may put to a wildcard (`mk/**`), delete, or send any bytes: what a callback does not understand is
-dropped and counted. An exception would be printed with its traceback, once for each sample of a flood.
+Every program on the bus may put to a wildcard (`mk/**`), delete, or send any bytes: a callback drops and counts what it
+does not understand. An exception would be printed with its traceback, once for each sample of a flood.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def direct(
         try:
             take(item)
         except Exception:  # noqa: BLE001
-            # Untrusted: one that somebody made on purpose must neither end a thread nor fill a log.
+            # Untrusted: a malicious payload must neither end a thread nor fill a log.
             _log.debug("dropped what arrived", exc_info=True)
             drop()
 

@@ -59,7 +59,7 @@ class TooLate:
 
 
 Payload = bytes | TooLong | TooLate
-"""What somebody sent."""
+"""A received payload."""
 
 
 def encode(value: BaseModel) -> bytes:
@@ -101,7 +101,7 @@ def encoding_of(model: type[BaseModel]) -> str:
 
 
 def decode_map(payload: Payload) -> dict[str, Any]:
-    """Unpack what somebody sent; nothing at all is an empty map.
+    """Unpack a received payload; an empty one is an empty map.
 
     Raises:
         CommandRejectedError: `setpoint_late`; `malformed`: too long, no msgpack, no map, keys

@@ -12,8 +12,8 @@ def reserved_endpoint() -> Iterator[str]:
     """A TCP endpoint on loopback that no other caller gets while the context lasts.
 
     It stays bound, with SO_REUSEADDR and without listening: the system hands it to no other program by chance, and
-    whoever is told it may listen there, because Zenoh and asyncio set SO_REUSEADDR as well. Where nobody listens, a
-    connection is refused at once. (socket(7), ip(7))
+    the caller can listen there, because Zenoh and asyncio set SO_REUSEADDR as well. Until then a connection is refused
+    at once. (socket(7), ip(7))
     """
     with socket.socket() as holder:
         holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

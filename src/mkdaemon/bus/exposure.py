@@ -1,4 +1,4 @@
-"""Who can reach the bus: what listens to the network, and whether it asks who comes."""
+"""Exposure of the bus: which endpoints the network reaches, and whether they authenticate clients."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def open_endpoints(config: zenoh.Config) -> tuple[str, ...]:
 
 
 def check_exposure(config: zenoh.Config, *, allow_open: bool) -> tuple[str, ...]:
-    """Refuse to listen where everybody in the network could fly, unless that is allowed.
+    """Refuse to listen if every program in the network could fly, unless that is allowed.
 
     Returns:
         Endpoints that are open.
@@ -56,8 +56,8 @@ def check_exposure(config: zenoh.Config, *, allow_open: bool) -> tuple[str, ...]
     found = open_endpoints(config)
     if found and not allow_open:
         msg = (
-            f"bus.listen {', '.join(found)}: everybody in the network could fly the aircraft. Listen on 127.0.0.1, set "
-            "up client certificates (mkdaemon security), or set bus.allow_open = true in a network where everybody may"
+            f"bus.listen {', '.join(found)}: every program in the network could fly the aircraft. Listen on 127.0.0.1, "
+            "set up client certificates (mkdaemon security), or set bus.allow_open = true if all its users may"
         )
         raise ConfigError(msg)
     return found

@@ -22,7 +22,7 @@ STRANGER_RATE: Final = 100.0
 """Setpoints of one kind below the secret root that the holder did not sign, from all connections together [Hz]."""
 PLAIN_RATE: Final = 50.0
 """Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a
-look of 0.05 s to find one and refuse it. While anybody subscribes to `mk/**`, all of a flood leaves the stranger;
+look of 0.05 s to find one and refuse it. While any client subscribes to `mk/**`, the whole flood leaves its sender;
 routed on to `mkctl log record` it cost the lease in 6 of 6 flights on two cores."""
 UNSTAMPED_RATE: Final = 200.0
 """Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""
@@ -36,8 +36,8 @@ LONGEST_IMAGE: Final = 1 << 27
 PENDING: Final = 300
 """Connections that may be silent at a time before new ones are turned away."""
 SESSIONS: Final = 300
-"""Clients at a time. With those that are silent this stays well below 1,024 open files: so many a service may have, and
-pyserial cannot watch a port that was opened after them (select(2), FD_SETSIZE)."""
+"""Clients at a time. Together with the silent ones this stays well below 1,024 open files: a service may not open more,
+and pyserial cannot watch a port with a higher number (select(2), FD_SETSIZE)."""
 PENDING_TIME: Final = 5.0
 """A connection that has not introduced itself within this time is closed [s]."""
 ALL_OTHERS: Final = "others"

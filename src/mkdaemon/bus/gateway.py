@@ -52,7 +52,7 @@ class Bus:
     """An open session. Everything runs on the loop it was opened on.
 
     Attributes:
-        open_endpoints: where everybody in the network may come in; empty unless the configuration allows it.
+        open_endpoints: endpoints open to the whole network; empty unless the configuration allows it.
         setpoint_root: below which the holder of the lease puts setpoints; only the holder knows it.
     """
 
@@ -106,7 +106,7 @@ class Bus:
             clock: what a second is, for messages that are too many in it [s].
 
         Raises:
-            ConfigError: an endpoint or the Zenoh file is wrong, or everybody in the network could fly.
+            ConfigError: an endpoint or the Zenoh file is wrong, or every program in the network could fly.
             MkError: the endpoint is in use.
         """
         root = new_setpoint_root(cfg.connect)
@@ -169,7 +169,7 @@ class Bus:
         return self._published.counts()
 
     async def wait_until_watched(self) -> None:
-        """Return as soon as anybody subscribes to anything of this vehicle."""
+        """Return as soon as a client subscribes to a key of this vehicle."""
         watched = asyncio.Event()
         loop = self._loop
 
@@ -234,7 +234,7 @@ class Bus:
     async def refuse_uninvited(self) -> None:
         """Look for setpoints at the plain keys for a moment, and have the newest refused; none is allowed there.
 
-        Only for a moment: while somebody subscribes, everything that is put there comes to this computer's door.
+        Only for a moment: while this program subscribes, everything put there is sent to this computer.
         """
         places, remote = len(self._uninvited), zenoh.Locality.REMOTE
         looks = self._session.declare_subscriber(

@@ -170,7 +170,7 @@ def read_source(info: zenoh.SourceInfo | None) -> str:
 
 
 def read_payload(payload: zenoh.ZBytes | None, suffix: str) -> Payload:
-    """Copy what somebody sent to a key, unless it is longer than anything honest there."""
+    """Copy a payload, unless it is longer than any valid one for this key."""
     if payload is None:
         return b""
     spec = find(suffix)

@@ -164,7 +164,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         fresh=_RARE,
     ),
     KeySpec("tf", _P, Transform, "every pose; mounts at 1 Hz", "One edge of the tree of frames."),
-    KeySpec("event/command", _P, CommandEvent, "every command", "Who asked what, what was decided and why."),
+    KeySpec("event/command", _P, CommandEvent, "every command", "Every request: client, decision, reason."),
     KeySpec("event/mode", _P, ModeEvent, "on change", "Authority or flight mode changed."),
     KeySpec("event/failsafe", _P, FailsafeEvent, "on occurrence", "The daemon released without a request."),
     KeySpec(
@@ -193,7 +193,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     ),
     KeySpec("sim/fault", _Q, FaultRequest, "", "Begin or end a fault of the simulator.", SimFaults),
     KeySpec("event/clock", _P, ClockEvent, "on occurrence", "The system clock was set: how far, and which way."),
-    KeySpec("event/mark", _P, MarkEvent, "on occurrence", "Somebody marked this moment for the recordings."),
+    KeySpec("event/mark", _P, MarkEvent, "on occurrence", "A client marked this moment for the recordings."),
     KeySpec("event/log", _P, LogEvent, "on occurrence", "Other things worth knowing."),
     KeySpec(
         "health",

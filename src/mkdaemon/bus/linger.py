@@ -1,4 +1,4 @@
-"""Connections that close at once, whoever is at the other end.
+"""Connections that close at once, even if the peer does not answer.
 
 Zenoh closes a TCP connection with SO_LINGER of 10 s, on one of the two threads that receive for every session of the
 process. While bytes wait for a client that is stopped, or whose cable is pulled, `close(2)` holds that thread: two such

@@ -35,7 +35,7 @@ def received_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
     """What follows `<root>/<vehicle>/` in the key of something that arrived.
 
     Returns:
-        None where it names no key of this vehicle: everybody may put to a wildcard, `mk/**`, and it arrives so.
+        None if it names no key of this vehicle: programs may put to a wildcard, `mk/**`, and it arrives as such.
     """
     head = f"{root}/{vehicle}/"
     return whole[len(head) :] if whole.startswith(head) and WILDCARD not in whole else None

@@ -60,7 +60,7 @@ def session_config(
         msg = f"{zenoh_file}: no usable Zenoh configuration: {_plain_words(error)}"
         raise ConfigError(msg) from error
     settings = _measured_settings(mode, lease, patience)
-    # An own file keeps its own endpoints unless ours are given; where it has none, Zenoh would listen to everybody.
+    # An own file keeps its own endpoints unless ours are given; without one, Zenoh would listen on all interfaces.
     for place, endpoints in (("connect/endpoints", connect), ("listen/endpoints", listen)):
         if endpoints or config.get_json(place) == zenoh.Config().get_json(place):
             settings[place] = list(endpoints)
@@ -89,8 +89,8 @@ def _measured_settings(mode: str, lease: float, patience: float) -> dict[str, ob
         "transport/link/tx/lease": int(lease * 1000),
         # 1 MiB for telemetry in place of 128 KiB: a subscriber may stand still for a second before samples are dropped.
         "transport/link/tx/queue/size/data": 16,
-        # Nobody checks how long a message in shared memory is, who wrote it can change it while it is read, and 16 MiB
-        # of each client that ever sent a long one stay mapped: two such clients cost the daemon 75 MiB.
+        # Zenoh does not check the length of a message in shared memory, its writer can change it while it is read, and
+        # 16 MiB stay mapped for each client that ever sent a long one: two such clients cost the daemon 75 MiB.
         "transport/shared_memory/enabled": False,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "connect/timeout_ms": int(patience * 1000) if mode == "client" else -1,
@@ -123,7 +123,7 @@ def _check_file(path: Path) -> None:
 
 
 def check_endpoint(endpoint: str, place: str) -> None:
-    """Make sure that an endpoint has a form Zenoh can read, for its own words about a wrong one help nobody.
+    """Check the form of an endpoint: Zenoh's own message about a wrong one does not name the mistake.
 
     Args:
         endpoint: `<protocol>/<address>`, where protocols of the Internet need a port.

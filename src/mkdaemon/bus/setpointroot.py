@@ -6,7 +6,7 @@ receives from every connection. Two strangers that put 300,000 setpoints a secon
 
 The root's second chunk is a secret random number. It begins with `@`: such a chunk is matched by no wildcard, so
 that neither a put to `mk/**` arrives there, nor a subscriber of `mk/**` hears what does. What arrives is put once more
-to the plain key (`setpoint/stick`) by the daemon, for everybody to see.
+to the plain key (`setpoint/stick`) by the daemon, for all readers.
 
 A router's access rules stand in a file, and no pattern in a file can speak of such a chunk. So behind a router with
 rules the number stands without `@`: what rules say of `setpoint/**` holds for it, and only a pilot may put there.

@@ -121,7 +121,7 @@ class EventKeys:
 
     def __init__(self, transport: Transport) -> None:
         self.command: Stream[CommandEvent] = Stream(transport, "event/command", "event:CommandEvent")
-        """`event/command`, every command: Who asked what, what was decided and why."""
+        """`event/command`, every command: Every request: client, decision, reason."""
         self.mode: Stream[ModeEvent] = Stream(transport, "event/mode", "event:ModeEvent")
         """`event/mode`, on change: Authority or flight mode changed."""
         self.failsafe: Stream[FailsafeEvent] = Stream(transport, "event/failsafe", "event:FailsafeEvent")
@@ -133,7 +133,7 @@ class EventKeys:
         self.clock: Stream[ClockEvent] = Stream(transport, "event/clock", "event:ClockEvent")
         """`event/clock`, on occurrence: The system clock was set: how far, and which way."""
         self.mark: Stream[MarkEvent] = Stream(transport, "event/mark", "record:MarkEvent")
-        """`event/mark`, on occurrence: Somebody marked this moment for the recordings."""
+        """`event/mark`, on occurrence: A client marked this moment for the recordings."""
         self.log: Stream[LogEvent] = Stream(transport, "event/log", "event:LogEvent")
         """`event/log`, on occurrence: Other things worth knowing."""
 

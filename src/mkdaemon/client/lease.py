@@ -452,7 +452,7 @@ class Leases:
             use_remembered: confirms that a FlightCtrl that cannot be asked in flight is the one before; docs/link.md.
 
         Raises:
-            CommandRejectedError: `lease_held` by somebody else, `busy`, `gate_shut`, `link_down`, ...; says what to do.
+            CommandRejectedError: `lease_held`, `busy`, `gate_shut`, `link_down`, ...; says what to do.
             MkError: no daemon speaks for this vehicle.
         """
         load_models()

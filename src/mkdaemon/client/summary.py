@@ -50,7 +50,7 @@ class VehicleStatus:
     link_health: ClassVar[_Last[LinkHealth]] = _Last("link/health")
     """Round trips, losses and streams."""
     control: ClassVar[_Last[ControlStatus]] = _Last("control/status")
-    """Who flies."""
+    """Lease, phase and reason."""
     attitude: ClassVar[_Last[Attitude]] = _Last("state/attitude")
     """Orientation."""
     position: ClassVar[_Last[Position]] = _Last("state/position")

@@ -55,8 +55,8 @@ class AutopilotConfig(Section):
 
     Higher begins flights that overshoot."""
     entry_offset: float = Field(default=0.3, gt=0, le=10)
-    """The aircraft must be nearer to the middle of the target than this share of its height before a flight begins: who
-    leans against the wind beside it loses sight of it.
+    """The aircraft must be nearer to the middle of the target than this share of its height before a flight begins: an
+    aircraft that leans into the wind beside it loses sight of it.
 
     Higher begins flights that lose sight at the first tilt."""
     entry_clean: float = Field(default=2.0, ge=0, le=20)

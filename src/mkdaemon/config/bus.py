@@ -18,9 +18,9 @@ class BusConfig(Section):
 
     An endpoint in use ends the daemon at its start. Without one, clients meet it over a router of `connect` alone."""
     allow_open: bool = False
-    """Listen all the same where everybody in the network could fly; `mkctl status` and the log then say so.
+    """Listen even if every program in the network could fly; `mkctl status` and the log then say so.
 
-    True lets everybody in the network take the lease and fly."""
+    True lets every program in the network take the lease and fly."""
     connect: tuple[str, ...] = ()
     """Zenoh endpoints to connect to, for example a router that joins several machines.
 

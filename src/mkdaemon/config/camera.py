@@ -65,9 +65,9 @@ class CameraSection(Section):
     One that is not there is opened again and again, and no flight by the target begins."""
     secret_file: Path | None = None
     """File with the secret that the sender of a `zenoh:` source signs its images with, 16 characters or more; unset
-    takes images from whoever puts them.
+    takes images from any program.
 
-    Unset flies by whatever anybody on the bus puts there."""
+    Unset, any program on the bus can steer the aircraft with its images."""
     calibration: Path | None = None
     """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never.
 

@@ -8,7 +8,7 @@ from mkdaemon.config.base import RELOADABLE, Section
 
 
 class CommandsConfig(Section):
-    """Requests that are off until someone who knows the aircraft turns them on.
+    """Requests that are off by default; turn one on only if you know its effect on this aircraft.
 
     Every other dangerous request is allowed, but only through the gate: motors known stopped, the right board proven,
     and the field `confirm` in the request. See docs/protocol.md, "Danger".

@@ -67,7 +67,7 @@ class LimiterConfig(Section):
 
 
 class LeaseConfig(Section):
-    """Who may fly, and for how long without a sign of life; docs/safety.md."""
+    """The lease: limits of a client that flies; docs/safety.md."""
 
     ttl: float = Field(default=5.0, ge=0.5, le=60)
     """A lease without setpoints or renewal ends after this time, unless the client asked for less [s].
@@ -120,7 +120,7 @@ class ControlConfig(Section):
     limiter: LimiterConfig = LimiterConfig()
     """Bounds of every stick command."""
     lease: LeaseConfig = LeaseConfig()
-    """Who may fly."""
+    """The lease."""
     autopilot: AutopilotConfig = AutopilotConfig()
     """Flight by position and velocity setpoints."""
 

@@ -93,7 +93,7 @@ class LinkConfig(Section):
     probe_baud: bool = True
     """Try other line rates while nothing but garbage arrives.
 
-    False stays at `baud`, and an adapter at another rate is garbage until somebody looks."""
+    False stays at `baud`, and an adapter at another rate yields garbage until `baud` is corrected."""
     probe_flightctrl: bool = True
     """With the motors known off, look through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.6 s, and the
     NaviCtrl's camera servos stop for that long: false where they must not.

@@ -173,7 +173,7 @@ def _unit(place: Place, root: type[BaseModel]) -> str:
 
 
 def _degrees(details: ErrorDetails, unit: str) -> str:
-    """The right number, where somebody has written degrees: radians that are too many, and as degrees are not."""
+    """The right number if degrees were written: too large as radians, plausible as degrees."""
     limit = next((float(value) for name, value in details.get("ctx", {}).items() if name in {"lt", "le"}), None)
     value = details["input"]
     if not unit.startswith("rad") or limit is None or not isinstance(value, int | float) or value <= limit:

@@ -22,7 +22,7 @@ class SendSticks:
         sequence: number of the setpoint it came from.
         age: age of that setpoint [s].
         is_limited: the limiter changed what was asked for, in whole counts.
-        wanted: what was asked for [stick; FLU]; None where nobody says.
+        wanted: the sticks that the flight asked for [stick; FLU]; None if unknown.
     """
 
     counts: StickCounts
@@ -36,7 +36,7 @@ class SendSticks:
 
 @dataclass(frozen=True, slots=True)
 class Release:
-    """Let go of the aircraft, and report `released` to the core when that is done."""
+    """Release the aircraft, and report `released` to the core afterwards."""
 
     reason: str
 

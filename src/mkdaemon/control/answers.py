@@ -9,8 +9,8 @@ A broken line is another thing: an aircraft whose frames are lost obeys the last
 confirms frames, its response to the confirmed ones is weighed beside its response to all: while either explains what
 is reported, the aircraft obeys. The first frame that is confirmed after a break ends what was found during it.
 
-Level sticks ask for nothing. Whether the aircraft answers again is then told by how level it is: a pilot tilts it. In
-still air he may hold it level for a while: each time that was no answer, it must be level for twice as long.
+Level sticks cannot be verified by tilt. Then a level aircraft counts as an answer, because a pilot's sticks tilt it.
+In still air the pilot may hold it level for a while: after each wrong conclusion it must stay level for twice as long.
 
 Where a board reports the gate itself, that decides. Source of the weighing: cumulative sums of log-likelihoods, E. S.
 Page, "Continuous inspection schemes" (1954); they find a change within the time in which it shows.
@@ -53,9 +53,9 @@ SOON: Final = 5.0
 MOST_OWED: Final = 64.0
 """Largest evidence that is asked for of an answer that came back [nat]: 4 s of an aircraft that is level."""
 SPARSE: Final = 0.15
-"""Attitudes farther apart say nothing [s]: nobody knows how old they are."""
+"""Attitudes farther apart are ignored [s]: their age is unknown."""
 PAUSE: Final = 0.3
-"""Without a stick frame for longer somebody else flies, and everything begins anew [s]."""
+"""After a longer pause of stick frames the pilot has flown, and the watch restarts [s]."""
 NUMBERED: Final = 128
 """Written frames whose confirmation is awaited: half of the numbers there are, 2.5 s of a stream at 50 Hz."""
 CUT: Final = 0.2
@@ -81,7 +81,7 @@ class AnswerWatch:
     """
 
     def __init__(self, model: AircraftModel) -> None:
-        """Begin with an aircraft that nobody flies."""
+        """Start without a flight."""
         self._model = model
         self._f, self._g = tilt_response(model)
         self._sent_at = -math.inf
@@ -101,7 +101,7 @@ class AnswerWatch:
         self._slow: Array | None = None  # of what is expected and of what is reported, by axis
 
     def _begin(self, now: float) -> None:
-        """Begin a flight with the tilt that was reported last, which somebody else's sticks ask for."""
+        """Start a flight with the tilt that was reported last, commanded by the pilot's sticks."""
         self.forget()
         self._is_judged = False
         self._written.clear()
@@ -228,7 +228,7 @@ class AnswerWatch:
         return any(since < written <= until for since, until in self._lost)
 
     def gate_reported(self, now: float, *, is_open: bool) -> None:
-        """Take what a board says now [s] of the gate; one that was opened is reason to begin anew."""
+        """Take the gate as a board reports it now [s]; an opened gate restarts the watch."""
         if is_open and self.is_gate_shut(now):
             self.forget()
         self._gate = (is_open, now)
@@ -251,6 +251,8 @@ class AnswerWatch:
         fast = signals - self._slow
         asked, seen = fast[:2], fast[2]
         acts = SHARES[:, None] * asked[:, None, :]
+        # Log-likelihood ratio of "no answer" (the report holds none of the expected motion) against "answers" (it holds
+        # a share of it), summed and clipped at both ends. Source: E. Page, Biometrika 41 (1954), cumulative sums.
         variance = ROUGHNESS**2 + (MODEL_ERROR * acts) ** 2
         gained = ((acts - seen) ** 2 - seen**2) / (2.0 * variance)
         evidence = self._evidence + INDEPENDENT * passed * gained.sum(axis=2)

@@ -1,4 +1,4 @@
-"""Who may fly, and what is sent because of it: one lease at a time, and the ladder from setpoint to release.
+"""Authority over the aircraft: one lease at a time, and the ladder from setpoint to release.
 
 A pure state machine over the table of `modes`: every method takes `now` [s; monotonic] and nothing happens between
 calls. Frames of an old epoch cannot leave: only `tick` hands out sticks, and it hands out those of the present lease.
@@ -33,7 +33,7 @@ class Lease:
 
     Attributes:
         holder: the client.
-        epoch: number of the lease; everybody may know it.
+        epoch: number of the lease; public.
         secret: what only the holder knows.
         ttl: life without a sign of life [s].
         sign_of_life: when the latest came: a setpoint or a renewal [s].
@@ -68,7 +68,7 @@ class Lease:
             raise self.not_holder()
 
     def not_holder(self) -> CommandRejectedError:
-        """Why somebody else is refused."""
+        """Why another client is refused."""
         return refuse(Token.NOT_HOLDER, holder=self.holder)
 
     def check_setpoint(self, setpoint: Setpoint) -> None:
@@ -86,7 +86,7 @@ class Lease:
             raise refuse(Token.SEQUENCE_JUMP, sequence=sequence, last=last, limit=LONGEST_JUMP)
 
     def take_setpoint(self, setpoint: Setpoint, cfg: LeaseConfig, now: float) -> bool:
-        """Take the newest setpoint; after a pause the stream lives anew. Returns whether it is the first."""
+        """Take the newest setpoint; after a pause a new stream starts. Returns whether it is the first."""
         is_first = self.newest is None
         if is_first or now - self.arrived > 1.0 / cfg.engage_rate:
             self.since = now
@@ -131,7 +131,7 @@ class Fly:
         epoch: the lease.
         sequence: the setpoint's number.
         may_touch: the ground may be touched, see `Step.may_touch`.
-        is_level: nobody asked for this throttle, see `Step.is_level`.
+        is_level: no client asked for this throttle, see `Step.is_level`.
     """
 
     sticks: Sticks
@@ -149,8 +149,8 @@ class ReleaseOrder:
 
     Attributes:
         reason: why, one sentence.
-        holder: who lost the lease; empty for nobody.
-        asked: somebody asked for it, so it is no failsafe.
+        holder: the client that lost the lease; empty without one.
+        asked: a client asked for it, so it is no failsafe.
     """
 
     reason: str
@@ -174,7 +174,7 @@ class Authority:
     """
 
     def __init__(self, cfg: ControlConfig, *, first_epoch: int) -> None:
-        """Start with nobody flying.
+        """Start without a lease.
 
         Args:
             cfg: times and bands.
@@ -187,7 +187,7 @@ class Authority:
         self._pending: ReleaseOrder | None = None
         self._may_begin = False
         self.phase = Phase.FREE
-        self.reason = "nobody has taken the lease"
+        self.reason = "no lease was requested yet"
         self.aborts = 0
         self.progress: Progress | None = None
         self.outcome: Outcome | None = None
@@ -195,7 +195,7 @@ class Authority:
     # -- what is known --------------------------------------------------------------------------------------------
 
     def lease(self, now: float) -> LeaseState | None:
-        """Return the present lease as the bus shows it; None for nobody."""
+        """Return the present lease as the bus shows it; None without one."""
         return None if self._lease is None else self._lease.shown(now)
 
     @property
@@ -219,13 +219,13 @@ class Authority:
     # -- what clients ask for -------------------------------------------------------------------------------------
 
     def take(self, holder: str, secret: str, now: float, *, ttl: float | None = None) -> LeaseGrant:
-        """Give the lease to a client, from whoever holds it; whether it may have it is asked of admission.
+        """Give the lease to a client, also if another one holds it; admission has decided before.
 
         Another client of the present holder's name is another client.
 
         Args:
             holder: its name.
-            secret: what nobody else knows.
+            secret: known to this client only.
             now: [s].
             ttl: life without a sign of life, if shorter than configured [s].
         """
@@ -260,7 +260,7 @@ class Authority:
             self.end(Trigger.CLIENT_GONE)
 
     def end(self, event: Trigger, *, can_land: bool = False, **words: str) -> None:
-        """End the lease, whoever holds it, and release the aircraft at the next tick, even if nobody holds the lease.
+        """End the lease, if any, and release the aircraft at the next tick in any case.
 
         Args:
             event: what happened; nothing is done in a phase for which the table has no row.
@@ -305,7 +305,7 @@ class Authority:
 
     @property
     def holder_key(self) -> HolderKey | None:
-        """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
+        """What identifies setpoints of the present holder; None without a lease."""
         return None if self._lease is None else HolderKey(self._lease.epoch, self._lease.secret, self._lease.holder)
 
     def refuse_unsigned(self, setpoint: Setpoint) -> CommandRejectedError:
@@ -415,7 +415,7 @@ class Authority:
         return row
 
     def _release_order(self, row: Row, **words: str) -> ReleaseOrder:
-        """End the lease; from now on its reason is told, though the phase changes with the next tick."""
+        """End the lease. Its reason is published from now on; the phase changes with the next tick."""
         self.reason = self._reason(row, **words)
         holder = self._lease.holder if self._lease is not None else ""
         self._lease = None

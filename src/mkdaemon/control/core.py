@@ -57,7 +57,7 @@ class FlightCore:
         first_epoch: int,
         rows: Mapping[type[Setpoint], Make] = MANOEUVRES,
     ) -> None:
-        """Start with nobody flying and nothing known.
+        """Start without a lease and without values.
 
         Args:
             cfg: times, bands and bounds.
@@ -179,7 +179,7 @@ class FlightCore:
         granted: LeaseState | None = None
         match request.action:
             case "take":
-                # Who takes the lease over must not wait for the gate to be read.
+                # A take-over of the lease must not wait until the gate is read.
                 is_to_be_read = found is None and self._authority.lease(now) is None
                 if found is not None or is_to_be_read:
                     self._preflight.active_set = found or UNREAD
@@ -316,11 +316,11 @@ class FlightCore:
 
     @property
     def holder_key(self) -> HolderKey | None:
-        """By which setpoints of the present holder are told from others; None while nobody holds the lease."""
+        """What identifies setpoints of the present holder; None without a lease."""
         return self._authority.holder_key
 
     def preflight(self, now: float) -> PreflightReport:
-        """Every check before a flight; in flight nothing that takes long is computed anew."""
+        """Every check before a flight; in flight, slow checks keep their last result."""
         if self.phase not in IN_FLIGHT:
             self._preflight.compute_loop()
         found = findings(replace(self.situation(now), stamps=self._preflight.compare(now)))
@@ -355,7 +355,7 @@ class FlightCore:
         return self._pacing.next_time(self._authority.deadline(), self._output.next_step, self._output.step)
 
     def tick(self, now: float, *, slept: float = 0.0) -> list[Action]:
-        """Decide what is done now, in order; the machine slept for so long since the last tick [s], uncounted."""
+        """Decide what to do now, in order. `slept`: suspend time since the last tick, not counted by the clock [s]."""
         stood_still = self._pacing.tick(now) + slept
         order: Action | None = None
         chain = self._causes(now)
@@ -429,7 +429,7 @@ class FlightCore:
             self._output.engage(order.sticks, now)
         if line.obstacle is not None:
             error = refuse(TOKENS[line.obstacle.value], state="down", detail=line.reason)
-            if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nobody flies then, so the lease ends
+            if line.obstacle in {Obstacle.RELEASING, Obstacle.UNCONFIRMED}:  # nothing can fly: the lease ends
                 self._end(Trigger.LINE_RELEASING, error.reason)
                 self._pacing.hurry()
             self._reports.frame_not_sent(error, now)

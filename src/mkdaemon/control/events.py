@@ -1,4 +1,4 @@
-"""What the flight core can be told: one frozen class for each event, and what it answers. Pure.
+"""The events of the flight core, one frozen class each, and its answers. Pure.
 
 An event says what happened, never what follows from it. `FlightCore.feed(event, now)` is the only way in; `now` is when
 it happened [s; monotonic]: when a setpoint or a frame arrived, when a request was made. A recording of the events is
@@ -24,7 +24,7 @@ from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Anything that the flight core can be told."""
+    """An event of the flight core."""
 
 
 # -- what clients want --------------------------------------------------------------------------------------------
@@ -73,7 +73,7 @@ class LeaseAsked(Event):
 
     Attributes:
         request: what it asks for.
-        secret: what only the holder of a new lease is told; a number nobody can guess, drawn by who feeds.
+        secret: for the holder of a new lease only: an unguessable number, drawn by the caller of `feed`.
         found: what was read after the same request was answered with `must_read_set`; None before.
     """
 
@@ -84,14 +84,14 @@ class LeaseAsked(Event):
 
 @dataclass(frozen=True, slots=True)
 class ReleaseAsked(Event):
-    """Somebody asks to end the lease and to release the aircraft."""
+    """A client asks to end the lease and to release the aircraft."""
 
     request: ReleaseRequest
 
 
 @dataclass(frozen=True, slots=True)
 class AbortAsked(Event):
-    """Somebody asks to stop the manoeuvre; the lease goes on."""
+    """A client asks to stop the manoeuvre; the lease continues."""
 
     request: AbortRequest
 
@@ -163,7 +163,7 @@ class FreeDisk(Event):
     """Free space where flights are recorded.
 
     Attributes:
-        free: [bytes]; None where nobody can tell.
+        free: [bytes]; None if unknown.
     """
 
     free: float | None
@@ -274,7 +274,7 @@ class Reply:
 
     Attributes:
         refusal: why what was asked for was refused; None where it was not.
-        lease: the lease now, `LeaseGrant` for who took it; None for nobody.
+        lease: the lease now; a `LeaseGrant` for the client that took it; None without a lease.
         must_read_set: the active set must be read first: ask again with what was found.
         is_due: a tick is due at once.
     """

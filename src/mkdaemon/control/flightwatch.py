@@ -1,4 +1,4 @@
-"""What ends a flight without anybody asking: line, receiver, height control, the NaviCtrl, the battery. Pure.
+"""What ends a flight without a request: line, receiver, height control, the NaviCtrl, the battery. Pure.
 
 A battery sags while the motors work hard, so only what lasts counts, and a little more voltage is not yet the end of
 it. Source: docs/safety.md, "What ends a flight".
@@ -35,8 +35,8 @@ RECOVERED: Final = 1.02
 class LinePatience:
     """Watches the line for the holder of the lease.
 
-    Without a board nobody flies, and not after a reopening either: what the board held is gone. Nor past a board that
-    does not hear us: it drops external control by itself, and must not obey again without warning.
+    The lease ends if the board is gone, and if the port was reopened, because the board's state is lost. It also ends
+    if the board does not receive us: the board drops external control, and must not obey again without warning.
     """
 
     def __init__(self, *, one_way: float) -> None:
@@ -54,7 +54,7 @@ class LinePatience:
         self._openings = openings
 
     def watch(self, link: LinkState, now: float) -> None:
-        """Note since when the line is unusable, and since when it is silent; who hears nothing is not heard either."""
+        """Note since when the line is unusable, and since when it is silent; a silent board counts as not receiving."""
         self._unusable_since = math.inf if link.condition.is_usable else min(self._unusable_since, now)
         self._silent_since = math.inf if link.condition.hears_board else min(self._silent_since, now)
 
@@ -72,7 +72,7 @@ class BatteryWatch:
 
     Attributes:
         warning: why it is low, and what to do; None while it is not.
-        has_lasted: it has been low for so long that the flight must end.
+        has_lasted: it has been low for the time after which the flight must end.
     """
 
     def __init__(self) -> None:

@@ -72,6 +72,8 @@ def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> 
     a, h, q = f, g @ np.linalg.solve(input_cost, g.T), state_cost
     for _ in range(_DOUBLINGS):
         with np.errstate(over="ignore", invalid="ignore"):  # a state that cannot be reached grows without end
+            # A <- A (I + H Q)^-1 A, H <- H + A (I + H Q)^-1 H A', Q <- Q + A' Q (I + H Q)^-1 A: after k rounds the sum
+            # over 2^k steps, Q -> P. Source: Chu et al., as above.
             w = np.linalg.solve(identity + h @ q, np.concatenate([a, h], axis=1))
             wa, wh = w[:, : len(f)], w[:, len(f) :]
             step = a.T @ q @ wa
@@ -79,6 +81,7 @@ def regulator_gain(f: Array, g: Array, state_cost: Array, input_cost: Array) -> 
         if not (np.isfinite(q).all() and np.isfinite(h).all() and np.isfinite(a).all()):
             break
         if np.abs(step).max() <= 1e-12 * np.abs(q).max():
+            # K = (R + g' P g)^-1 g' P F
             gain = np.asarray(np.linalg.solve(input_cost + g.T @ q @ g, g.T @ q @ f), dtype=np.float64)
             if spectral_radius(f - g @ gain) < 1.0 - ROUNDED:
                 return gain, q

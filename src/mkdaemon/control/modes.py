@@ -26,13 +26,13 @@ class Trigger(StrEnum):
     LEASE_RETURNED = "lease_returned"
     """The holder gives the lease back."""
     RELEASE_REQUESTED = "release_requested"
-    """Somebody asks for a release."""
+    """A client asks for a release."""
     ABORT_REQUESTED = "abort_requested"
-    """Somebody asks to stop the manoeuvre."""
+    """A client asks to stop the manoeuvre."""
     CLIENT_GONE = "client_gone"
     """The holder's liveliness token is gone."""
     LINK_LOST = "link_lost"
-    """The link is unusable for too long, or the port was opened anew."""
+    """The link is unusable for too long, or the port was reopened."""
     CONTROL_IMPOSSIBLE = "control_impossible"
     """The aircraft takes no external control any more."""
     LINE_RELEASING = "line_releasing"
@@ -75,7 +75,7 @@ class Conditions:
     """What the guards of rows look at.
 
     Attributes:
-        is_held: somebody holds the lease.
+        is_held: a client holds the lease.
         is_silent: its holder has been silent for too long: setpoints count in flight, any sign of life before.
         is_live: its stream has lived for `lease.engage_after` at `lease.engage_rate` or faster, and still does.
         is_ready: a flight may begin with its newest setpoint: sticks are neutral, or the estimate is good enough.
@@ -146,8 +146,8 @@ class Row:
         guard: what must hold besides; the first row of an event whose guard holds is taken.
         target: phase it leads to.
         reaction: what is sent.
-        reason: one sentence for `control/status`; `{words}` are filled in, `{cause}` is given by who reports the event.
-        is_asked: somebody asked for it; a release nobody asked for is a failsafe.
+        reason: one sentence for `control/status`; `{words}` are filled in, `{cause}` comes with the event.
+        is_asked: it was requested; a release that was not requested is a failsafe.
     """
 
     sources: tuple[Phase, ...]

@@ -19,11 +19,11 @@ import numpy as np
 from mkdaemon.control.linear import Array
 
 WINDOW: Final = 8.0
-"""Motion of so long is compared [s]."""
+"""Length of the compared motion [s]."""
 GRID: Final = 0.01
 """Both are compared on this grid [s]."""
 SLOWEST: Final = 0.6
-"""Slower than this is left out: the mean over so long is subtracted [s]."""
+"""Slower motion is removed: the mean over this time is subtracted [s]."""
 FARTHEST: Final = 0.25
 """Largest shift that is tried [s]."""
 LEAST_MOTION: Final = math.radians(0.4)
@@ -41,7 +41,7 @@ class Match:
     """What the comparison found.
 
     Attributes:
-        lag: the images' stamps are so much too late, negative too early [s].
+        lag: error of the images' time stamps, positive if they are too late [s].
         likeness: correlation at that shift, -1 to 1.
     """
 
@@ -105,6 +105,8 @@ class MotionMatch:
         middle = slice(reach, -reach)
         if float(np.sqrt((first[:, middle] ** 2).sum(axis=0).mean())) < LEAST_MOTION:
             return None
+        # Normalised cross-correlation of both angles together, at each shift of the grid; the lag is its largest
+        # magnitude, refined by a parabola through three values. A negative one is a mounting turned by half a turn.
         shifts = range(-reach, reach + 1)
         likeness = np.array([_likeness(first[:, middle], np.roll(second, -k, axis=1)[:, middle]) for k in shifts])
         best = int(np.argmax(np.abs(likeness)))

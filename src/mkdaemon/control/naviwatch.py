@@ -1,7 +1,7 @@
 """Watches the NaviCtrl's own flight: which stage, how far, what the pilot's hands do. Pure.
 
-The NaviCtrl flies by the pilot's GPS switch alone; what it does is told by its mode flags, its waypoint number and its
-distances. Source: docs/waypoints.md, "Fly a target or a route"; docs/firmware-notes.md, section 8.
+Only the pilot's GPS switch makes the NaviCtrl fly. Its mode flags, waypoint number and distances show what it does.
+Source: docs/waypoints.md, "Fly a target or a route"; docs/firmware-notes.md, section 8.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mkdaemon.telemetry.state import Flight, Gps, GpsFix, GpsMode, Position
 PERIOD: Final = 1.0
 """Between two reports of a stage that lasts [s]."""
 SAME_PLACE: Final = 1.0
-"""A target so far from home is home [m]."""
+"""A target within this distance of home is home [m]."""
 AT_HOME: Final = 5.0
-"""Who is so close to home has come home [m]; GPS is good for 2 to 3 m."""
+"""Distance from home that counts as arrived [m]; GPS is good for 2 to 3 m."""
 _QUIET: Final = frozenset({NaviStage.GROUND, NaviStage.FREE})
 
 HANDS: Final = {

@@ -18,7 +18,7 @@ SHORTEST_STEP: Final = 0.01
 LONGEST_STEP: Final = 0.03
 """A decision waits no longer for the boards to take the next stick frame [s]; on a slower line the frame waits."""
 AHEAD: Final = 2.0
-"""Stick frames may be so many periods of `control.rate` ahead of it, so that a client's jitter delays none."""
+"""Periods of `control.rate` that stick frames may be ahead, so that a client's jitter delays none."""
 LONGEST_QUEUE: Final = 0.1
 """A stick frame that could not be sent for this long is never sent [s]."""
 
@@ -56,7 +56,7 @@ class StickOutput:
         return max(self._made_at + self.step, self._due_at - AHEAD / self._cfg.rate)
 
     def engage(self, sticks: Sticks, now: float) -> None:
-        """Begin a flight, or begin it anew after the line took no frames, because the board may have let go meanwhile.
+        """Start a flight, or restart it after the line took no frames: the board may have dropped external control.
 
         Tilt begins from neutral, throttle where the client holds it; less would drop the aircraft.
         """
@@ -125,7 +125,7 @@ class StickOutput:
             self.confirmed += 1
 
     def _throttle_cap(self, order: Fly, now: float) -> float | None:
-        """Most throttle that nobody asked for; None for any.
+        """Largest throttle, if the client did not ask for more; None without a limit.
 
         It does not rise where the ground may be touched: what is flown knows that best, because a board may say that
         the aircraft flies while its motors run. A stale command counts the pilot's throttle, and a board that says

@@ -14,19 +14,18 @@ from typing import Final
 from mkdaemon.config.control import ControlConfig
 
 JUST_AFTER: Final = 0.0002
-"""A deadline has surely passed so long after it [s]."""
+"""Margin after which a deadline has certainly passed [s]."""
 IDLE_PERIOD: Final = 0.1
-"""Time between two looks at the lease while nobody flies [s]."""
+"""Time between two checks of the lease without a flight [s]."""
 SLOWEST_IMAGES: Final = 0.25
 """Images further apart have no rhythm worth dividing [s]."""
 EARLY: Final = 0.003
-"""An image may come so much too early and is answered at once [s]; what is left of a period is for those that come too
-late: they would have to wait longest."""
+"""An image this early is answered at once [s]. The rest of a period is for late images, which would wait longest."""
 NEARLY: Final = 0.25
 """A time that is longer than whole ticks by less than this part of one has no place for another."""
 SLOW_LINE: Final = 1.4
-"""On a line where frames are farther apart than `control.rate` asks for, the next image is waited for so much longer
-than the line needs, as part of that; its answer would have to wait as long again [1]."""
+"""On a line whose frame interval is longer than the period of `control.rate`, the tick waits up to this factor times
+the interval for the next image [1]; without the wait, the image's answer would wait another interval."""
 
 
 class Pacing:
@@ -97,7 +96,7 @@ class Pacing:
     def _period(self, step: float) -> float:
         """Longest time from this tick to the next [s]; stick frames are at least `step` apart [s].
 
-        Images are `images` apart: `between` ticks lie between two, the last one so long after the image before [s].
+        Images are `images` apart [s], with `between` ticks between two of them.
         """
         if not self.is_paced:
             return IDLE_PERIOD

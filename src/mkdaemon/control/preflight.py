@@ -26,10 +26,10 @@ REPORTED: Final = 1.0
 
 
 class Preflight:
-    """What admission looks at, as it was told last.
+    """The newest values that admission checks.
 
     Attributes:
-        motion: as the boards and a camera told it.
+        motion: as reported by the boards and a camera.
         active_set: of the FlightCtrl, as it was read last.
         line: what the line can take.
         has_guard: the guard is there.
@@ -50,7 +50,7 @@ class Preflight:
         self._match: Match | None = None
         self._matched_at = float("-inf")
 
-    # -- what is told ---------------------------------------------------------------------------------------------
+    # -- values that arrive ---------------------------------------------------------------------------------------
 
     def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
         """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
@@ -124,7 +124,7 @@ class Preflight:
         return self._match
 
     def _gas_in_use(self, now: float) -> float | None:
-        """Throttle that the FlightCtrl flies with [count of 254]; None where it has not told lately."""
+        """Throttle in use by the FlightCtrl [count of 254]; None without a recent report."""
         throttle = self._facts.throttle_in_use(self.active_set.low_cell)
         return throttle.stick if throttle is not None and now - throttle.at <= REPORTED else None
 

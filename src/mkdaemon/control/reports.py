@@ -45,7 +45,7 @@ STATUS_PERIOD: Final = 1.0
 TROUBLE_PERIOD: Final = 0.2
 """And this often while a flight has no pose: the time until the release runs down [s]."""
 NEW_GAIN: Final = 0.1
-"""A stick gain that differs so much from the one reported last is reported."""
+"""Smallest change of the stick gain that is reported."""
 REPORT_PERIOD: Final = 1.0
 """Refused setpoints, and stick frames the line does not take, are reported at most this often [s]."""
 
@@ -84,21 +84,21 @@ class Reports:
     ) -> None:
         """Count a setpoint that was refused or could not be read, and report it, but not too often.
 
-        The holder's are reported apart: a stranger's must not hide what the one who flies got wrong.
+        The holder's are reported separately, so that a stranger's cannot hide them.
 
         Args:
             key: where it came, without `mk/<vehicle>/`.
             fields: what it carried.
             error: why it was refused.
             now: [s].
-            is_by_holder: who holds the lease signed it.
+            is_by_holder: the holder of the lease signed it.
         """
         self._refused += 1
         if self._is_due(f"setpoint refused {is_by_holder}", now):
             self._waiting.append(ReportCommand(key, fields, refused(error)))
 
     def pose_refused(self, pose: VisionPose, fault: ViewFault, now: float) -> None:
-        """Count a pose that nobody may use, and report it, but not too often."""
+        """Count an unusable pose, and report it at a limited rate."""
         self._poses_refused += 1
         if self._is_due("pose refused", now):
             self._waiting.append(Warn(f"pose of {pose.camera} against {pose.target} not used: {fault.value}"))
@@ -113,7 +113,7 @@ class Reports:
             self._waiting.append(Warn(f"stick frame not sent: {error}"))
 
     def estimate(self, value: EstimateValue | None, error: ErrorValue | None) -> None:
-        """Report what is believed, and how far that is from the goal, where there is any."""
+        """Report the estimate, and its distance from the goal if there is one."""
         if value is None:
             return
         self._waiting.append(PublishEstimate(value))
@@ -166,7 +166,7 @@ class Reports:
         self._warn_once("trouble", trouble_words(causes, self._releases_in))
 
     def released(self, reason: str, outcome: ReleaseOutcome | None) -> None:
-        """Report the end of a release nobody asked for; None where it did not end in time."""
+        """Report the end of a failsafe release; None if it did not end in time."""
         self._waiting.append(ReportFailsafe("release", reason, None if outcome is None else _IS_CONFIRMED[outcome]))
 
     def phase_changed(self) -> None:

@@ -23,13 +23,13 @@ from mkdaemon.telemetry.state import AngleScale, Attitude
 from mkdaemon.telemetry.vision import VisionPose
 
 CONFIRMED_BY_CABLE: Final = 0.0125
-"""By cable a stick frame is confirmed so long after it was written [s], median; docs/lab/genuine.md."""
+"""By cable, time from writing a stick frame to its confirmation [s], median; docs/lab/genuine.md."""
 ECHOED_BY_CABLE: Final = 0.0125
-"""By cable a link test is answered after so long [s], median; docs/lab/genuine.md."""
+"""By cable, round trip of a link test [s], median; docs/lab/genuine.md."""
 SHOWN: Final = 1.13
 """What a FlightCtrl reports over the angle that its sticks ask for; docs/control.md, "The attitude loop"."""
 FORGOTTEN: Final = 5.0
-"""A target out of sight for longer is met anew [s]."""
+"""After a longer time out of sight, the estimate against a target restarts [s]."""
 IN_SIGHT: Final = 1.0
 """A target that was seen longer ago is not in sight [s]."""
 SENT_KEPT: Final = 50
@@ -50,9 +50,9 @@ class Sight:
     Attributes:
         target: name of the target that is followed; empty before the first.
         named: name of the target that the newest setpoint asks for; empty where it names none.
-        estimator: what is believed against it; None before the first pose.
-        model: what is believed of the aircraft.
-        hover_gas: throttle that carries it, where no estimate says so [count of 254].
+        estimator: against it; None before the first pose.
+        model: of the aircraft.
+        hover_gas: hover throttle until an estimate has one [count of 254].
         attitude: as the boards reported it last.
         is_standing: what is flown knows that the aircraft stands on the ground, where nothing is estimated.
         answer: of the aircraft to its sticks.
@@ -85,7 +85,7 @@ class Sight:
         self._clean_since = math.inf
 
     def model_known(self, model: AircraftModel) -> None:
-        """Take the model of the aircraft's own parameter set; the estimate begins anew with it."""
+        """Take the model from the aircraft's parameter set; the estimate restarts with it."""
         if model != self.model:
             self.model, self.estimator = model, None
             self.answer = AnswerWatch(model)
@@ -100,7 +100,7 @@ class Sight:
                 return
 
     def _weigh_line(self) -> None:
-        """Make the model at the end of the line anew."""
+        """Recompute the model with the line's delays."""
         self._by_line = self.model if self._added is None else self.model.by_line(self._added)
 
     @property
@@ -113,7 +113,7 @@ class Sight:
         return self._by_line if self.estimator is None else self.estimator.model
 
     def stand(self, *, is_standing: bool) -> None:
-        """Take what the flown manoeuvre knows: the estimate ends on the ground, and begins anew in the air."""
+        """Take whether the aircraft stands: the estimate ends on the ground and restarts in the air."""
         self.is_standing = is_standing
         if is_standing:
             self.estimator = None
@@ -167,7 +167,7 @@ class Sight:
             target: its name.
             view: what the image shows.
             now: when it arrives [s].
-            lifted_by: throttle with which the aircraft left the ground [count of 254]; the estimate begins anew then.
+            lifted_by: throttle with which the aircraft left the ground [count of 254]; then the estimate restarts.
             may_change: nothing is flown by the followed target.
 
         Returns:
@@ -183,7 +183,7 @@ class Sight:
         if self.is_standing and lifted_by is None:
             self.target = target
         elif known is None or is_other or is_forgotten or lifted_by is not None or self._is_astray:
-            # What was believed of an aircraft that stood on the ground says nothing about its throttle.
+            # The estimate of an aircraft on the ground contains no information about its hover throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
             self.estimator = None
@@ -219,7 +219,7 @@ class Sight:
 
     @property
     def _is_astray(self) -> bool:
-        """Whether the estimate is led away from what images show: by somebody else's sticks, or by dead reckoning."""
+        """Whether the estimate may have left what images show: by the pilot's sticks, or by dead reckoning."""
         known = self.estimator
         if known is None:
             return False
@@ -284,9 +284,9 @@ class Sight:
         )
 
     def estimate(self, now: float) -> EstimateValue | None:
-        """Return what is believed now, as it is published; None before the first pose, and on the ground.
+        """Return the estimate as it is published; None before the first pose, and on the ground.
 
-        No camera sees a target from behind: who is believed there has come down, and the model knows no ground.
+        The model has no ground. No camera sees a target from behind: an estimate below the target has landed.
         """
         estimator = self.estimator
         if estimator is None:
@@ -317,7 +317,7 @@ class Sight:
 
 
 def checked_view(pose: VisionPose, now: float) -> TargetView | ViewFault:
-    """A pose that arrives now [s] as the estimator takes it, or why nobody may use it."""
+    """A pose that arrives now [s] as the estimator takes it, or why it cannot be used."""
     if not all(math.isfinite(number) for number in pose.quaternion_target_from_flu):
         return ViewFault.NOT_FINITE
     if not math.hypot(*pose.quaternion_target_from_flu) > 0.0:
@@ -341,7 +341,7 @@ def view_of(pose: VisionPose) -> TargetView:
 def velocity_between(before: TargetView | None, view: TargetView) -> Array | None:
     """Velocity against the target from two views of it (3,) [m/s]; None where they are too far apart in time.
 
-    None, too, where they are of two cameras: nobody knows both mountings to the millimetre.
+    Also None if they are of two cameras: mountings are not known to the millimetre.
 
     From where the target lies in the body frame, as if that were level: a small tag close by shows its place to
     millimetres and the tilt to half a radian, which would make tens of metres a second of two places.

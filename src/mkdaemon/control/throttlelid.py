@@ -8,7 +8,7 @@ It reports the throttle after the compensation of the battery's voltage: at 14.8
 its stick. A NaviCtrl takes that back again. By the voltage of the same message that share is known
 (`ThrottleReport.share`), unless more than it is seen: then the board reports the stick itself. Where no voltage is
 known, what is shown compares the numbers as they are, and flight goes by the largest share of ours that was ever
-reported in this flight: nobody's stick falls and rises with ours, and only less than that share is the pilot's.
+reported in this flight: only a smaller share is the pilot's throttle, because a pilot's stick does not follow ours.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from mkdaemon.control.vehicle import FRESH, ThrottleReport
 MARGIN: Final = 6.0
 """Less than ours by more than this is the pilot's [stick]; the FlightCtrl rounds, and one count is 1.6 % of thrust."""
 WINDOW: Final = 0.5
-"""A report is of one of the frames made so long before it arrived [s]: uplink, receiver frame, and the way back behind
-other frames, 0.4 s at worst."""
+"""Longest time from a stick frame to the report of its throttle [s]: uplink, receiver frame, and the way back behind
+other frames take 0.4 s at worst."""
 LASTING: Final = 0.4
 """Only a difference that lasts counts [s]."""
 
@@ -35,8 +35,8 @@ class ThrottleLid:
 
     Attributes:
         pilots_throttle: the pilot's throttle while it caps ours [stick from the centre]; None while it does not, or
-            nobody says so.
-        use: what flight goes by.
+            if no board reports it.
+        use: for the flight.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class ThrottleLid:
         self._forget()
 
     def _forget(self) -> None:
-        """Begin anew: what was flown by hand between two flights says nothing."""
+        """Restart: frames flown by hand between two flights do not count."""
         self._sent.clear()
         self.pilots_throttle: float | None = None
         self.use = OURS
@@ -91,7 +91,7 @@ class ThrottleLid:
         if share is None:
             self._scale = max(self._scale, min(flown / max(highest, 1.0), 1.0))
             return
-        # Of a throttle that the motors' least would hide, nothing is told.
+        # Below the motors' least throttle a report does not show the stick.
         differs = (1.0 - share) * lowest > MARGIN
         self._is_stick = self._is_stick or (differs and flown > share * highest + MARGIN)
         self._scale = 1.0 if self._is_stick else share

@@ -23,7 +23,7 @@ LEAST_BATTERY: Final = 5.0
 MOST_BATTERY: Final = 60.0
 """Nor one above this [V]."""
 FC_LOST: Final = "the NaviCtrl does not hear its FlightCtrl, which may be booting"
-"""Why nobody may fly while it does not."""
+"""Reason that prevents a flight meanwhile."""
 EMPTY_CELL: Final = 3.0
 """A cell that rests below this is damaged by it [V], so no battery that is flown has such cells."""
 MOTOR_TEST: Final = 1.0
@@ -42,7 +42,7 @@ class ThrottleReport(NamedTuple):
     Attributes:
         throttle: [stick from the centre].
         at: when the report arrived [s].
-        share: of the stick that this is, after the compensation of the battery's voltage; None where nobody knows.
+        share: of the stick that this is, after the compensation of the battery's voltage; None if unknown.
     """
 
     throttle: float
@@ -90,7 +90,7 @@ class VehicleFacts:
 
     @property
     def refused_sights(self) -> tuple[PoseRefused, ...]:
-        """The newest images whose pose the eyes refused, of all cameras, in the order of their arrival."""
+        """The newest images whose pose vision refused, of all cameras, in the order of arrival."""
         return tuple(self._refused)
 
     @property
@@ -179,7 +179,7 @@ class VehicleMemory(VehicleFacts):
         self._eyes[stats.camera] = stats
 
     def sight_refused(self, refused: PoseRefused) -> None:
-        """Keep an image whose pose the eyes refused."""
+        """Keep an image whose pose vision refused."""
         self._refused.append(refused)
 
     def disk_measured(self, free: float | None) -> None:

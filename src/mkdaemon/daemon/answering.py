@@ -1,4 +1,4 @@
-"""Every query gets an answer, and every answer is on the bus for everybody to see."""
+"""Every query gets an answer, and every answer is also published."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ async def answer_query(
         audit: hears of it.
         suffix: what was asked.
         payload: with what.
-        work: does it, told the fields; may refuse.
+        work: does it with the given fields; may refuse.
     """
     fields: dict[str, Any] = {}
     try:

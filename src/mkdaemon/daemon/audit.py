@@ -1,4 +1,4 @@
-"""The audit trail: who asked what, what was decided and why; nothing that moves the aircraft is invisible."""
+"""The audit trail: every request with its client, the decision and its reason. Every command is published."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Outlet(Protocol):
 
 
 class Audit:
-    """Publishes events, and logs them for whoever reads the journal."""
+    """Publishes events, and writes them to the log."""
 
     def __init__(self, bus: Outlet, clock: Clock) -> None:
         self._bus = bus
@@ -75,7 +75,7 @@ class Audit:
         _log.warning("failsafe", action=action, reason=reason, released=released)
 
     def mark(self, text: str, holder: str) -> None:
-        """Somebody marked this moment."""
+        """A client marked this moment."""
         self._bus.publish("event/mark", MarkEvent(stamp=self._clock.stamp(), text=text, holder=holder))
         _log.info("mark", text=text, holder=holder)
 

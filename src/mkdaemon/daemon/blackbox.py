@@ -87,7 +87,7 @@ class BlackBox:
             await asyncio.to_thread(self._thread.stop)
 
     def note_stop(self) -> None:
-        """Record that the daemon was told to end in order."""
+        """Record that an orderly stop of the daemon was requested."""
         if self.tap is not None:
             self.tap.notice(Notice.STOP)
 
@@ -226,7 +226,7 @@ JITTER: Final = 0.1
 
 
 class ImageRecorder:
-    """Takes every image, and records as many as the configuration says; on the thread of the eyes."""
+    """Takes every image on the vision thread, and records as many as the configuration says."""
 
     def __init__(self, cfg: RecordedImages, tap: Tap, clock: Clock) -> None:
         self._cfg = cfg

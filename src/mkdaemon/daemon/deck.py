@@ -44,7 +44,7 @@ Publication = PublishStatus | PublishEstimate | PublishNavi | PublishError | Rep
 
 
 class RecordedCore(FlightCore):
-    """A flight core of which everything that it is told, and every tick, is recorded."""
+    """A flight core whose events and ticks are all recorded."""
 
     def __init__(self, cfg: ControlConfig, *, first_epoch: int, tap: Tap) -> None:
         """Start as `FlightCore` does; `tap` records."""
@@ -78,9 +78,9 @@ class Deck:
         core: decides.
         audit: publishes events.
         eyes: the cameras.
-        sink: hears about the line.
+        sink: receives what the line reports.
         news: set when a tick is due at once.
-        holder_key: tells setpoints of who holds the lease from others; replaced as a whole, so any thread may read it.
+        holder_key: identifies setpoints of the lease's holder; replaced as a whole, so any thread may read it.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Deck:
             clock: stamps.
             first_epoch: of the leases.
             make_eyes: makes the cameras.
-            tap: records what the core is told.
+            tap: records the core's events.
             core: another one than the product's.
         """
         self._bus, self._clock = bus, clock
@@ -152,7 +152,7 @@ class Deck:
         return key.epoch_signed(Signature(kind.suffix, payload, proof))
 
     def feed(self, event: Event, now: float) -> Reply:
-        """Tell the core of an event at a time [s]; whoever ticks it is woken where that is due."""
+        """Feed the core with an event at a time [s], and wake the control task if a tick is due."""
         reply = self.core.feed(event, now)
         self.holder_key = self.core.holder_key
         if reply.is_due:

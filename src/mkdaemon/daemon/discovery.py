@@ -1,4 +1,4 @@
-"""Whoever wants to act waits until the aircraft is known."""
+"""Lets a request wait until the aircraft is identified."""
 
 from __future__ import annotations
 

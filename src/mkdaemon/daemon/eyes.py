@@ -51,7 +51,7 @@ class Eyes:
             await asyncio.to_thread(self._worker.stop, CLOSING)
 
     def attitude_received(self, attitude: Attitude) -> None:
-        """Tell the eyes how the vehicle lies, so that a pose that contradicts it can be refused."""
+        """Give vision the attitude, so that it can refuse a pose that contradicts it."""
         if self._worker is None:
             return
         from mkdaemon.vision.track.attitude import AttitudeSample
@@ -60,7 +60,7 @@ class Eyes:
         self._worker.attitude_arrived(sample)
 
     def altitude_received(self, altitude: Altitude) -> None:
-        """Tell the eyes the barometer's height, with which they compare their own."""
+        """Give vision the barometer's height, to compare with its own."""
         if self._worker is not None:
             self._worker.barometer_arrived(altitude.stamp.monotonic, altitude.above_start)
 
@@ -97,8 +97,8 @@ def open_eyes(
         cfg: all of it.
         bus: where values go.
         clock: stamps.
-        feed: tells the flight core of poses.
-        record: takes every image on the thread of the eyes, and returns at once.
+        feed: passes poses to the flight core.
+        record: takes every image on the vision thread, and returns at once.
 
     Raises:
         ConfigError: a source, camera file or target file is wrong.
@@ -118,4 +118,4 @@ def open_eyes(
 def _log_defect(supervision: asyncio.Task[None]) -> None:
     """A defect in looking after the cameras ends no flight, but must not pass unseen."""
     if not supervision.cancelled() and (error := supervision.exception()) is not None:
-        _log.error("nobody looks after the cameras any more", exc_info=error)
+        _log.error("the supervision of the cameras has failed", exc_info=error)

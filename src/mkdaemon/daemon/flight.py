@@ -43,7 +43,7 @@ from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.translate import aircraft_model, assumed_model, extern_control
 
 SECRET_BYTES = 16
-"""Of a lease: nobody guesses 128 bits."""
+"""Length of a lease's secret: 128 bits cannot be guessed."""
 
 
 class FlightControl:
@@ -102,7 +102,7 @@ class FlightControl:
         self._audit.log("info" if is_alive else "error", "guard runs" if is_alive else "guard is gone: no new lease")
 
     async def lease(self, request: LeaseRequest) -> LeaseState | None:
-        """Answer a request about the lease; None for nobody.
+        """Answer a request about the lease; None if no client holds it.
 
         Raises:
             CommandRejectedError: see `FlightCore` and `require_flightctrl`.
@@ -135,7 +135,7 @@ class FlightControl:
         return active_set(parameters)
 
     async def preflight(self) -> PreflightReport:
-        """Make every check before a flight, and publish what was found; in flight nothing is read anew."""
+        """Make every check before a flight and publish the report; in flight the last active set is used."""
         found = None if self._core.phase in IN_FLIGHT else await self._read_active_set()
         now = self._clock.now()
         if found is not None:
@@ -144,7 +144,7 @@ class FlightControl:
         return self._deck.publish_preflight(now)
 
     async def release(self, request: ReleaseRequest) -> ReleaseResult | None:
-        """Release the aircraft, whoever asks; returns how it went, None where it had no end in time."""
+        """Release the aircraft for any client; return the outcome, or None if it did not end in time."""
         ended = self._releases.next_end()
         self._deck.feed(ReleaseAsked(request), self._clock.now())
         return await ended
@@ -154,7 +154,7 @@ class FlightControl:
         return self._core.gains()
 
     def abort(self, request: AbortRequest) -> None:
-        """Stop the manoeuvre that is flown, whoever asks.
+        """Stop the present manoeuvre, for any client.
 
         Raises:
             CommandRejectedError: `nothing_flown`.
@@ -205,7 +205,7 @@ class FlightControl:
             self._deck.feed(LineChanged(line), now)
 
     def _carry_out(self, action: Action, now: float, tasks: asyncio.TaskGroup) -> None:
-        """Carry out one action of a tick; what takes time goes on in a task of its own."""
+        """Carry out one action of a tick; slow ones continue in their own task."""
         match action:
             case SendSticks():
                 self._send(action, now)

@@ -101,7 +101,7 @@ class FlightNotes:
         self._clock = clock
 
     def read(self) -> FlightMemory | None:
-        """Return what an earlier daemon knew; None where there is nothing, or nothing that can be believed."""
+        """Return the note of an earlier daemon; None without a note, or if it cannot be trusted."""
         try:
             note = FlightNote.model_validate_json(read_bytes(self._path, _LONGEST), strict=True)
         except (OSError, ValidationError):
@@ -129,7 +129,7 @@ class FlightNotes:
         self._path.unlink(missing_ok=True)
 
     async def follow(self, link: Link, audit: Audit) -> None:
-        """Keep the note as long as the aircraft flies, for ever; a disk that takes none is told once."""
+        """Keep the note up to date while the aircraft flies, for ever; a write error is reported once."""
         written_at: float | None = None
         may_exist, has_failed = True, False
         while True:

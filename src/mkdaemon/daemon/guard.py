@@ -29,7 +29,7 @@ PING_PERIOD: Final = 0.2
 SILENCE_LIMIT: Final = 1.0
 """A guard that has not answered for this long counts as dead [s]."""
 STOP_LIMIT: Final = 0.5
-"""Longest wait for the end of a guard that was told to stop [s]."""
+"""Longest wait for the guard to end after a stop [s]."""
 LAST_FRAMES: Final = 10
 """Release frames of a program that ends at once: five in each of two layouts."""
 START_LIMIT: Final = 5.0
@@ -219,7 +219,7 @@ class LastWord:
             self.guard.port_opened(descriptor)
 
     def port_closed(self) -> None:
-        """Let go of the port."""
+        """Close the guard's duplicate of the port."""
         self._line.replace(-1)
         if self.guard is not None:
             self.guard.port_closed()
@@ -261,6 +261,6 @@ def take_report(path: Path) -> str | None:
         text = str(parse_json(read_text(path))["text"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    with suppress(OSError):  # told twice is better than not at all
+    with suppress(OSError):  # a second report is better than none
         path.unlink()
     return text

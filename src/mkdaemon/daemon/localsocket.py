@@ -1,6 +1,6 @@
 """The way in that needs no Zenoh: a Unix socket that releases, however busy the bus is.
 
-Thousands of silent TCP connections keep every new client off the bus; whoever is on this machine and may open the
+Thousands of silent TCP connections keep every new client off the bus; a program on this machine that may open the
 socket can release all the same. See `mkdaemon.bus.localsocket` for what is said over it.
 """
 
@@ -35,7 +35,7 @@ CONNECTIONS: Final = 64
 WORKED_ON: Final = 16
 """Requests of one verb that are worked on at a time."""
 BACKLOG: Final = 1024
-"""Connections that wait in the kernel; with 16, a storm kept a release from coming so far."""
+"""Connections that wait in the kernel; with 16, a flood of connections kept a release out."""
 AT_ONCE: Final = 64
 """Connections taken before those that are open are looked at again."""
 READ_BYTES: Final = 1 << 16
@@ -50,7 +50,7 @@ Answer = Callable[[str, bytes], Awaitable[CommandResult]]
 
 
 class LocalSocket:
-    """Answers requests over a Unix socket: a thread of its own takes them, the loop works on them."""
+    """Answers requests over a Unix socket: its thread receives them, the loop works on them."""
 
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
@@ -84,7 +84,7 @@ class _Guest:
         connection: with it.
         process: at its other end.
         until: when it is closed [s; monotonic].
-        request: what came of it so far.
+        request: bytes received.
     """
 
     connection: socket.socket
@@ -96,8 +96,8 @@ class _Guest:
 class Reception(threading.Thread):
     """Takes connections and reads what they ask for, so that a storm of them costs the loop nothing.
 
-    All that wait are taken, and what each has said is read at once. Of those that say nothing so many may be open; a
-    further one ends the oldest of the process that has most. So whoever asks is heard before a storm shuts him out.
+    It accepts all waiting connections and reads their requests at once. If more than `CONNECTIONS` are silent, it
+    closes the oldest one of the process that has most. So a request is read before a flood can displace it.
     """
 
     def __init__(self, listener: socket.socket, loop: asyncio.AbstractEventLoop, answer: Answer) -> None:
@@ -116,7 +116,7 @@ class Reception(threading.Thread):
         self._waker, self._woken = socket.socketpair()
 
     def close(self) -> None:
-        """End it; from any thread. Who has asked is still answered where the loop gets to it."""
+        """End it; from any thread. Requests that were read are still answered if the loop gets to them."""
         self._is_over = True
         self._waker.send(b".")
         self.join(CLOSING)
@@ -215,7 +215,7 @@ class Reception(threading.Thread):
 
 
 def _reply(connection: socket.socket, result: CommandResult) -> None:
-    """Answer and hang up; an answer is shorter than what the kernel keeps for who does not read."""
+    """Answer and close; an answer is shorter than the kernel's buffer for a client that does not read."""
     with connection, suppress(OSError):
         connection.send(result.model_dump_json().encode() + b"\n")
 

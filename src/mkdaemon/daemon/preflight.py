@@ -40,7 +40,7 @@ async def read_active_set(link: Link) -> ParameterSet | None:
 
 
 def free_disk(folder: Path | None) -> float | None:
-    """Free space where a folder is, or will be made [bytes]; None for no folder, or where nobody can tell."""
+    """Free space where a folder is, or will be made [bytes]; None without a folder, or if unknown."""
     while folder is not None:
         try:
             return float(shutil.disk_usage(folder).free)

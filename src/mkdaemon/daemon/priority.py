@@ -18,17 +18,17 @@ from pathlib import Path
 from typing import Final
 
 SWITCH: Final = 0.0005
-"""Between two calls into OpenCV another thread may keep the interpreter, and the loop waiting, for so long; Python's
-own 5 ms would be more than a setpoint's whole budget [s]."""
+"""Switch interval of the interpreter [s]: the longest time for which another thread keeps the loop waiting between two
+calls into OpenCV. Python's default of 5 ms exceeds a setpoint's whole budget."""
 EYES: Final = "vision"
 """Name of the thread that looks at images: a stick frame that answers one waits for it as it does for the loop."""
 CORES: Final = 2
-"""From so many on the eyes leave the loop a core of its own."""
+"""From this number of cores on, vision leaves one to the loop."""
 LOWEST_REAL_TIME: Final = 1
 """Above every ordinary thread, below everything else that is real-time."""
 
 NICE: Final = -10
-"""Of the process's other threads: whoever of them holds the interpreter holds up the loop, so no other program may keep
+"""Of the process's other threads: a thread that holds the interpreter delays the loop, so no other program may keep
 it waiting. On two cores shared with nine busy programs the loop stood still for 0.36 s otherwise."""
 AUTOGROUP: Final = Path("/proc/self/autogroup")
 """Nice value of all programs of a session against those of other sessions: sched(7), "The autogroup feature"."""
@@ -42,7 +42,7 @@ def is_favoured(wanted: bool | None, environment: Mapping[str, str]) -> bool:
 
     Args:
         wanted: what the configuration says; None where it leaves it open.
-        environment: of the process. A service of systemd, which runs nothing else, is told where to report.
+        environment: of the process; systemd sets NOTIFY_SOCKET only for a service, which runs nothing else.
     """
     return bool(environment.get("NOTIFY_SOCKET")) if wanted is None else wanted
 
@@ -126,7 +126,7 @@ def _eyes() -> list[int]:
 
 
 def favour_session() -> bool:
-    """Put the programs of this session, one of its own for a service, before those of other sessions.
+    """Give the programs of this session priority over other sessions; a service has its own session.
 
     Where the kernel groups programs by session, which is the default of most distributions, nice values only compare
     programs of one session: threads at -10 beside four busy loops of another one were 16 ms late at worst, as at 0, and

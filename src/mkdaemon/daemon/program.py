@@ -153,10 +153,10 @@ class Daemon:
         self._audit.log("info", f"{program}: vehicle {cfg.vehicle.name} on {where}; line {cfg.link.port}")
         if self._bus.open_endpoints:
             reachable = ", ".join(self._bus.open_endpoints)
-            self._audit.log("warning", f"everybody in the network may fly: {reachable} is open (bus.allow_open)")
+            self._audit.log("warning", f"every program in the network can fly: {reachable} is open (bus.allow_open)")
         for camera in cfg.cameras:
             if camera.source.startswith(OVER_BUS) and camera.secret_file is None:
-                text = f"camera {camera.name}: images of anybody at {camera.source} are flown by; set secret_file"
+                text = f"camera {camera.name}: any program can put images to {camera.source}; set secret_file"
                 self._audit.log("warning", text)
         report = take_report(self._report)
         if report is not None:
@@ -262,7 +262,7 @@ class Daemon:
         return status_line(self._wiring.health(), self._flight.phase)
 
     async def _report_floods(self) -> None:
-        """Say what was shed, and refuse setpoints put where nobody may, once a second."""
+        """Once a second, report dropped samples, and refuse setpoints on keys that no client may write."""
         while True:
             await self._bus.refuse_uninvited()
             shed = ", ".join(f"{count} {what}" for what, count in self._bus.take_shed().items())

@@ -1,4 +1,4 @@
-"""Releases of the aircraft that are under way, and who waits for their end."""
+"""Running releases of the aircraft, and the tasks that wait for their end."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RELEASE_TIMEOUT: Final = 5.0
 
 
 class Releases:
-    """Runs releases and tells the flight core, and everybody who waits, how they ended."""
+    """Runs releases, and reports their outcome to the flight core and to waiting tasks."""
 
     def __init__(self, deck: Deck, link: Link, clock: Clock) -> None:
         self._deck, self._link, self._clock = deck, link, clock
@@ -37,12 +37,12 @@ class Releases:
         return end
 
     def begin(self, reason: str, tasks: asyncio.TaskGroup) -> None:
-        """Have the line release the aircraft, and follow it to its end in a task of its own."""
+        """Have the line release the aircraft, and wait for the end in a separate task."""
         release = self._link.release(reason)
         tasks.create_task(self._follow(reason, release), name="control.release")
 
     async def _follow(self, reason: str, release: Awaitable[ReleaseResult]) -> None:
-        """Wait for the end of a release, then report it to the core and to whoever asked for it."""
+        """Wait for the end of a release, then report it to the core and to the waiting clients."""
         began = self._clock.now()
         result: ReleaseResult | None = None
         with suppress(TimeoutError):
@@ -57,7 +57,7 @@ class Releases:
             await self._report_late_release(reason, began)
 
     async def _report_late_release(self, reason: str, began: float) -> None:
-        """Correct the report of a release that was not confirmed, once one is; who flies again ends the wait."""
+        """Correct the report of an unconfirmed release once it is confirmed; a new flight ends the wait."""
         with suppress(TimeoutError):
             async with asyncio.timeout(LATE_RELEASE):
                 while self._deck.core.phase not in IN_FLIGHT:

@@ -12,13 +12,13 @@ from mkdaemon.errors import ConfigError
 
 
 class Reloading:
-    """Reads the configuration again whenever somebody asks."""
+    """Reads the configuration again on request."""
 
     def __init__(self, read: Callable[[], Config]) -> None:
         """Wait to be asked.
 
         Args:
-            read: reads the configuration as at the start; called on a thread of its own.
+            read: reads the configuration as at the start; called on a separate thread.
         """
         self._read = read
         self._asked = asyncio.Event()

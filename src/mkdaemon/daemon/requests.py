@@ -35,7 +35,7 @@ from mkdaemon.telemetry.status import Status
 PASSAGE: Final = 5.0
 """How long a bare redirection lasts [s]; a client waits 15 s for an answer."""
 MOTORS_FRESH: Final = 0.5
-"""What telemetry says about the motors counts for so long where a request must not meet running ones [s]."""
+"""Largest age of the motors' state for a request that must not meet running motors [s]."""
 MOTORS_WAIT: Final = 1.5
 """How long to wait for telemetry to say it again, where it is slower [s]."""
 _BOARDS = {board.word: board for board in Board if board is not Board.ANY}
@@ -116,7 +116,7 @@ class BoardRequests:
     ) -> CommandResult:
         async with way_to(self._link, board, message, admit):
             await self.prove_board(board, message)
-            # Seconds may have passed: somebody may hold the lease by now, or have started the motors.
+            # Seconds may have passed: a client may hold the lease by now, or the pilot may have started the motors.
             self._interlock.require(self._beginning(board, message, is_confirmed=is_confirmed))
             if message.spec.danger is not None and message.spec.danger.turns_motors:
                 self._feed(MotorTestSent(), self._clock.now())
@@ -125,7 +125,7 @@ class BoardRequests:
             return await self._converse(board, message)
 
     def _beginning(self, board: Board, message: WireMessage, **known: Any) -> BoardRequest:
-        """A request as admission looks at it; `known` is what whoever asks knows besides."""
+        """A request as admission looks at it; `known`: further fields that the caller knows."""
         danger, dialect, spec = _danger_of(message), self._link.dialect, message.spec
         # Nothing on the line tells the fork from stock firmware: who enables its commands says that it is one.
         unsupported = None if spec.is_fork else dialect.unsupported.get((board, spec.key))
@@ -146,7 +146,7 @@ class BoardRequests:
         )
 
     def _is_slow(self, board: Board, message: WireMessage, danger: Danger | None) -> bool:
-        """Whether nobody's stick frames reach the aircraft while the request is at work.
+        """Whether the request keeps stick frames from the aircraft while it runs.
 
         A board that writes, beeps or calibrates is deaf; a NaviCtrl that passes the line through sends nothing else;
         what must not meet running motors is no request for a flight either.
@@ -155,7 +155,7 @@ class BoardRequests:
         return is_deaf or is_behind(self._link, board, message) or (danger is not None and danger.stopped)
 
     async def _wait_for_motors(self) -> None:
-        """Wait for telemetry to say anew whether motors run, where it said so a moment ago."""
+        """If the motors' state is known, wait for a fresh report of it."""
         if self._facts.motors_running(self._clock.now()) is None:
             return
         with suppress(TimeoutError):
@@ -165,10 +165,10 @@ class BoardRequests:
                     await asyncio.sleep(0.02)
 
     async def check_step(self, board: Board, message: WireMessage) -> None:
-        """Let a step of a procedure pass, or refuse it; it waits while the boards are asked anew who they are.
+        """Admit a step of a procedure, or refuse it; it waits while the boards are identified again.
 
         Args:
-            board: who is asked.
+            board: the addressee.
             message: the request.
 
         Raises:
@@ -198,7 +198,7 @@ class BoardRequests:
         self._interlock.require(self._beginning(board, message, is_confirmed=True, is_step=True, unproven=found))
 
     async def _pass_through(self, port: RedirectPort, admit: Callable[[], None]) -> CommandResult:
-        """Answer a bare redirection: for a while and back again, or the line would be lost to everybody for ever.
+        """Answer a bare redirection: it ends after a while, or the line would be lost for ever.
 
         Raises:
             CommandRejectedError: `not_redirectable`, `motors_not_known_off`.

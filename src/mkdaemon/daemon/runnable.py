@@ -17,7 +17,7 @@ from mkdaemon.link.session.streams import check_rates
 
 
 def mistakes(cfg: Config, *, needs_port: bool = True) -> Iterator[ConfigError]:
-    """Everything that stands in the way of this configuration; nothing is opened, nothing is sent.
+    """All mistakes of this configuration; nothing is opened, nothing is sent.
 
     What only this moment decides (a device that is not plugged in, an endpoint in use) is not looked at.
 

@@ -102,7 +102,7 @@ class BusSink:
         return states
 
     def sent(self, frame: Sent) -> None:
-        """Publish a transmission as bytes and as a message; the flight core hears of its own."""
+        """Publish a transmission as bytes and as a message; report stick frames to the flight core."""
         if frame.purpose is Purpose.SETPOINT and frame.message is not None:
             self._feed(FrameSent(frame.message.frame), frame.at)  # type: ignore[attr-defined]  # every layout has it
         sequence = self._count("tx")
@@ -144,7 +144,7 @@ class BusSink:
 
     def stream_ended(self, key: str) -> None:
         """Say in the log that a stream of another program is ended."""
-        self._audit.log("warning", f"stream {key}: nobody here asked for it; another program left it behind, ended")
+        self._audit.log("warning", f"stream {key}: this daemon did not request it; another program left it on; stopped")
 
     def traffic_counted(self, traffic: LinkTraffic) -> None:
         """Publish the counters."""

@@ -89,7 +89,7 @@ class Verbs:
         return await answer_query(self._audit, suffix, payload, work)
 
     async def _lease(self, request: LeaseRequest) -> CommandResult:
-        """Answer `do/lease`; nobody takes one while a procedure needs the boards."""
+        """Answer `do/lease`; it cannot be taken while a procedure needs the boards."""
         if request.action == "probe":
             return _accepted(LeaseProbe(echo=self._paths.new_echo()))
         if request.action == "take":
@@ -99,7 +99,7 @@ class Verbs:
             lease = await self._flight.lease(request)
         if isinstance(lease, LeaseGrant):
             lease = HolderGrant(**{**dict(lease), "setpoint_root": self._setpoint_root, "takes_stamps": True})
-        # Where nobody holds it there is nothing to describe.
+        # Without a holder there is nothing to describe.
         return CommandResult(status=Status.ACCEPTED) if lease is None else _accepted(lease)
 
     async def _release(self, request: ReleaseRequest) -> CommandResult:

@@ -21,7 +21,7 @@ def vehicle_health(
         link: the line.
         stamp: the moment.
         note: of the configuration.
-        open_endpoints: where everybody in the network may come in.
+        open_endpoints: endpoints open to the whole network.
     """
     state, flight = facts.link, facts.newest(Flight, stamp.monotonic)
     return VehicleHealth(
@@ -41,7 +41,7 @@ def vehicle_health(
 
 
 def status_line(health: VehicleHealth, phase: Phase) -> str:
-    """Return one line of what counts: the line, the motors, who flies.
+    """Return one line: the link, the motors, the phase of control.
 
     Args:
         health: the vehicle's signs of life.

@@ -45,7 +45,7 @@ HEALTH_PERIOD: Final = 1.0
 HEALTH_LOOK: Final = 0.1
 """Time between two looks at them [s]."""
 FENCE_PERIOD: Final = 10.0
-"""The fence is published so often: a recording that is cut has it all the same [s]."""
+"""Time between two publications of the fence, so that every part of a recording has it [s]."""
 CLOCK_LOOK: Final = 0.5
 """Time between two looks for a step of the system clock [s]."""
 
@@ -104,7 +104,7 @@ class Wiring:
             make_eyes: makes the cameras.
             guard: hears of the open port and of every stick frame written.
             opener: opens the port.
-            tap: records the line, and what the flight core is told.
+            tap: records the line, and the flight core's events.
             journal: of procedures; the vehicle's own if none is given.
             make_link: makes the line, from what `Link` is made of.
 

@@ -1,11 +1,11 @@
-"""Who is on the line, directly or behind a NaviCtrl, without sending what could harm.
+"""Identifies the boards on the line, directly or behind a NaviCtrl, by harmless requests.
 
 Only `v`, stream requests, the escape sequence and, with the motors known off, `u 0` are sent. `t` never is: at a
 FlightCtrl the NaviCtrl's time request spins a motor (docs/protocol.md, "Same letter, different meaning").
 
-1. `v` to any address. The address of the answer is the only proof of who is there.
+1. `v` to any address. Only the address of the answer proves which board is there.
 2. No answer, or one from a FlightCtrl: another program may have left a NaviCtrl redirected. The escape sequence twice,
-   50 ms apart, ends that; harmless to everybody else. Ask again.
+   50 ms apart, ends that, and does not disturb other boards. Ask again.
 3. A NaviCtrl answered and the FlightCtrl's release is unknown: once fresh telemetry says that the motors stand still,
    redirect (`u 0`), ask the FlightCtrl, escape. The NaviCtrl's port is blind for about 0.3 s meanwhile. Motors that
    run are waited for; a FlightCtrl that does not answer is looked for again, ever more seldom, and then no more.
@@ -43,11 +43,11 @@ of telemetry; their number is `link.flightctrl_looks`."""
 STILL: Final = 0.3
 """A NaviCtrl that passes the line through is silent for this long after three questions of 0.15 s [s]."""
 DISCOVERY_TIME: Final = 4.0
-"""How long whoever wants to act waits for the boards to be known [s]; a start takes 0.5-1.5 s."""
+"""Longest wait of a request for the identification of the boards [s]; a start takes 0.5-1.5 s."""
 
 
 async def discover(link: Link) -> None:
-    """Find out who is there, after the opening and after every silence long enough for a reboot; runs for ever."""
+    """Identify the boards after the opening, and after every silence long enough for a reboot; runs for ever."""
     while True:
         await link.needs_discovery.wait()
         link.needs_discovery.clear()
@@ -56,7 +56,7 @@ async def discover(link: Link) -> None:
 
 
 async def discover_boards(link: Link) -> None:
-    """Find out who is on the line, and ask for the streams."""
+    """Identify the boards on the line, and ask for the streams."""
     await _find_direct_board(link)
     link.start_streams()
 
@@ -138,7 +138,7 @@ async def wait_for_still_motors(link: Link) -> bool:
 
 
 PORTS: Final = {RedirectPort.FC: Board.FC, RedirectPort.MAG: Board.MAG, RedirectPort.GPS: Board.ANY}
-"""Who is at the other end of a line passed through; a GPS receiver has no address and is only listened to."""
+"""The board at the other end of a redirected line; a GPS receiver has no address and only sends."""
 
 
 @asynccontextmanager
@@ -152,7 +152,7 @@ async def redirection(link: Link, board: Board, admit: Callable[[], None] = lamb
 
     Args:
         link: the line.
-        board: who is wanted.
+        board: the wanted board.
         admit: raises `CommandRejectedError` where the line must not be passed through any more; asked right before.
 
     Raises:

@@ -35,7 +35,7 @@ MOST_KEPT: Final = 4096
 
 
 class Identification:
-    """Proves who is at a port that came back.
+    """Proves which aircraft is at a port that came back.
 
     Attributes:
         doubt: why nothing but questions is written; None while the aircraft is known, or the first one.
@@ -79,7 +79,7 @@ class Identification:
         self._is_accepted = True
 
     async def prove(self, port: Port) -> bytes | None:
-        """Ask who is there until it is proven; returns what arrived meanwhile, None where it is another aircraft.
+        """Ask for the aircraft's identity until it is proven; return what arrived meanwhile, None for another aircraft.
 
         The first aircraft, a recording, and a port that a search for the line rate closed need no proof.
 

@@ -1,8 +1,8 @@
 """The link as its users see it: one port, reopened for ever, and what may be said to the boards at its other end.
 
 Each call hands something to the dialogue and pumps the exchange; everything happens in the task of `run` and in the
-callers' own. What crosses the port is `exchange`, what is decided about it is `dialogue`, and who is there `discovery`
-finds out.
+callers' own. `exchange` moves bytes through the port, `dialogue` decides about them, and `discovery`
+identifies the boards.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Link:
             sink: hears of everything that crosses the line.
             opener: opens the port.
             clock: the machine's if none is given.
-            motors_running: who knows whether the motors run; a line is only redirected while it is known that they
+            motors_running: reports whether the motors run; a line is only redirected while it is known that they
                 do not.
             guard: hears of the open port and of every stick frame written.
             tap: records the line.
@@ -94,7 +94,7 @@ class Link:
         Cancelling it ends with a release.
 
         Args:
-            discover: finds out who is on the line; see `link.discovery`.
+            discover: identifies the boards on the line; see `link.discovery`.
 
         Raises:
             LinkError: the port could not be opened the first time, and `wait_for_port` is off.
@@ -192,7 +192,7 @@ class Link:
 
         Args:
             msg: the question.
-            board: who is asked; by default the board at the end of the wire, or the only one that understands it.
+            board: the addressee; by default the board at the end of the wire, or the only one that understands it.
             timeout: wait for the first answer [s]; by default what this command takes.
             retries: further attempts; by default what repeating this command may do.
             purpose: REQUEST, or BACKGROUND if no caller waits.
@@ -414,4 +414,4 @@ class Link:
 
 
 Discover = Callable[[Link], Coroutine[Any, Any, None]]
-"""Finds out who is on a line whenever it `needs_discovery`; runs for ever."""
+"""Identifies the boards on a line whenever it `needs_discovery`; runs for ever."""

@@ -70,7 +70,7 @@ class SilentObserver:
         """Ignore it."""
 
     async def live_set_at_risk(self, wanted: LiveSet) -> None:
-        """Refuse: somebody must keep a note of the live set.
+        """Refuse: a note of the live set is needed.
 
         Raises:
             ProtocolError: always.
@@ -171,7 +171,7 @@ async def way_to(
 
     Args:
         link: the line.
-        board: who is to hear it.
+        board: the addressee.
         message: the message.
         admit: see `redirection`.
 

@@ -1,7 +1,7 @@
 """Parameter sets as TOML or JSON: firmware, revision, slot, the raw bytes, and the same by name for people to read.
 
 Raw bytes and named values must agree when a file is read, so a hand edit of one alone is found; delete `raw` to make
-the names count. Pure text: who reads and writes the file is somebody else.
+the names count. Pure text: the callers read and write the file.
 """
 
 from __future__ import annotations

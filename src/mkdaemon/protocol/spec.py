@@ -60,7 +60,7 @@ class MessageSpec:
     Attributes:
         name: the message, the same for all its layouts, for example `OsdData`.
         key: the message in Zenoh keys, for example `osd`.
-        boards: whose it is: who answers with it, or who is asked with it.
+        boards: that answer with it, or are asked with it.
         id: command letter.
         layout: which generation of the structure this is.
         direction: host to board or board to host.

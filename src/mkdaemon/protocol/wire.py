@@ -143,7 +143,7 @@ def request(
     """Enter a message from the host to a board into the table; for the columns see `MessageSpec`.
 
     Args:
-        boards: who is asked with it.
+        boards: the addressees.
         command: its letter.
         reply: letter of the answer; None where none comes.
         policy: how boards are asked; one `Policy` holds for all of them.

@@ -22,7 +22,7 @@ _FREE: Final = {True: "The pilot flies", False: "On the ground", None: "The pilo
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A command that somebody may give now, or may not.
+    """A command that may be given now, or may not.
 
     Attributes:
         id: its verb.

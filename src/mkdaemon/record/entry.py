@@ -88,7 +88,7 @@ ORDINARY: Final = Qos()
 class TimeBase:
     """Joins a machine's monotonic clock to Unix time, once for a recording.
 
-    A file's times are monotonic time plus `offset_ns`: they never jump, even when somebody sets the system clock.
+    A file's times are monotonic time plus `offset_ns`: they never jump, even if the system clock is set.
 
     Attributes:
         boot: names the monotonic clock, as `Stamp.boot` does.
@@ -179,7 +179,7 @@ _ONLY_TEXT: Final = frozenset({str})
 
 
 def unpacked(payload: bytes) -> dict[str, Any]:
-    """What a payload says, whoever wrote it; nothing where it is no map with names."""
+    """The content of a payload; empty if it is no map with names."""
     try:
         found = msgpack.unpackb(payload, strict_map_key=False)
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException):

@@ -104,7 +104,7 @@ class RecordingFolder:
         return self.path / f"{name}-{part:03d}.mcap"
 
     def unused_name(self, name: str) -> str:
-        """The name of a recording, a second or more later if another one has it: who is restarted at once is a new one.
+        """The name of a recording, a second or more later if another file has it, after a quick restart.
 
         Args:
             name: as `recording_name` made it.
@@ -226,7 +226,7 @@ class RawFile:
         os.fdatasync(self._number)
 
     def is_in_place(self) -> bool:
-        """Whether the file still has its name: somebody may have removed it or its folder."""
+        """Whether the file still has its name: another program may have removed it or its folder."""
         try:
             found = self.path.stat()
         except OSError:

@@ -106,9 +106,9 @@ MOST_SUMMARY_BYTES: Final = 1 << 26
 """Of any other record [bytes]."""
 EXPANSION: Final = 200
 FREE_BYTES: Final = 1 << 28
-"""Chunks may hold so many times the bytes of the file before them, and these beside [bytes]: ours hold 20 times."""
+"""Chunks may expand to `EXPANSION` times the bytes of the file before them, plus this [bytes]; ours expand 20 times."""
 PATIENCE: Final = 4
-"""Looking for the next chunk, so many times the bytes of the file may be tried, and `FREE_BYTES`."""
+"""The search for the next chunk may read this multiple of the file's bytes, plus `FREE_BYTES`."""
 _LONGEST_NAME: Final = 8
 """Of a compression [bytes]."""
 _BLOCK: Final = 1 << 20

@@ -198,7 +198,7 @@ class KeySummary:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A moment that somebody marked.
+    """A marked moment.
 
     Attributes:
         at: when [ns; times of the file].

@@ -20,7 +20,7 @@ from mkdaemon.stamp import Stamp
 SECRET: Final = "secret"
 SECRETS: Final = (SECRET, "setpoint_root")
 """What only the holder of a lease receives."""
-"""Field that is never recorded: who knows it may fly."""
+"""Field that is never recorded: its owner can fly the aircraft."""
 HIDDEN: Final = "..."
 PORT: Final = "port"
 """Suffix of the key that bytes of the line have."""

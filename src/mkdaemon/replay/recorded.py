@@ -140,8 +140,8 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
 
     Raises:
         MkError: a file cannot be opened.
-        ConfigError: these are not the files of one black box from its beginning on, or it did not keep what the flight
-            core was told.
+        ConfigError: these are not the files of one black box from its beginning on, or it did not keep the flight
+            core's events.
     """
     files = [Recording(path) for path in paths]
     sessions: list[tuple[Session, Recording]] = []
@@ -159,7 +159,7 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
         raise ConfigError(msg)
     if not any(entry.kind is Kind.EVENT for entry in entries):
         msg = (
-            f"{paths[0]}: recorded by {sessions[0][0].program}, which did not keep what the flight core was told: it "
+            f"{paths[0]}: recorded by {sessions[0][0].program}, which did not keep the flight core's events: it "
             "cannot be verified. `mkctl log play`, `mkctl log export`, `mkctl log` and the viewer show it as they did"
         )
         raise ConfigError(msg)

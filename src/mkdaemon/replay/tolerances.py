@@ -90,7 +90,7 @@ RULES: Final[tuple[Rule, ...]] = (
         "link/*",
         "*",
         _OUT,
-        "of the line, at times of its own; the flight core is told the recorded verdicts",
+        "of the line, at its own times; the flight core gets the recorded verdicts",
     ),
     Rule("health", "*", _OUT, "follows from the line's verdict"),
     Rule("event/command:do/*", "*", _OUT, "requests are answered by tasks that wait for the line"),

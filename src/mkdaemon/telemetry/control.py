@@ -1,4 +1,4 @@
-"""Who may fly, and what is sent to the aircraft."""
+"""The lease, the phase of control, and what is sent to the aircraft."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -207,7 +207,7 @@ class ReleaseOutcome(ToneEnum):
     UNCONFIRMED = (
         *(
             "unconfirmed",
-            "released, but NOT confirmed: the line is silenced until the FlightCtrl lets go by itself (6 s)",
+            "released, but NOT confirmed: the line stays silent until the FlightCtrl ends external control (6 s)",
         ),
         Tone.BAD,
     )
@@ -253,7 +253,7 @@ class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 
     holder: str
-    """Who may fly."""
+    """The present lease."""
     epoch: int
     """Every lease has its own; setpoints of any other are refused."""
     ttl: float
@@ -385,7 +385,7 @@ class EstimateValue(Telemetry):
 
 
 class ControlEstimate(Stamped, EstimateValue):
-    """What the flight core believes: `control/estimate`, with every stick frame in the air; nothing on the ground."""
+    """The flight core's estimate: `control/estimate`, with every stick frame in the air; nothing on the ground."""
 
 
 class ErrorValue(Telemetry):

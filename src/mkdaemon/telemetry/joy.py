@@ -52,7 +52,7 @@ class Joy(Stamped):
         return self.model_copy(update={"proof": sign(secret, f"joy/{pad}", self._content()).hex()})
 
     def is_by(self, secret: str, pad: str) -> bool:
-        """Whether who knows the secret sent it."""
+        """Whether an owner of the secret sent it."""
         try:
             proof = bytes.fromhex(self.proof)
         except ValueError:

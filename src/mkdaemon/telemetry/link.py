@@ -110,7 +110,7 @@ class Fates(Telemetry):
     outage: int = 0
     """Unanswered while the line was lost, or while this program stood still."""
     withdrawn: int = 0
-    """Unanswered when whoever had asked stopped waiting."""
+    """Unanswered when the requester stopped waiting."""
 
     @property
     def words(self) -> str:

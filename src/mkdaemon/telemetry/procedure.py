@@ -32,7 +32,7 @@ class ProcedureProgress(Stamped):
     verb: str
     """What was asked for, `settings_backup`; `recovery` where the daemon itself began it."""
     holder: str
-    """Who asked."""
+    """The client that asked."""
     state: ProcedureState
     """Where it stands."""
     step: int

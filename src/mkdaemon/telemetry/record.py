@@ -64,7 +64,7 @@ class MarkRequest(Command):
 
 
 class MarkEvent(Stamped):
-    """Somebody marked a moment: `event/mark`."""
+    """A client marked a moment: `event/mark`."""
 
     text: str
     """What happened."""

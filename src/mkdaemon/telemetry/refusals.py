@@ -554,7 +554,7 @@ class Token(StrEnum):
     )
     LABELS_INCONSISTENT = (
         "labels_inconsistent",
-        "the labels read do not have the checksum the {board} tells ({found:#04x}, not {wanted:#04x}).",
+        "the checksum of the labels differs from the {board}'s ({found:#04x}, not {wanted:#04x}).",
         "Read them again on a better line.",
     )
 

@@ -142,7 +142,7 @@ class OwedSet(Described):
     verb: str
     """What it was."""
     holder: str
-    """Who had asked."""
+    """The client that asked."""
     stamp: Stamp
     """When the note was taken."""
     firmware: str

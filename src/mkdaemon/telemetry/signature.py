@@ -51,7 +51,7 @@ def stamp_of(proof: bytes) -> float | None:
 
 
 def private_key(secret: str, key: str) -> str:
-    """The key below a plain one that only who knows a secret can name; no wildcard matches its last chunk.
+    """The key below a plain one that only an owner of the secret can name; no wildcard matches its last chunk.
 
     Args:
         secret: shared by both sides.

@@ -12,15 +12,15 @@ class Tone(StrEnum):
     OK = "ok"
     """As it should be."""
     WARN = "warn"
-    """Somebody should look at it."""
+    """Needs attention."""
     BAD = "bad"
-    """Somebody must act."""
+    """Needs action."""
     UNKNOWN = "unknown"
     """No value shows it."""
 
     @property
     def is_wrong(self) -> bool:
-        """Whether somebody should look at it, or must act."""
+        """Whether it needs attention or action."""
         return self in (Tone.WARN, Tone.BAD)
 
 

@@ -27,7 +27,7 @@ class FrameSample(Stamped):
     sequence: int
     """The same number as in `raw/rx` or `raw/tx`."""
     board: str
-    """fc, nc, mag, osd, bl: who sent it or was addressed; any: whoever listens; other: no known board."""
+    """fc, nc, mag, osd, bl: the sender or the addressee; any: every board; other: no known board."""
     id: str
     """Command letter."""
     message: str

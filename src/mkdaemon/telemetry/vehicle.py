@@ -27,4 +27,4 @@ class VehicleHealth(Stamped):
     battery_cells: int | None = None
     """Cells of the battery, counted by its highest voltage since the port was opened; null before it was reported."""
     open_endpoints: tuple[str, ...] = ()
-    """Zenoh endpoints where everybody in the network may come in and fly, because `bus.allow_open` is true."""
+    """Zenoh endpoints at which every program in the network can fly, because `bus.allow_open` is true."""

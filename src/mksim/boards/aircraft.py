@@ -66,7 +66,7 @@ class Aircraft(Protocol):
         """Fly on for one period of the control loop."""
 
     def steer(self, away: tuple[float, float] | None) -> None:
-        """Lean towards a place so far east and north [m], as the NaviCtrl asks for; None for its leaving it alone."""
+        """Lean towards a place, metres east and north, as the NaviCtrl commands; None without a command."""
 
     def calibrate(self) -> None:
         """Zero the FlightCtrl's angles."""

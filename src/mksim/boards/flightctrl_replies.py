@@ -46,7 +46,7 @@ _SHOWN: Final = 1.13
 
 
 def bounded(value: float, bits: int = 16) -> int:
-    """Round into a signed integer of so many bits."""
+    """Round and clip to a signed integer of `bits` bits."""
     top = (1 << (bits - 1)) - 1
     return max(-top, min(top, round(value)))
 

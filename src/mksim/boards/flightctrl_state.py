@@ -27,7 +27,7 @@ from mksim.boards.reception import FcReceiver
 from mksim.config import GasLaw
 
 SUBSCRIPTION_TIME: Final = 4000 * 1.025e-3
-"""Streams stop so long after the last renewal: 4.1 s as measured."""
+"""Time from the last renewal until a stream stops [s]: 4.1 s as measured."""
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class FcRequests:
         self.expire_at = now + SUBSCRIPTION_TIME
 
     def end_expired(self, now: float, *, debug_is_endless: bool) -> None:
-        """Stop the streams that nobody renewed."""
+        """Stop the streams that were not renewed."""
         if now < self.expire_at:
             return
         self.attitude_stream.interval = self.display_stream.interval = 0
@@ -254,7 +254,7 @@ class FcBoard(BoardPort):
         self._pack()
 
     def _pack(self) -> None:
-        """A packet begins every so many ticks, and the NaviCtrl has it a tick before the next one begins.
+        """A packet starts every `packet_ticks` ticks; the NaviCtrl has it one tick before the next one starts.
 
         Source: docs/lab/genuine-navictrl.md.
         """

@@ -45,7 +45,7 @@ class DeadMan:
 
     Attributes:
         ticks: slow ticks until they are dropped.
-        refreshed_by: command letters that start the count anew; empty means every command.
+        refreshed_by: command letters that restart the count; empty means every command.
     """
 
     ticks: int

@@ -165,22 +165,26 @@ class Airframe:
         r = self.enu_from_flu
         surface, ground_east, ground_north, ground_up = self.ground.at(self.east, self.north, now)
         height = self.up - surface
+        # m a = T z_body - m D (v - wind) - m g z, with linear drag D [1/s]; z_body is the third column of r.
         push = thrust / config.mass * self._ground_effect(height)
         drag = config.drag
         a_east = r[2] * push - drag * (self.v_east - wind[0])
         a_north = r[5] * push - drag * (self.v_north - wind[1])
         a_up = r[8] * push - drag * (self.v_up - wind[2]) - GRAVITY
+        # Semi-implicit Euler: the new velocity moves the position, so that the contact does not gain energy.
         v_east, v_north, v_up = self.v_east + a_east * dt, self.v_north + a_north * dt, self.v_up + a_up * dt
         clearance = height - self._leg
         self.on_ground = clearance <= _ROUNDING and v_up <= ground_up + _ROUNDING
         load = 0.0
         if self.on_ground:
             self._check_impact(self.v_up - ground_up, math.hypot(v_east - ground_east, v_north - ground_north))
+            # The legs carry what accelerates the aircraft down; a hard touchdown counts as one weight.
             load = max(0.0, -a_up) if v_up - ground_up > -0.5 else GRAVITY
             v_up = ground_up
             v_east, v_north = self._apply_friction(v_east - ground_east, v_north - ground_north, load * dt)
             v_east, v_north = v_east + ground_east, v_north + ground_north
             self.up = surface + self._leg
+        # Accelerometers measure dv/dt - gravity, with the contact forces of this step.
         self._set_specific_force(
             (v_east - self.v_east) / dt, (v_north - self.v_north) / dt, (v_up - self.v_up) / dt + GRAVITY
         )
@@ -232,6 +236,7 @@ class Airframe:
         config = self._config
         jx, jy, jz = config.inertia_roll, config.inertia_pitch, config.inertia_yaw
         p, q, s = self.rate_x, self.rate_y, self.rate_z
+        # Euler's equations in the body axes: J dw/dt = torque - w x J w, J diagonal.
         alpha_x = (torque[0] - (jz - jy) * q * s) / jx
         alpha_y = (torque[1] - (jx - jz) * s * p) / jy
         alpha_z = (torque[2] - (jy - jx) * p * q) / jz
@@ -243,6 +248,8 @@ class Airframe:
         q = max(-_MAX_RATE, min(_MAX_RATE, q + alpha_y * dt))
         s = max(-_MAX_RATE, min(_MAX_RATE, s + alpha_z * dt))
         self.rate_x, self.rate_y, self.rate_z = p, q, s
+        # dq/dt = q * (0, w) / 2 with the body's rates w; normalised, because an Euler step lengthens q.
+        # Source: J. Diebel, "Representing Attitude", Stanford 2006, section 6.
         half = 0.5 * dt
         w, x, y, z = self._qw, self._qx, self._qy, self._qz
         w, x, y, z = (
@@ -260,11 +267,14 @@ class Airframe:
     ) -> tuple[float, float, float]:
         """Add what the legs do: turn the aircraft to the ground's slope as far as their load and radius allow."""
         config = self._config
+        # A leg pushes and cannot pull: the largest righting moment is the load on one edge of the feet. Within it the
+        # contact replaces the torque of the rotors by a damped spring towards the slope.
         moment = config.mass * load * config.foot_radius
         most_x, most_y = moment / config.inertia_roll, moment / config.inertia_pitch
         roll, pitch = self._slope(now)
         right_x = -_CONTACT_STIFFNESS * (self.roll - roll) - _CONTACT_DAMPING * self.rate_x
         right_y = -_CONTACT_STIFFNESS * (self.pitch - pitch) - _CONTACT_DAMPING * self.rate_y
+        # About yaw, Coulomb friction stops the rotation within this step if it can.
         most_z = config.friction * moment / config.inertia_yaw
         stop_z = -alpha_z - self.rate_z / dt
         return (
@@ -276,13 +286,15 @@ class Airframe:
     def _slope(self, now: float) -> tuple[float, float]:
         """Roll and pitch of an aircraft that stands flat on the ground below [rad]."""
         east, north, reach, at = self.east, self.north, _SLOPE_REACH, self.ground.at
+        # Gradient of the surface by central differences; then its parts along the body's forward and left axes.
+        # Roll is positive for a surface that rises to the left, pitch (nose down) for one that falls ahead.
         to_east = (at(east + reach, north, now)[0] - at(east - reach, north, now)[0]) / (2.0 * reach)
         to_north = (at(east, north + reach, now)[0] - at(east, north - reach, now)[0]) / (2.0 * reach)
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return math.atan(to_north * cos - to_east * sin), -math.atan(to_east * cos + to_north * sin)
 
     def _rotation(self) -> tuple[float, float, float, float, float, float, float, float, float]:
-        """Rotation of the quaternion, row by row."""
+        """Rotation of the quaternion, row by row: R = (w^2 - v.v) I + 2 v v' + 2 w [v]x, for a unit quaternion."""
         w, x, y, z = self._qw, self._qx, self._qy, self._qz
         xx, yy, zz = x * x, y * y, z * z
         xy, xz, yz = x * y, x * z, y * z

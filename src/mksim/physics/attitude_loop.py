@@ -41,7 +41,7 @@ GYRO_COUNTS_PER_DEG: Final = 1220.0
 YAW_DEAD_BAND: Final = 4.0
 """Yaw stick counts that do nothing."""
 YAW_UNLOCK: Final = 8.0
-"""Yaw stick count from which the FlightCtrl lets go of its compass heading."""
+"""Yaw stick count from which the FlightCtrl gives up its compass heading."""
 _ANGLE_SCALE: Final = 11000.0
 YAW_GAIN: Final = 18.0
 """Yaw acceleration per rate error [1/s]."""

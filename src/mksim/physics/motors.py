@@ -100,12 +100,15 @@ class Motors:
     def __init__(self, config: AirframeConfig, cells: int) -> None:
         """Start with the rotors standing; `cells` of the pack say at which voltage the hover count hovers."""
         hover = config.hover_count
+        # A rotor's thrust is k n^2 at a count n; four of them carry the weight at the hover count.
         self._thrust_per_count2 = config.mass * GRAVITY / (4.0 * hover * hover)
         self._load_scale = 1.0 / (4.0 * self._thrust_per_count2 * hover**3)
         self._arm = config.arm
         self._torque_per_thrust = config.torque_per_thrust
         self._lag = config.motor_lag
         slope = 2.0 * self._thrust_per_count2 * hover  # thrust per count at hover [N/count]
+        # Counts for an angular acceleration a: J a = 2 arm slope dn for two rotors about pitch and roll, and
+        # J a = 4 (torque per thrust) slope dn for all four about yaw.
         self._pitch_count = config.inertia_pitch / (2.0 * config.arm * slope)
         self._roll_count = config.inertia_roll / (2.0 * config.arm * slope)
         self._yaw_count = config.inertia_yaw / (4.0 * config.torque_per_thrust * slope)
@@ -143,14 +146,17 @@ class Motors:
         # counts are those that give the same thrust at the hover voltage; a set point is one of them over `speed`
         speed = voltage / self._hover_v
         level = chain.setpoint(gas, voltage) * speed
+        # The motor's lag: dn/dt = (level - n) / lag.
         self._collective += (level - self._collective) * min(1.0, dt / self._lag)
         base = self._collective
+        # The FlightCtrl's own limits, see `DYNAMIC_STABILITY` and `LEAST_YAW_THROTTLE`.
         most = max(level, LEAST_YAW_THROTTLE) / 2.0
         yaw = max(-most, min(most, alpha_z * self._yaw_count))
         most = DYNAMIC_STABILITY * (max(level, 0.0) + abs(yaw) / 2.0)
         pitch = max(-most, min(most, alpha_y * self._pitch_count))
         roll = max(-most, min(most, alpha_x * self._roll_count))
         bottom, top = MIN_COUNT * speed, MAX_COUNT * speed
+        # Mixer of the plus frame: front, rear, right, left; front and rear turn against right and left.
         counts = (base + yaw - pitch, base + yaw + pitch, base - yaw - roll, base - yaw + roll)
         health, setpoints = self.health, self.setpoints
         factor = self._thrust_per_count2
@@ -162,7 +168,7 @@ class Motors:
             # the set point follows the stick at once; the lagged collective is the rotor's own inertia
             setpoints[i] = int(min(MAX_COUNT, max(MIN_COUNT, (count + level - base) / speed)))
             push = factor * count * count
-            load += push * count
+            load += push * count  # the power of a rotor goes with the cube of its speed
             thrusts.append(push * health[i])
         self.load = load * self._load_scale
         front, rear, right, left = thrusts

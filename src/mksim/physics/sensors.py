@@ -144,6 +144,7 @@ class Sensors:
         self._baro_wander = 0.0  # the boards zero the barometer when they calibrate
         self._gps_noise = sensors.gps_noise
         self._gps_wander = [rng.gauss(0.0, sensors.gps_wander) for _ in range(3)]
+        # The slow error is a Gauss-Markov process, as of the wind; white noise is added to it.
         keep = math.exp(-GPS_PERIOD / _GPS_CORRELATION)
         self._gps_kick = sensors.gps_wander * math.sqrt(1.0 - keep * keep)
         self._origin = (
@@ -211,6 +212,7 @@ class Sensors:
 
     def _update_gps(self, airframe: Airframe, now: float) -> None:
         gauss, noise = self._rng.gauss, self._gps_noise
+        # The slow error is a Gauss-Markov process, as of the wind; white noise is added to it.
         keep = math.exp(-GPS_PERIOD / _GPS_CORRELATION)
         self._gps_wander = [value * keep + gauss(0.0, self._gps_kick) for value in self._gps_wander]
         drawn = (gauss(0.0, noise), gauss(0.0, noise), gauss(0.0, noise), *(gauss(0.0, 1.0) for _ in range(3)))

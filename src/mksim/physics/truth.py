@@ -10,7 +10,7 @@ from mksim.physics.wind import Wind
 
 
 class Truth:
-    """A window on the airframe and the air: every property is read anew."""
+    """A view of the airframe and the air: each property is computed when it is read."""
 
     __slots__ = ("_airframe", "_wind")
 

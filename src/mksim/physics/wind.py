@@ -86,6 +86,7 @@ class Wind:
         east, north = self._mean
         up = 0.0
         if self._sd:
+            # Gauss-Markov process of each axis: x' = x e^(-T/tau) + N(0, sd^2 (1 - e^(-2 T/tau))), exact for a step T.
             turbulence, decay, kick, gauss = self._turbulence, self._decay, self._kick, self._rng.gauss
             turbulence[0] = turbulence[0] * decay + gauss(0.0, kick)
             turbulence[1] = turbulence[1] * decay + gauss(0.0, kick)

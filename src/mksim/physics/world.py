@@ -207,7 +207,7 @@ class World:
             loop.set_gains(gains)
 
     def steer(self, away: tuple[float, float] | None) -> None:
-        """Let the NaviCtrl lean the aircraft towards a place so far east and north of it [m]; None lets it alone."""
+        """Let the NaviCtrl lean the aircraft towards a place, metres east and north of it; None without a command."""
         self._away = away
 
     def change_wind(self, wind: WindClass) -> None:

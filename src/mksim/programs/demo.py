@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 REDRAW: Final = 0.25
 """Least flight time between two tables [s]."""
 LINE_EVERY: Final = 5.0
-"""Least flight time between two lines where nobody looks [s]."""
+"""Least flight time between two lines of output without a terminal [s]."""
 PICTURE: Final = Path("mkdaemon-demo.svg")
 COLUMNS: Final = 78
 SHOWN: Final = {
@@ -100,7 +100,7 @@ def _fly(
     is_quiet: bool,
     is_headless: bool,
 ) -> int:
-    import mksim.scene  # noqa: F401 - before the eyes: where OpenCV is missing it names the extra to install
+    import mksim.scene  # noqa: F401 - before vision: if OpenCV is missing it names the extra to install
     from mkdaemon.virtualtime import run_virtually
     from mksim.programs.flightrecord import write_picture
     from mksim.programs.rehearsal import rehearse

@@ -27,8 +27,8 @@ class Moment:
         at: [s].
         position: true, from the middle of the target (3,) [m].
         target: true, of the target (3,) [m; ENU].
-        goal: where it is to be, from the middle of the target; None where nothing is asked for.
-        estimate: where it is believed to be; None where nothing is flown by it.
+        goal: wanted position, from the middle of the target; None without one.
+        estimate: estimated position; None while it is not used.
         part: of the flight.
     """
 
@@ -64,7 +64,7 @@ class Rehearsed:
 
     @property
     def landing(self) -> Moment | None:
-        """The aircraft when it was let go after the landing; None where it never began to land."""
+        """The aircraft at the release after the landing; None if it never started to land."""
         return next((moment for moment in reversed(self.moments) if moment.part == "land"), None)
 
     @property

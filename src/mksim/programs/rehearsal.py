@@ -7,7 +7,6 @@ Zenoh, a camera that renders, and virtual time. Left out are only Zenoh, the gua
 from __future__ import annotations
 
 import asyncio
-import os
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,14 +19,9 @@ from pydantic import BaseModel
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.root import Config
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
 from mkdaemon.telemetry.setpoint import (
     LandSetpoint,
@@ -38,7 +32,6 @@ from mkdaemon.telemetry.setpoint import (
 )
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import EyeState, VisionPose
-from mkdaemon.virtualtime import AtOnce
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -48,6 +41,7 @@ from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
 from mksim.programs.flighttape import FlightTape
+from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.scene.nested import nested_map
@@ -58,9 +52,9 @@ PAD_STARTS: Final = 45.0
 PAD_SPEED: Final = 0.3
 """Of the target once it moves, east [m/s]."""
 IMAGE_LATENCY: Final = 0.060
-"""From the exposure to the host [s]; the eyes' own time comes on top."""
+"""From the exposure to the host [s]; vision's computing time is added."""
 EYES_TIME: Final = 0.020
-"""What the eyes need for an image on an ordinary computer [s]; virtual time knows no computer."""
+"""Computing time of vision for an image on an ordinary computer [s], because virtual time has none."""
 
 
 def simulated_aircraft(seed: int, wind: str, fps: float, loss: float | None = None) -> SimConfig:
@@ -111,9 +105,9 @@ class RehearsedEyes(Eyes):
     """The camera of the simulated aircraft and what looks through it.
 
     Attributes:
-        images: looked at so far.
+        images: processed.
         posed: of those, with a pose.
-        is_watched: somebody looks at the images.
+        is_watched: a viewer shows the images.
     """
 
     def __init__(
@@ -136,7 +130,7 @@ class RehearsedEyes(Eyes):
         self._stream = StreamStatus(EyeState.OK, "", fps=scene.cfg.fps, width=lens.width, height=lens.height)
 
     def attitude_received(self, attitude: Attitude) -> None:
-        """Tell the eyes how the vehicle lies."""
+        """Give vision the attitude."""
         at = attitude.stamp.monotonic
         self._attitudes.append(AttitudeSample(at, attitude.roll, attitude.pitch, attitude.yaw))
 
@@ -179,8 +173,6 @@ READY: Final = 30.0
 """Longest wait for the boards to be known and the motors to run [s]."""
 LONGEST: Final = 40.0
 """Longest part of the flight [s]."""
-WALL: Final = 1.7e9
-"""Unix time when virtual time is zero [s]."""
 _Value = TypeVar("_Value", bound=BaseModel)
 Watcher = Callable[[Moment, ControlStatus | None], None]
 """Sees every moment of the record, and the latest status."""
@@ -208,7 +200,7 @@ class FlightPart:
 
 
 def over_pad(name: str, east: float, seconds: float | None = None, **more: Any) -> FlightPart:
-    """Hold a place so far east of the middle of the target [m], `HEIGHT` above it."""
+    """Hold a place `east` of the middle of the target [m], `HEIGHT` above it."""
     fields = {"position": (east, 0.0, HEIGHT), "frame": SetpointFrame.PAD}
     return FlightPart(name, PositionSetpoint, fields, seconds, **more)
 
@@ -271,7 +263,7 @@ class Rehearsal:
             watcher: sees the flight.
             parts: what is flown.
             moved: called after every step of the world with the time [s].
-            calibrated: what the eyes believe of the lens through which images are rendered.
+            calibrated: the calibration that vision uses of the lens through which images are rendered.
         """
         loop = asyncio.get_running_loop()
         world, seed = aircraft.world, config.seed
@@ -279,26 +271,17 @@ class Rehearsal:
         self._world, self._watcher, self._loop = world, watcher, loop
         self._watch_world = moved
         self._scene = SceneCamera(config.scene, seed)
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
             lens = calibrated(self._scene.camera.intrinsics)
-            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus, lens))
+            eyes.append(RehearsedEyes(self._scene, world, feed, self.clock, seed, self.bus, lens))
             return eyes[0]
 
-        self._wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
-            self.bus,
-            clock,
-            make_eyes=make_eyes,
-            opener=Cable(aircraft, self._moved).open,
-            journal=Journal(Path(os.devnull), AtOnce()),
-        )
+        self.clock = virtual_clock()
+        self._daemon = VirtualDaemon(self.bus, Cable(aircraft, self._moved).open, clock=self.clock, eyes=make_eyes)
+        self._wiring = self._daemon.wiring
         (self._eyes,) = eyes
-        self.clock = clock
         self._parts = parts
         self._part = ""
         self._kept_at = 0.0
@@ -318,17 +301,14 @@ class Rehearsal:
         self._watch_world = moved
 
     def watch(self, follow: Show) -> None:
-        """Let somebody hear of every value, what the camera sees among them."""
+        """Report every value, also the camera's view."""
         self.bus.followers.append(follow)
         self._eyes.is_watched = True
 
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
-        jobs = [
-            asyncio.create_task(self._wiring.run_line(), name="link"),
-            *self._wiring.start(self._loop),
-            asyncio.create_task(self._eyes.run(), name="eyes"),
-        ]
+        self._daemon.start()
+        seeing = asyncio.create_task(self._eyes.run(), name="eyes")
         try:
             self._begin("start")
             if await self._wait(self._is_ready, READY):
@@ -341,9 +321,9 @@ class Rehearsal:
                 await self._wait(lambda: self._wiring.facts.motors_running(self._loop.time()) is False, 10.0)
             self.record.motors_stand = self._wiring.facts.motors_running(self._loop.time()) is False
         finally:
-            for job in reversed(jobs):
-                job.cancel()
-            await asyncio.gather(*jobs, return_exceptions=True)
+            seeing.cancel()
+            await asyncio.gather(seeing, return_exceptions=True)
+            await self._daemon.stop()
         self.record.crashed = self._world.truth.crash_reason
         self.record.images, self.record.posed = self._eyes.images, self._eyes.posed
         return self.record

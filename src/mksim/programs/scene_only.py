@@ -1,4 +1,4 @@
-"""`mkdaemon sim --scene-only`: the simulated camera alone, flown by whoever publishes a pose."""
+"""`mkdaemon sim --scene-only`: the simulated camera alone, moved by published poses."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ LONGEST: Final = 4096
 MOST_APART: Final = 0.5
 """A stamp farther from our clock says nothing about when the pose was [s]."""
 LATE: Final = 0.05
-"""A pose that comes so long after its stamp is told [s]: most of an image's own latency."""
+"""Delay of a pose after its stamp that is reported [s]: most of an image's latency."""
 LATENESS_PERIOD: Final = 5.0
 """Between two lines of the log about that [s]."""
 COMPLAINT_PERIOD: Final = 1.0
@@ -48,7 +48,7 @@ class PoseStream:
     Attributes:
         taken: poses that could be read.
         refused: poses that could not.
-        latest: the most that a pose came after its stamp since this was last told [s].
+        latest: largest delay of a pose after its stamp since the last report [s].
     """
 
     def __init__(self, feed: SceneFeed, clock: Clock) -> None:

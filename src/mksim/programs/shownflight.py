@@ -102,7 +102,7 @@ def _showing(session: zenoh.Session, bus: LocalBus, clock: Clock) -> Iterator[Sh
 
 @contextmanager
 def viewer(endpoint: str, *, browser: bool) -> Iterator[tuple[str, Popen[str]]]:
-    """`mkctl view` as a process of its own, ended on leaving: address of its page, and the process.
+    """`mkctl view` as a separate process, ended on leaving: address of its page, and the process.
 
     Args:
         endpoint: of the bus it looks at.
@@ -139,7 +139,7 @@ def looked_at(*, is_quiet: bool, is_headless: bool) -> Iterator[ShowOn]:
 
     Args:
         is_quiet: print nothing on standard output.
-        is_headless: nobody looks: no browser is opened, and nothing is waited for.
+        is_headless: open no browser, and wait for none.
 
     Raises:
         MkError: the viewer did not start.

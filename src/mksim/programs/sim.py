@@ -49,7 +49,7 @@ def sim(
         bool, Parameter(negative=(), help="Only the camera: no aircraft; its pose comes from the bus.")
     ] = False,
     truth: Annotated[str | None, Parameter(help="With --scene-only: key of the poses; else mk/NAME/sim/pose.")] = None,
-    seconds: Annotated[float | None, Parameter(help="End after so long; otherwise on Ctrl-C.")] = None,
+    seconds: Annotated[float | None, Parameter(help="End after this time; otherwise on Ctrl-C.")] = None,
 ) -> None:
     """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
 

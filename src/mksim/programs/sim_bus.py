@@ -1,6 +1,6 @@
 """The simulator on the bus: true state and faults under `mk/<vehicle>/sim/`.
 
-A session of its own, as a client of whoever listens: where nobody does, the simulator flies on and tries again.
+The simulator's session is a client of the daemon. Without a daemon the simulator flies on and tries again.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ async def sim_on_bus(
     *,
     port: str = "",
 ) -> AsyncIterator[None]:
-    """Be on the bus, whenever somebody listens, for as long as the context lasts.
+    """Be on the bus, whenever a daemon listens, while the context lasts.
 
     Args:
         simulation: the aircraft.

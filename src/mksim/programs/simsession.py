@@ -1,4 +1,4 @@
-"""A simulator's Zenoh session: a client of whoever listens, opened again and again while nobody does."""
+"""A simulator's Zenoh session: a client of the daemon, opened again and again until one listens."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mkdaemon.errors import ConfigError, MkError
 
 _RETRY = 2.0
 _PATIENCE_TIME = 0.5
-"""Longest attempt to find somebody who listens; the program's end waits for it."""
+"""Longest attempt to connect to a daemon; the program's end waits for it."""
 _ENDPOINT = re.compile(r"[a-z_]+/\S+")
 
 

@@ -1,6 +1,6 @@
 """`mkdaemon demo --telemetry`: a simulated aircraft, the daemon, and a client that watches, in one command.
 
-Simulator and daemon are processes of their own, as they would be in earnest; what is shown came over the bus.
+Simulator and daemon are separate processes, as with a real aircraft; all shown values came over the bus.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
 
 
 async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) -> None:
-    """Start everything, watch for so long, and longer only while telemetry has not flowed; end everything.
+    """Start everything, watch for `seconds`, longer only until telemetry flows; then end everything.
 
     Raises:
         MkError: a process did not start, or ended by itself; says which and why.
@@ -180,7 +180,7 @@ async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console)
 
 
 def progress_line(tally: Tally) -> str:
-    """What has come so far, in one line."""
+    """The values received, in one line."""
     battery, position = tally.known.get("state/battery"), tally.known.get("state/position")
     words = [f"{tally.ended - (tally.began or 0.0):.0f} s", f"{tally.frames.total()} frames"]
     if battery is not None:
@@ -233,7 +233,7 @@ def render_summary(tally: Tally, summary: Mapping[str, Any]) -> Group:
 
 @asynccontextmanager
 async def _child(*arguments: str) -> AsyncIterator[Process]:
-    """A `mkdaemon` of its own process; asked to end on leaving, killed if it does not."""
+    """A `mkdaemon` in its own process; asked to end on leaving, killed if it does not."""
     command = (sys.executable, "-m", "mkdaemon.cli.mkdaemon.app", *arguments)
     process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE)
     try:
@@ -287,7 +287,7 @@ async def _last_words(process: Process) -> str:
     """What a process that failed said last."""
     if process.returncode is None:
         process.terminate()
-    elif process.returncode < 0:  # who was killed said nothing of it: his last line is about something else
+    elif process.returncode < 0:  # a killed process printed no reason: its last line is about something else
         return f"exit code {process.returncode}"
     assert process.stderr is not None
     with suppress(TimeoutError):

@@ -1,4 +1,4 @@
-"""What a camera does to its own exposure from image to image when nobody tells it otherwise."""
+"""Automatic exposure of a camera, from image to image."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ class SceneFeed:
         """Expose a pose that another simulator gives, when it is time.
 
         Args:
-            state: of the aircraft; its time may begin anew.
+            state: of the aircraft; its time may restart.
             exposed_at: when it was so [s; monotonic].
         """
         if self._is_due(state.time):

@@ -73,7 +73,7 @@ def random_flight(
 
     The height swings between `lowest` and `highest`; position, yaw and tilt wander; the tilt partly follows the
     target, as a hovering vehicle's does. With `hard`, occlusion by a band, patches, a moving glare, a hard shadow and
-    strong blur come and go, each for part of the flight.
+    strong blur occur, each for part of the flight.
 
     Args:
         seed: equal seeds give equal flights.

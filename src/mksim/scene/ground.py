@@ -121,7 +121,7 @@ def _add_stones(ground: Image32, rng: np.random.Generator) -> None:
 
 @lru_cache(maxsize=1)
 def _pyramid(kind: GroundKind, seed: int) -> tuple[list[Image32], list[Image32]]:
-    """The texture at ever coarser levels, and each of them with a border that repeats it; nobody changes them."""
+    """The texture at ever coarser levels, and each of them with a border that repeats it; read-only."""
     level = ground_texture(kind, seed)
     levels = [level]
     while level.shape[0] > 64:

@@ -29,7 +29,7 @@ class CameraKind:
     Attributes:
         conditions: noise, lens faults and processing in fair weather.
         line_time: between neighbouring rows at 640 x 480 [s]; 0 is a global shutter.
-        auto: how it chooses its exposure when nobody tells it; none where it has no processor of its own.
+        auto: its automatic exposure; None without an image processor.
     """
 
     conditions: Conditions

@@ -29,7 +29,7 @@ class Platform:
         pitch: as `roll`, nose down positive [rad].
         rocking: amplitude of roll and pitch about the rest attitude [rad].
         rocking_period: of the roll [s]; the pitch takes 1.3 times as long.
-        delay: it stands at its start for so long first [s].
+        delay: time at its start before it moves [s].
     """
 
     kind: MotionKind = "still"

@@ -92,7 +92,7 @@ class LoopWriter:
             raise ConfigError(msg) from None
 
     def write(self, pixels: Grey) -> None:
-        """Show an image to whoever reads; nobody reading is no mistake."""
+        """Write an image; without a reader it is dropped."""
         if self._device >= 0:
             os.write(self._device, pixels.tobytes())
 

@@ -95,7 +95,7 @@ class CameraView:
         )
 
     def wider(self, border: int) -> CameraView:
-        """The same camera with so many pixels more on each side."""
+        """The same camera with `border` more pixels on each side."""
         lens = self.intrinsics
         grown = {"width": lens.width + 2 * border, "height": lens.height + 2 * border}
         middle = {"cx": lens.cx + border, "cy": lens.cy + border}

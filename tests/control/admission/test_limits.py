@@ -207,5 +207,5 @@ def test_a_procedure_that_could_be_done_in_flight_says_how():
     unknown = refusal(wanted, replace(GOOD, motors_running=None))
     assert (running.token, unknown.token) == ("in_flight_needed", "in_flight_needed")
     assert "motors are running" in running.reason
-    assert "nobody knows" in unknown.reason
+    assert "it is not known whether motors run" in unknown.reason
     assert refusal(wanted, replace(GOOD, motors_running=False)) is None

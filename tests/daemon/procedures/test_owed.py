@@ -66,7 +66,10 @@ def test_a_client_can_ask_for_an_attempt_at_once(ground):
 
 def test_without_telemetry_about_the_motors_no_attempt_is_made_and_the_refusal_says_why(ground):
     assert ground.recovery.next_note(100.0) is None
-    with pytest.raises(CommandRejectedError, match="motors run, or nobody knows"), ground.interlock.taking_lease():
+    with (
+        pytest.raises(CommandRejectedError, match="or their state is unknown"),
+        ground.interlock.taking_lease(),
+    ):
         pass
     assert ground.next_note(100.0) is NOTE
 

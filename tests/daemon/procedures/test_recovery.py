@@ -203,7 +203,10 @@ async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_
         await rig.until_ready()
         await asyncio.sleep(5.0)
         assert rig.steps() == []
-        with pytest.raises(CommandRejectedError, match="motors run, or nobody knows"), rig.interlock.taking_lease():
+        with (
+            pytest.raises(CommandRejectedError, match="or their state is unknown"),
+            rig.interlock.taking_lease(),
+        ):
             pass
         del rig.facts.motors_running
         await rig.until(lambda: rig.interlock.owed is None)

@@ -1,6 +1,6 @@
 """What QGroundControl sends, each message answered before QGroundControl stops waiting for the answer.
 
-The rows are those of docs/gateways.md, "What QGroundControl asks". Times and sequences: the named files of
+The rows are those of docs/mavlink.md, "What QGroundControl asks". Times and sequences: the named files of
 github.com/mavlink/qgroundcontrol, master of 2026; a file holds the time-out under the name that follows it.
 """
 
@@ -194,8 +194,8 @@ async def test_while_the_list_is_stored_the_last_item_is_asked_for_again(tmp_pat
 
 
 def test_the_page_has_the_same_rows():
-    page = (ROOT / "docs" / "gateways.md").read_text(encoding="utf-8")
-    table = page.partition("## What QGroundControl asks")[2].partition("\n## ")[0]
+    page = (ROOT / "docs" / "mavlink.md").read_text(encoding="utf-8")
+    table = page.partition("### What QGroundControl asks")[2]
     lines = [re.split(r" *\| *", line.strip("| ")) for line in table.splitlines() if line.startswith("|")][2:]
     shown = [(what, waits, source) for what, waits, _, source in lines]
     assert shown == [(row.what, f"{row.waits:g} s", f"`{row.source.replace(' `', '`, `', 1)}") for row in ROWS]

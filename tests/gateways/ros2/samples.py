@@ -169,7 +169,7 @@ def tags(*corners):
     return Tags(stamp=STAMP, camera="down", sequence=1, stamped_by="driver", tags=tuple(seen))
 
 
-def status(phase=Phase.FREE, reason="nobody has taken the lease", **more):
+def status(phase=Phase.FREE, reason="no lease was requested yet", **more):
     return ControlStatus(
         stamp=STAMP, phase=phase, reason=reason, lease=None, setpoint_age=None, refused=0, external_control=None, **more
     )

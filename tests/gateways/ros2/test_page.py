@@ -1,4 +1,4 @@
-"""docs/gateways.md names every topic, service and parameter of the tables."""
+"""docs/ros.md names every topic, service and parameter of the tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import TOPICS, Quality
 from tests.places import DOCS
 
-PAGE = (DOCS / "gateways.md").read_text(encoding="utf-8").split("## ROS topics")[1].split("## Foxglove")[0]
+PAGE = (DOCS / "ros.md").read_text(encoding="utf-8").split("\n## Reference\n")[1]
 ROWS = {
     found[1]: found[2] for found in re.finditer(r"^\| `([^`]+)` \| ([a-z0-9_]+/[A-Za-z0-9]+) \|", PAGE, re.MULTILINE)
 }

@@ -28,7 +28,7 @@ def test_all_labels_have_the_checksum_the_board_tells() -> None:
 
 
 def test_a_wrong_checksum_is_named() -> None:
-    with pytest.raises(CommandRejectedError, match="labels_inconsistent: the labels read do not have the checksum"):
+    with pytest.raises(CommandRejectedError, match="labels_inconsistent: the checksum of the labels differs"):
         drive(read_labels(Board.FC, Patience(2)), board(CHECKSUM ^ 1))  # type: ignore[arg-type]
 
 

@@ -22,7 +22,7 @@ BEGIN = 1000.0
 """Monotonic time of the first entry [s]."""
 PACK = "application/msgpack;mk.Some.v1"
 STATES = (
-    (0.0, "free", None, "", False, "nobody has taken the lease", None),
+    (0.0, "free", None, "", False, "no lease was requested yet", None),
     (1.0, "flying", "takeoff", "climbs", False, "pilot flies", None),
     (3.0, "flying", "position", "", False, "pilot flies", None),
     (6.0, "flying", "position", "", True, "pilot flies", None),

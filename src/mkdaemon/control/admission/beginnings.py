@@ -51,7 +51,7 @@ class TakeLease:
 
     Attributes:
         holder: its name.
-        force: from whoever holds it.
+        force: take the lease from its present holder.
         path_delay: the way to the client and back [s]; infinite where its echo is not known, None where it has not been
             measured.
         is_early: asked before the FlightCtrl is known and its active set is read.
@@ -103,10 +103,10 @@ class BoardRequest:
         is_to_flightctrl: the FlightCtrl is asked.
         unsupported: why this firmware does not know it; empty where it does.
         read_only: why this aircraft must not be written to; empty where it may be.
-        deaf_time: the board's buzzer makes it deaf for so long [s].
-        unproven: what the last version reply was, where it does not prove the board; empty where it does, or where
-            nobody has asked for one yet.
-        is_step: it is a step of the procedure under way, which has been admitted as a whole.
+        deaf_time: for this time the board's buzzer makes it deaf [s].
+        unproven: the last version reply if it does not prove the board; empty if it does, or before the first
+            request.
+        is_step: it is a step of the running procedure, which was admitted as a whole.
         is_early: asked before the aircraft is known and telemetry about the motors is fresh.
     """
 
@@ -133,7 +133,7 @@ class BoardRequest:
 
     @property
     def is_disturbing(self) -> bool:
-        """Whether it would disturb a procedure, or whoever flies."""
+        """Whether it would disturb a procedure or a flight."""
         is_dangerous = self.danger is not None and self.danger.confirm is Confirm.IN_FLIGHT
         return not self.is_step and (self.is_slow or is_dangerous)
 

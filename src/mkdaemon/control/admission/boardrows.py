@@ -1,4 +1,4 @@
-"""Rows about requests to the boards and about procedures, and what both keep away from whoever flies.
+"""Admission of requests to the boards and of procedures, and what protects a flight from both.
 
 Source of the rules: docs/safety.md, "The output limiter".
 """
@@ -17,7 +17,7 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
 
 LONGEST_BEEP: Final = 2.5
-"""A FlightCtrl may be made deaf for so long by its buzzer [s]; what the link expects of it."""
+"""Longest time that a buzzer request may make a FlightCtrl deaf [s]; the link allows for it."""
 
 _REQUEST: Final = (Concern.REQUEST,)
 _PROCEDURE: Final = (Concern.PROCEDURE,)
@@ -48,12 +48,12 @@ def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
 @BUSY_ROWS.row(
     "stick frames",
     _BOTH,
-    "it keeps stick frames from the aircraft, or excludes flying, and somebody holds the lease or takes it",
+    "it keeps stick frames from the aircraft, or excludes flying, and a client holds or takes the lease",
     Token.FLYING,
     is_early=True,
 )
 def _stick_frames(now: Situation, wanted: BoardRequest | Procedure) -> Verdict:
-    """Nothing that keeps stick frames from the aircraft goes on while somebody flies, or is about to."""
+    """Refuse what keeps stick frames from the aircraft during a flight, or while a client takes the lease."""
     is_harmless = not (wanted.is_alone if isinstance(wanted, Procedure) else wanted.is_slow and wanted.is_disturbing)
     if is_harmless or now.is_free:
         return passed()
@@ -191,13 +191,13 @@ def _proven(now: Situation, wanted: BoardRequest) -> Verdict:
 
 
 def _running_motors(now: Situation, wanted: BoardRequest) -> bool | None:
-    """Whether motors run; a motor test a moment ago does not stand in the way of the next one."""
+    """Whether motors run; motors turned by a motor test do not prevent the next test."""
     is_own_doing = wanted.danger is not None and wanted.danger.turns_motors and now.is_testing_motors
     return False if now.motors_running and is_own_doing else now.motors_running
 
 
 def _silent_line(now: Situation) -> CommandRejectedError | None:
-    """What is wrong where nobody tells about the motors because nothing arrives at all."""
+    """The link's fault, if the motors are unknown because nothing arrives."""
     if now.link is not None and now.link.condition.hears_board:
         return None
     condition = LinkCondition.ABSENT if now.link is None else now.link.condition
@@ -221,7 +221,7 @@ def _standing(now: Situation, wanted: Procedure) -> Verdict:
     if running is None and (silent := _silent_line(now)) is not None:
         return stands(silent)
     if wanted.can_fly:
-        found = "motors are running" if running else "nobody knows whether motors run"
+        found = "motors are running" if running else "it is not known whether motors run"
         return stands(refuse(Token.IN_FLIGHT_NEEDED, name=name, detail=found))
     detail = f"{name} needs them stopped"
     if running:

@@ -223,7 +223,7 @@ def _model(now: Situation) -> Verdict:
 )
 def _loop(now: Situation) -> Verdict:
     if now.loop is not None:
-        # A new one: whoever raises it would hang the way it went to one that is kept.
+        # A new error each time: raising a kept one would add its traceback to it.
         return stands(CommandRejectedError(now.loop.token, now.loop.reason, now.loop.fix))
     return passed("stable on the model of this aircraft, with the configured limits")
 
@@ -239,7 +239,7 @@ def _receiver(now: Situation) -> Verdict:
     if now.flight is not None and now.flight.emergency_landing:
         return stands(refuse(Token.RECEIVER_WEAK, quality=0.0, limit=limit))
     if now.pilot is None:
-        return unknown("nobody says how good the reception is")
+        return unknown("no board reports the reception")
     if now.pilot.rc_quality < LEAST_QUALITY:
         return stands(refuse(Token.RECEIVER_WEAK, quality=100.0 * now.pilot.rc_quality, limit=limit))
     return passed(f"{100.0 * now.pilot.rc_quality:.0f} %")
@@ -254,7 +254,7 @@ def _receiver(now: Situation) -> Verdict:
 def _battery(now: Situation) -> Verdict:
     battery, flight = now.battery, now.flight
     if battery is None:
-        return unknown("nobody says how full it is")
+        return unknown("no board reports the battery")
     low = battery.is_low or (flight is not None and flight.battery_low)
     if low or battery.voltage < now.active_set.low_voltage(now.cells):
         return stands(refuse(Token.BATTERY_LOW, voltage=battery.voltage))
@@ -283,7 +283,7 @@ def _cells(now: Situation) -> Verdict:
 )
 def _disk(now: Situation) -> Verdict:
     if now.free_disk is None:
-        return unknown("nobody looked")
+        return unknown("not measured yet")
     if now.free_disk < LEAST_DISK:
         return stands(refuse(Token.DISK_FULL, free=now.free_disk / 1e6, limit=LEAST_DISK / 1e6))
     return passed(f"{now.free_disk / 1e9:.1f} GB free")

@@ -15,9 +15,9 @@ from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import SetpointFrame
 
 STANDS: Final = 0.15
-"""Who is no higher than this above its standing height is on the ground [m]."""
+"""Up to this height above its standing height the aircraft is on the ground [m]."""
 CARRIES: Final = 0.6
-"""Who flies with more throttle may be in the air [share of hover]; a third of the weight is carried."""
+"""With more throttle the aircraft may be in the air [share of hover]: a third of its weight is carried."""
 
 _IN_SIGHT: Final = tuple(kind for kind in BY_TARGET if kind is not Concern.TAKE_OFF)
 _TAKE_OFF: Final = (Concern.TAKE_OFF,)
@@ -54,7 +54,7 @@ def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
     Token.TARGET_UNCLEAR,
 )
 def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Whoever names no target means the one that is flown by, else the one in sight, or below."""
+    """Without a name, the target is the one in use, else the one in sight or below."""
     if wanted.target or (now.flown is not None and now.flown.is_by_target):
         return passed()
     entry, name = now.entry, f"setpoint/{wanted.concern}"
@@ -89,7 +89,7 @@ def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     "take-off from the ground", _TAKE_OFF, "sticks or attitudes of a client are being flown", Token.NOT_ON_GROUND
 )
 def on_ground(now: Situation, wanted: object) -> Verdict:
-    """A take-off begins on the ground, where nobody flies by hand."""
+    """A take-off starts on the ground, not from a flight by sticks or attitude."""
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
 

@@ -47,7 +47,7 @@ class Place(NamedTuple):
     Token.POINT_UNUSUAL,
 )
 def _usual(now: Situation, wanted: Upload) -> Verdict:
-    """Refuse points that nobody means; without a position of the aircraft the first point stands for it."""
+    """Refuse implausible points, by distance from the aircraft; if its position is unknown, from the first point."""
     if wanted.allow_unusual:
         return passed()
     if now.position is None:

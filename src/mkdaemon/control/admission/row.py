@@ -30,17 +30,17 @@ class Verdict:
 
 
 def passed(words: str = "") -> Verdict:
-    """Nothing stands in the way."""
+    """The check passed."""
     return Verdict(CheckState.PASSED, words)
 
 
 def unknown(words: str) -> Verdict:
-    """Nobody can tell from here."""
+    """The daemon cannot decide this check."""
     return Verdict(CheckState.UNKNOWN, words)
 
 
 def stands(refusal: CommandRejectedError) -> Verdict:
-    """Something stands in the way."""
+    """The check prevents the flight or request."""
     return Verdict(CheckState.STANDS, refusal.reason, refusal)
 
 

@@ -1,4 +1,4 @@
-"""What rows about sight look at: cameras, the target, and whether what they show can be believed."""
+"""Checks of cameras, target and time stamps, for the rows of admission about sight."""
 
 from __future__ import annotations
 

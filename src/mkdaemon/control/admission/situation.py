@@ -19,12 +19,12 @@ from mkdaemon.telemetry.vision import VisionStats
 
 @dataclass(frozen=True, slots=True)
 class OwedSet:
-    """A live set of the FlightCtrl that has to be proven before anybody relies on it.
+    """A live set of the FlightCtrl that must be proven before it is used.
 
     Attributes:
         slot: number of the set.
         verb: procedure that left it.
-        detail: what has become of that so far.
+        detail: what is known about its recovery.
     """
 
     slot: int
@@ -86,7 +86,7 @@ class Situation:
         cfg: what is configured.
         now: [s].
         phase: where authority stands.
-        holder: of the lease; empty for nobody.
+        holder: of the lease; empty without one.
         lease_left: time until the lease ends without a sign of life [s].
         flown: the manoeuvre whose sticks are being sent; None while no stick frames are sent.
         work: what keeps the boards busy.
@@ -96,12 +96,12 @@ class Situation:
         health: its measurements; None before the first.
         active_set: the FlightCtrl's parameter set.
         motors_running: None where no message has said so lately.
-        is_testing_motors: motors that turn may turn because of a motor test.
-        flight: what the aircraft does; None where nobody says so.
-        pilot: reception; None where nobody says so.
-        position: by GPS; None where nobody says so.
-        gps: reception of satellites; None where nobody says so.
-        battery: None where nobody says so.
+        is_testing_motors: a motor test may be the reason that motors turn.
+        flight: what the aircraft does; None if no board reports it.
+        pilot: the receiver's quality; None if no board reports it.
+        position: by GPS; None if not reported.
+        gps: reception of satellites; None if not reported.
+        battery: None if no board reports it.
         cells: of the battery; None where it has not been measured.
         are_cells_doubtful: it may have one more than its voltage shows.
         hover_gas: throttle that carries the aircraft [count of 254].
@@ -113,8 +113,8 @@ class Situation:
         entry: what the estimate says; None where there is none, or no manoeuvre can begin.
         is_touching: what is flown may touch the ground: a take-off not yet seen to fly, the end of a landing.
         unanswered: why the sticks of a flight by the target do not act, in words; empty where they may.
-        stamps: whether camera and boards tell of the same motion; None where nothing moved, or nothing was compared.
-        free_disk: where the recorder writes [bytes]; None where nobody looked.
+        stamps: whether camera and boards report the same motion; None if nothing moved or nothing was compared.
+        free_disk: free space of the recorder's disk [bytes]; None if not measured.
         model: why the model of the aircraft is not known from its set; None where it is.
         loop: why the control loop must not be flown; None where it is safe.
     """
@@ -171,5 +171,5 @@ class Situation:
 
     @property
     def is_free(self) -> bool:
-        """Whether nobody flies, holds the lease or is taking it."""
+        """Whether no client holds the lease or is taking it, and nothing flies."""
         return self.phase is Phase.FREE and not self.work.leases

@@ -35,51 +35,51 @@ from mkdaemon.control.linear import Array
 COMPASS_MEMORY: Final = 1.0
 """Headings kept for late pictures [s]."""
 ROUNDED: Final = 1.0
-"""Throttle that was sent and differs no more than this from what was asked for is that [count of 254]."""
+"""Rounding: a sent throttle this close to the wanted one counts as the wanted one [count of 254]."""
 REMEMBERED: Final = round(MEMORY / STEP)
 """Steps that the filter can go back; what is older is caught up in one [steps]."""
 UNKNOWN_TILT: Final = 0.175
-"""What the sticks of somebody else may have asked for in a silence [rad], as a standard deviation: half of the largest
-tilt that is ever asked for here, `AutopilotConfig.max_tilt`."""
+"""Standard deviation of the tilt that the pilot's sticks may have commanded in a silence [rad]: half of the largest
+tilt that we ever command, `AutopilotConfig.max_tilt`."""
 UNKNOWN_THRUST: Final = 0.3
-"""What his throttle may have given, over the weight, as a standard deviation: 0.63 to 1.26 of hover throttle are
-within two of them."""
+"""Standard deviation of the pilot's thrust meanwhile, over the weight: two of them cover 0.63 to 1.26 of hover
+throttle."""
 UPRIGHT: Final = 0.5
 """Smallest upward share of the body's own up with which an image's tilt is taken: 60 degrees of tilt."""
 UNSENT: Final = 0.3
-"""Without a stick frame for this long somebody else flies, whose sticks nobody knows: they ask for the tilt that the
-boards report [s]."""
+"""After a pause of stick frames of this length the pilot flies with unknown sticks: the reported tilt is taken as the
+commanded one [s]."""
 HELD: Final = 0.5
 """The last frame that arrived acts at least this long [s]: the earliest FlightCtrl drops it then, others later."""
 LOST_FOR: Final = 0.1
-"""A burst of lost stick frames is so long [s]: four frames on average."""
+"""Mean length of a burst of lost stick frames [s]: four frames."""
 LOST: Final = 0.06
 """Variance of the sticks that act over the square of their change within that time: a radio that loses 1 % in such
 bursts lets the old ones act on. Without it one burst at the beginning of a step of 1 m had ten measurements refused in
 a quarter of a second, and an overshoot of 122 %; docs/lab/control.md, "Estimator"."""
 LEAST_LAG: Final = 0.001
-"""A delay of the line that differs less from the one flown by is that one [s]."""
+"""Smaller changes of the line's delay are ignored [s]."""
 HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
-"""Smallest hover throttle believed [count of 254]."""
+"""Smallest accepted hover throttle [count of 254]."""
 HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
-"""Largest hover throttle believed [count of 254]."""
+"""Largest accepted hover throttle [count of 254]."""
 
 TOGETHER: Final = 0.5
-"""A camera whose newest image is older has no say [s]: three images of a slow one."""
+"""A camera whose newest image is older has no vote [s]: three images of a slow camera."""
 AT_ONCE: Final = 0.15
 """Cameras whose newest images are no further apart share the attitude that is in their poses [s]."""
 BLIND: Final = 0.5
-"""Without an image for longer the estimate is dead reckoning, whose errors are not those of images [s]."""
+"""After this time without an image the estimate is dead reckoning, whose errors grow [s]."""
 
 
 @dataclass(slots=True)
 class _Record:
-    """What became of one camera's images.
+    """How the images of one camera were judged.
 
     Attributes:
         at: when its newest image was taken [s].
         refused: its images refused one after the other.
-        is_wrong: it contradicted another camera that was believed, until the two agree.
+        is_wrong: it contradicted the camera in use, and the two do not agree yet.
     """
 
     at: float
@@ -88,10 +88,10 @@ class _Record:
 
 
 class Cameras:
-    """Which cameras the estimate goes by where several see one target: all that agree, else the majority.
+    """Selects the cameras that the estimate uses if several see one target: all that agree, else the majority.
 
     Args:
-        patience: images of one camera refused one after the other before they may mean something.
+        patience: consecutive refused images of one camera before the camera or the estimate is doubted.
     """
 
     def __init__(self, patience: int) -> None:
@@ -99,7 +99,7 @@ class Cameras:
         self._records: dict[str, _Record] = {}
 
     def seen(self, camera: str, at: float) -> int:
-        """Note an image of a camera taken at a moment [s]; returns how many cameras see the target then."""
+        """Note an image of a camera, taken at a time [s]; return how many cameras see the target at that time."""
         record = self._records.setdefault(camera, _Record(at))
         record.at = max(record.at, at)
         return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
@@ -110,7 +110,7 @@ class Cameras:
         return all(each.refused >= self._patience for each in self._records.values())
 
     def judged(self, camera: str, *, is_refused: bool) -> None:
-        """Note what became of an image of a camera that was seen."""
+        """Note whether an image of a camera was refused."""
         record = self._records[camera]
         record.refused = record.refused + 1 if is_refused else 0
         others = [each for each in self._records.values() if each is not record and record.at - each.at <= TOGETHER]
@@ -118,14 +118,14 @@ class Cameras:
             record.is_wrong = record.refused >= self._patience or (record.is_wrong and is_refused)
 
     def expect_change(self) -> None:
-        """Let the next image of any camera count as one after too many refused ones."""
+        """Treat the next image of every camera as if too many had been refused before it."""
         for record in self._records.values():
             record.refused = self._patience
 
     def doubts(self, camera: str, at: float) -> bool:
         """Whether the estimate is wrong and not a camera that was refused: most cameras contradict it.
 
-        What is known of a camera outlives the silence of the one that showed it.
+        A camera stays wrong after the camera that contradicted it falls silent.
         """
         record = self._records[camera]
         if record.refused < self._patience or (record.is_wrong and self._are_wrong_outvoted):
@@ -153,12 +153,12 @@ class Cameras:
 
 
 def _leant(tilt: Array, seen: Array) -> Array:
-    """What a large tilt shifts beyond `m_z t`, in each axis (2,) [m]: 9 mm at 11 degrees, half a metre beside.
+    """Shift of a large tilt beyond the linear `m_z t`, by axis (2,) [m]: 9 mm at 11 degrees and 0.5 m beside.
 
     With `t` = u tan of the tilt: p = -m + u ((1 - cos) (m u) - m_z sin), and p + m_z t is what the filter takes.
 
     Args:
-        tilt: believed, towards x and y (2,).
+        tilt: estimated, towards x and y (2,).
         seen: the target in the body axes turned level by heading alone (3,) [m].
     """
     slant = math.sqrt(1.0 + float(tilt @ tilt))
@@ -170,13 +170,13 @@ class Estimator:
     """Follows one target.
 
     Attributes:
-        model: the plant believed in.
-        line: the same with the delays that were believed of the line when the estimate began.
-        hover_gas: throttle that carries the aircraft, estimated [count of 254].
-        innovation: mean square of the recent innovations over their expected size; about 1 when all is well.
-        refused: measurements that are none, since the start, by what is wrong with them.
-        caution: how little the model counts: 1 at the start; 0 once the innovations are as small as it lets expect, and
-            between where they ask for it.
+        model: the plant as estimated.
+        line: the same, with the delays of the line as estimated when this estimate started.
+        hover_gas: estimated hover throttle [count of 254].
+        innovation: mean square of the recent innovations over their variance; about 1 if the model fits.
+        refused: unusable measurements since the start, by their fault.
+        caution: distrust of the model: 1 at the start, 0 once the innovations are as small as the model predicts, and
+            between the two otherwise.
     """
 
     def __init__(
@@ -198,11 +198,11 @@ class Estimator:
             hover_gas: first guess [count of 254].
             compass: yaw that the boards reported last [rad].
             velocity: against the target (3,) [m/s]; at rest if none is given.
-            nominal: beliefs at caution 0.
-            robust: beliefs at caution 1.
+            nominal: tuning at caution 0.
+            robust: tuning at caution 1.
 
         Raises:
-            ValueError: the view is none, see `fault_of`.
+            ValueError: the view is unusable, see `fault_of`.
         """
         fault = fault_of(view, view.at)
         if fault is not None:
@@ -266,7 +266,7 @@ class Estimator:
 
     @property
     def stick_gain(self) -> float:
-        """Tilt that a stick count asks for, over the model's, as it was found to be."""
+        """Measured tilt for a stick count, over the model's."""
         return self._response.gain
 
     @property
@@ -303,15 +303,15 @@ class Estimator:
 
     @property
     def is_elsewhere(self) -> bool:
-        """Whether the target was met again after dead reckoning, and all images since then contradict the estimate."""
+        """Whether the target was seen again after dead reckoning, and all images since then contradict the estimate."""
         return self._was_blind and self._cameras.are_refused
 
     def sticks_known(self, arrived: float, since: Iterable[StickCommand]) -> None:
-        """Take that stick frames arrive again: what was estimated without them is estimated again.
+        """Take that stick frames arrive again, and repeat the estimate that was made without them.
 
         Args:
-            arrived: when the newest one was written that the board confirmed [s].
-            since: that one, and those written after it.
+            arrived: when the newest confirmed frame was written [s].
+            since: that frame and later ones.
         """
         self._commands.forget_after(arrived + self.model.uplink)
         for command in since:
@@ -337,10 +337,10 @@ class Estimator:
         self._vertical.redrive(arrived + self.model.uplink, lambda at: ((self._commands.at(at).thrust,), None))
 
     def attitude_received(self, at: float, pitch: float, roll: float, yaw: float) -> None:
-        """Take the attitude the boards report; one that can be none is counted and does nothing.
+        """Take the attitude that the boards report; an impossible one is counted and ignored.
 
         Args:
-            at: when it was measured as far as `line` says, its `attitude_age` before it came [s; monotonic].
+            at: when it was measured, by `line`: its `attitude_age` before it arrived [s; monotonic].
             pitch: nose down positive [rad].
             roll: right side down positive [rad].
             yaw: counter-clockwise, ENU or any other fixed zero [rad].
@@ -364,7 +364,7 @@ class Estimator:
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))
 
     def target_seen(self, view: TargetView, now: float) -> None:
-        """Take what an image showed of the target, however late; what is no view is counted and does nothing.
+        """Take a view of the target, also a late one; an unusable view is counted and ignored.
 
         Args:
             view: what it showed.
@@ -405,7 +405,7 @@ class Estimator:
         row[P], row[T] = 1.0, seen[2]
         variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
-        gate = GATE if is_trusted or doubt is not None else 0.0  # who contradicts the others is asked, not believed
+        gate = GATE if is_trusted or doubt is not None else 0.0  # a contradicting camera is compared, not used
         place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
@@ -429,8 +429,10 @@ class Estimator:
             self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
 
     def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
-        """Take the height: the place (3,) of the target, as if level [m], along the normal of the believed tilt."""
+        """Take the height: the place (3,) of the target, as if level [m], along the normal of the estimated tilt."""
         tuning, tilt = self._tuning, self._level.states_at(view.at)[:, T]
+        # Height over the target's plane: h = -n . r, with r the target from the aircraft and n the plane's normal, both
+        # in axes turned level by heading alone. var(h) = n' S n + x^2 var(tilt x) + y^2 var(tilt y) + floor^2.
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
@@ -447,8 +449,8 @@ class Estimator:
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].
 
-        After a silence longer than the memory of the filter it coasts: all before that memory is one step, in which
-        anybody may have flown, and the estimate is as uncertain as that makes it.
+        After a silence longer than the filter's memory it coasts: the time before that memory is one step with unknown
+        sticks, and the covariance grows accordingly.
         """
         forgotten = math.floor((now - self._level.time) / STEP) - REMEMBERED
         if forgotten > 0:
@@ -462,7 +464,7 @@ class Estimator:
             self._vertical.advance((self._commands.at(middle).thrust,))
 
     def _drive(self, at: float) -> Drive:
-        """The sticks that act at a moment [s], and how certain that is."""
+        """The sticks that act at a time [s], and their variance."""
         acting, before = self._commands.at(at), self._commands.at(at - LOST_FOR)
         return acting.tilt, LOST * np.subtract(acting.tilt, before.tilt) ** 2
 
@@ -559,9 +561,9 @@ class Estimator:
         self.caution = min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0)
 
     def _believe(self) -> None:
-        """Go on with the beliefs of the caution.
+        """Continue with the tuning for the present caution.
 
-        Once an image and before it: nothing is late then, so nothing has to come forward for it.
+        Called once for each image and before it: then the filter has nothing to repeat.
         """
         if self._believed == self.caution:
             return

@@ -1,14 +1,14 @@
-"""The aircraft as a plant: what a stick count does, from the parameter set of its FlightCtrl.
+"""The aircraft as a plant: its response to the sticks, from the parameter set of its FlightCtrl.
 
 One horizontal axis, with `u` the stick in radians of wanted tilt (docs/control.md, "The attitude loop")::
 
     p'  = v                                  position relative to the target
     v'  = g t - c v + d                      d: acceleration by wind, by the target's own motion, by model errors
     t'  = w                                  true tilt
-    th' = w - (th - (c v - d) / g - b) / ta  the tilt that the FlightCtrl believes; the last term is its leak
+    th' = w - (th - (c v - d) / g - b) / ta  the FlightCtrl's own estimate of the tilt; the last term is its leak
     z'  = th - us
     w'  = (-a1 (th - us) - a2 z - w) / tw    the rate loop
-    us' = (u - us) / ts                      the stick filter of FC >= 2.10, next to nothing before
+    us' = (u - us) / ts                      the stick filter of FC >= 2.10, small before
     b' = 0                                   tilt of the accelerometers against the airframe
 
 and the vertical axis, with `q` the squared ratio of throttle to hover throttle, less one::
@@ -47,14 +47,14 @@ LEAK_BLUR: Final = 0.4
 ACCELEROMETER_SCALE: Final = 0.9
 """Tilt that the accelerometers show over that in which they are: 0.79 to 1 on boards of 170 to 216 counts a g."""
 CABLE_UPLINK: Final = 0.0045
-"""By cable a stick frame is in the firmware's memory so long after it was written [s]; docs/lab/genuine.md."""
+"""By cable, time from writing a stick frame until it is in the firmware's memory [s]; docs/lab/genuine.md."""
 CABLE_AGE: Final = 0.030
 """By cable an attitude is so old when it arrives [s]: the boards collect it every 20 ms, for their SPI bus;
 docs/lab/genuine.md."""
 PACKED_AGE: Final = 0.080
 """The same behind a NaviCtrl whose FlightCtrl is older than 2.10, by packets of 61 ms; docs/lab/genuine-navictrl.md."""
 UNMEASURED: Final = 0.009
-"""What a line adds to each where nobody measured it [s]: half of a radio's, so both cables and radios are near."""
+"""Delay that an unmeasured line adds to each direction [s]: half of a radio's, so cable and radio are equally near."""
 LEAST_LINE_SD: Final = 0.004
 """Least doubt about the delay of a line that was measured [s]; a third of what it adds is more where it is slow."""
 SHORTEST: Final = 0.001
@@ -195,7 +195,7 @@ class AircraftModel:
         return replace(self, cable_age=PACKED_AGE, attitude_age=PACKED_AGE + UNMEASURED)
 
     def by_line(self, added: float) -> AircraftModel:
-        """Return the same aircraft at the end of a line that adds so much to a cable's delay, each way [s]."""
+        """Return the same aircraft behind a line that adds `added` to a cable's delay, each way [s]."""
         return replace(
             self,
             uplink=CABLE_UPLINK + added,
@@ -204,7 +204,7 @@ class AircraftModel:
         )
 
     def later(self, lag: float) -> AircraftModel:
-        """Return the same aircraft, sticks and reports together so much later [s]: nothing says which of them."""
+        """Return the same aircraft with `lag` more delay of sticks and reports together [s], divided equally."""
         uplink, age = (max(SHORTEST, delay + lag / 2.0) for delay in (self.uplink, self.attitude_age))
         return replace(self, uplink=uplink, attitude_age=age)
 
@@ -244,6 +244,9 @@ class AircraftModel:
     def _level(self) -> tuple[Array, Array]:
         """Rates (9, 9) and input (9, 1) of a horizontal axis without its leak."""
         a, b = np.zeros((LEVEL_STATES, LEVEL_STATES)), np.zeros((LEVEL_STATES, 1))
+        # p' = v; v' = g t - drag v + d; t' = w, and without its leak the FlightCtrl's own tilt th' = w;
+        # z' = th - us; rate_lag w' = -a1 (th - us) - a2 z - w; stick_filter us' = u - us.
+        # Source: docs/control.md, "The attitude loop".
         a[P, V] = 1.0
         a[V, T], a[V, V], a[V, D] = GRAVITY, -self.drag, 1.0
         a[T, W] = 1.0
@@ -261,6 +264,7 @@ class AircraftModel:
     def vertical(self, step: float) -> tuple[Array, Array]:
         """Return transition (4, 4) and input (4,) of the vertical axis over a step [s]."""
         a, b = np.zeros((4, 4)), np.zeros((4, 1))
+        # h' = s; s' = g f + e - drag s; thrust_lag f' = u - f, with u = (gas / hover gas)^2 - 1.
         a[H, S] = 1.0
         a[S, F], a[S, E], a[S, S] = GRAVITY, 1.0, -self.drag
         a[F, F], b[F, 0] = -1.0 / self.thrust_lag, 1.0 / self.thrust_lag

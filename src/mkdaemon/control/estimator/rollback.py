@@ -1,14 +1,14 @@
 """A Kalman filter on a fixed grid that takes measurements of the past: it goes back, adds them, comes forward again.
 
-Several equal axes are carried together, each with a state of its own. A measurement belongs to the moment it was made,
+Several equal axes are carried together, each with its own state. A measurement belongs to the moment it was made,
 not to the moment it arrived: pictures are 25 to 250 ms old when their pose is known, telemetry about 25 ms, and they
 overtake each other. Source: Y. Bar-Shalom et al., "Estimation with Applications to Tracking and Navigation" (2001),
 chapter 5 (filter) and chapter 8 (fixed-lag memory).
 
 A second of flight goes some 900 steps, again and again over the same past. With matrices this small numpy's time is
 that of its calls, so: few of them, and numbers of Python for what is computed one axis at a time. `dot` alone takes
-half the time of `@`, but it lets go of the interpreter, as indexing by lists does: beside working eyes a thread of
-theirs is woken each time, and the loop waits for it.
+half the time of `@`, but it releases the interpreter lock, as indexing by lists does: while vision computes, one of its
+threads then runs, and the loop waits for it.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class _Slot:
 class RollbackFilter:
     """State and covariance of `k` equal axes with `n` states.
 
-    What a measurement changes is brought up to the newest state when somebody asks for it: an image gives two
+    The effect of a measurement is carried to the newest state when that state is read: an image gives two
     measurements of one moment.
 
     Attributes:
@@ -207,7 +207,7 @@ class RollbackFilter:
             self._known = min(self._known, index)
 
     def coast(self, steps: int, variance: float) -> None:
-        """Go many steps forward at once under an input that nobody knows; what lies before is remembered no more.
+        """Predict many steps at once under an unknown input, and forget the history before them.
 
         The input is taken as a constant of mean zero. Transition, sum of inputs and sum of noise over 2k steps follow
         from those over k, so that a thousand steps cost ten products of matrices.
@@ -221,8 +221,10 @@ class RollbackFilter:
         state, covariance = self._state_of(slot), slot.covariance
         whole, pushed, grown = np.eye(len(self._f)), np.zeros(len(self._f)), np.zeros_like(self._noise)
         f, g, noise = self._f, self._g, self._noise
-        if self._fed_back is not None:  # nobody knows the state to a count then, and what is counted is linear
+        if self._fed_back is not None:  # the count is unknown after a coast: use the linear mean of the quantised term
             f = f + self._fed_back
+        # x(n) = F^n x + (sum of F^k g) u, P(n) = F^n P F^n' + sum of F^k Q F^k' + var(u) (sum) (sum)': the input is
+        # unknown but constant. Each round doubles the length of the step (F, g, Q), as in powers by squaring.
         while steps:
             if steps % 2:
                 whole, pushed, grown = f @ whole, f @ pushed + g, f @ grown @ f.T + noise
@@ -308,7 +310,9 @@ class RollbackFilter:
 
     def _corrected(self, slot: _Slot, offset: float, measurement: Measurement) -> Array:
         """Correct a slot; inside a step the state moves as its rate says, so the row is carried back to its start."""
+        # z = h x(t + offset) with x(t + offset) = x + A x offset, so the row at the slot's time is h + h A offset.
         row = measurement.row + measurement.row @ self._rate * offset
+        # Kalman: K = P h / (h P h' + R). A lasting bias widens the gate only; a value outside it has weight zero.
         gain = slot.covariance @ row
         spread = gain @ row + measurement.variance
         innovation = measurement.values - self._state_of(slot) @ row

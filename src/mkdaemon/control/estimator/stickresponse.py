@@ -1,15 +1,14 @@
-"""How the aircraft answers its sticks, over what its model says: found in the first seconds of a flight.
+"""Estimates stick gain, stick filter and delay of the aircraft in the first seconds of a flight.
 
-The FlightCtrl makes the tilt that it believes, and reports, follow its sticks. What it reports is compared with what
-the model of its loop says that it should report after the sticks that were sent. The hypotheses are a bank: with the
-stick filter and without, each as late as the line is believed to be, and 30 ms earlier to 60 ms later. The factor on
-the response that leaves least over is the stick gain. What changes slowly is left out of all: wind and crooked
-accelerometers move the believed tilt too. The boards report 0.89 to 1.13 of what they believe, so a gain that differs
-less than that from the model's is none.
+The FlightCtrl controls the tilt that it estimates and reports. The reported tilt is compared with the one that the
+model predicts from the sticks sent. A bank of hypotheses has the stick filter on and off, each with the estimated delay
+of the line, and with 30 ms less to 60 ms more. For each hypothesis, least squares gives the stick gain. Slow changes
+are removed by a high-pass filter, because wind and accelerometer errors also move the reported tilt. The boards report
+0.89 to 1.13 of their tilt, so a smaller difference of the gain is ignored.
 
-A delay and a filter look alike; both have a prior, the delay by what was measured of the line before the flight. What
-one hypothesis leaves over is likely as its share of what the best leaves is: the noise is not known, and its scale is
-estimated with it.
+A delay and a filter have similar effects; both have a prior, the delay from the line's measurement before the flight.
+The noise is unknown and estimated too: the likelihood of a hypothesis depends on the ratio of its residual to the
+smallest residual.
 
 Source: least squares with exponential forgetting, L. Ljung, "System Identification" (1999), section 11.2; likelihood of
 a linear model with unknown noise, A. Gelman et al., "Bayesian Data Analysis" (2013), section 14.2.
@@ -30,15 +29,15 @@ STEP: Final = 0.010
 """Grid of the responses, and of the delays [s]."""
 _LAG_STEPS: Final = np.arange(-3, 7)
 LAGS: Final = _LAG_STEPS * STEP
-"""Delays of sticks and reports together, over what is believed of the line [s]."""
+"""Delays of sticks and reports together, relative to the line's estimated delay [s]."""
 MEMORY: Final = 4.0
-"""What is older counts less than a third [s]."""
+"""Older samples weigh less than 1/e [s]."""
 SLOW: Final = 0.7
-"""What changes more slowly is left out [s]."""
+"""Slower changes are removed [s]."""
 REACH: Final = 0.3
 """How late an attitude may come [s]."""
 LONGEST_GAP: Final = 1.0
-"""After a longer silence of the boards only so much of it is computed [s]."""
+"""After a longer silence of the boards, only this much of it is computed [s]."""
 LEAST_MOTION: Final = math.radians(1.0)
 """Mean tilt, as a root mean square over `MEMORY`, that says enough of filter and gain [rad]."""
 LEAST_LEFT: Final = math.radians(0.15)
@@ -46,25 +45,25 @@ LEAST_LEFT: Final = math.radians(0.15)
 LEAST_CHANGE: Final = math.log(1.25)
 """Gains closer to the model's than a factor of 1.25 are the model's: the boards' own scale is no better known."""
 SETTLED: Final = 2.0
-"""Before sticks have been sent for so long only a larger gain is believed, one that differs more [s]: an aircraft that
-is handed over moves by sticks nobody here sent. A smaller gain that is not there doubles the sticks: in moderate wind 5
-of 40 such flights left the target's sight within 2 s; a smaller one that is there only makes them soft."""
+"""During this time after the first stick frame, only a larger gain is accepted, beyond `FIRST_CHANGE` [s]: after a
+handover the aircraft still moves by the pilot's sticks. A wrongly small gain doubles our sticks: in moderate wind 5 of
+40 such flights lost sight of the target within 2 s. A small gain that is missed only makes the control soft."""
 FIRST_CHANGE: Final = math.log(1.3)
 """See `SETTLED`."""
 LASTS: Final = 1.0
-"""A smaller gain is believed when motion has shown it for so long [s]: in the first quarter of a second of a step,
-frames that came late looked like 0.74 with 13 nat, on genuine firmware by a radio. A larger one is believed at once."""
+"""A smaller gain is accepted after motion has shown it for this time [s]; a larger one at once. In the first quarter of
+a second of a step, late frames looked like a gain of 0.74 with 13 nat (genuine firmware, radio)."""
 LIKELY: Final = (0.5, 2.0)
-"""Gains that are believed."""
+"""Least and largest accepted gain."""
 FILTER_SEEN: Final = 0.7
-"""Before sticks have been sent for so long filter and delay are those believed before the flight [s]."""
+"""During this time after the first stick frame, filter and delay keep their values from before the flight [s]."""
 INDEPENDENT: Final = 10.0
 """Independent residuals of both axes a second: what is left over stays for some 0.2 s."""
 GAIN_CLEARLY: Final = 4.0
-"""A gain is believed when it is so much likelier than the model's [nat]: sticks that were lost look like half an
-answer, which no gain explains."""
+"""Log-likelihood ratio against the model's gain from which a gain is accepted [nat]: lost stick frames look like half
+an answer, which no gain explains."""
 CLEARLY: Final = 6.0
-"""The other filter is believed when it is so much likelier [nat]: where it leaves half as much for 1.7 s."""
+"""Log-likelihood ratio from which the other filter is accepted [nat]: half the residual for 1.7 s."""
 
 
 class StickResponse:
@@ -73,7 +72,7 @@ class StickResponse:
     Attributes:
         measured: gain over the model's; 1 before there was enough to see.
         has_other_filter: the aircraft has a stick filter where the model has none, or none where the model has one.
-        lag: delay of sticks and reports together, over what was believed of the line [s].
+        lag: delay of sticks and reports together, relative to the line's estimated delay [s].
     """
 
     def __init__(self, model: AircraftModel, now: float) -> None:
@@ -112,13 +111,13 @@ class StickResponse:
         return self.measured if change >= LEAST_CHANGE else 1.0
 
     def sent(self, acts_at: float, tilt: Array) -> None:
-        """Take sticks and when they act as far as is believed of the line: pitch and roll (2,), by the model [rad]."""
+        """Take sticks, and when they act by the line's estimated delay: pitch and roll (2,), by the model [rad]."""
         self._first_at = min(self._first_at, acts_at)
         self._commands.append((acts_at, tilt))
         self._advance(acts_at - REACH + LAGS[0])  # of no earlier moment is asked: a silence leaves nothing to catch up
 
     def attitude_received(self, at: float, tilt: Array) -> None:
-        """Take what the boards reported of a moment, as far as is believed of the line: pitch and roll (2,) [rad].
+        """Take a reported tilt and its time by the line's estimated delay: pitch and roll (2,) [rad].
 
         It is compared when all sticks that act as much later as the line may be faster are known.
         """
@@ -129,6 +128,7 @@ class StickResponse:
 
     def _compare(self, at: float, tilt: Array) -> None:
         """Compare a report with what every hypothesis expects."""
+        # The expectation of each lag at the report's time, interpolated on the grid.
         newest = (at - self._time) / STEP + len(self._expected) - 1  # place of the moment itself
         first = math.floor(newest)
         place = first - _LAG_STEPS
@@ -140,11 +140,13 @@ class StickResponse:
         passed = max(0.0, at - self._measured_at)
         keep, step = self._keep**passed, min(passed, 0.1)
         self._measured_at = max(self._measured_at, at)
+        # High-pass, the same for expectations x and report y: y - (low-pass of time constant SLOW).
         signals = np.concatenate([expected.transpose(1, 0, 2).reshape(-1, 2), tilt[None]])
         slow = signals if self._slow is None else self._slow
         slow = self._slow = slow + (signals - slow) * (1.0 - math.exp(-passed / SLOW))
         fast = signals - slow
         moved, seen = fast[:-1].reshape(2, len(LAGS), 2), fast[-1]
+        # Sums with exponential forgetting, of both axes: Sxx, Sxy (filter, lag), Syy and the time they cover.
         self._squares = keep * self._squares + step * (moved**2).sum(axis=2)
         self._products = keep * self._products + step * (moved @ seen)
         self._reported = keep * self._reported + step * float(seen @ seen)
@@ -155,6 +157,8 @@ class StickResponse:
 
     def _judge(self) -> None:
         """Choose the filter, and weigh the delays."""
+        # With the best gain a hypothesis leaves Syy - Sxy^2 / Sxx. The noise is unknown, so its log-likelihood is
+        # -(n / 2) ln(residual), with n independent residuals; plus the prior of the lag. Source: Gelman, as above.
         fitted = np.maximum(self._products, 0.0) ** 2 / np.maximum(self._squares, 1e-12)
         left = np.maximum(self._reported - fitted, 0.0) + LEAST_LEFT**2 * max(self._seen, STEP)
         likelihood = -0.5 * INDEPENDENT * self._seen * np.log(left) + self._prior
@@ -162,6 +166,7 @@ class StickResponse:
         chosen = int(self.has_other_filter)
         if self._is_moving and best[1 - chosen] - best[chosen] > CLEARLY:
             self.has_other_filter, chosen = not self.has_other_filter, 1 - chosen
+        # The lag is the posterior mean over the bank of the chosen filter.
         weights = np.exp(likelihood[chosen] - best[chosen])
         self.lag = float(weights @ LAGS / weights.sum())
 
@@ -174,6 +179,8 @@ class StickResponse:
         if self._is_moving:
             chosen = int(self.has_other_filter), int(np.abs(LAGS - self.lag).argmin())
             squares, products = float(self._squares[chosen]), float(self._products[chosen])
+            # Least squares: g = Sxy / Sxx. It must beat the model's gain 1 by the likelihood ratio of both residuals,
+            # (n / 2) ln(residual(1) / residual(g)), where residual(g) = Syy - 2 g Sxy + g^2 Sxx.
             gain = min(max(products / squares, LIKELY[0]), LIKELY[1])
             least, as_model = (
                 self._reported - 2.0 * factor * products + factor**2 * squares + LEAST_LEFT**2 * self._seen
@@ -197,7 +204,7 @@ class StickResponse:
 
 
 def tilt_response(model: AircraftModel) -> tuple[Array, Array]:
-    """Transition (4, 4) and input (4,) over `STEP` of believed tilt, its integral, its rate and the filtered stick."""
+    """Transition (4, 4) and input (4,) over `STEP` of the FlightCtrl's tilt, integral, rate and filtered stick."""
     a, b = np.zeros((4, 4)), np.zeros((4, 1))
     a[0, 0], a[0, 2] = -1.0 / model.leak, 1.0
     a[1, 0], a[1, 3] = 1.0, -1.0

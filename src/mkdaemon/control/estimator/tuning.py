@@ -1,4 +1,4 @@
-"""How much the estimator believes of what: process noise and the spread of measurements.
+"""Tuning of the estimator: process noise and the spread of measurements.
 
 Chosen on flights that no reported figure uses, of the simulator and of genuine firmware: docs/lab/control.md.
 """
@@ -16,7 +16,7 @@ from mkdaemon.control.linear import Array
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """One set of beliefs.
+    """One set of noises.
 
     Attributes:
         velocity: noise of the velocity [m/s per root s].
@@ -31,18 +31,18 @@ class Tuning:
         climb: noise of the climb rate [m/s per root s].
         thrust: of the thrust [share per root s].
         vertical: random walk of the unexplained vertical acceleration [m/s2 per root s].
-        attitude_sd: of the attitude the boards report [rad].
-        view_floor: of the lateral position an image gives [m]; what all images have in common is no noise of any.
-        height_floor: of the height an image gives [m].
-        tilt_floor: of the tilt an image gives [rad].
+        attitude_sd: of the attitude that the boards report [rad].
+        view_floor: of an image's lateral position [m], without the errors that all images share.
+        height_floor: of an image's height [m].
+        tilt_floor: of an image's tilt [rad].
         tilt_worst: a tilt less certain than this is not used [rad].
         stamp_sd: of the time stamps of images [s].
-        yaw_floor: of the heading an image gives [rad].
+        yaw_floor: of an image's heading [rad].
         yaw_gain: share of a certain image's heading that is taken.
         innovation_rate: of the running mean of the innovations, a measurement.
         innovation_cap: largest squared innovation that counts.
         caution_rate: change of the caution by an image whose squared innovation is one more than expected.
-        patience: images refused one after the other before the filter doubts itself.
+        patience: consecutive refused images before the filter doubts its own state.
     """
 
     velocity: float = 0.023
@@ -78,7 +78,7 @@ class Tuning:
     def first_covariance(self) -> Array:
         """Covariance of a horizontal axis before the first image (9, 9).
 
-        What the FlightCtrl believes lies near the true tilt, and its filtered stick near that.
+        The FlightCtrl's own tilt is near the true one, and its filtered stick near its own tilt.
         """
         spread = np.diag([0.6, 0.5, 0.15, 0.04, 0.03, 0.2, 0.06, 1.0, 0.02])
         spread[[TH, US], T] = spread[T, T]

@@ -18,7 +18,7 @@ GAS_CENTRE: Final = 127.0
 OLDEST: Final = 0.8
 """Older measurements are used no more [s]: three times the oldest image that is flown by; docs/lab/control.md."""
 FUTURE: Final = 0.02
-"""A view may be so far ahead of our clock [s]: an error of the stamps that flights bear; docs/control.md."""
+"""Largest time of a view ahead of our clock [s]: an error of time stamps that flights tolerate; docs/control.md."""
 FARTHEST: Final = 1000.0
 """No camera sees a target from farther away, or knows it worse than to this [m; rad]."""
 SKEWED: Final = 1e-3
@@ -48,7 +48,7 @@ class ThrottleUse:
 
 
 OURS: Final = ThrottleUse(None, is_ours=True)
-"""It flies with ours, or nobody reports."""
+"""Our throttle is in use, or no board reports it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class TargetView:
 
     @cached_property
     def fault(self) -> ViewFault | None:
-        """Why nobody may use it, whenever it arrives; None where it is sound."""
+        """Why it cannot be used, at any time; None if it is sound."""
         rotation, covariance = self.target_from_flu, self.covariance
         place, turn, spread = self.position_flu.tolist(), rotation.ravel().tolist(), covariance.ravel().tolist()
         if not all(map(math.isfinite, (self.at, *place, *turn, *spread, *self.calibration_sd))):
@@ -158,7 +158,7 @@ class ViewFault(Enum):
 
 
 def fault_of(view: TargetView, now: float) -> ViewFault | None:
-    """Return why nobody may use a view that arrives now [s; monotonic]; None where it is sound."""
+    """Return why a view that arrives now [s; monotonic] cannot be used; None if it is sound."""
     if view.fault is not None:
         return view.fault
     if view.at > now + FUTURE:

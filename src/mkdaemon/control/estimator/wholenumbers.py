@@ -50,6 +50,8 @@ class WholeNumbers:
 
 def _linearised(mean: float, deviation: float) -> tuple[float, float]:
     """Mean count and its slope for a normal input."""
+    # trunc(x) = x - sign(x) / 2 + sum over k of sin(2 pi k x) / (pi k), for x of mean m and deviation s:
+    # E[sign(x)] = erf(m / (s sqrt 2)), E[sin(2 pi x)] = exp(-2 pi^2 s^2) sin(2 pi m); the slope is the derivative by m.
     off = mean / deviation
     steps = math.exp(-2.0 * (math.pi * deviation) ** 2)
     count = mean - 0.5 * math.erf(off / _ROOT_2) + steps * math.sin(math.tau * mean) / math.pi

@@ -28,7 +28,7 @@ from mkdaemon.control.sight import Sight, triple, turned
 from mkdaemon.telemetry.control import ErrorValue, Outcome
 
 BRAKING: Final = 0.5
-"""Who is to hold its place holds where the reference would be after this time [s]: there it can stand still."""
+"""A hold without a position holds where the reference will be after this time [s]: there the aircraft can stop."""
 TURNED: Final = math.radians(8.0)
 """Heading error with which a heading is reached [rad]; within half of it the compass lock holds."""
 SEARCH_RISE: Final = 1.5
@@ -60,7 +60,7 @@ class ByTarget(Manoeuvre):
         What the estimate must be like is asked of admission.
         """
         if isinstance(before, ByTarget):
-            self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # of its own kind
+            self._autopilot, self.stepped_at = before._autopilot, before.stepped_at  # noqa: SLF001  # the same class
         return ""
 
     def step(self, now: float, *, is_flying: bool) -> Step:

@@ -1,18 +1,14 @@
 """Landing on a target that may move: down inside a cone, then through the ground effect without hesitation.
 
-Near the ground the rotors' cushion carries the aircraft away sideways, so below `commit_height` it is decided: throttle
-falls below hover and stays there until the feet stand. An aircraft that is suddenly believed to be low has not sunk
-there, and is not decided for; a fresh image of one that is high takes the decision back. That the feet stand is final,
-and needs evidence: a fresh image, or a
-fall that cannot have been shorter (`Fall`). Source: docs/lab/control.md, "Landing"; without the final push a third to
-two thirds of the landings miss.
+Near the ground the rotors' cushion pushes the aircraft sideways. Therefore, below `commit_height`, the landing is
+committed: the throttle falls below hover and stays there until the feet stand. The estimate must have sunk to that
+height; a sudden jump does not commit. A fresh image of an aircraft that is high cancels it. Without the final push a
+third to two thirds of the landings miss (docs/lab/control.md, "Landing").
 
-How far a sinking aircraft must have come down at least, from its thrust alone.
-
-Nothing on the line says that the feet stand. What is left without an image is physics: from the highest place where the
-aircraft can have been, at the slowest sink it can have had, with the thrust that was sent and the cushion of the
-ground, there is a time by which it has come down. Source of the cushion: I. Cheeseman and W. Bennett, ARC R&M 3021,
-1955.
+A touchdown is final, and needs evidence: a fresh image, or a fall of sufficient length (`Fall`). No message on the line
+reports the touchdown. Without an image, `Fall` bounds the time of it: from the highest possible position, with the
+slowest possible sink rate, the thrust that was sent and the ground effect, the aircraft must have come down. Source of
+the ground effect: I. Cheeseman and W. Bennett, ARC R&M 3021, 1955.
 """
 
 from __future__ import annotations
@@ -131,10 +127,10 @@ class LandingLimits:
         touch_age: oldest image that shows whether the feet stand [s].
         touch_height: lower than this they stand, where an image shows it [m].
         settled: time the feet must stand [s].
-        pad_radius: who comes down farther from the middle has not landed on the target [m].
-        patience: so long it waits for everything above to be met [s].
-        yielding: after that every condition is twice as wide each time it has waited so much longer [s]: no landing
-            hangs in the air until the battery is empty.
+        pad_radius: a touchdown farther from the middle is not on the target [m].
+        patience: longest wait for the conditions above [s].
+        yielding: then every tolerance doubles each time after this wait [s]: no landing waits until the battery is
+            empty.
     """
 
     stand_height: float = 0.10
@@ -225,7 +221,7 @@ class Landing:
         self.phase, self._height = LandingPhase.APPROACH, height
 
     def _is_refuted(self, estimate: Estimate, height: float) -> bool:
-        """Whether an image shows that the aircraft is not as low as was believed when it was decided."""
+        """Whether an image shows the aircraft higher than estimated when the landing was committed."""
         is_high = height - DEVIATIONS * float(estimate.position_sd[2]) > self._limits.refuted
         return is_high and estimate.age <= self._limits.touch_age
 
@@ -277,7 +273,7 @@ class Landing:
 
 
 class Land(ByTarget):
-    """Goes down on the target; once committed or standing, what the eyes see no longer matters."""
+    """Descends onto the target; once committed or standing, it ignores vision."""
 
     kind: ClassVar[str] = "land"
     is_timed_whole: ClassVar[bool] = True

@@ -38,7 +38,7 @@ class ByHand(Level):
         self._cfg, self._band = cfg, neutral_band
 
     def enter(self, before: Manoeuvre | None, now: float) -> str:
-        """Sticks must be neutral at the beginning of a flight; who takes over in flight moves them as he likes."""
+        """Sticks must be neutral at the start of a flight; a take-over in flight may start with any."""
         sticks = self._sticks()
         is_neutral = max(abs(sticks.pitch), abs(sticks.roll), abs(sticks.yaw)) <= self._band
         return "" if is_neutral or before is not None else self.waits

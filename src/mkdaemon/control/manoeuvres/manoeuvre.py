@@ -46,7 +46,7 @@ class End:
 
     @property
     def is_failure(self) -> bool:
-        """Whether nobody asked for this end."""
+        """Whether this end was not requested."""
         return self.outcome not in REACHED_ITS_END
 
 
@@ -71,7 +71,7 @@ class Step:
         stands: the aircraft stands on the ground, where nothing is estimated: no model here knows the ground.
         may_touch: the ground may hold the aircraft's tilt, so that no answer to its sticks says nothing.
         is_unanswered: the aircraft does not answer its sticks.
-        is_level: no tilt at hover throttle because nothing else can be flown: not what anybody asked for.
+        is_level: level at hover throttle as the last resort, not on request.
     """
 
     sticks: Sticks

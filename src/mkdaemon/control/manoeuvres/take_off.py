@@ -29,7 +29,7 @@ from mkdaemon.telemetry.setpoint import TakeOffSetpoint
 IDLE_GAS: Final = 27.0
 """Throttle that carries nothing [count of 254]."""
 LIKELY: Final = (0.75, 1.25)
-"""Throttle that carries the aircraft, over what was believed to."""
+"""Accepted range of the measured hover throttle over the assumed one."""
 STRAIGHT_UP: Final = 0.8
 """A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
 OLDEST: Final = 0.6
@@ -101,7 +101,7 @@ class TakeOff:
 
         Args:
             limits: throttle and times.
-            hover_gas: throttle that is believed to carry the aircraft [count of 254].
+            hover_gas: assumed hover throttle [count of 254].
             now: [s].
             is_in_air: it flies already, so that only the climb is left.
         """
@@ -123,7 +123,7 @@ class TakeOff:
 
     @property
     def stands(self) -> bool:
-        """Whether nothing has shown it off the ground yet; of one that failed nobody knows whether it flies."""
+        """Whether nothing has shown it off the ground yet. After a failed take-off it is not known whether it flies."""
         return self.phase in (TakeOffPhase.IDLE, TakeOffPhase.RAMP)
 
     @property
@@ -161,9 +161,9 @@ class TakeOff:
         return gas
 
     def fail(self, why: Outcome) -> None:
-        """End it, as long as no image has shown it off the ground: whether it flies nobody knows then.
+        """End the take-off, if no image has shown the aircraft off the ground: it may fly or stand.
 
-        So it goes to the pilot as it is: throttle that goes down would drop an aircraft that flies.
+        So the pilot gets it with this throttle: lowering the throttle would drop an aircraft that flies.
         """
         if self.is_blind:
             self.phase, self.failure = TakeOffPhase.FAILED, why

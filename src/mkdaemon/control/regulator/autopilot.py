@@ -42,8 +42,9 @@ class CountShaper:
 UNKNOWN_SPEED: Final = 0.25
 """A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
 LEAP: Final = 12.0
-"""While the pilot's throttle caps ours, so much more than flies or hovers is asked for [count of 254]: a fifth of the
-weight, by which the aircraft rises when he lets go, and more than `throttlelid.MARGIN`, so that the cap shows."""
+"""While the pilot's throttle caps ours, we ask for this much more than the larger of the throttle in use and hover
+[count of 254]: a fifth of the weight, with which the aircraft rises when the cap ends, and more than
+`throttlelid.MARGIN`, so that the cap stays visible."""
 RECENTRED: Final = 0.02
 """Share of the unexplained vertical acceleration that goes into the hover throttle at each call: a second at 50 Hz."""
 YAW_TOLERANCE: Final = math.radians(4.0)
@@ -62,7 +63,7 @@ class Goal:
         position: (3,) [m].
         yaw: heading of the forward axis [rad]; None for whatever it is.
         yaw_rate: turn at this rate where there is no heading, nose left positive [rad/s].
-        climb: speed of the wanted height, which then counts as it stands, without a reference of its own [m/s].
+        climb: speed of the wanted height, which is then used directly, without a reference trajectory [m/s].
         speed: largest horizontal speed on the way [m/s]; None for the autopilot's own limit.
         gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
     """
@@ -79,7 +80,7 @@ class Autopilot:
     """One flight against one target.
 
     Attributes:
-        estimator: what is believed.
+        estimator: of position and velocity.
         reference: where the aircraft should be now.
         estimate: what the latest sticks were computed from.
     """

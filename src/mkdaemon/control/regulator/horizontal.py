@@ -1,9 +1,9 @@
 """Position to tilt sticks: a linear quadratic regulator of the whole axis, from the model.
 
-The feed-forward is the state in which the aircraft rests on the reference: with disturbance d, drag c and a reference
-moving at v with acceleration a, the true tilt is (a + c v - d) / g and the tilt that the FlightCtrl believes, which its
-stick must hold against the leak, is (c v - d) / g + b. A reference that is going to brake asks for its tilt before:
-the jumps of its acceleration ahead are defects of that state, which the same regulator meets in advance.
+The feed-forward is the equilibrium on the reference: with disturbance d, drag c and a reference that moves at v with
+acceleration a, the true tilt is (a + c v - d) / g. The FlightCtrl's own tilt, which the stick must hold against the
+leak, is (c v - d) / g + b. Before a jump of the reference's acceleration the aircraft must already tilt: the preview
+adds the optimal input for the jumps ahead.
 
 Sources: docs/control.md, "Regulator"; M. Tomizuka, "Optimal continuous finite preview problem", IEEE Trans. Automatic
 Control 20 (1975).
@@ -65,6 +65,8 @@ def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, 
     stick_cost = np.array([[costs.stick * STEP]])
     gain, to_go = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, stick_cost)
     closed = f - g @ gain
+    # A jump j of the wanted acceleration k steps ahead changes the error's tilt by -j / g. The optimal input for it is
+    # (R + g' P g)^-1 g' (F - g K)'^k P e_T j / g. Source: Tomizuka, as above.
     row, ahead = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], []
     for _ in range(PREVIEW):
         ahead.append(float(row @ to_go[:, T]) / GRAVITY)
@@ -105,6 +107,8 @@ class HorizontalRegulator:
         costs, drag = self._costs, self._model.drag
         error = estimate.axes[:, :7].copy()
         velocity = reference.velocity[:2]
+        # Equilibrium at constant speed: g t = drag v - d; the FlightCtrl's own tilt and the stick are t + b. The wanted
+        # acceleration a adds a / g to t alone. u = u_eq - K (x - x_eq) + sum of p_k (jump of a in k steps).
         pushed = (drag * velocity - estimate.disturbance) / GRAVITY
         held = pushed + estimate.axes[:, B]
         error[:, P] = np.minimum(np.maximum(error[:, P] - reference.position[:2], -costs.reach), costs.reach)

@@ -40,13 +40,13 @@ FARTHEST_REST: Final = 0.10
 FLIGHT: Final = 12.0
 """Length of the flight on the model [s]."""
 FLIGHT_END: Final = 3.0
-"""What counts is the end of it, so long [s]."""
+"""Length of its end that is judged [s]."""
 FLIGHT_FROM: Final = 0.5
 """Where it begins, from its goal [m]."""
 FLIGHT_WIND: Final = 2.0
 """That it has to bear: the light wind of docs/lab/control.md [m/s]."""
 HOVER_DOUBT: Final = 0.1
-"""Thrust it must make up for, either way: an aircraft heavier or lighter than believed [share of the weight]."""
+"""Thrust it must make up for, either way: an aircraft heavier or lighter than assumed [share of the weight]."""
 _NOWHERE: Final = np.zeros(3)
 _UNMOVED: Final = np.zeros((2, LEVEL_STATES))
 _AT_REST: Final = np.zeros(4)
@@ -103,7 +103,7 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
 
 
 def loop_refusal(model: AircraftModel, cfg: ControlConfig, found: Gains | None = None) -> CommandRejectedError | None:
-    """Say why nobody may fly this loop; None where it is safe on the model.
+    """Return why this loop must not be flown; None if it is safe on the model.
 
     Args:
         model: of the aircraft.
@@ -213,9 +213,11 @@ def _rest_beside(model: AircraftModel, cfg: ControlConfig) -> float:
 
 
 def _rest_above(model: AircraftModel, cfg: ControlConfig, doubt: float) -> float:
+    """Largest height error at the end of a simulated flight, with whole counts and the limiter's slew rate [m]."""
     limits, period = cfg.limiter, 1.0 / cfg.rate
     hover = limits.hover_throttle + GAS_CENTRE
     f, g = model.vertical(period)
+    # The state is known exactly: what remains is the limit cycle of the rounding and of the limiter.
     state = np.zeros(4)
     state[H], state[E] = -FLIGHT_FROM, GRAVITY * doubt
     shaper, sent, worst = CountShaper(-127, 127), limits.hover_throttle, 0.0

@@ -22,7 +22,7 @@ class Interlock:
         running: the procedure under way.
         is_alone: whether it excludes flying.
         owed: note of the live set that has to be proven first.
-        detail: what has become of that so far.
+        detail: what is known about its recovery.
     """
 
     def __init__(self, situation: Callable[[], Situation]) -> None:
@@ -43,7 +43,7 @@ class Interlock:
 
         Args:
             beginning: what is to begin.
-            known: fields of the situation that whoever asks knows better.
+            known: fields of the situation that the caller knows better.
         """
         owed = None if self.owed is None else OwedSet(self.owed.active, self.owed.verb, self.detail)
         work = Work(self.running, self.is_alone, owed, self._leases)

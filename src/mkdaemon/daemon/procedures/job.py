@@ -1,4 +1,4 @@
-"""One run of a procedure: what it does, who asked, and what is told about it."""
+"""One run of a procedure: its work, its client, and its reports."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Job:
 
     Attributes:
         verb: what it is.
-        holder: who asked.
+        holder: the client that asked.
         work: does it; hears of itself through the observer.
         is_alone: it excludes flying, and motors must be known to stand still at each dangerous request.
         id: of this run.
@@ -65,7 +65,7 @@ class Job:
 
     def __post_init__(self) -> None:
         self.note_id = self.note_id or self.id
-        # Whoever asked may be gone by the time it fails; then nobody takes the exception.
+        # If the client is gone when it fails, no task takes the exception.
         self.done.add_done_callback(lambda done: done.cancelled() or done.exception())
 
     def cancel(self) -> None:
@@ -176,7 +176,7 @@ def refusal_for(verb: str, error: Exception, link: Link) -> CommandRejectedError
         case CommandRejectedError():
             return error
         case InterruptedProcedureError():
-            return refuse(Token.CANCELLED, name=verb, detail="somebody asked for that, or the daemon ends")
+            return refuse(Token.CANCELLED, name=verb, detail="a client asked for it, or the daemon ends")
         case LinkLostError():
             condition = link.health().state.condition.value
             return refuse(Token.LINK_DOWN, state=condition, detail=str(error))

@@ -39,7 +39,7 @@ class Note(BaseModel):
     verb: str
     """What it is."""
     holder: str
-    """Who asked for it."""
+    """The client that asked for it."""
     stamp: Stamp
     """When the note was taken."""
     board: str = "fc"
@@ -72,8 +72,8 @@ class Journal:
 
         Args:
             folder: of the vehicle.
-            disk: a thread of its own if none is given; two would let the removal of a note overtake its writing where
-                whoever waited for that was cancelled.
+            disk: a single thread by default; with two, the removal of a note could overtake its writing after the
+                waiting task was cancelled.
         """
         self.folder = folder
         self.disk = disk or ThreadPoolExecutor(1, thread_name_prefix="journal")

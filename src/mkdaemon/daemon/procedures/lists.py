@@ -30,7 +30,7 @@ class ListNote(BaseModel):
     verb: str
     """What it is."""
     holder: str
-    """Who asked for it."""
+    """The client that asked for it."""
     source: str
     """Where the points came from."""
     t_wall: float

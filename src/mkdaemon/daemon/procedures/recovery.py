@@ -71,7 +71,7 @@ class Recovery:
         if note is None or self._here is None or now < self._retry_at:
             return None
         if self._facts.motors_running(now) is not False:
-            self._set_detail(note, "motors run, or nobody knows whether they do")
+            self._set_detail(note, "motors run, or their state is unknown")
             return None
         return note
 

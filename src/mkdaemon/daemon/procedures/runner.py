@@ -1,6 +1,6 @@
 """Takes requests for procedures and runs them, one at a time; a client that dies meanwhile changes nothing.
 
-Whoever asks waits for the end; the run itself belongs to the daemon. On an orderly exit a procedure gets a moment to
+The client waits for the end; the run itself belongs to the daemon. On an orderly exit a procedure gets a moment to
 leave the board as it promises to; what it cannot finish stays in the journal and is done at the next start.
 """
 
@@ -244,12 +244,12 @@ class ProcedureRunner:
                 self._fail(job, observer, InterruptedProcedureError("it was ended where it stood"))
 
     def _free_line(self, job: Job) -> None:
-        """Let the next procedure begin; before whoever waited hears of the end and may ask for it."""
+        """Let the next procedure start, before the waiting client gets the end and may ask for it."""
         if self._job is job:
             self._job, self._interlock.running, self._interlock.is_alone = None, None, False
 
     async def _work(self, job: Job, observer: JobObserver) -> None:
-        """Run a job to its end, whatever that is; the end is published before whoever waits hears of it."""
+        """Run a job to its end, success or failure; the end is published before the waiting client gets it."""
         try:
             result = await job.work(observer)
         except Exception as error:  # noqa: BLE001

@@ -26,9 +26,9 @@ class ProcedureSpec:
     """One procedure.
 
     Attributes:
-        board: who is asked.
+        board: the addressee.
         make: makes the procedure for a request.
-        is_alone: motors must stand still and nobody may fly, unless the request says `in_flight`.
+        is_alone: motors must be off and nothing may fly, unless the request says `in_flight`.
         writes: what is written, in words; the request must say `confirm`, unless it is a dry run.
         needs_live_set: it must not begin while a live set is owed.
         changes_list: it leaves the waypoint list half written when it is cut off.

@@ -12,12 +12,12 @@ from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ProtocolError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, recordings, texts
 from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, EVERYBODY, Message, mavlink
-from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.framing import Signing
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.links import Links

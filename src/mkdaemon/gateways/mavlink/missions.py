@@ -14,8 +14,8 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
-from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.faults import Faults
+from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.mavlink.frames import degrees_e7
 from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, autopilot_of, held_from, item_from, mission_of
 from mkdaemon.gateways.mavlink.modes import Numbering

@@ -221,7 +221,7 @@ def _refusal(path: Path, baud: int, error: Exception, *, is_pty: bool) -> LinkEr
     if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in str(error):
         return LinkError(f"{path} is in use by {_owner(path)}: end that program, or give it another port")
     if number == errno.ENOTTY or not path.is_char_device():
-        # A plain file may lie where a device will be: somebody wrote to the name while the cable was out.
+        # The name may be a plain file: a program wrote to it while the cable was unplugged.
         return LinkLostError(
             f"{path} is no serial device: name one in link.port, or remove it so that the device can take its name; "
             "mkdaemon doctor lists what is plugged in"

@@ -370,7 +370,7 @@ class Dialogue:
     # -- inside ---------------------------------------------------------------------------------------------------
 
     def _note_sender(self, board: Board) -> None:
-        """Learn from a sender who is at the other end of the wire."""
+        """Learn from a sender which board is at the other end of the wire."""
         if not self.peers.note_sender(board):
             return
         self._pace_for_board()

@@ -124,7 +124,7 @@ class Arrivals:
 
     @property
     def asked(self) -> list[FrameKind]:
-        """The kinds somebody asked for."""
+        """The kinds that were requested."""
         return [kind for kind in self._kinds.values() if kind.interval is not None]
 
     def overdue(self, now: float) -> list[FrameKind]:
@@ -348,8 +348,8 @@ class RoundTrips:
     def asked(self, now: float) -> Hashable | None:
         """The probe that an answer without a token belongs to; None where none waits.
 
-        That is the newest one sent so long ago that an answer can be back: answers do not overtake each other, and one
-        of two requests may be lost.
+        That is the newest probe older than the fastest round trip: answers do not overtake each other, and one of two
+        requests may be lost.
         """
         waiting = list(self._open)
         fitting = [token for token in waiting if now - self._open[token] >= self.fastest]

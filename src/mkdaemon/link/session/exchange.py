@@ -47,7 +47,7 @@ CLOSED: Final = "closed by us"
 Answer = asyncio.Future[WireMessage | None]
 """Of a question: its answer; None where it was sent and none ever comes."""
 Discovery = Callable[[], Coroutine[Any, Any, None]]
-"""Finds out who is there whenever `needs_discovery` is set; runs for ever."""
+"""Identifies the boards whenever `needs_discovery` is set; runs for ever."""
 
 
 class Waiters:
@@ -335,7 +335,7 @@ class Exchange:
         self._wake(min(self._dialogue.next_time(now), self._judge_at, look), now)
 
     def _write(self, port: Port, entry: Entry) -> None:
-        """Write one frame, and tell whoever listens.
+        """Write one frame, and report it to the listeners.
 
         Raises:
             LinkLostError: the port is lost.

@@ -70,7 +70,7 @@ _FEWEST: Final = 3
 """Fewer characters that no frame has are those of a short frame that lost its `#`: an answer to a link test has ten."""
 _SHARE: Final = 0.1
 """Part of the characters that no frame has: boot text has spaces, digits and line breaks, and noise few [characters
-each]; tuned on the text of genuine boards and on frames with 5 % of their bytes damaged or lost."""
+each]; tuned on the text of genuine firmware and on frames with 5 % of their bytes damaged or lost."""
 _PAYLOAD: Final = frozenset(range(0x3D, 0x7D))
 _OF_WORK: Final = re.compile(rb"(Timer2|I2C|FAT16|SDC|SSC) (de)?init|(kml|gpx)-file")
 """What a NaviCtrl prints while it works, in flight too: its camera servos stop and start with every hiccup of its SPI
@@ -140,7 +140,7 @@ class Identity:
         return changed
 
     def port_opened(self) -> None:
-        """Whoever is there must show himself."""
+        """The aircraft must be identified again."""
         self._peers.restart()
         self.flight.port_opened()
         self._changed = True

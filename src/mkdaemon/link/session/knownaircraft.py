@@ -150,7 +150,7 @@ def _facts(reply: VersionReply) -> dict[str, object]:
 
 
 class IdentityCheck:
-    """Asks whoever is at a port that came back until it is known whether that is the aircraft from before.
+    """After a port came back, asks for the aircraft's identity until it is known whether it is the same one.
 
     Attributes:
         is_same: everything that could be asked was answered as before.

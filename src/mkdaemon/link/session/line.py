@@ -1,6 +1,6 @@
 """How long characters take on the wire, and how close frames may follow each other: pure arithmetic.
 
-Source of every figure: docs/firmware-notes, "Timing" and "Losses", measured on genuine boards.
+Source of every figure: docs/firmware-notes, "Timing" and "Losses", measured on genuine firmware.
 """
 
 from __future__ import annotations

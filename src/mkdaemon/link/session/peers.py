@@ -1,4 +1,4 @@
-"""Who is on the line and how they speak: gathered from what they say, without a clock. Pure."""
+"""The boards on the line and their dialects, learned from their frames, without a clock. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
 
 PROOF_AGE: Final = 10.0
-"""A version reply older than this proves no longer who is on the line [s]."""
+"""A version reply older than this no longer proves which board is on the line [s]."""
 AFTER_PASSAGE: Final = 0.8
 """Time until a NaviCtrl's telemetry is back after a redirection; the verdict takes part of it [s]."""
 TAIL_TIME: Final = 0.15
@@ -35,7 +35,7 @@ class Proof(NamedTuple):
 
 
 class Peers:
-    """The one owner of who is on the wire: boards, addresses, versions, dialect.
+    """Owns what is known about the boards on the wire: addresses, versions, dialect.
 
     Attributes:
         evidence: what the boards have shown of themselves since the port was opened, or since `forget`.
@@ -60,7 +60,7 @@ class Peers:
         self._passage = (-math.inf, -math.inf)
 
     def restart(self) -> None:
-        """A port was opened: who is there must show itself again."""
+        """A port was opened: the boards must be identified again."""
         self.direct, self.redirected = Board.ANY, None
         self.boards.clear()
         self.forget()
@@ -113,7 +113,7 @@ class Peers:
     def note_sender(self, board: Board) -> bool:
         """Note that a frame came from a board; returns whether the wire ends at another board than before.
 
-        A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection somebody left open); a NaviCtrl that
+        A FlightCtrl that speaks after a NaviCtrl did is behind it (a redirection left open); a NaviCtrl that
         speaks is always at the end of the wire.
         """
         if board not in _PILOTS:

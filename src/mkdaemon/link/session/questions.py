@@ -38,7 +38,7 @@ class Pending:
 
     Attributes:
         message: the question.
-        board: who is asked.
+        board: the addressee.
         attempts_left: sendings still allowed.
         timeout: for the attempt under way [s].
         expires: when this attempt is given up [s]; infinite while it waits for its turn.

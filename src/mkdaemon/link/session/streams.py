@@ -1,4 +1,4 @@
-"""The streams somebody wants, asked for once and renewed for as long as they are wanted. Pure; driven with `now`.
+"""The wanted streams: requested once, and renewed while they are wanted. Pure; driven with `now`.
 
 They are wanted by configuration, by `auto`, or since they were changed at run time. A board has ONE timer for all its
 streams (NaviCtrl 4.0 s, FlightCtrl 4.1 s); any stream request renews them all. A request with interval 0 renews without

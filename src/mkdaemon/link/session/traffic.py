@@ -1,4 +1,4 @@
-"""What crosses the line, stamped: the values the link hands to whoever listens."""
+"""What crosses the line, stamped: the values that the link passes to its listeners."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Purpose(IntEnum):
     RETRY = 2
     """A request that was not answered."""
     REQUEST = 3
-    """Somebody waits for the reply."""
+    """A task waits for the reply."""
     SUBSCRIPTION = 4
     """Starts, renews or stops a stream."""
     ECHO = 5

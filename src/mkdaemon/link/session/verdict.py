@@ -75,7 +75,7 @@ def comes_and_goes(times: int, seconds: float) -> str:
 
 
 class Cause(Enum):
-    """What a verdict stands on, where somebody acts on it."""
+    """The facts behind a verdict that others act on."""
 
     PORT_STUCK = auto()
     """The port takes no bytes."""

@@ -1,4 +1,4 @@
-"""Version exchange: who is on the line, and which dialect does it speak.
+"""Version exchange: identifies the board on the line and its dialect.
 
 All layouts are ten bytes; the release in the first two tells them apart, so a version reply needs no dialect.
 Source: docs/protocol.md, "VersionInfo"; vectors "version ...".

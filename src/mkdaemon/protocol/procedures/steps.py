@@ -1,9 +1,9 @@
 """Procedures: conversations with a board that take several requests, written without I/O and without a clock.
 
 A procedure is a generator. It yields what it wants done next and is sent what came back: the answer to a request, or
-None when none came in time. Whoever drives it owns the line: the daemon over its link (`mkdaemon.link.procedures`),
-tests and campaigns over a simulated line in virtual time. A procedure ends with its result or raises, so there is no
-third outcome.
+None when none came in time. The driver of a procedure owns the line: the daemon over its link
+(`mkdaemon.link.procedures`), tests and campaigns over a simulated line in virtual time. A procedure ends with its
+result or raises.
 
 The line may lose, damage, delay and repeat frames, but keeps their order. Source: docs/firmware-notes, "Losses".
 """
@@ -23,7 +23,7 @@ class Ask:
     """Send a request once and wait for its answer.
 
     Attributes:
-        board: who is asked; only this board's frames can answer.
+        board: the addressee; only its frames can answer.
         message: the request.
         accepts: whether a message of that board answers this very request; late answers to others do not.
         timeout: how long to wait after the last byte was sent [s].
@@ -80,7 +80,7 @@ class LiveSet:
 
 @dataclass(frozen=True, slots=True)
 class LiveSetAtRisk:
-    """From the next request on another set may be live: whoever drives the procedure notes which one belongs there.
+    """From the next request on another set may be live: the driver notes which one must be restored.
 
     Attributes:
         wanted: what has to be live in the end.
@@ -121,7 +121,7 @@ class Question(Generic[_Answer]):
     """A request, and which message answers it.
 
     Attributes:
-        board: who is asked.
+        board: the addressee.
         message: the request.
         kinds: classes of the answer, one for each layout.
         fits: whether a message of these kinds answers this very request.

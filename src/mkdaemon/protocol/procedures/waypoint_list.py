@@ -1,8 +1,8 @@
-"""Waypoints on a NaviCtrl: clear, upload, verify, download. Stop and wait, and believe only what is read back.
+"""Waypoints on a NaviCtrl: clear, upload, verify, download. Stop and wait; only what was read back counts as stored.
 
-The answer to a write is the index stored, and 0 means both "cleared" and "refused": which of the two is told by the
-number of points the board then holds, asked for by reading an index above every list. That short answer also marks the
-line: answers keep their order, so no older answer can follow it.
+The answer to a write is the stored index, and 0 means both "cleared" and "refused". The number of points that the board
+then holds shows which; reading an index above every list returns it. That short answer also marks the line: answers
+keep their order, so no older answer can follow it.
 
 The checksum has 12 bits, so on a bad line a damaged write now and then gets through, with another index, another
 position, or as "clear". Therefore nothing counts as stored before a whole reading of the list, made after the last

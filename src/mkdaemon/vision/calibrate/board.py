@@ -23,7 +23,7 @@ DICTIONARY = cv2.aruco.DICT_4X4_250
 LEAST_SQUARES, MOST_MARKERS = 3, 250
 """Squares along a side at least, and markers the dictionary has."""
 SQUARE_M = (0.002, 1.0)
-"""Sides of squares somebody prints [m]."""
+"""Plausible sides of printed squares [m]."""
 MIN_POINTS = 8
 ALONG: Final = (0.35, 0.42, 0.5, 0.58, 0.65)
 """Where an edge is looked at, shares of its length: corners and markers are far."""

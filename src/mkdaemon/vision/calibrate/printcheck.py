@@ -239,7 +239,7 @@ def _aspect(base: _Measured, *, is_calibrated: bool) -> PrintFinding:
 
 
 def _absolute(base: _Measured, distance: float | None) -> PrintFinding:
-    """How large the print is, by a distance that somebody measured to a camera with a file."""
+    """Size of the print, from a measured distance to a calibrated camera."""
     ruler = f"Measure tag {base.tag.tag_id} with a ruler: {1000 * base.tag.size:.1f} mm by its file."
     if distance is None:
         words = "one photograph cannot tell sizes that are all wrong by one factor"

@@ -29,7 +29,7 @@ from mkdaemon.vision.camera.image import EndOfImages, NewestSlot, PictureError, 
 from mkdaemon.vision.camera.imagecodec import captured_pixels, read_picture, unpack
 
 STRANGERS_LOOK: Final = 1.0
-"""Time between two looks for images of somebody else [s]."""
+"""Time between two checks for foreign images [s]."""
 PICTURES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".pgm"})
 CLIPS = frozenset({".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".mpeg", ".ts"})
 FOLDER_HZ = 10.0
@@ -126,11 +126,11 @@ class ZenohSource(Source):
             self._newest.put((payload, time.monotonic()))
 
     def read(self, timeout: float) -> Shot | None:
-        """Newest image; a PictureError, once a second at most, where somebody put one to the plain key."""
+        """Newest image; a PictureError, at most once a second, if a program puts one to the plain key."""
         if self._strangers is not None and time.monotonic() >= self._look_at:
             self._look_at = time.monotonic() + STRANGERS_LOOK
             if self._strangers.handler.try_recv() is not None:
-                msg = f"somebody without the secret of this camera puts images to {self._key}: they are not looked at"
+                msg = f"a program without the secret of this camera puts images to {self._key}: they are ignored"
                 raise PictureError(msg)
         taken = self._newest.take(timeout)
         if taken is None:

@@ -71,8 +71,8 @@ LEAST_BLUR = 0.3
 ENOUGH = 20
 """Edges that show contrast and blur of this image."""
 AHEAD = 2.0
-"""So far beyond an edge the dark side's light counts, where it grows along the normal, over the width of the slope: the
-slope is cut there (edges rendered at 1 and 2 grey/px, 1.4 to 2.4)."""
+"""Where the dark side's light grows along the normal, the slope is cut this far beyond the edge, in widths of the slope
+(1.4 to 2.4 for edges rendered at 1 and 2 grey/px)."""
 ROUNDS = 3
 """Of weights and light, where that is not even at a first look."""
 LEAST_CUT = 0.8
@@ -228,7 +228,7 @@ def _widths(area: Array32, upright: Bools, telling: Bools) -> Array:
 
 
 def _trust(beside: Array32, peak: Array32, contrast: Array32, found: Bools, cut: Bools) -> Array:
-    """Trust in edges `(n,)`, by the largest slope beside each, the peak of its own, and its contrast [grey].
+    """Trust in edges `(n,)`, by the largest slope beside each, its own peak, and its contrast [grey].
 
     A shadow's rim beside an edge is as likely to lie on it, unseen: the variance grows by 1 + (slope / usual)^4. What
     noise moves an edge by grows as its contrast falls; what is cut off is not dim.

@@ -38,8 +38,8 @@ CUT = 1.05
 MAD = 1.4826
 """Deviation of Gaussian residuals over their median absolute value."""
 LEAST_SLOPE = 0.3
-"""Of the influence, over the mean weight: below, a robust estimate has no variance of its own (0.83 for Gaussian
-residuals)."""
+"""Least slope of the influence function over the mean weight: below, the variance of a robust estimate is undefined
+(0.83 for Gaussian residuals)."""
 ROOMY = 0.5
 """Room of edges that tell how large residuals are."""
 GIVES_WAY = (1.0 / 2.0, 3.0 / 4.0, 5.0 / 6.0)

@@ -14,7 +14,8 @@ from mkdaemon.vision.tags.tagmap import Target, covered
 SAMPLED = (0.15, 0.7)
 """Where the samples of an edge begin, and the length they are spread over [cells]: corners are rounded by blur."""
 BESIDE_CELLS = 0.5
-"""An edge is left out where a tag hides a point so far beside it [cells]: far away the paper's rim and it are one."""
+"""An edge is ignored if a tag hides a point at this distance beside it [cells]: from far away the paper's rim merges
+with it."""
 
 ON_EDGE = 1e-6
 """Rounding errors of a point on an edge, at most [cells]."""

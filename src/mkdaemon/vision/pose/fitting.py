@@ -29,7 +29,7 @@ def _shrink(part: Grey, scale: float) -> Grey:
 
 
 ROOM, ROOM_PX = 0.2, 14.0
-"""Room around a target in a window: share of its size, and so much more [px]."""
+"""Room around a target in a window: share of its size, plus a margin [px]."""
 GREY_EFFORT: Final = 4
 """Duration of a fit to grey values over one to edges: 4 to 20 ms, on VGA."""
 PATCH_PX = 40
@@ -190,6 +190,7 @@ class TargetFitter:
         _, likeness, _, place = cv2.minMaxLoc(cv2.matchTemplate(area, patch, cv2.TM_CCOEFF_NORMED))
         if likeness < LIMITS.likeness.alike:
             return None
+        # The turn takes the ray to the target's old place to its new one: rotation vector old x new, for a small angle.
         rays = self.projection.undistort(np.vstack([centre, centre + np.array(place) / coarse - reach]))
         old, new = (np.append(ray, 1.0) / np.hypot(1.0, np.linalg.norm(ray)) for ray in rays)
         turned = np.asarray(cv2.Rodrigues(np.cross(old, new))[0], dtype=np.float64)

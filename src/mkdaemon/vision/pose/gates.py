@@ -1,4 +1,4 @@
-"""What a fitted pose has to pass before anybody hears of it."""
+"""The tests that a fitted pose must pass before it is published."""
 
 from __future__ import annotations
 

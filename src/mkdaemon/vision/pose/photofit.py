@@ -86,7 +86,7 @@ def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> 
 
     Returns:
         The factor on the variance of a fit, less than 1 where neighbours contradict each other; and the share of the
-        variance of a residual, not less than so many pixels can tell from none.
+        variance of a residual, not less than this number of pixels can distinguish from zero.
     """
     all_factors, all_common, start = 0.0, 0.0, 0
     for used in windows:
@@ -321,10 +321,10 @@ def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tu
     both = Unknowns([line["beyond"], line["light"]])
     scatter = max(MAD * median(np.abs(residual)), 1.0)
     weights = 1.0 / np.maximum((residual / (LIMITS.certainty.deviations * scatter)) ** 2, 1.0)
-    anew = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
+    refitted = np.asarray(np.linalg.solve(*both.equations(weights, residual, scatter**2)), np.float64)
     # Of what the motion lacks the residual holds no more than is beside what was taken out.
-    line["beyond"] = replace(line["beyond"], off=-anew[both["beyond"]])
-    return residual - anew @ both.rows, list(line.values())
+    line["beyond"] = replace(line["beyond"], off=-refitted[both["beyond"]])
+    return residual - refitted @ both.rows, list(line.values())
 
 
 START_BLUR_PX = 0.7

@@ -24,8 +24,8 @@ from mkdaemon.vision.tags.tagmap import SAME_HEIGHT_M, Tag
 Source = Literal["corners", "edges", "photometric"]
 
 RIDGE, LEAST_RIDGE = 1e-9, 1e-12
-"""Share of the normal matrix' diagonal that is added before it is inverted, and so much more: directions nobody sees
-stay finite."""
+"""Share of the normal matrix' diagonal that is added before inversion, plus a constant: unobservable directions stay
+finite."""
 LEAST_NORM = 1e-9
 """Vectors shorter than this have no direction."""
 CORNER_SD_PX = 0.15

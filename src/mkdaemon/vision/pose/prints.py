@@ -71,7 +71,7 @@ RISES: Final = 3
 OF_A_CYLINDER: Final = np.array([[0.375, 0.0, 0.125], [0.0, 0.5, 0.0], [0.125, 0.0, 0.375]])
 """Covariance of (a, b, c) over the variance of the rise, for a cylinder about any axis: (cos^2, 2 cos sin, sin^2)."""
 PLANE: Final = 0.3
-"""Deviation of the mean height over the print's own: so much a margin of a tenth of the side changes it."""
+"""Deviation of the mean height over the print's own deviation: the effect of a margin of a tenth of the side."""
 
 
 class Sheet:

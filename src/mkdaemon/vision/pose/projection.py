@@ -87,6 +87,8 @@ class Lens:
 
     def _radius(self, t: Array) -> tuple[Array, Array]:
         """Radius R in the image `(n,)`, and its derivative by t."""
+        # R = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8), with t = r (perspective) or t = atan r, the angle (fisheye).
+        # Source: OpenCV, calib3d, "Camera calibration" and "Fisheye camera model".
         k, t2 = self._k, t * t
         radius = t * (1.0 + t2 * (k.k1 + t2 * (k.k2 + t2 * (k.k3 + t2 * k.k4))))
         return radius, 1.0 + t2 * (3 * k.k1 + t2 * (5 * k.k2 + t2 * (7 * k.k3 + t2 * 9 * k.k4)))

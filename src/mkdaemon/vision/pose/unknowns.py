@@ -233,8 +233,9 @@ class Prior:
     def _aspect(self, by_point: Array, arm: Array, variance: float) -> Unknown:
         """By which share an image is longer along its rows than its columns, and along one diagonal than the other.
 
-        Seen from the front a tilt t looks like a share of t^2 / 2: an error of it is one of the tilt by so much over t.
-        It is asked for where the calibration may be wrong; what no number of measurements averages out is not.
+        In a frontal view, a tilt t shortens one axis by the share 1 - cos t = t^2 / 2, so an error s of the aspect
+        causes an error s / t of the tilt. The self-calibration estimates it if the calibration's aspect is uncertain;
+        it does not estimate errors that no number of measurements averages out.
         """
         (across, down, _), (x, y, _) = by_point.T, arm.T
         rows = HALF * np.array([across * x - down * y, across * y + down * x])

@@ -85,7 +85,7 @@ TURN: Final = slice(3, 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageEvidence:
-    """What one image says of its own unknowns, then those of `CameraFilter`: they cost x^T matrix x - 2 pull^T x.
+    """Information of one image about its own unknowns, then those of `CameraFilter`; cost x^T matrix x - 2 pull^T x.
 
     Attributes:
         rotation: camera from target as the pose has it `(3, 3)`.
@@ -305,6 +305,8 @@ class HeightFilter(Belief):
                 continue
             if self.wait(at) > PAUSE:
                 self.covariance[0, 0] += OFFSET_SD**2
+            # barometer(t) = offset + h(t - delay), and vision shows (1 + share) h, so to first order
+            # barometer - here = offset - share here - delay speed: a row (1, -here, -speed) of the information filter.
             both, by = (here, barometer), np.array([1.0, -here, -speed])
             self._low, self._high = np.minimum(self._low, both), np.maximum(self._high, both)
             self.learn(np.outer(by, by) / READING_SD**2, by * (barometer - here) / READING_SD**2)

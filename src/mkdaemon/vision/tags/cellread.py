@@ -51,7 +51,7 @@ class Detection:
         decision_margin: mean distance of the bits from the threshold [grey].
         corners: `(4, 2)` TL, TR, BR, BL of the official print [px, centres at integers].
         view: in which it was found.
-        shrunk: by how much the image was shrunk for its corners, which are so much looser.
+        shrunk: factor by which the image was reduced to find the corners; their uncertainty grows by it.
     """
 
     family: str
@@ -129,7 +129,7 @@ def has_sides(pixels: Grey, corners: Array, n: int, *, inverted: bool) -> bool:
 
 @lru_cache(maxsize=4096)
 def chance(read: int, wrong: int, tries: int) -> float:
-    """Bound of the probability that of so many cells of a random quad so few, or fewer, disagree with one of codes."""
+    """Bound of the probability that at most `wrong` of `read` cells of a random quad differ from one of the codes."""
     # P(X <= wrong) of X ~ Bin(read, 1/2), times the codes that are tried: the bound of Boole.
     return tries * sum(math.comb(read, k) for k in range(wrong + 1)) / 2.0**read
 
@@ -197,6 +197,8 @@ def _votes(pixels: Grey, homography: Array, contrast: float, codes: _Codes) -> A
     Beside a black neighbour of grey value b a cell has b when it is black, and the least of b + contrast and 255 when
     it is white; beside a white one b - contrast and b.
     """
+    # Each line between two cells is one vote: v = (step to the inner cell) / (step expected for white) - 1/2. Comparing
+    # neighbours makes the vote independent of light that changes over the tag.
     outer, of_cell, points = _lines(math.isqrt(codes.bits.shape[1]))
     here, there = sample(pixels, carry(homography, points)).reshape(2, -1, len(ALONG)).mean(axis=2)
     least = LIMITS.read.faint * contrast
@@ -216,6 +218,7 @@ def _lines(n: int) -> tuple[npt.NDArray[np.intp], Array, Array]:
 
     Only for the inner one `(m, n * n)`. And samples on both sides, those in inner cells first `(2 * m * 3, 2)` [cells].
     """
+    # All pairs of neighbours, across and down; of each pair the cell nearer to the rim is the outer one.
     index, inside = np.arange(n * n).reshape(n, n), to_rim(n).ravel()
     beside, below = (index[:, :-1], index[:, 1:]), (index[:-1], index[1:])
     first, second = (np.concatenate([of.ravel() for of in one]) for one in zip(beside, below, strict=True))

@@ -64,7 +64,7 @@ _SEEN: Final[Mapping[View, Grey]] = {"light": _LIGHT, "log": _LOG}
 
 @lru_cache(maxsize=16)
 def looks_of(width: int, height: int, *, outline_first: bool = False) -> tuple[Look, ...]:
-    """The searches of an image of so many pixels that take turns beside the first ones."""
+    """The additional searches of an image of this size, which take turns."""
     fine, outline = tuple(Look(tone) for tone in FINE), (Look("outline"),)
     whole = outline + fine if outline_first else fine + outline
     shrunk = shrinking(width, height)
@@ -180,7 +180,7 @@ def library_of(families: Collection[str]) -> Any:
 
 
 def find_codes(families: Collection[str], pixels: Grey, decimate: float = 1.0) -> list[Detection]:
-    """All codes libapriltag sees in `(h, w)` uint8; it looks for quads alone in an image so much smaller."""
+    """All codes libapriltag sees in `(h, w)` uint8; it searches quads in an image reduced by `decimate`."""
     library = library_of(families)
     library.tag_detector_ptr.contents.quad_decimate = decimate
     return [

@@ -38,8 +38,8 @@ MAX_LINES: Final = 8
 SAME_WAY: Final = 0.7
 """Cosine of the angle between the ways of a line and of the outline at its points: round corners are none of it."""
 DEPTHS: Final = np.geomspace(0.6, 1.6, 21)
-"""Distances of the fourth side that are tried, over the length of the one before it: a print tilted by 50 degrees is
-so much shorter or longer. Neighbours are two fifths of a cell apart at the far side."""
+"""Distances of the fourth side that are tried, over the length of the one before it: the range
+of a print tilted by 50 degrees. Neighbours are two fifths of a cell apart at the far side."""
 
 
 def read_outlines(pixels: Grey, reader: CodeReader) -> list[Detection]:

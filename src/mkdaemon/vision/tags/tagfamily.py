@@ -40,8 +40,8 @@ class TagFamily:
         black_cells: side of the square that holds everything black [cells]; larger in inverted families alone.
         bits: of a code.
         ids: number of codes; valid ids are 0 to `ids - 1`.
-        corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with so many flipped, here
-            a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
+        corrected_bits: wrong bits that libapriltag corrects, two at most: it lists all codes with these bits flipped,
+            here a million at most, 48 bytes each (apriltag.c, `quick_decode_init`).
         hole_cells: side of the square in the middle that carries nothing, room for a smaller tag [cells].
     """
 

@@ -205,15 +205,15 @@ class Branches:
         joined, density = prior[:, None].join(centre, spread)
         scatter = np.array([SCATTER * pose.range_m for pose in candidates])
         leaps = np.log(LEAVES) - 3.0 * np.log(scatter)
-        anew, leapt = Course.begin(time, centre, spread), (density <= leaps)[..., None]
+        started, leapt = Course.begin(time, centre, spread), (density <= leaps)[..., None]
         joins = np.maximum(density, leaps) - _evidence(candidates)
         nearest = density.argmax(axis=1)
         wrong = np.log([max(1.0 - pose.inliers, LEAST_WRONG) for pose in candidates])[nearest]
         around = prior.covariance[:, :3, :3] + (scatter[nearest] ** 2)[:, None, None] * np.eye(3)
         misses = wrong - np.linalg.slogdet(around)[1] / 2.0
         # Of every branch first all that join it, then the one that missed.
-        state = np.concatenate([np.where(leapt, anew.state, joined.state), prior.state[:, None]], axis=1)
-        covariance = np.where(leapt[..., None], anew.covariance, joined.covariance)
+        state = np.concatenate([np.where(leapt, started.state, joined.state), prior.state[:, None]], axis=1)
+        covariance = np.where(leapt[..., None], started.covariance, joined.covariance)
         covariance = np.concatenate([covariance, prior.covariance[:, None]], axis=1)
         course = Course(time, state.reshape(-1, 6), covariance.reshape(-1, 6, 6), prior.psd)
         weight = (self.weight[:, None] + np.column_stack([joins, misses])).ravel()

@@ -171,6 +171,7 @@ class Track:
             before_seen, before = self._found[-2]
             passed = last_seen.time - before_seen.time
             earlier = last_seen.turned_since(before_seen) if turned is not None else None
+            # Constant velocity: x(t) = x1 + (t - t1) / (t1 - t0) (x1 - R x0); R turns x0 into the camera axes of t1.
             step = last.position - (before.position if earlier is None else earlier @ before.position)
             position = last.position + (seen.time - last_seen.time) / passed * step
             speed = step / passed

@@ -48,8 +48,8 @@ DRIFTS: Final = np.radians(KINDS[:, [2, 2, 3, 3]])
 DECKS, WRONG = slice(2), 2
 FOLLOWS: Final = np.array([[1, 1, 0, 0, 0], [1, 1, 0, 0, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]])
 """Which kind begins where another one was, or, the last column, anywhere."""
-ANEW: Final = 10.0
-"""Mean time after which any kind may follow [s]; a deck that rests or rocks goes on for twice as long."""
+MIXING: Final = 10.0
+"""Mean time after which any kind may follow [s]; a deck that rests or rocks continues for twice this time."""
 MISSED: Final = log(0.01 / radians(20.0) ** 2)
 """Density of the normal of a wrong fit, one of a hundred, spread over 20 degrees, as `attitude.corrected` tells it."""
 LEAST_WEIGHT: Final = 1e-12
@@ -92,15 +92,15 @@ class _Belief:
         # A mixture moves on as one Gaussian for each kind, of the same mean and covariance as what led to it:
         # m_i = sum_j(w_ij m_j), P_i = sum_j(w_ij (P_j + m_j m_j^T)) - m_i m_i^T.
         # Source: H. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33 (1988), 780: interacting multiple models.
-        stays = exp(-passed / ANEW)
-        anew = (1.0 - stays) * EXPECTED
-        came = anew[:, None] * FOLLOWS * np.append(self.weight, 1.0)
+        stays = exp(-passed / MIXING)
+        restarted = (1.0 - stays) * EXPECTED
+        came = restarted[:, None] * FOLLOWS * np.append(self.weight, 1.0)
         came[:, :-1] += np.diag(stays * self.weight)
         came /= came.sum(axis=1, keepdims=True)
         mean = came[:, :-1] @ self.mean
         second = np.concatenate([self.covariance + self.mean[:, :, None] * self.mean[:, None], ANYHOW])
         spread = np.einsum("ij,jkl", came, second) - mean[:, :, None] * mean[:, None]
-        return _Belief(stays * self.weight + anew, mean, spread + (DRIFTS**2 * passed)[:, None] * np.eye(4))
+        return _Belief(stays * self.weight + restarted, mean, spread + (DRIFTS**2 * passed)[:, None] * np.eye(4))
 
     def measured(self, observe: Array, normal: Array, covariance: Array, *, may_be_deck: bool) -> _Belief:
         """Kalman updates, each weight times the density of its surprise; a kind that missed it learns nothing."""

@@ -42,7 +42,7 @@ def _garbage(patient: Patient) -> Iterator[Values]:
 def _other_baud(patient: Patient) -> Iterator[Values]:
     """the line runs at {used} baud, and link.baud is {configured}
 
-    The daemon found the rate by trying, which it does anew whenever the port is opened.
+    The daemon found the rate by trying, which it repeats each time it opens the port.
 
     Write it into the configuration.
 
@@ -114,7 +114,7 @@ def _others(patient: Patient) -> Iterator[Values]:
 def _not_recording(patient: Patient) -> Iterator[Values]:
     """the daemon does not record ({state}): {reason}
 
-    Nobody can see afterwards what happened.
+    After the flight there is no record of what happened.
 
     Make room, or set record.folder.
 

@@ -155,7 +155,7 @@ def _twice(patient: Patient) -> Iterator[Values]:
 
     Each command reaches all of them: two aircraft take off.
 
-    Give each aircraft a vehicle.name of its own.
+    Give each aircraft another vehicle.name.
 
     $ mkdaemon config explain vehicle.name
     """
@@ -196,7 +196,7 @@ def _versions(patient: Patient) -> Iterator[Values]:
 
 @BUS("open-bus", Severity.WARNING, Needs.CONFIG)
 def _open(patient: Patient) -> Iterator[Values]:
-    """{endpoints} lets everybody in the network fly the aircraft
+    """{endpoints} lets every program in the network fly the aircraft
 
     bus.allow_open says so.
 
@@ -213,7 +213,7 @@ def _open(patient: Patient) -> Iterator[Values]:
 def _certificates(patient: Patient) -> Iterator[Values]:
     """the certificate {file} {found}
 
-    From then on nobody connects; a flight goes on, and no client comes back.
+    After that date no client can connect or reconnect; a flight in progress continues.
 
     Issue it again.
 
@@ -236,7 +236,7 @@ def _certificates(patient: Patient) -> Iterator[Values]:
 
 @BUS("private-key", Severity.WARNING, Needs.CONFIG, is_safe=True)
 def _readable_keys(patient: Patient) -> Iterator[Values]:
-    """everybody on this machine may read the private key {file}
+    """every user of this machine can read the private key {file}
 
     Who has read it is who it belongs to.
 

@@ -33,7 +33,7 @@ def doctor(
 ) -> int:
     """Find what stands between this machine and an aircraft, and say what to type.
 
-    Each fault comes with what was found, why it matters, and the command that mends it; docs/doctor.md has them all.
+    Each fault comes with what was found, why it matters, and the command that mends it; docs/troubles.md has them all.
     Nothing is sent to any device; a daemon that runs is asked. Exit code 0 without errors and warnings, 1 with an
     error, 3 with warnings alone.
 

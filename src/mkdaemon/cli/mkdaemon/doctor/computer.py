@@ -255,7 +255,7 @@ def _disk_full(patient: Patient) -> Iterator[Values]:
 
     Nothing can be recorded, and no flight against a target begins.
 
-    See what takes the room, and delete what nobody needs.
+    Find the largest folders, and delete what is not needed.
 
     $ du -xh {folder} | sort -h | tail
     """
@@ -363,7 +363,7 @@ def _skew(patient: Patient) -> Iterator[Values]:
 def _failed_service(patient: Patient) -> Iterator[Values]:
     """the service {service} has failed
 
-    Nobody looks after the aircraft.
+    No daemon controls the aircraft.
 
     Its last words say why.
 
@@ -383,7 +383,7 @@ def _old_units(patient: Patient) -> Iterator[Values]:
 
     It may start with options that are gone, or without rights that are needed.
 
-    Write it anew, then restart the service, on the ground.
+    Write it again; then restart the service on the ground.
 
     $ sudo {programs}/mkdaemon install-service --write
     """

@@ -219,7 +219,7 @@ def _brltty(patient: Patient) -> Iterator[Values]:
 
     A braille terminal takes the adapter away, and /dev/ttyUSB0 disappears when it is plugged in.
 
-    Remove it where nobody needs braille.
+    If braille is not needed, remove it.
 
     $ sudo apt-get remove brltty
     """
