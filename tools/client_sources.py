@@ -243,10 +243,11 @@ def _member(node: _Node, transport: str) -> tuple[str, str]:
     if node.spec is None or node.spec.carries is None:
         return node.class_name, f"{node.class_name}({', '.join([transport, *node.names])})"
     model = node.spec.carries
+    module = model.__module__.rpartition(".")[2]
     key = re.sub(r"<(\w+)>", r"{part_of_key(\1)}", node.spec.suffix)
     return (
         f"Stream[{model.__name__}]",
-        f'Stream({transport}, {"f" if node.names else ""}"{key}", "{model.__module__}:{model.__name__}")',
+        f'Stream({transport}, {"f" if node.names else ""}"{key}", "{module}:{model.__name__}")',
     )
 
 

@@ -52,7 +52,6 @@ class Row(NamedTuple):
         name: as the report has it.
         board: who is asked.
         request: an example.
-        key: of the request on the bus and, with dashes, on the command line.
         answers: classes of the answer; empty where there is none.
         shows: what the answer, or the board without one, must show.
     """
@@ -60,7 +59,6 @@ class Row(NamedTuple):
     name: str
     board: Board
     request: WireMessage
-    key: str
     answers: tuple[type[WireMessage], ...]
     shows: Callable[[Boards, WireMessage], object]
 
@@ -81,45 +79,21 @@ STICKS = m.ExternControlV2(pitch=10, roll=-5, yaw=3, throttle=0, frame=7, config
 
 ROWS = [
     # Common commands
-    Row(
-        "Analog Values", FC, m.LabelRequest(index=9), "label_request", (m.Label,), lambda b, a: a.index == 9 and a.text
-    ),
-    Row("ExternControl", FC, STICKS, "extern_control", (m.ControlConfirm,), lambda b, a: a.frame == 7),
-    Row("Request Display (h)", FC, m.DisplayRequest(), "display_request", (m.Display,), lambda b, a: len(a.text) == 80),
-    Row("Request Display (l)", FC, m.MenuRequest(page=1), "menu_request", (m.Menu,), lambda b, a: a.page == 1),
-    Row("Version", FC, m.VersionRequest(), "version_request", (m.VersionFc210,), lambda b, a: a.release == "2.12a"),
-    Row(
-        "Debug Request",
-        FC,
-        m.DebugRequest(interval=50),
-        "debug_request",
-        (m.DebugDataFc,),
-        lambda b, a: len(a.analog) == 32,
-    ),
-    Row("Reset", FC, m.Reset(), "reset", (), lambda b, a: _is_rebooting(b)),
-    Row(
-        "Get ExternControl",
-        FC,
-        m.ControlStateRequest(),
-        "control_state_request",
-        (m.ControlStateV2,),
-        lambda b, a: a.config == 0,
-    ),
+    Row("Analog Values", FC, m.LabelRequest(index=9), (m.Label,), lambda b, a: a.index == 9 and a.text),
+    Row("ExternControl", FC, STICKS, (m.ControlConfirm,), lambda b, a: a.frame == 7),
+    Row("Request Display (h)", FC, m.DisplayRequest(), (m.Display,), lambda b, a: len(a.text) == 80),
+    Row("Request Display (l)", FC, m.MenuRequest(page=1), (m.Menu,), lambda b, a: a.page == 1),
+    Row("Version", FC, m.VersionRequest(), (m.VersionFc210,), lambda b, a: a.release == "2.12a"),
+    Row("Debug Request", FC, m.DebugRequest(interval=50), (m.DebugDataFc,), lambda b, a: len(a.analog) == 32),
+    Row("Reset", FC, m.Reset(), (), lambda b, a: _is_rebooting(b)),
+    Row("Get ExternControl", FC, m.ControlStateRequest(), (m.ControlStateV2,), lambda b, a: a.config == 0),
     # FlightCtrl
-    Row(
-        "Compass Heading",
-        FC,
-        m.CompassHeading(heading=123),
-        "compass_heading",
-        (),
-        lambda b, a: b.fc.forced_heading == 123,
-    ),
-    Row("Engine Test", FC, m.MotorTest(motors=(20, *(0,) * 15)), "motor_test", (m.MotorTestDone,), lambda b, a: True),
+    Row("Compass Heading", FC, m.CompassHeading(heading=123), (), lambda b, a: b.fc.forced_heading == 123),
+    Row("Engine Test", FC, m.MotorTest(motors=(20, *(0,) * 15)), (m.MotorTestDone,), lambda b, a: True),
     Row(
         "Settings Request",
         FC,
         m.SettingsRequest(index=255),
-        "settings_request",
         (m.Settings,),
         lambda b, a: a.parameters[:144] == b.fc.live.raw,
     ),
@@ -127,58 +101,29 @@ ROWS = [
         "Write Settings",
         FC,
         m.WriteSettings(index=4, parameters=EASY),
-        "write_settings",
         (m.SettingsWritten,),
         lambda b, a: a.index == b.fc.eeprom.active == 4,
     ),
+    Row("Read PPM Channels", FC, m.ReceiverRequest(), (m.Receiver200,), lambda b, a: len(a.channels) == 35),
+    Row("Set 3D-Data Interval", FC, m.AttitudeRequest(interval=10), (m.AttitudeDataFc210,), lambda b, a: a.pitch == 0),
+    Row("Mixer Request", FC, m.MixerRequest(), (m.Mixer,), lambda b, a: a.motors[:4] == (64, 64, 0, 64)),
     Row(
-        "Read PPM Channels",
-        FC,
-        m.ReceiverRequest(),
-        "receiver_request",
-        (m.Receiver200,),
-        lambda b, a: len(a.channels) == 35,
-    ),
-    Row(
-        "Set 3D-Data Interval",
-        FC,
-        m.AttitudeRequest(interval=10),
-        "attitude_request",
-        (m.AttitudeDataFc210,),
-        lambda b, a: a.pitch == 0,
-    ),
-    Row(
-        "Mixer Request", FC, m.MixerRequest(), "mixer_request", (m.Mixer,), lambda b, a: a.motors[:4] == (64, 64, 0, 64)
-    ),
-    Row(
-        "Mixer Write",
-        FC,
-        MIXER,
-        "write_mixer",
-        (m.MixerWritten,),
-        lambda b, a: a.stored == 1 and b.fc.eeprom.mixer == MIXER.encode(),
+        "Mixer Write", FC, MIXER, (m.MixerWritten,), lambda b, a: a.stored == 1 and b.fc.eeprom.mixer == MIXER.encode()
     ),
     Row(
         "Change Setting",
         FC,
         m.SelectSettings(index=2),
-        "select_settings",
         (m.SettingsSelected,),
         lambda b, a: b.fc.live.raw == b.fc.eeprom.sets[2],
     ),
     Row(
-        "Serial Poti",
-        FC,
-        m.SerialChannels(channels=(100, *(0,) * 11)),
-        "serial_channels",
-        (),
-        lambda b, a: b.fc.serial_channels[0] == 100,
+        "Serial Poti", FC, m.SerialChannels(channels=(100, *(0,) * 11)), (), lambda b, a: b.fc.serial_channels[0] == 100
     ),
     Row(
         "BL Parameter Request",
         FC,
         m.MotorControllerRequest(motor=1),
-        "motor_controller_request",
         (m.MotorController,),
         lambda b, a: a.done == 1 and a.motor == 1,
     ),
@@ -186,44 +131,21 @@ ROWS = [
         "BL Parameter Write",
         FC,
         BL,
-        "write_motor_controller",
         (m.MotorControllerWritten,),
         lambda b, a: a.done == 1 and b.fc.eeprom.motor_configs[0][3] == 22,
     ),
     # NaviCtrl
-    Row(
-        "Serial Link Test",
-        NC,
-        m.EchoRequest(pattern=0x5AA5),
-        "echo_request",
-        (m.Echo,),
-        lambda b, a: a.pattern == 0x5AA5,
-    ),
-    Row("Error Text", NC, m.ErrorTextRequest(), "error_text_request", (m.ErrorText,), lambda b, a: a.text),
-    Row("Send Target Position", NC, TARGET, "send_target", (), lambda b, a: b.nc and b.nc.navigator.points.count == 1),
-    Row(
-        "Send Waypoint",
-        NC,
-        POINT,
-        "write_waypoint",
-        (m.WaypointWritten,),
-        lambda b, a: a.index == b.nc.navigator.points.count == 1,
-    ),
-    Row(
-        "Request Waypoint",
-        NC,
-        m.WaypointRequest(index=1),
-        "waypoint_request",
-        (m.WaypointCount,),
-        lambda b, a: a.count == 0,
-    ),
-    Row("Request OSD-Data", NC, m.OsdRequestV1(interval=50), "osd_request", (m.OsdData5,), lambda b, a: a.version == 5),
-    Row("Redirect UART", NC, m.Redirect(port=RedirectPort(0)), "redirect", (), lambda b, a: _answers_fc(b)),
+    Row("Serial Link Test", NC, m.EchoRequest(pattern=0x5AA5), (m.Echo,), lambda b, a: a.pattern == 0x5AA5),
+    Row("Error Text", NC, m.ErrorTextRequest(), (m.ErrorText,), lambda b, a: a.text),
+    Row("Send Target Position", NC, TARGET, (), lambda b, a: b.nc and b.nc.navigator.points.count == 1),
+    Row("Send Waypoint", NC, POINT, (m.WaypointWritten,), lambda b, a: a.index == b.nc.navigator.points.count == 1),
+    Row("Request Waypoint", NC, m.WaypointRequest(index=1), (m.WaypointCount,), lambda b, a: a.count == 0),
+    Row("Request OSD-Data", NC, m.OsdRequestV1(interval=50), (m.OsdData5,), lambda b, a: a.version == 5),
+    Row("Redirect UART", NC, m.Redirect(port=RedirectPort(0)), (), lambda b, a: _answers_fc(b)),
     Row(
         "3D-Data Interval (NC)",
         NC,
         m.AttitudeRequest(interval=10),
-        "attitude_request",
         (m.AttitudeDataNc, m.AttitudeDataNcSticks),
         lambda b, a: a.pitch == 0,
     ),
@@ -231,7 +153,6 @@ ROWS = [
         "Get NC-Param",
         NC,
         m.NaviParameterRequest(id=NaviParameterId.TARGET_SPEED),
-        "navi_parameter_request",
         (m.NaviParameter,),
         lambda b, a: a.id == NaviParameterId.TARGET_SPEED and _keeps_parameter(b),
     ),
@@ -239,7 +160,6 @@ ROWS = [
         "Set NC-Param",
         NC,
         m.WriteNaviParameter(id=NaviParameterId.TARGET_SPEED, value=25),
-        "write_navi_parameter",
         (m.NaviParameter,),
         lambda b, a: a.value == b.nc.parameters[0] == 25,
     ),
@@ -270,10 +190,9 @@ def _answers_fc(boards: Boards) -> bool:
 def test_every_row_is_typed_keyed_sent_and_answered(row: Row) -> None:
     spec = row.request.spec
     assert MESSAGES[row.board, spec.id, spec.layout] is type(row.request)
-    assert spec.key == row.key
-    form = FORMS[row.key]
+    form = FORMS[spec.key]
     assert row.board in form.boards
-    assert form.command == row.key.replace("_", "-")
+    assert form.command == spec.key.replace("_", "-")
     assert {slot.name for slot in spec.slots} >= {field.name for field in form.fields if field.is_required}
     assert (spec.reply is None) == (not row.answers) or row.name == "Compass Heading"
 

@@ -91,7 +91,7 @@ async def test_silence_is_an_error_where_a_limit_is_given():
 async def test_a_value_of_another_kind_is_an_error_and_no_surprise():
     async with connected() as (daemon, uav):
         daemon.publish_attitude(yaw=1.0)
-        wrong = Stream(uav, "state/attitude", f"{Battery.__module__}:{Battery.__name__}")
+        wrong = Stream(uav, "state/attitude", "state:Battery")
         with pytest.raises(ProtocolError, match=r"state/attitude carries Attitude\.v1, no Battery"):
             await wrong.latest()
 
@@ -122,7 +122,7 @@ async def test_every_key_that_carries_values_is_a_stream_of_its_model():
                 stream, wanted = reach(uav, spec), "/".join("x" if c[0] == "<" else c for c in spec.suffix.split("/"))
             assert stream.suffix == wanted
             module, _, name = stream._model.partition(":")
-            assert getattr(importlib.import_module(module), name) is spec.carries
+            assert getattr(importlib.import_module(f"mkdaemon.telemetry.{module}"), name) is spec.carries
 
 
 def test_the_committed_sources_are_those_of_the_tables():
@@ -140,6 +140,6 @@ def test_a_new_key_needs_a_line_of_the_table_and_nothing_else(monkeypatch):
     monkeypatch.setattr(client_sources, "KEYS", (*KEYS, *more))
     made = client_sources.key_tree()
     ast.parse(made)
-    assert 'self.wind: Stream[Battery] = Stream(transport, "state/wind", "mkdaemon.telemetry.state:Battery")' in made
+    assert 'self.wind: Stream[Battery] = Stream(transport, "state/wind", "state:Battery")' in made
     assert 'f"vision/{part_of_key(camera)}/blur"' in made
-    assert 'self.weather: Stream[Battery] = Stream(self, "weather", "mkdaemon.telemetry.state:Battery")' in made
+    assert 'self.weather: Stream[Battery] = Stream(self, "weather", "state:Battery")' in made

@@ -45,7 +45,7 @@ class Stream(Generic[_Value]):
         Args:
             transport: the daemon's client.
             suffix: the key without `mk/<vehicle>/`.
-            model: `module:class` of its values, imported when it is needed.
+            model: `module:class` of its values in `mkdaemon.telemetry`, imported when it is needed.
         """
         self.suffix = suffix
         self._transport, self._model = transport, model
@@ -134,7 +134,7 @@ class Stream(Generic[_Value]):
         """
         module, _, name = self._model.partition(":")
         value: Any = sample.value
-        if not isinstance(value, getattr(import_module(module), name)):
+        if not isinstance(value, getattr(import_module(f"mkdaemon.telemetry.{module}"), name)):
             raise ProtocolError(f"{sample.suffix} carries {sample.schema}, no {name}; update mkdaemon here or there")
         found: _Value = value
         return found

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.extras import needing
 from mkdaemon.cli.printing import show
-from mkdaemon.errors import ConfigError
 
 Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
+ENDINGS: Final[Mapping[Format, str]] = {
+    "csv": "-csv", "parquet": "-parquet", "gpx": ".gpx", "kml": ".kml", "ros": "-ros", "foxglove": "-foxglove.mcap",
+}  # fmt: skip
+"""Of what is written where nobody names a file."""
 
 
 def export(
@@ -50,43 +54,25 @@ def export(
     from mkdaemon.client.export.values import read_values
     from mkdaemon.files import saving
 
-    written: list[Path]
+    target = output or Path(file.stem + ENDINGS[to])
+    written = [target]
     match to:
         case "csv" | "parquet":
-            folder = output or Path(f"{file.stem}-{to}")
             write = write_csv if to == "csv" else write_parquet
-            written = write(lambda: read_values(file, key), folder, overwrite=force)
+            written = write(lambda: read_values(file, key), target, overwrite=force)
         case "gpx" | "kml":
-            track = output or Path(f"{file.stem}.{to}")
             make = gpx if to == "gpx" else kml
             tracks = tracks_of(read_values(file, key or (POSITION,)))
-            with saving(track, overwrite=force) as text:
+            with saving(target, overwrite=force) as text:
                 text.writelines(line.encode() for line in make(tracks))
-            written = [track]
         case "ros":
             from mkdaemon.gateways.ros2.bag import write as write_bag
 
-            bag = output or Path(f"{file.stem}-ros")
-            write_bag(read_values(file, key, images=True), bag, overwrite=force)
-            written = [bag]
+            write_bag(read_values(file, key, images=True), target, overwrite=force)
         case "foxglove":
-            written = [output or Path(f"{file.stem}-foxglove.mcap")]
-            write_foxglove = _foxglove_writer()
-            write_foxglove(read_values(file, key, images=True), written[0], overwrite=force)
+            with needing("--format foxglove", "foxglove-sdk", "foxglove"):
+                from mkdaemon.gateways.foxglove.recording import write as write_foxglove
+
+            write_foxglove(read_values(file, key, images=True), target, overwrite=force)
     for path in written:
         show({"written": str(path)}, str(path), as_json=as_json)
-
-
-def _foxglove_writer() -> Callable[..., int]:
-    """The writer of `--format foxglove`.
-
-    Raises:
-        ConfigError: foxglove-sdk is not installed.
-    """
-    try:
-        from mkdaemon.gateways.foxglove.recording import write
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "foxglove":
-            raise
-        raise ConfigError('--format foxglove needs foxglove-sdk: pip install "mkdaemon[foxglove]"') from None
-    return write

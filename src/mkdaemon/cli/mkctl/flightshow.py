@@ -154,6 +154,25 @@ async def showing(
             print(file=sys.stderr)
 
 
+@asynccontextmanager
+async def flying(
+    connection: Connection, goal: Callable[[], Position | None] = lambda: None, *, force: bool
+) -> AsyncIterator[tuple[Vehicle, Lease, Shown]]:
+    """Hold the lease and show the flight; see `leased` and `showing`.
+
+    Args:
+        connection: which vehicle.
+        goal: where it is to be; where the daemon says so by default.
+        force: take the lease from its holder.
+    """
+    async with (
+        connection.open() as uav,
+        leased(uav, connection, force=force) as lease,
+        showing(uav, lease, connection, goal) as shown,
+    ):
+        yield uav, lease, shown
+
+
 def _put(drawing: str) -> None:
     """Draw on standard error."""
     stream = drawing_stream(sys.stderr)

@@ -12,11 +12,11 @@ from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import (
     Position,
     conclude,
+    flying,
     leased,
     metres,
     read_position,
     require_finite,
-    showing,
 )
 from mkdaemon.cli.mkctl.navi import PATIENCE, fly_to
 from mkdaemon.cli.printing import json_line
@@ -82,10 +82,9 @@ async def goto(
     seconds = STAY if seconds is None else seconds
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     goal = (x, y, z) if frame == "pad" else None
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: goal) as shown:
-            await lease.goto(x, y, z, yaw=heading, frame=frame, seconds=seconds)
-        return conclude(shown, goal or shown.goal, within, connection)
+    async with flying(connection, lambda: goal, force=force) as (_, lease, shown):
+        await lease.goto(x, y, z, yaw=heading, frame=frame, seconds=seconds)
+    return conclude(shown, goal or shown.goal, within, connection)
 
 
 async def hold(
@@ -107,13 +106,12 @@ async def hold(
     require_finite(height=height)
     require_length(seconds, "--seconds")
     goal: Position | None = None
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: goal) as shown:
-            await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
-            x, y, z = shown.position or await read_position(uav)
-            goal = (x, y, z if height is None else height)
-            await lease.goto(*goal, seconds=seconds)
-        return conclude(shown, goal, within, connection)
+    async with flying(connection, lambda: goal, force=force) as (uav, lease, shown):
+        await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
+        x, y, z = shown.position or await read_position(uav)
+        goal = (x, y, z if height is None else height)
+        await lease.goto(*goal, seconds=seconds)
+    return conclude(shown, goal, within, connection)
 
 
 async def velocity(
@@ -142,10 +140,9 @@ async def velocity(
     """
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: None) as shown:
-            await lease.velocity(x, y, z, frame=frame, seconds=seconds)
-        connection.show({"position": shown.position}, f"now at {metres(shown.position)}")
+    async with flying(connection, force=force) as (_, lease, shown):
+        await lease.velocity(x, y, z, frame=frame, seconds=seconds)
+    connection.show({"position": shown.position}, f"now at {metres(shown.position)}")
 
 
 async def land(
@@ -166,10 +163,9 @@ async def land(
     """
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
-            await lease.land(yaw=heading)
-        connection.show({"position": shown.position}, f"{lease.reason}; the pilot stops the motors")
+    async with flying(connection, lambda: (0.0, 0.0, 0.0), force=force) as (_, lease, shown):
+        await lease.land(yaw=heading)
+    connection.show({"position": shown.position}, f"{lease.reason}; the pilot stops the motors")
 
 
 async def take_off(
@@ -196,11 +192,10 @@ async def take_off(
         MkError: the daemon refused, did not engage, or the take-off failed; says why.
     """
     require_length(seconds, "--seconds")
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: None) as shown:
-            await lease.take_off(height, target=target)
-            await lease.hold(seconds=seconds)
-        connection.show({"position": shown.position}, f"took off; now at {metres(shown.position)}")
+    async with flying(connection, force=force) as (_, lease, shown):
+        await lease.take_off(height, target=target)
+        await lease.hold(seconds=seconds)
+    connection.show({"position": shown.position}, f"took off; now at {metres(shown.position)}")
 
 
 async def attitude(

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightshow import leased, metres, showing
+from mkdaemon.cli.mkctl.flightshow import flying, metres
 from mkdaemon.cli.mkctl.manoeuvres import Force
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ManoeuvreError
@@ -54,13 +54,12 @@ async def fly(
     if check:
         connection.show({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong")
         return
-    async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        async with showing(uav, lease, connection, lambda: None) as shown:
-            for number, step in enumerate(steps, 1):
-                if not connection.json:
-                    shown.print_line(f"step {number} of {len(steps)}: {step.do}")
-                await fly_step(uav, lease, step)
-        connection.show({"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}")
+    async with flying(connection, force=force) as (uav, lease, shown):
+        for number, step in enumerate(steps, 1):
+            if not connection.json:
+                shown.print_line(f"step {number} of {len(steps)}: {step.do}")
+            await fly_step(uav, lease, step)
+    connection.show({"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}")
 
 
 async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:

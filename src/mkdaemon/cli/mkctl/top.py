@@ -9,6 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.extras import needing
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.release import release_somehow
 from mkdaemon.client import Vehicle
@@ -33,13 +34,9 @@ async def top(
     """
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("mkctl top needs a terminal; `mkctl status` prints once")
-    try:
+    with needing("mkctl top", "textual", "top", "textual"):
         from mkdaemon.view.top.fleetapp import FleetApp
         from mkdaemon.view.top.terminalapp import TopApp
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("textual"):
-            raise
-        raise ConfigError("mkctl top needs textual: pip install 'mkdaemon[top]'") from None
 
     if fleet:
         await FleetApp(connection.open).run_async()

@@ -11,6 +11,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.extras import needing
 from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.promptness import fast_loop, favour_threads
@@ -49,12 +50,8 @@ def foxglove(
         MkError: nobody listens at the endpoint.
         ConfigError: foxglove-sdk is not installed, the address cannot be used, or a name is none.
     """
-    try:
+    with needing("mkdaemon gateway foxglove", "foxglove-sdk", "foxglove"):
         import_module("mkdaemon.gateways.foxglove.server")
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != "foxglove":
-            raise
-        raise ConfigError("mkdaemon gateway foxglove needs foxglove-sdk: pip install 'mkdaemon[foxglove]'") from None
     if not 0 <= port <= 65535:
         raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
     for name in vehicle:

@@ -9,11 +9,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.extras import needing
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.cli.promptness import fast_loop, favour_threads
-from mkdaemon.errors import ConfigError
 
 
 def mavlink(
@@ -46,12 +46,8 @@ def mavlink(
     Raises:
         ConfigError: pymavlink is not installed, or an option cannot be used.
     """
-    try:
+    with needing("mkdaemon gateway mavlink", "pymavlink", "mavlink", "pymavlink"):
         from mkdaemon.gateways.mavlink.program import options_from, serve
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("pymavlink"):
-            raise
-        raise ConfigError("mkdaemon gateway mavlink needs pymavlink: pip install 'mkdaemon[mavlink]'") from None
     options = options_from(link, system, signing_key, backups, allow_open=allow_open)
 
     async def run() -> None:
