@@ -40,7 +40,7 @@ class Stamped(Telemetry):
     """A value that is true of one moment."""
 
     stamp: Stamp
-    """The moment, on both clocks."""
+    """Time of the value, on both clocks."""
 
 
 class Command(Described):

@@ -255,7 +255,7 @@ class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 
     holder: str
-    """The present lease."""
+    """Name of the client that holds the lease."""
     epoch: int
     """Every lease has its own; setpoints of any other are refused."""
     ttl: float
@@ -291,9 +291,9 @@ class StatusValue(Telemetry):
     """Authority and what it does."""
 
     phase: Phase
-    """Where authority stands."""
+    """Phase of control; docs/modes.md."""
     reason: str
-    """Why it stands there, one sentence."""
+    """Reason of the phase, one sentence."""
     causes: tuple[Cause, ...] = ()
     """Why there is no pose, in a flight by the target: the effect first, the root last; empty while there is one."""
     trouble: str = ""
@@ -323,15 +323,15 @@ class StatusValue(Telemetry):
     manoeuvre: str | None = None
     """Kind of the setpoint whose sticks are sent, for example `takeoff`; null while none are."""
     stage: str = ""
-    """Where a take-off or a landing stands, in words."""
+    """Stage of a take-off or landing, in words."""
     is_done: bool = False
-    """What the setpoint asks for is reached, and held."""
+    """The setpoint is reached and held."""
     outcome: Outcome | None = None
     """How the last manoeuvre of the newest lease ended by itself; null while it has not."""
     poses_refused: int = 0
     """Invalid poses since the start: not finite, from the future, too old; the log names them."""
     hands: str = ""
-    """What the pilot does now, one sentence about him; docs/flying.md."""
+    """The pilot's task now, one sentence; docs/flying.md."""
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""
@@ -490,6 +490,6 @@ class ControlOutput(Stamped):
     throttle: int
     """More lift positive [stick from the centre]."""
     limited: bool
-    """Whether the limiter changed what was asked for."""
+    """Whether the limiter changed the wanted sticks."""
     wanted: tuple[float, float, float, float] | None = None
     """Pitch, roll, yaw and throttle asked for, before the limiter [stick]."""

@@ -51,9 +51,9 @@ class LinkState(Stamped):
     """State of the line, with the reason and since when."""
 
     condition: LinkCondition
-    """The one word."""
+    """State of the link."""
     reason: str
-    """One sentence: what was seen, and what to do where something can be done."""
+    """One sentence: what was observed, and what to do about it."""
     since: Stamp
     """When this condition began."""
     port: str
@@ -61,7 +61,7 @@ class LinkState(Stamped):
     baud: int
     """Line rate in use [baud]."""
     hears_board: bool
-    """Right frames arrive, as `condition` says."""
+    """Valid frames arrive, as `condition` says."""
     board_hears_us: bool
     """`condition` says so, and a reply or confirmation within the last half second answers something we sent."""
     boards: tuple[str, ...] = ()
@@ -103,7 +103,7 @@ class Fates(Telemetry):
     waiting: int = 0
     """Sent a moment ago: the answer can still come in time."""
     silent: int = 0
-    """Sent where no answer is due: a NaviCtrl 0.24 confirms no stick frame, some requests have no reply."""
+    """Sent without an expected answer: a NaviCtrl 0.24 confirms no stick frame, some requests have no reply."""
     lost: int = 0
     """Unanswered while the line worked: the frame or its answer was lost, or the board did not take it."""
     replaced: int = 0
@@ -134,7 +134,7 @@ class RoundTripStats(Telemetry):
     """Answered and unanswered probes over the moving window."""
 
     sent: int = 0
-    """Probes of the window whose fate is known."""
+    """Probes of the window whose outcome is known."""
     lost: int = 0
     """Of those, not answered in time, whatever the reason."""
     replaced: int = 0
@@ -142,7 +142,7 @@ class RoundTripStats(Telemetry):
     loss_percent: float = 0.0
     """100 * lost / sent."""
     sent_total: int = 0
-    """Probes whose fate is known, since the start."""
+    """Probes whose outcome is known, since the start."""
     lost_total: int = 0
     """Of those, not answered in time, whatever the reason."""
     last_ms: float | None = None
@@ -184,17 +184,17 @@ class LinkHealth(Stamped):
     """Everything measured about the line; published at 5 Hz and at once when the condition changes."""
 
     state: LinkState
-    """The verdict these numbers lead to."""
+    """State of the link that follows from these numbers."""
     echo: RoundTripStats
     """Link test frames: `z` on a NaviCtrl, version requests on a FlightCtrl, which has no link test."""
     confirm: RoundTripStats
     """External control frames and their confirmations (`B`): the control path."""
     link_tests: Fates = Fates()
-    """What became of every link test."""
+    """Outcomes of the link tests."""
     requests: Fates = Fates()
-    """What became of every request, each attempt counted."""
+    """Outcomes of the requests, each attempt counted."""
     stick_frames: Fates = Fates()
-    """What became of every external control frame."""
+    """Outcomes of the external control frames."""
     heard_age: float | None = None
     """Time since the latest right frame [s]; None before the first."""
     answer_age: float | None = None
@@ -206,7 +206,7 @@ class LinkHealth(Stamped):
     backlog_bytes: int = 0
     """Bytes the port has not taken yet."""
     kinds: tuple[KindHealth, ...] = ()
-    """Every kind of frame heard or asked for."""
+    """Every kind of frame received or requested."""
 
     @property
     def fates(self) -> dict[str, Fates]:
@@ -247,7 +247,7 @@ class LinkTraffic(Stamped):
     tx_bytes: int
     """Bytes sent since the start."""
     rx_frames: int
-    """Right frames received since the start."""
+    """Valid frames received since the start."""
     tx_frames: int
     """Frames sent since the start."""
     rx_share: float

@@ -43,7 +43,7 @@ class NaviFlight(Telemetry):
     stage: NaviStage
     """Where it stands."""
     hands: str
-    """What the pilot does now, one sentence."""
+    """The pilot's task now, one sentence."""
     waypoint: int
     """Waypoint on the way to, or first to be flown to, from 1; 0 for none."""
     waypoints: int
@@ -57,7 +57,7 @@ class NaviFlight(Telemetry):
     is_route_done: bool
     """The last waypoint of the list was reached."""
     is_home: bool
-    """It flies or stays within 5 m of home, sent there by the switch or by the end of the list."""
+    """It flies to home or stays within 5 m of it, by the switch or at the end of the list."""
 
 
 class ControlNavi(Stamped, NaviFlight):

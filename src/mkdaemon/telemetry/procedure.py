@@ -32,7 +32,7 @@ class ProcedureProgress(Stamped):
     id: str
     """Of this run; `do/cancel` takes it."""
     verb: str
-    """What was asked for, `settings_backup`; `recovery` where the daemon itself began it."""
+    """The request, for example `settings_backup`; `recovery` if the daemon started it."""
     holder: str
     """The client that asked."""
     state: ProcedureState
@@ -68,7 +68,7 @@ class ConfirmedRequest(ProcedureRequest):
     """What every request that writes to a board must carry."""
 
     confirm: bool = False
-    """Must be true: what is written decides how the aircraft flies."""
+    """Must be true: the values change how the aircraft flies."""
 
     @property
     def is_confirmed(self) -> bool:

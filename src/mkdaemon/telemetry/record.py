@@ -27,7 +27,7 @@ class RecordStatus(Stamped):
     state: RecorderState
     """What it does."""
     reason: str
-    """Why it does not record, one sentence; empty where it does."""
+    """Why it does not record, one sentence; empty while it records."""
     file: str
     """The file that is being written; empty for none."""
     file_bytes: int
@@ -41,9 +41,9 @@ class RecordStatus(Stamped):
     lost: int
     """Not written since the daemon's start: the disk was too slow, full or failed."""
     queue_bytes: int
-    """What waits to be written."""
+    """Bytes that wait to be written."""
     queue_limit_bytes: int
-    """What may wait; beyond it entries are lost."""
+    """Limit of waiting bytes; beyond it entries are lost."""
 
 
 class BusCounts(Stamped):
@@ -71,4 +71,4 @@ class MarkEvent(Stamped):
     text: str
     """What happened."""
     holder: str
-    """Who said so."""
+    """The client that said it."""

@@ -27,7 +27,7 @@ class Seen(Stamped):
     sequence: int
     """Number of the image; a gap is a lost image."""
     stamped_by: str
-    """Who knew the middle of the exposure: `driver`, `header` or `arrival`."""
+    """Source of the stamp of mid exposure: `driver`, `header` or `arrival`."""
 
 
 class TagSighting(Telemetry):
@@ -224,11 +224,11 @@ class VisionStats(Stamped):
     camera: str
     """Name of the camera."""
     state: EyeState
-    """Ready, or the first thing in the way."""
+    """`ok`, or the first fault; docs/vision.md."""
     reason: str
     """One sentence with what to do; empty when ready."""
     alarms: dict[Alarm, str]
-    """What else is wrong with the images, each with what to do."""
+    """Further faults of the images, each with a remedy."""
     source: str
     """Where images come from."""
     width: int
@@ -238,23 +238,23 @@ class VisionStats(Stamped):
     fps: float
     """Images a second from the camera [Hz]."""
     processed: int
-    """Images looked at."""
+    """Images processed."""
     dropped: int
-    """Images a newer one replaced before they were looked at."""
+    """Images replaced by a newer one before they were processed."""
     lost: int
-    """Images lost before they reached us, by the source's own count."""
+    """Images lost on the way, as counted by the source."""
     damaged: int
-    """Images refused because they were damaged, or no images."""
+    """Damaged or unreadable images."""
     reopened: int
     """How often the camera had to be opened again."""
     faults: int
     """Images that made the detector fail."""
     restarts: int
-    """How often the thread that looks had to be started again."""
+    """Restarts of the vision thread."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[str, int]
-    """Measured poses that were not believed, by reason, since the start; the reasons are in docs/vision.md."""
+    """Refused poses by reason, since the start; docs/vision.md lists the reasons."""
     attitude_lost: dict[AttitudeLoss, int] = Field(default_factory=dict)
     """How often the vehicle's attitude was not used, by reason, since the start."""
     detect_p50_ms: float
@@ -266,9 +266,9 @@ class VisionStats(Stamped):
     latency_p99_ms: float
     """99th percentile [ms]."""
     settings_refused: tuple[str, ...]
-    """Settings the camera's driver did not take."""
+    """Settings that the camera's driver refused."""
     selfcal: tuple[SelfCalibration, ...] = ()
-    """What the flight says about camera file and target files, one for each target seen."""
+    """Self-calibration against camera file and target files, one for each target seen."""
     exposure: Exposure | None = None
     """Exposure and gain that we choose (`exposure_ms = "target"`); none where the camera or its driver does."""
 
@@ -330,7 +330,7 @@ class CameraSetup(Stamped):
     quaternion_flu_from_cam: Quaternion | None
     """Its rotation in the body frame (w, x, y, z); null as above."""
     targets: tuple[TargetShape, ...]
-    """What it looks for."""
+    """Names of its targets."""
 
 
 class Transform(Stamped):
