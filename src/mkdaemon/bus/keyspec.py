@@ -1,4 +1,4 @@
-"""What the table of keys says about a key."""
+"""A row of the table of keys."""
 
 from __future__ import annotations
 

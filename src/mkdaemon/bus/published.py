@@ -1,4 +1,4 @@
-"""What is published: put, recorded, counted, and remembered as the key's last value."""
+"""Publishes values: put, recorded, counted, and kept as the key's last value."""
 
 from __future__ import annotations
 

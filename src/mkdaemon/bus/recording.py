@@ -1,4 +1,4 @@
-"""What the bus shows to a recorder."""
+"""The bus as a recorder sees it."""
 
 from __future__ import annotations
 

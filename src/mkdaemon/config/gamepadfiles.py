@@ -1,4 +1,4 @@
-"""Where the mapping files of gamepads are."""
+"""Finds the mapping files of gamepads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a running daemon takes up of a file that was changed, and what needs a restart."""
+"""Changes of a configuration file that a running daemon applies, and those that need a restart."""
 
 from __future__ import annotations
 

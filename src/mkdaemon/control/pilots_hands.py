@@ -84,7 +84,7 @@ _LOW_THROTTLE: Final = frozenset({TakeOffPhase.IDLE.value, LandingPhase.DOWN.val
 
 
 def pilots_hands(phase: Phase, progress: Progress | None, *, is_capped: bool) -> str:
-    """What the pilot does now, after "the pilot".
+    """The pilot's present task, after "the pilot".
 
     Args:
         phase: of authority.

@@ -1,4 +1,4 @@
-"""What the flight core reports about itself, and how often: phases, status, refused setpoints, frames not sent."""
+"""Reports of the flight core and their rates: phases, status, refused setpoints, frames not sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the boards have shown of themselves, gathered message by message. Pure."""
+"""Evidence about the boards, gathered message by message. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a parameter of the FlightCtrl's parameter sets is declared."""
+"""Declaration of one parameter of the FlightCtrl's parameter sets."""
 
 from __future__ import annotations
 

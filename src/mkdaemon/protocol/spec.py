@@ -1,4 +1,4 @@
-"""What the table knows about one message and layout."""
+"""The table's entry for one message and layout."""
 
 from __future__ import annotations
 

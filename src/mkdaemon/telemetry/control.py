@@ -12,7 +12,7 @@ from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class Trait(Enum):
-    """What can be true of a phase."""
+    """Properties of a phase."""
 
     IN_FLIGHT = auto()
     """Stick frames are sent."""
@@ -23,7 +23,7 @@ class Trait(Enum):
 
 
 class Phase(StrEnum):
-    """Where authority stands; the ladder of docs/safety.md. This is the one table of phases.
+    """Phase of control; the ladder of docs/safety.md. This is the only table of phases.
 
     Attributes:
         words: shown for it; `{holder}` is the holder of the lease.
@@ -83,7 +83,7 @@ class Phase(StrEnum):
 
 
 class Obstacle(StrEnum):
-    """Why the link takes no stick frame now; the values are tokens of refusals."""
+    """Reason for which the link takes no stick frame now; the values are tokens of refusals."""
 
     LINK_DOWN = "link_down"
     """The port is not open."""
@@ -100,7 +100,7 @@ class Obstacle(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How a manoeuvre has ended by itself."""
+    """Outcome of a manoeuvre that ended by itself."""
 
     LANDED = "landed"
     """The feet stand on the target."""
@@ -119,7 +119,7 @@ class Outcome(StrEnum):
 
 
 class CauseKind(StrEnum):
-    """What can keep a flight from going on. This is the one table of causes.
+    """Causes that prevent a flight from continuing. This is the only table of causes.
 
     Attributes:
         words: shown for it; `{seconds}`, `{count}`, `{of}` and `{detail}` are those of `Cause`.
@@ -180,7 +180,7 @@ def trouble_words(causes: Sequence[Cause], releases_in: float | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ControlLine:
-    """What the link can take from the flight core.
+    """What the link accepts from the flight core.
 
     Attributes:
         layout: layout of external control this aircraft reads; None where it must not be steered.
@@ -196,7 +196,7 @@ class ControlLine:
 
 
 class ReleaseOutcome(ToneEnum):
-    """How a release ended. This is the one table of outcomes of a release."""
+    """Outcome of a release. This is the only table of them."""
 
     CONFIRMED = "confirmed", "released, and the FlightCtrl confirmed it", Tone.OK
     """The board confirmed five frames."""
@@ -219,7 +219,7 @@ class ReleaseOutcome(ToneEnum):
 
 
 class ReleaseReport(Telemetry):
-    """How a release went: the answer to `do/release`."""
+    """Report of a release: the answer to `do/release`."""
 
     status: ReleaseOutcome
     """How it ended."""
@@ -238,7 +238,7 @@ class ReleaseReport(Telemetry):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What is flown, and how far it is.
+    """The present manoeuvre and its progress.
 
     Attributes:
         manoeuvre: kind of the setpoint, the last word of its key.
@@ -391,7 +391,7 @@ class ControlEstimate(Stamped, EstimateValue):
 
 
 class ErrorValue(Telemetry):
-    """How far the aircraft is from where it is to be: estimate less goal."""
+    """Distance of the aircraft from its goal: estimate minus goal."""
 
     manoeuvre: str
     """Kind of the setpoint."""
@@ -410,7 +410,7 @@ class ControlError(Stamped, ErrorValue):
 
 
 class ControlFence(Stamped):
-    """Where autonomous flight ends: setpoints outside are moved to its surface: `control/fence`."""
+    """Limits of autonomous flight; setpoints outside are moved to the surface: `control/fence`."""
 
     radius: float
     """Largest horizontal distance from the middle of the target [m]."""

@@ -1,4 +1,4 @@
-"""What the link says about itself: state, health and traffic."""
+"""The link's own values: state, health and traffic."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class LinkState(Stamped):
 
 
 class Why(StrEnum):
-    """Why a frame stayed unanswered, as far as is known: the counts of `Fates` that together are `unanswered`."""
+    """Known reasons of an unanswered frame: the counts of `Fates` that together are `unanswered`."""
 
     LOST = "lost"
     REPLACED = "replaced"
@@ -86,7 +86,7 @@ class Why(StrEnum):
 
 
 class Fates(Telemetry):
-    """What became of everything of one kind that was sent, since the start.
+    """Outcomes of all sent frames of one kind, since the start.
 
     `sent` is `answered` + `late` + `unanswered` + `waiting` + `silent`. `unanswered` is `lost` + `replaced` + `outage`
     + `withdrawn`: why it is thought to have stayed without an answer. Nothing is left out.
@@ -126,7 +126,7 @@ class Fates(Telemetry):
         return ", ".join(parts)
 
     def since(self, before: Fates) -> Fates:
-        """What became of the frames that were sent after an earlier count."""
+        """Outcomes of the frames sent after an earlier count."""
         return Fates(**{name: count - getattr(before, name) for name, count in self})
 
 
@@ -162,7 +162,7 @@ class RoundTripStats(Telemetry):
 
 
 class KindHealth(Telemetry):
-    """How one kind of frame arrives, against what was asked."""
+    """Arrival of one kind of frame, against the requested rate."""
 
     key: str
     """The message, as in Zenoh keys: osd, attitude, debug, ..."""
@@ -210,7 +210,7 @@ class LinkHealth(Stamped):
 
     @property
     def fates(self) -> dict[str, Fates]:
-        """What became of everything that was sent, by what it was; nothing where none of it was sent."""
+        """Outcomes of all sent frames by kind; kinds that were never sent are left out."""
         found = {title: getattr(self, name) for name, title in FATES.items()}
         return {title: fates for title, fates in found.items() if fates.sent}
 
@@ -222,7 +222,7 @@ FATES: Final = {
 
 
 def fates_of(health: Mapping[str, object]) -> dict[str, Fates]:
-    """What became of everything that was sent, by what it was; nothing where none of it was sent.
+    """Outcomes of all sent frames by kind; kinds that were never sent are left out.
 
     Args:
         health: fields of a `link/health`. Counts that it lacks, as from an older daemon, and what is no count are 0.
@@ -240,7 +240,7 @@ _COUNTS: Final = frozenset(Fates.model_fields)
 
 
 class LinkTraffic(Stamped):
-    """What crossed the line, and how much of it is planned."""
+    """Traffic of the line, and its planned share."""
 
     rx_bytes: int
     """Bytes received since the start."""

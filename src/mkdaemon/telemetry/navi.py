@@ -1,4 +1,4 @@
-"""What the NaviCtrl flies by its own position control: a target, a route, the way home; and how it is asked to."""
+"""Flights of the NaviCtrl's own position control: a target, a route, the way home; and their requests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _Metres = Annotated[float, Field(ge=-5_000.0, le=5_000.0)]
 
 
 class NaviStage(StrEnum):
-    """Where the NaviCtrl's own flight stands."""
+    """Stage of the NaviCtrl's own flight."""
 
     GROUND = "ground"
     """The aircraft does not fly."""

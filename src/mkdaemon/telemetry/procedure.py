@@ -14,7 +14,7 @@ from mkdaemon.telemetry.base import Command, Stamped, Telemetry
 
 
 class ProcedureState(StrEnum):
-    """Where a procedure stands."""
+    """State of a procedure."""
 
     RUNNING = "running"
     """It is under way."""
@@ -27,7 +27,7 @@ class ProcedureState(StrEnum):
 
 
 class ProcedureProgress(Stamped):
-    """How far a procedure is: `event/progress`, with every step of it."""
+    """Progress of a procedure: `event/progress`, at every step."""
 
     id: str
     """Of this run; `do/cancel` takes it."""
@@ -48,7 +48,7 @@ class ProcedureProgress(Stamped):
 
 
 class ProcedureRequest(Command):
-    """What every request of a procedure may carry."""
+    """Fields of every request of a procedure."""
 
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
     """Name of the client."""
@@ -65,7 +65,7 @@ class ProcedureRequest(Command):
 
 
 class ConfirmedRequest(ProcedureRequest):
-    """What every request that writes to a board must carry."""
+    """Fields of every request that writes to a board."""
 
     confirm: bool = False
     """Must be true: the values change how the aircraft flies."""
@@ -77,7 +77,7 @@ class ConfirmedRequest(ProcedureRequest):
 
 
 class InFlightRequest(ProcedureRequest):
-    """What every request may carry that can be obeyed in flight."""
+    """Fields of every request that is possible in flight."""
 
     in_flight: bool = False
     """Allow it with running motors, or while their state is unknown: it takes effect at once."""
@@ -96,7 +96,7 @@ class CancelRequest(Command):
 
 
 class Cancelled(Telemetry):
-    """What was ended: the answer to `do/cancel`."""
+    """The cancelled procedure: the answer to `do/cancel`."""
 
     id: str
     """Of the run."""

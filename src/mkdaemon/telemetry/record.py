@@ -1,4 +1,4 @@
-"""What the daemon's recorder does, and the marks that people set in recordings."""
+"""State of the daemon's recorder, and marks in recordings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class RecorderState(ToneEnum):
-    """What a recorder does. This is the one table of these states."""
+    """State of a recorder. This is the only table of these states."""
 
     OFF = "off", "NOT RECORDING", Tone.NOTE
     """The configuration says that nothing is recorded, or a recording plays."""
@@ -47,7 +47,7 @@ class RecordStatus(Stamped):
 
 
 class BusCounts(Stamped):
-    """How many values the daemon has put since its start, by key: `bus/counts`, at 1 Hz.
+    """Number of values published since the daemon's start, by key: `bus/counts`, at 1 Hz.
 
     A subscriber that counts what it received between two of these knows what it lost.
     """

@@ -1,4 +1,4 @@
-"""What flights say about a camera file and a target file, part of `vision/<camera>/stats`. It changes nothing.
+"""Self-calibration: flights compared with a camera and a target file, part of `vision/<camera>/stats`. Changes nothing.
 
 A difference is the truth minus the file. It counts once it is several of its standard deviations; before, it is what
 was assumed.

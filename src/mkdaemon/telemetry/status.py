@@ -1,4 +1,4 @@
-"""How a command ends, as its reply says it."""
+"""Results of a command, as in its reply."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a command ended."""
+    """Result of a command."""
 
     ACCEPTED = "accepted"
     DENIED = "denied"

@@ -1,4 +1,4 @@
-"""How good a state is."""
+"""Rating of a state."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class Tone(StrEnum):
-    """How good a state is, for every display of it."""
+    """Rating of a state, for every display of it."""
 
     NOTE = "note"
     """A fact, neither good nor bad."""

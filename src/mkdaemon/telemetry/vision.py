@@ -1,4 +1,4 @@
-"""What the cameras see: tags, poses, quality of vision, and the tree of frames.
+"""Vision: tags, poses, quality, and the tree of frames.
 
 Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
 print and z out of the paper. Stamps of what was seen are of the exposure's middle.
@@ -55,7 +55,7 @@ class Tags(Seen):
 
 
 class VisionPose(Seen):
-    """Where the vehicle is against a target: `vision/<camera>/pose`, one value a target and image."""
+    """Pose of the vehicle relative to a target: `vision/<camera>/pose`, one value a target and image."""
 
     target: str
     """Name of the target."""
@@ -98,7 +98,7 @@ class VisionPose(Seen):
 
 
 class PoseRefusal(StrEnum):
-    """Why a measured pose is not published."""
+    """Reason for which a measured pose is not published."""
 
     NO_FIT = "no_fit"
     """No fit came to an end near its start."""
@@ -142,7 +142,7 @@ class PoseRefused(Seen):
 
 
 class Alarm(StrEnum):
-    """What is wrong with a camera's images, its calibration or its target's file."""
+    """Fault of a camera's images, its calibration or its target's file."""
 
     WRONG_SIZE = "wrong_size"
     WRONG_KIND = "wrong_kind"
@@ -170,7 +170,7 @@ class Alarm(StrEnum):
 
 
 class AttitudeLoss(StrEnum):
-    """Why the vehicle's attitude was not used."""
+    """Reason for which the vehicle's attitude was not used."""
 
     NOT_A_NUMBER = "not_a_number"
     """A sample's time or angle is not finite; counted in samples, the others in images."""
@@ -204,7 +204,7 @@ class EyeState(ToneEnum):
 
 
 class Exposure(Telemetry):
-    """What we tell a camera about its exposure, and what its images were like."""
+    """Exposure commanded to a camera, and the brightness of its images."""
 
     exposure_ms: float
     """Shutter time [ms]."""
@@ -219,7 +219,7 @@ class Exposure(Telemetry):
 
 
 class VisionStats(Stamped):
-    """How well a camera and its detector work: `vision/<camera>/stats`, once a second and on change."""
+    """Quality of a camera and its detector: `vision/<camera>/stats`, once a second and on change."""
 
     camera: str
     """Name of the camera."""
@@ -298,7 +298,7 @@ class TargetShape(Telemetry):
 
 
 class LensShape(Telemetry):
-    """How a calibrated camera projects: what camera files have under `[intrinsics]`."""
+    """Projection of a calibrated camera: `[intrinsics]` of a camera file."""
 
     width: int
     """Of the images [px]."""
@@ -319,7 +319,7 @@ class LensShape(Telemetry):
 
 
 class CameraSetup(Stamped):
-    """What a camera is, and what it looks for, from its files: `vision/<camera>/setup`."""
+    """Properties and targets of a camera, from its files: `vision/<camera>/setup`."""
 
     camera: str
     """Name of the camera."""

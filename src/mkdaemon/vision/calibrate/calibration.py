@@ -1,4 +1,4 @@
-"""What is in a camera file, with uncertainties: lens and tone curve by views of a board, line time by a lamp."""
+"""Content of a camera file, with uncertainties: lens and tone curve by views of a board, line time by a lamp."""
 
 from __future__ import annotations
 

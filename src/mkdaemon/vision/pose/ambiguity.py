@@ -1,4 +1,4 @@
-"""What one image says for a pose against its mirror image, which explains a plane nearly as well."""
+"""Evidence of one image for a pose against its mirror image, which fits a plane nearly as well."""
 
 from __future__ import annotations
 
