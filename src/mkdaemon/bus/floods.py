@@ -156,7 +156,7 @@ class Silencer(Budget):
 
 
 class QueryBudgets:
-    """How many commands of each kind are taken."""
+    """Budgets of commands by kind."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._budgets = {kind: Budget(rate, clock) for kind, rate in QUERY_RATES.items()}

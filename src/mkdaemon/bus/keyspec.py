@@ -19,7 +19,7 @@ _CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"}
 
 
 class Use(StrEnum):
-    """How a key is used."""
+    """Use of a key."""
 
     PUBLISHED = "published"
     """The daemon puts it; a query answers with the last value and its `age`."""

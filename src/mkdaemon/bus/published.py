@@ -50,7 +50,7 @@ class PublishedValues:
         publisher.put(payload, encoding=encoding)
 
     def counts(self) -> dict[str, int]:
-        """How many values were put, by key."""
+        """Number of published values, by key."""
         return dict(self._counts)
 
     def answer_last(self, query: zenoh.Query) -> None:

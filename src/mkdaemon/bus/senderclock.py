@@ -26,7 +26,7 @@ class SenderClock:
         self._lock = threading.Lock()
 
     def sent(self, epoch: int, stamp: float, arrived: float) -> float:
-        """When a setpoint was sent, by our clock [s]; never after it arrived.
+        """Send time of a setpoint, by our clock [s]; never after its arrival.
 
         Args:
             epoch: of the lease whose holder signed it; another one has another clock.

@@ -83,7 +83,7 @@ def validated(
 
 
 def samples_folder() -> Path:
-    """Where the sample configurations are: beside the installed package, or in the source tree."""
+    """Folder of the sample configurations: beside the installed package, or in the source tree."""
     installed = Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
     return installed if installed.is_dir() else Path("configs")
 

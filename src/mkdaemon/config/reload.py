@@ -13,7 +13,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Reload(NamedTuple):
-    """What becomes of a changed configuration.
+    """Result of a changed configuration.
 
     Attributes:
         cfg: the running one with all that can be taken up.

@@ -27,7 +27,7 @@ _LONGEST: Final = 256
 
 
 class CellNote(BaseModel):
-    """What the file holds; anything else is refused."""
+    """Content of the file; anything else is refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -54,7 +54,7 @@ class Foreign(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What the boards have shown of themselves.
+    """Evidence about the boards.
 
     Attributes:
         releases: release each board named in its version reply.

@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Kind(Enum):
-    """How a parameter is read."""
+    """Interpretation of a parameter's bytes."""
 
     NUMBER = "number"
     POTI = "number or poti"

@@ -55,7 +55,7 @@ class Note(BaseModel):
 
     @property
     def wanted(self) -> LiveSet:
-        """What has to be live."""
+        """The set that must be live."""
         return LiveSet(self.firmware, self.active, self.live, self.writing)
 
 
