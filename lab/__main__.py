@@ -36,6 +36,7 @@ CAMPAIGNS: Final = (
     CommandEntry("gateways", "lab.gateways:main", "Gateways: what they add in time, and what they cost."),
     CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon; its picture."),
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
+    CommandEntry("compare", "lab.compare:main", "Two results, or two trees, flight by flight."),
     CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
 )
 

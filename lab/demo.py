@@ -10,22 +10,15 @@ from __future__ import annotations
 import json
 import logging
 import math
-import multiprocessing
-import os
-import sys
-import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 import structlog
 from pydantic import BaseModel
 
+from lab.campaign import Campaign, Ending, Row, endings
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.state import Attitude
@@ -52,44 +45,26 @@ LONGEST_POSE_HOLE: Final = 0.5
 """Goal of the campaign, while the target is in view [s]."""
 
 
-class Verdict(StrEnum):
-    """What became of a flight."""
-
-    FINISHED = "finished"
-    """It stands on the target, whole, rotors still."""
-    RELEASED = "released"
-    """The daemon gave it back to the pilot before it had landed."""
-    LOST = "lost"
-    """It broke, or flew away."""
-
-
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One flight.
+class Flight:
+    """One demonstration.
 
     Attributes:
         seed: of everything random.
         loss: share of radio packets lost each way; None for the radio's own.
-        verdict: by the physics.
-        reason: why it did not finish, in the daemon's words; empty where it did.
-        touch_cm: distance from the middle of the target at the end.
-        attitude_hole: longest time in the air without an attitude [s].
-        pose_hole: longest time in the air without a pose while a tag was wholly in view [s].
-        silence: longest time in the air in which no frame arrived at all [s], because the radio lost every packet.
-        seconds: of the flight.
-        processor: time that it took to compute [s].
+        wind: none, indoor, light or moderate.
+        fps: images a second.
     """
 
     seed: int
     loss: float | None
-    verdict: Verdict
-    reason: str
-    touch_cm: float
-    attitude_hole: float
-    pose_hole: float
-    silence: float
-    seconds: float
-    processor: float
+    wind: str
+    fps: float
+
+    @property
+    def key(self) -> Row:
+        """What its row is kept under."""
+        return {"seed": self.seed, "loss": self.loss, "wind": self.wind, "fps": self.fps}
 
 
 @dataclass(slots=True)
@@ -164,62 +139,54 @@ class Watch:
         return longest
 
 
-def fly(seed: int, loss: float | None, wind: str, fps: float) -> Row:
-    """Fly once."""
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-    watch, began = Watch(), time.process_time()
+def fly(flight: Flight) -> Row:
+    """Fly once.
 
-    async def flight() -> Any:
-        rehearsal = demonstration(simulated_aircraft(seed, wind, fps, loss), lambda moment, status: None)
+    Returns:
+        How it ended and why; `touch_cm` from the middle of the target at the end; the longest times in the air without
+        an attitude (`attitude_hole`), without a pose while a tag was wholly in view (`pose_hole`), and without any
+        frame because the radio lost every packet (`silence`); its length [s].
+    """
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    watch = Watch()
+
+    async def flown() -> Any:
+        aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps, flight.loss)
+        rehearsal = demonstration(aircraft, lambda moment, status: None)
         watch.attach(rehearsal)
         record = await rehearsal.fly()
         return record, rehearsal.world.truth.on_ground
 
-    record, stands = run_virtually(flight(), 0.0)
+    record, stands = run_virtually(flown(), 0.0)
     last = record.landing if record.landing is not None else (record.moments[-1] if record.moments else None)
     touch = math.nan if last is None else math.hypot(*last.position[:2])
     is_there = stands and last is not None and touch < ON_TARGET and last.position[2] < STANDS
     is_lost = bool(record.crashed) or watch.farthest > STRAYED
     finished = is_there and record.motors_stand and record.landing is not None and not is_lost
-    verdict = Verdict.FINISHED if finished else Verdict.LOST if is_lost else Verdict.RELEASED
     ends = record.parts.get("after", math.inf)
-    return Row(
-        seed=seed,
-        loss=loss,
-        verdict=verdict,
-        reason="" if finished else record.crashed or watch.reason or record.outcome or "it never began",
-        touch_cm=round(100 * touch, 1) if math.isfinite(touch) else -1.0,
-        attitude_hole=round(watch.hole(watch.attitudes, ends, in_view=False), 2),
-        pose_hole=round(watch.hole(watch.poses, ends, in_view=True), 2),
-        silence=round(watch.hole(watch.frames, ends, in_view=False), 2),
-        seconds=round(record.moments[-1].at, 1) if record.moments else 0.0,
-        processor=round(time.process_time() - began, 1),
-    )
-
-
-def flights(todo: list[tuple[int, float | None]], jobs: int, wind: str, fps: float) -> Iterator[Row]:
-    """Fly in processes of their own, in the order in which they end."""
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-        os.environ[name] = "1"
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, spawn, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-        for done in as_completed([pool.submit(fly, seed, loss, wind, fps) for seed, loss in todo]):
-            yield done.result()
-
-
-def summary(rows: list[Row]) -> dict[str, Any]:
-    """Figures of flights under one radio."""
-    counts = {verdict.value: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
     return {
-        "flights": len(rows),
-        **counts,
-        "attitude_hole_s": max((row.attitude_hole for row in rows), default=0.0),
-        "pose_hole_s": max((row.pose_hole for row in rows), default=0.0),
-        "silence_s": max((row.silence for row in rows), default=0.0),
-        "attitude_holes_too_long": sum(row.attitude_hole > LONGEST_ATTITUDE_HOLE for row in rows),
-        "radio_silences_too_long": sum(row.silence > LONGEST_ATTITUDE_HOLE for row in rows),
-        "pose_holes_too_long": sum(row.pose_hole > LONGEST_POSE_HOLE for row in rows),
-        "unfinished": [f"{row.seed}: {row.verdict.value}: {row.reason}" for row in rows if row.reason],
+        "ending": Ending.FINISHED if finished else Ending.LOST if is_lost else Ending.RELEASED,
+        "why": "" if finished else record.crashed or watch.reason or record.outcome or "it never began",
+        "touch_cm": round(100 * touch, 1) if math.isfinite(touch) else None,
+        "attitude_hole": round(watch.hole(watch.attitudes, ends, in_view=False), 2),
+        "pose_hole": round(watch.hole(watch.poses, ends, in_view=True), 2),
+        "silence": round(watch.hole(watch.frames, ends, in_view=False), 2),
+        "seconds": round(record.moments[-1].at, 1) if record.moments else 0.0,
+    }
+
+
+DEMONSTRATIONS: Final = Campaign("demo", fly, lambda flight: flight.key, limit=600.0)
+
+
+def summary(rows: list[Row]) -> Row:
+    """Figures of flights under one radio."""
+    flown = [row for row in rows if row["ending"] != Ending.FAILED]
+    holes = {name: [row[name] for row in flown] for name in ("attitude_hole", "pose_hole", "silence")}
+    return endings(rows) | {
+        **{f"{name}_s": max(found, default=0.0) for name, found in holes.items()},
+        "attitude_holes_too_long": sum(hole > LONGEST_ATTITUDE_HOLE for hole in holes["attitude_hole"]),
+        "radio_silences_too_long": sum(hole > LONGEST_ATTITUDE_HOLE for hole in holes["silence"]),
+        "pose_holes_too_long": sum(hole > LONGEST_POSE_HOLE for hole in holes["pose_hole"]),
     }
 
 
@@ -245,28 +212,13 @@ def main(
         jobs: processes.
         results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
-    rows: list[Row] = []
-    if results is not None and results.exists():
-        lines = results.read_text(encoding="utf-8").splitlines()
-        rows = [Row(**{**each, "verdict": Verdict(each["verdict"])}) for each in map(json.loads, lines)]
-    known = {(row.seed, row.loss) for row in rows}
-    wanted = [(seed, share) for seed in range(first, first + seeds) for share in (loss or (None,))]
-    todo = [each for each in wanted if each not in known]
-    began = time.monotonic()
-    for count, row in enumerate(flights(todo, jobs, wind, fps), start=1):
-        rows.append(row)
-        if results is not None:
-            with results.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(row)) + "\n")
-        left = (time.monotonic() - began) / count * (len(todo) - count)
-        holes = f"holes {row.attitude_hole:.2f} {row.pose_hole:.2f} {row.silence:.2f} s"
-        words = f"{row.verdict.value} {row.reason} {holes}"
-        print(f"{count} of {len(todo)}, {left / 60:.0f} min left: {row.seed} {words}", file=sys.stderr, flush=True)
-    by_loss = {
-        share: [row for row in rows if (row.seed, row.loss) in set(wanted) and row.loss == share]
-        for share in (loss or (None,))
+    shares = loss or (None,)
+    asked = [Flight(seed, share, wind, fps) for seed in range(first, first + seeds) for share in shares]
+    rows = DEMONSTRATIONS.rows(asked, jobs, results)
+    found = {
+        "own" if share is None else f"{share:g}": summary([row for row in rows if row["loss"] == share])
+        for share in shares
     }
-    found = {"own" if share is None else f"{share:g}": summary(flown) for share, flown in by_loss.items()}
     if as_json:
         print(json.dumps(found))
     else:
@@ -274,4 +226,4 @@ def main(
             print(f"radio loss {share}")
             for name, value in figures.items():
                 print(f"  {name:<26} {value}")
-    return 0 if all(row.verdict is Verdict.FINISHED for flown in by_loss.values() for row in flown) else 1
+    return 0 if all(row["ending"] == Ending.FINISHED for row in rows) else 1

@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 import random
 from collections import Counter
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Annotated, Final, NamedTuple
 
 from cyclopts import Parameter
 
+from lab.campaign import in_order
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualline import Noise, VirtualBoard, VirtualLine
 from mkdaemon.cli.arguments import AsJson
@@ -154,7 +154,7 @@ def _drive(
 
 def campaign(name: str, run: Callable[[int], Run], runs: int, jobs: int) -> Tally:
     """Do the runs of seeds 0, 1, 2... and count."""
-    found = list(_each(run, runs, jobs))
+    found = in_order(run, range(runs), jobs)
     return Tally(
         name=name,
         runs=runs,
@@ -164,14 +164,6 @@ def campaign(name: str, run: Callable[[int], Run], runs: int, jobs: int) -> Tall
         asked=sum(one.asked for one in found),
         virtual_hours=round(sum(one.seconds for one in found) / 3600, 2),
     )
-
-
-def _each(run: Callable[[int], Run], runs: int, jobs: int) -> Iterator[Run]:
-    if jobs == 1:
-        yield from map(run, range(runs))
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(run, range(runs), chunksize=4)
 
 
 def run_fair_backup(seed: int) -> Run:

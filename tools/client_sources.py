@@ -282,18 +282,17 @@ def _method(verb: Verb) -> Iterator[str]:
     reply = verb.reply.__name__ if verb.reply else "None"
     yield f"    async def {verb.method}({', '.join(arguments)}) -> {reply}:"
     yield from _docstring(verb, [*positional, *keyword])
-    if verb.reply:
-        yield f"        from {verb.reply.__module__} import {reply}"
-        yield ""
-    asked = ", ".join(f'"{name}": {name}' for name in fields)
+    asked = f"{{{', '.join(f'{chr(34)}{name}{chr(34)}: {name}' for name in fields)}}}"
     helper = "self" if verb.service else "self._asking"
-    more = ", on_progress=on_progress" if verb.is_procedure else ""
-    holder = ", with_holder=True" if "holder" in verb.request.model_fields else ""
-    given = f'"{verb.name}", {{{asked}}}, {verb.patience:g}{more}{holder}'
-    if verb.reply:
-        yield f"        return await {helper}.ask({reply}, {given})"
+    if verb.reply is None:
+        holder = ", with_holder=True" if "holder" in verb.request.model_fields else ""
+        yield f'        await {helper}.order("{verb.name}", {asked}, {verb.patience:g}{holder})'
+        return
+    given = f'"{verb.name}", "{verb.reply.__module__.rpartition(".")[2]}:{reply}", {asked}'
+    if verb.is_procedure:
+        yield f"        return await {helper}.run({given}, on_progress)"
     else:
-        yield f"        await {helper}.order({given})"
+        yield f"        return await {helper}.ask({given}, {verb.patience:g})"
 
 
 def _argument(model: type[BaseModel], name: str) -> str:

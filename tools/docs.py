@@ -19,10 +19,6 @@ from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
-    "configs/systemd/mkdaemon-gateway@.service": "tools.service_units:gateway",
-    "configs/systemd/mkdaemon-recorder.service": "tools.service_units:recorder",
-    "configs/systemd/mkdaemon.service": "tools.service_units:daemon",
-    "configs/systemd/mkdaemon@.service": "tools.service_units:daemon_of_many",
     "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
     "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",

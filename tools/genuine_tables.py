@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from lab.hil.results import Results, Row
+from lab.campaign import Results, Row
 from lab.hil.scenes import FIGURES, LINES, SIMULATED, Figure, summary
 from lab.hil.triggers import by_story, story_figures
 from tools.markdown import table
 
 PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
-RESULTS: Final = Path("docs/results/genuine.json")
+RESULTS: Final = Path("docs/results/genuine.jsonl")
 EACH: Final = ("hold_cm", "light_cm", "moderate_cm", "step_t90", "step_over_percent", "touch_cm", "moving_touch_cm")
 """Figures that are shown of every flight."""
 SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
@@ -44,7 +44,7 @@ def _filled(root: Path, page: str) -> str:
 
 def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
     """Genuine and simulated boards side by side, by each line; a figure that misses a goal is bold."""
-    flown = rows["scenes"]
+    flown = rows["hil scenes"]
     boards = sorted({row["board"] for row in flown}, key=lambda board: board == SIMULATED)
     columns = [
         (board, line, summary(line, [row for row in flown if (row["board"], row["line"]) == (board, line)]))
@@ -102,7 +102,7 @@ def _flights(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
                 *("" if row.get(f.key) is None else f"{row[f.key]:.{f.digits}f}" for f in shown),
                 "; ".join([*row["lost"], *_counted(row["warnings"])]),
             )
-            for row in rows["scenes"]
+            for row in rows["hil scenes"]
             if row["board"] != SIMULATED
         ),
     )
@@ -120,7 +120,7 @@ def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
         ("story", "figure", "least / median / most", "goal", "right"),
         (
             (name.replace("_", " "), SHOWN.get(figure, figure.replace("_", " ")), shown, goal, _right(found))
-            for name, found in by_story(rows["triggers"])
+            for name, found in by_story(rows["hil triggers"])
             for figure, shown, goal in story_figures(name, found)
         ),
     )

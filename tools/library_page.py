@@ -43,7 +43,7 @@ _ITEM = re.compile(r"^(\*?\w+): (.*)$")
 def library_page(_: Path) -> str:
     """The whole page."""
     parts = [_HEAD, *_functions(library)]
-    first = ["Vehicle", "Stream", "Reading", "Lease"]
+    first = ["Vehicle", "Stream", "LastValue", "Lease"]
     parts.extend(_class(library.Vehicle))
     parts.extend(_streams())
     parts.extend(part for name in first[1:] for part in _class(getattr(library, name)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.text import Text
 
@@ -21,6 +21,7 @@ from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.teleop.shaping import MODES
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load_section
+from mkdaemon.reading import key_spec
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.virtualtime import run_virtually
 from tools.screensvg import screen_svg, svg_of, svg_text
@@ -71,7 +72,13 @@ def screen_picture(_root: Path) -> str:
 async def _flown_screen() -> list[Text]:
     published = PublishedValues()
     watcher = Watcher()
-    published.followers.append(watcher.take)
+
+    def follow(key: str, fields: dict[str, Any]) -> None:
+        spec = key_spec(key)
+        if spec is not None and spec.carries is not None:
+            watcher.take(key, spec.carries.model_validate(fields))
+
+    published.followers.append(follow)
     async with cockpit(Boards("2.12a"), _SEED, outlet=published) as flown:
         session = TeleopSession(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(_SEED)).lease))
         stop = asyncio.Event()

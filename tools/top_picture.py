@@ -10,7 +10,7 @@ from rich.text import Text
 
 from mkdaemon.bus.keys import find
 from mkdaemon.telemetry.state import Flight
-from mkdaemon.view.top.panels import COLUMNS, Board
+from mkdaemon.view.top.panels import COLUMNS, VehicleBoard
 from tools.screensvg import screen_svg
 
 _NOW: Final = 1000.0
@@ -162,7 +162,7 @@ KNOWN: Final[dict[str, Any]] = {suffix: _value(suffix, fields) for suffix, field
 
 def top_picture(_root: Path) -> str:
     """Return the screen, as SVG; its battery was last heard of 12 s ago."""
-    board = Board("quad")
+    board = VehicleBoard("quad")
     board.fleet = ["hexa", "quad"]
     for suffix, value in KNOWN.items():
         board.take(suffix, value, _NOW - (12.0 if suffix == "state/battery" else 0.1))

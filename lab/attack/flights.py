@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
+from lab.campaign import in_order
 from lab.stories.losses import silence_log
 
 LONGEST: Final = 300.0
@@ -64,41 +62,23 @@ class Flights(Generic[AnyFlight]):
     not_flown: list[dict[str, Any]] = field(default_factory=list)
 
 
-def fly_all(
-    plans: Sequence[Plan[AnyFlight]], seeds: range, pool: Executor | None = None
-) -> Iterator[Flights[AnyFlight]]:
-    """Fly every plan once per seed, and tell on standard error how each flight went.
+def fly_all(plans: Sequence[Plan[AnyFlight]], seeds: range, jobs: int = 1) -> Iterator[Flights[AnyFlight]]:
+    """Fly every plan once per seed, and write on standard error how each flight went.
 
     Args:
         plans: the rows.
         seeds: one per flight.
-        pool: flies several at a time; None for one after the other, here.
+        jobs: flights at a time. Every flight has processes, ports, a folder and boards of its own, and one process
+            judges it alone: they share nothing but the machine.
 
     Yields:
         What came of each plan, in their order.
     """
-    if pool is None:
-        for plan in plans:
-            yield _put_together(plan, [_fly_once(plan, seed) for seed in seeds])
-        return
     # The same seed of all rows first: flights at a time are different ones.
-    found = {(k, seed): pool.submit(_fly_once, plan, seed) for seed in seeds for k, plan in enumerate(plans)}
-    for k, plan in enumerate(plans):
-        yield _put_together(plan, [found[k, seed].result() for seed in seeds])
-
-
-@contextmanager
-def flight_pool(jobs: int) -> Iterator[Executor | None]:
-    """Processes that fly so many flights at a time; None for one.
-
-    Every flight has processes, ports, a folder and boards of its own, and one of these processes judges it alone: they
-    share nothing but the machine.
-    """
-    if jobs <= 1:
-        yield None
-        return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=silence_log) as pool:
-        yield pool
+    asked = [(plan, seed) for seed in seeds for plan in plans]
+    found = in_order(_fly_once, asked, jobs)
+    for number, plan in enumerate(plans):
+        yield _put_together(plan, found[number :: len(plans)])
 
 
 def _put_together(plan: Plan[AnyFlight], parts: Sequence[Flights[AnyFlight]]) -> Flights[AnyFlight]:
@@ -106,7 +86,9 @@ def _put_together(plan: Plan[AnyFlight], parts: Sequence[Flights[AnyFlight]]) ->
     return Flights(plan.attack, plan.boards, flown, [one for part in parts for one in part.not_flown])
 
 
-def _fly_once(plan: Plan[AnyFlight], seed: int) -> Flights[AnyFlight]:
+def _fly_once(asked: tuple[Plan[AnyFlight], int]) -> Flights[AnyFlight]:
+    silence_log()
+    plan, seed = asked
     flights = Flights[AnyFlight](plan.attack, plan.boards)
     began = time.monotonic()
     try:

@@ -10,7 +10,6 @@ import math
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Final, Literal
@@ -21,7 +20,7 @@ from rich.table import Table
 
 from lab.attack.backlog import Backlog, backlog_plans
 from lab.attack.deaths import BOARDS, Attack, Death, attack
-from lab.attack.flights import AnyFlight, Flights, Plan, flight_pool, fly_all
+from lab.attack.flights import AnyFlight, Flights, Plan, fly_all
 from lab.attack.floods import Ride, flood_plans
 from lab.attack.guardless import GuardDeath, kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
@@ -43,12 +42,12 @@ class Scope:
 
     Attributes:
         seeds: one per flight of a row.
-        pool: flies several at a time; None for one after the other.
+        jobs: flights at a time.
         only: rows whose attack and boards hold this.
     """
 
     seeds: range
-    pool: Executor | None = None
+    jobs: int = 1
     only: str = ""
 
     def has(self, attack: str, boards: str) -> bool:
@@ -57,11 +56,11 @@ class Scope:
 
     def fly(self, plans: Sequence[Plan[AnyFlight]]) -> Iterator[Flights[AnyFlight]]:
         """Fly those of the rows that are chosen; see `fly_all`."""
-        return fly_all([plan for plan in plans if self.has(plan.attack, plan.boards)], self.seeds, self.pool)
+        return fly_all([plan for plan in plans if self.has(plan.attack, plan.boards)], self.seeds, self.jobs)
 
     def alone(self) -> Scope:
         """The same, one flight after the other."""
-        return replace(self, pool=None)
+        return replace(self, jobs=1)
 
 
 def run_deaths(scope: Scope) -> Rows:
@@ -230,11 +229,10 @@ def main(
     """
     silence_log()
     rows = []
-    with flight_pool(jobs) as pool:
-        for name in _CASES if case is None else (case,):
-            for row in _CASES[name](Scope(range(seed, seed + runs), pool, only)):
-                rows.append({"case": name, **row, "load": round(os.getloadavg()[0], 1), "holds": not row["wrong"]})
-                print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
+    for name in _CASES if case is None else (case,):
+        for row in _CASES[name](Scope(range(seed, seed + runs), jobs, only)):
+            rows.append({"case": name, **row, "load": round(os.getloadavg()[0], 1), "holds": not row["wrong"]})
+            print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     holds = all(row["holds"] for row in rows)
     if as_json:
         print(json.dumps({"rows": rows, "flight_s": FLIGHT, "holds": holds}))

@@ -6,21 +6,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import multiprocessing
 import random
-import sys
 import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+from lab.campaign import Campaign, CampaignError, Ending, Row
 from lab.control.coreworld import HAPPENINGS, HOVER, LONGEST_STEP, Happening, World, settle
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
@@ -380,52 +378,38 @@ def _first(found: Found, seed: int) -> str:
     return found.breaches[seed][0].partition(" ")[0]
 
 
-def _run_block(first: int) -> tuple[int, Found]:
+def _run_block(first: int) -> Row:
     found = Found()
     for seed in range(first, first + BLOCK):
         found.add(run_sequence(seed))
-    return first, found
+    why = next((f"{seed}: {broken[0]}" for seed, broken in found.breaches.items()), "")
+    return {"ending": Ending.WRONG if why else Ending.FINISHED, "why": why, "found": vars(found)}
 
 
-def _run_blocks(starts: Sequence[int], jobs: int) -> Iterator[tuple[int, Found]]:
-    if jobs == 1:
-        yield from map(_run_block, starts)
-        return
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        yield from pool.imap_unordered(_run_block, starts)
+BLOCKS: Final = Campaign("fuzz core", _run_block, lambda first: {"first": first})
 
 
 def run_sequences(first: int, count: int, jobs: int, results: Path | None = None) -> Found:
-    """Run many sequences, and say on stderr how far they are.
+    """Run many sequences.
 
     Args:
         first: seed of the first.
         count: how many; rounded up to whole blocks.
         jobs: processes.
-        results: a line for each block that was run; blocks that it has are not run again. None for none.
+        results: file in which blocks are kept.
+
+    Raises:
+        CampaignError: a block could not be run.
     """
-    whole, known = Found(), dict(_read(results))
-    starts = range(first, first + count, BLOCK)
-    for start in starts:
-        if start in known:
-            whole.add(known[start])
-    todo = [start for start in starts if start not in known]
-    for start, found in _run_blocks(todo, jobs):
-        whole.add(found)
-        if results is not None:
-            with results.open("a", encoding="utf-8") as lines:
-                lines.write(json.dumps({"first": start, **vars(found)}) + "\n")
-        wrong, cpu = len(whole.breaches), whole.cpu / whole.sequences
-        print(f"{whole.sequences} sequences, {wrong} with a breach, {cpu:.2f} s each", file=sys.stderr, flush=True)
+    whole = Found()
+    for row in BLOCKS.rows(range(first, first + count, BLOCK), jobs, results):
+        if row["ending"] == Ending.FAILED:
+            raise CampaignError(f"the block from {row['first']} on: {row['why']}")
+        whole.add(_found(row["found"]))
     return whole
 
 
-def _read(results: Path | None) -> Iterator[tuple[int, Found]]:
-    """The blocks that a file of results has."""
-    if results is None or not results.exists():
-        return
-    for line in results.read_text(encoding="utf-8").splitlines():
-        row: dict[str, Any] = json.loads(line)
-        first, breaches = row.pop("first"), {int(seed): found for seed, found in row.pop("breaches").items()}
-        reached, ticks = Counter(row.pop("reached")), Counter(row.pop("ticks"))
-        yield first, Found(breaches=breaches, reached=reached, ticks=ticks, **row)
+def _found(kept: Row) -> Found:
+    """What a block found, of its row."""
+    breaches = {int(seed): found for seed, found in kept["breaches"].items()}
+    return Found(**{**kept, "breaches": breaches, **{name: Counter(kept[name]) for name in ("reached", "ticks")}})

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 import random
 import re
-import sys
-import time
 from collections import Counter
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from enum import StrEnum
-from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, Final
 
+from lab.campaign import Campaign, Ending, Row, endings
 from lab.control.expectations import TOLERANCE, Expectation
 from lab.control.faultrig import LAND_AT, FaultRig
 from lab.control.faults import FAULTS
@@ -34,8 +30,6 @@ FLIGHTS: Final = 1000
 """Flights of the campaign."""
 ON_TARGET: Final = 0.35
 """An aircraft that has landed stands no farther from the middle of the target [m]."""
-TELL_EVERY: Final = 20.0
-"""Progress is written at most this often [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,21 +45,6 @@ class Drawn:
     name: str
     at: float
     expected: Expectation
-
-
-class End(StrEnum):
-    """How a flight ended."""
-
-    LANDED = "landed"
-    """On the target, by its own decision and by the physics."""
-    RELEASED = "released"
-    """Given to the pilot, for a reason that the table names, in its time."""
-    HELD = "held"
-    """In the air, under control, when the time was over: an aborted landing, or one that waits."""
-    LOST = "lost"
-    """Crashed, or out of the volume, under the core's control."""
-    WRONG = "wrong"
-    """Anything else: a release that no fault explains, one that came too late or not at all."""
 
 
 def draw(rig: FaultRig, seed: int) -> tuple[Drawn, ...]:
@@ -86,7 +65,7 @@ class FaultFlight:
     Attributes:
         seed: of it.
         faults: names.
-        end: how it ended.
+        ending: how it ended; `HELD` is an aborted landing, or one that waits.
         why: reason of the release, or what is wrong.
         frames: stick frames that were checked.
         violations: rules they broke.
@@ -94,7 +73,7 @@ class FaultFlight:
 
     seed: int
     faults: tuple[str, ...]
-    end: End
+    ending: Ending
     why: str
     frames: int
     violations: dict[str, int]
@@ -111,11 +90,11 @@ def fly_one(seed: int) -> FaultFlight:
     return FaultFlight(seed, names, end, why, outcome.frames, dict(outcome.violations))
 
 
-def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[End, str]:
+def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[Ending, str]:
     """How a flight ended, and why."""
     outcome, record = rig.outcome, rig.record
     if not outcome.engaged:
-        return End.WRONG, "it never began"
+        return Ending.WRONG, "it never began"
     released, reason = outcome.released, outcome.reason
     for fault in drawn:
         latest = fault.at + fault.expected.within * TOLERANCE + REACTION
@@ -123,20 +102,20 @@ def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[End, str]:
         if begun <= latest:  # a daemon that stands still notices nothing
             latest = max(latest, until + REACTION)
         if math.isfinite(fault.expected.within) and min(released, _ended(record)) > latest:
-            return End.WRONG, f"{fault.name}: no release until {latest - fault.at:.2f} s after it"
+            return Ending.WRONG, f"{fault.name}: no release until {latest - fault.at:.2f} s after it"
     says_down = reason.startswith(("landed on", "came down"))
     if says_down and not outcome.stood:
-        return End.WRONG, f"in the air: {reason}"
+        return Ending.WRONG, f"in the air: {reason}"
     if reason.startswith("landed on"):
         is_there = outcome.aside <= ON_TARGET
-        return (End.LANDED, reason) if is_there else (End.WRONG, f"{outcome.aside:.2f} m aside: {reason}")
+        return (Ending.FINISHED, reason) if is_there else (Ending.WRONG, f"{outcome.aside:.2f} m aside: {reason}")
     if math.isfinite(released):
         known = [text for fault in drawn if fault.at <= released for text in fault.expected.reasons]
         # A client whose new manoeuvre is refused has nothing left that flies.
         words = f"{reason}; {outcome.refused}" if reason.startswith("no setpoint from") else reason
         is_known = any(text in words for text in known) or says_down
-        return (End.RELEASED, reason) if is_known else (End.WRONG, f"no fault explains: {reason}")
-    return (End.LOST, record.lost) if record.lost else (End.HELD, rig.core.phase.value)
+        return (Ending.RELEASED, reason) if is_known else (Ending.WRONG, f"no fault explains: {reason}")
+    return (Ending.LOST, record.lost) if record.lost else (Ending.HELD, rig.core.phase.value)
 
 
 def _ended(record: Record) -> float:
@@ -144,53 +123,53 @@ def _ended(record: Record) -> float:
     return record.times[-1] if record.lost and record.times else math.inf
 
 
-def run_faults(count: int | None, first_seed: int, jobs: int) -> dict[str, dict[str, Any]]:
-    """Fly the campaign; figures by key, every outcome counted; a line of JSON on stderr for each flight that is wrong.
+def _row(seed: int) -> Row:
+    return asdict(fly_one(seed))
+
+
+FAULT_FLIGHTS: Final = Campaign("control faults", _row, lambda seed: {"seed": seed}, limit=300.0)
+
+
+def run_faults(count: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, dict[str, Any]]:
+    """Fly the campaign; figures by key, every outcome counted.
 
     Args:
         count: flights; the campaign's own number if None.
         first_seed: seeds count up from here.
         jobs: processes.
+        results: file in which flights are kept.
     """
-    count = count or FLIGHTS
-    flights: list[FaultFlight] = []
-    began = told = time.monotonic()
-    with ProcessPoolExecutor(min(jobs, count), get_context("spawn")) as pool:
-        for flight in pool.map(fly_one, range(first_seed, first_seed + count), chunksize=4):
-            flights.append(flight)
-            if flight.end in (End.WRONG, End.LOST) or flight.violations:
-                print(json.dumps(asdict(flight)), file=sys.stderr, flush=True)
-            if time.monotonic() - told > TELL_EVERY:
-                told = time.monotonic()
-                print(f"faults: {len(flights)} of {count} flights", file=sys.stderr, flush=True)
-    return sum_up(flights, (time.monotonic() - began) * min(jobs, count) / count)
+    return sum_up(FAULT_FLIGHTS.rows(range(first_seed, first_seed + (count or FLIGHTS)), jobs, results))
 
 
-def sum_up(flights: Sequence[FaultFlight], cost: float) -> dict[str, dict[str, Any]]:
-    """Figures of the campaign.
-
-    Args:
-        flights: all of them.
-        cost: processor time of a flight, waiting for other programs included [s].
-    """
-    ends = Counter(flight.end for flight in flights)
+def sum_up(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Figures of the campaign, of the rows of all flights."""
+    ends = endings(rows)
     violations = Counter[str]()
-    for flight in flights:
-        violations.update(flight.violations)
-    count = len(flights)
+    for row in rows:
+        violations.update(row.get("violations", {}))
+    bad = (Ending.WRONG, Ending.LOST, Ending.FAILED)
     return {
-        "faults_ends": {end.value: ends[end] for end in End}
-        | {"count": count, "goal": "no flight lost or wrong", "holds": not ends[End.WRONG] and not ends[End.LOST]},
+        "faults_ends": ends
+        | {
+            "unfinished": [text for text in ends["unfinished"] if text.split(": ")[1] in bad],
+            "count": len(rows),
+            "goal": "no flight lost or wrong",
+            "holds": not any(row["ending"] in bad for row in rows),
+        },
         "faults_frames": {
-            "checked": sum(flight.frames for flight in flights),
+            "checked": sum(row.get("frames", 0) for row in rows),
             "violations": dict(violations),
-            "count": count,
+            "count": len(rows),
             "goal": "none",
             "holds": not violations,
         },
-        "faults_drawn": dict(Counter(name for flight in flights for name in flight.faults)) | {"holds": True},
-        "faults_reasons": dict(Counter(_kind(flight.why) for flight in flights)) | {"holds": True},
-        "faults_cost_s": {"mean": round(cost, 2), "holds": True},
+        "faults_drawn": dict(Counter(name for row in rows for name in row.get("faults", ()))) | {"holds": True},
+        "faults_reasons": dict(Counter(_kind(row["why"]) for row in rows)) | {"holds": True},
+        "faults_cost_s": {
+            "mean": round(sum(row.get("processor_s", 0.0) for row in rows) / len(rows), 2),
+            "holds": True,
+        },
     }
 
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import sys
-import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
+from lab.campaign import Campaign, Ending, Row
 from lab.control.cases import CASES, REPORTING
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
@@ -22,11 +22,11 @@ from lab.control.wallfaults import run_wallfaults
 from lab.control.walltime import run_timing
 from mkdaemon.cli.arguments import AsJson
 
-TELL_EVERY: Final = 10.0
-"""Progress is written at most this often [s]."""
-CAMPAIGNS: Final = {"faults": run_faults, "triggers": run_triggers, "timing": run_timing, "wallfaults": run_wallfaults}
-"""Campaigns with an own way to fly and to sum up."""
-ALL: Final = (*CASES, *CAMPAIGNS)
+VIRTUAL: Final = {"faults": run_faults, "triggers": run_triggers}
+"""Campaigns in virtual time that sum up in their own way."""
+BY_THE_CLOCK: Final = {"timing": run_timing, "wallfaults": run_wallfaults}
+"""Campaigns in real time; their flights are not kept."""
+ALL: Final = (*CASES, *VIRTUAL, *BY_THE_CLOCK)
 """What can be asked for."""
 BY_P90: Final = ("_p90_cm", "_sink", "_overshoot_percent")
 """Figures whose 90th percentile is judged; of the others the median."""
@@ -42,6 +42,10 @@ def main(
     runs: Annotated[int | None, Parameter(help="Flights of every case, in place of each case's own.")] = None,
     first_seed: Annotated[int, Parameter(help="Seeds count up from here.")] = REPORTING,
     jobs: Annotated[int, Parameter(help="Processes.")] = 2,
+    results: Annotated[
+        Path | None,
+        Parameter(help="File in which flights in virtual time are kept; those that are in it are not flown again."),
+    ] = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly the cases; the last line of `--json` is one object. All of them take about 80 minutes of one core.
@@ -56,8 +60,11 @@ def main(
         raise SystemExit(2)
     found: dict[str, Any] = {}
     for name in ALL if case is None else (case,):
-        special = CAMPAIGNS.get(name)
-        found |= run_case(name, runs, first_seed, jobs) if special is None else special(runs, first_seed, jobs)
+        if name in BY_THE_CLOCK:
+            found |= BY_THE_CLOCK[name](runs, first_seed, jobs)
+        else:
+            run = VIRTUAL[name] if name in VIRTUAL else partial(run_case, name)
+            found |= run(runs, first_seed, jobs, results)
         if as_json:
             print(json.dumps({"case": name, **found}))
     holds = all(figure["holds"] for figure in found.values())
@@ -68,28 +75,34 @@ def main(
     return 0 if holds else 1
 
 
-def run_case(name: str, runs: int | None, first_seed: int, jobs: int) -> dict[str, dict[str, Any]]:
+def run_case(
+    name: str, runs: int | None, first_seed: int, jobs: int, results: Path | None = None
+) -> dict[str, dict[str, Any]]:
     """Fly a case; figures by key."""
     case = CASES[name]
-    count = runs or case.flights
-    results: list[tuple[dict[str, float], str]] = []
-    told = time.monotonic()
-    with ProcessPoolExecutor(min(jobs, count), multiprocessing.get_context("spawn")) as pool:
-        for result in pool.map(measure, [(name, first_seed + k) for k in range(count)]):
-            results.append(result)
-            if time.monotonic() - told > TELL_EVERY:
-                told = time.monotonic()
-                print(f"{name}: {len(results)} of {count} flights", file=sys.stderr, flush=True)
-    lost = [why for _, why in results if why]
-    return {key: sum_up(key, [found[key] for found, _ in results], lost, case.goals) for key in results[0][0]}
+    asked = [(name, first_seed + k) for k in range(runs or case.flights)]
+    rows = FLIGHTS.rows(asked, jobs, results)
+    lost = [row["why"] for row in rows if row["ending"] != Ending.FINISHED]
+    keys = dict.fromkeys(key for row in rows for key in row.get("figures", ()))
+    return {key: sum_up(key, [_value(row, key) for row in rows], lost, case.goals) for key in keys}
 
 
-def measure(job: tuple[str, int]) -> tuple[dict[str, float], str]:
-    """Fly one flight of a case; its figures, and why it was lost."""
+def measure(job: tuple[str, int]) -> Row:
+    """Fly one flight of a case; its figures without those that are none, how it ended, and why it was lost."""
     name, seed = job
     case = CASES[name]
     record = case.rig(case.flight(seed)).fly()
-    return case.measure(record), record.lost
+    figures = {key: value for key, value in case.measure(record).items() if not math.isnan(value)}
+    return {"ending": Ending.LOST if record.lost else Ending.FINISHED, "why": record.lost, "figures": figures}
+
+
+FLIGHTS: Final = Campaign("control", measure, lambda job: {"case": job[0], "seed": job[1]})
+
+
+def _value(row: Mapping[str, Any], key: str) -> float:
+    """A figure of a row: infinite for what never happened, not a number where there is none."""
+    value = row.get("figures", {}).get(key, math.nan)
+    return math.inf if value is None else float(value)
 
 
 def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, float]) -> dict[str, Any]:

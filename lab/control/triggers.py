@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import math
 import random
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
-from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, Final
 
+from lab.campaign import Campaign, Ending, Row
 from lab.control.batterystories import battery_lands, battery_released
 from lab.control.triggerrig import CLIENT, Client, Scene
 from lab.control.triggerstories import (
@@ -220,27 +220,46 @@ async def _fire(trigger: Trigger, boards: Boards, seed: int, tick: float) -> flo
             guard.stop()
 
 
-def run_triggers(runs: int | None, first_seed: int, jobs: int) -> dict[str, dict[str, Any]]:
+Work = tuple[Trigger, Boards, int]
+"""A trigger, the boards, the seed."""
+
+
+def _row(work: Work) -> Row:
+    fired = fire(*work)
+    return {
+        "ending": Ending.FINISHED if fired.is_right else Ending.WRONG,
+        "why": "" if fired.is_right else f"fired at {fired.at:.2f} s",
+        "at": fired.at,
+    }
+
+
+FIRINGS: Final = Campaign(
+    "control triggers", _row, lambda work: {"trigger": work[0].name, "boards": work[1].name, "seed": work[2]}
+)
+
+
+def run_triggers(
+    runs: int | None, first_seed: int, jobs: int, results: Path | None = None
+) -> dict[str, dict[str, Any]]:
     """Let every trigger fire on every generation; figures by key.
 
     Args:
         runs: times each; three if None.
         first_seed: seeds count up from here.
         jobs: processes.
+        results: file in which what fired is kept.
     """
-    work = [
-        (trigger, boards, first_seed + k) for trigger in TRIGGERS for boards in trigger.boards for k in range(runs or 3)
-    ]
-    with ProcessPoolExecutor(min(jobs, len(work)), get_context("spawn")) as pool:
-        fired = list(pool.map(fire, *zip(*work, strict=True), chunksize=4))
+    seeds = range(first_seed, first_seed + (runs or 3))
+    work = [(trigger, boards, seed) for trigger in TRIGGERS for boards in trigger.boards for seed in seeds]
+    rows = FIRINGS.rows(work, jobs, results)
     figures = {}
     for trigger in TRIGGERS:
-        seen = [each for each in fired if each.trigger == trigger.name]
-        wrong = sorted({each.boards for each in seen if not each.is_right})
-        times = [each.at for each in seen if math.isfinite(each.at)]
+        seen = [row for row in rows if row["trigger"] == trigger.name]
+        wrong = sorted({row["boards"] for row in seen if row["ending"] != Ending.FINISHED})
+        times = [math.inf if row.get("at") is None else row["at"] for row in seen]
         figures[f"trigger_{trigger.name}_s"] = {
-            "earliest": round(min(times, default=math.inf), 3),
-            "latest": round(max((each.at for each in seen), default=math.inf), 3),
+            "earliest": round(min(times), 3),
+            "latest": round(max(times), 3),
             "goal": trigger.at if trigger.at is not None else str(DEAD_MAN),
             "count": len(seen),
             "wrong": wrong,

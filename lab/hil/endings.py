@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from lab.campaign import Ending
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, config_of, motors_run
@@ -52,9 +53,9 @@ COUNTS: Final = (
     "link_tests_in_memory",
     "link_tests_answered",
 )
-ENDINGS: Final = ("finished", "refused", "released", "lost")
+ENDINGS: Final = (Ending.FINISHED, Ending.REFUSED, Ending.RELEASED, Ending.LOST, Ending.FAILED)
 """How a flight ends: it stands on the target with its motors off; it never left the ground; the daemon let go of it in
-the air; everything else, a crash among it."""
+the air; everything else, a crash among it; or it could not be flown."""
 
 
 class Tap:
@@ -164,7 +165,7 @@ async def _fly(work: Work) -> dict[str, Any]:
     tap = Tap(aircraft)
     flight = EndFlight(config, tap)
     await flight.fly()
-    return work.key | flight.ending() | counts(tap)
+    return flight.ending() | counts(tap)
 
 
 def _config(config: SimConfig, work: Work) -> SimConfig:
@@ -201,7 +202,7 @@ class EndFlight(SceneFlight):
     def ending(self) -> dict[str, Any]:
         """How it ended and why, by the physics and the board's motors; the daemon's reason is only told."""
         truth = np.array(self.flown.truth).reshape(-1, 6)
-        found = {"reason": self.flown.end, "warnings": self.found["warnings"]}
+        found = {"why": self.flown.end, "warnings": self.found["warnings"]}
         return found | judged(truth, self.let_go_at, self.flown.crashed, motors_run=motors_run(self._aircraft))
 
 
@@ -215,19 +216,19 @@ def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) ->
         motors_run: whether the board turns the motors at the end.
     """
     if crashed:
-        return {"ending": "lost", "reason": crashed}
+        return {"ending": Ending.LOST, "why": crashed}
     if not len(truth) or truth[:, 3].max() < LIFTED:
-        return {"ending": "refused"}
+        return {"ending": Ending.REFUSED}
     row = truth[truth[:, 0] <= let_go_at][-1]
     if not row[5]:
-        return {"ending": "released"}
+        return {"ending": Ending.RELEASED}
     off = float(np.hypot(row[1], row[2]))
     if off > ON_TARGET or motors_run:
         return {
-            "ending": "lost",
-            "reason": f"{100 * off:.0f} cm from the middle, motors {'on' if motors_run else 'off'}",
+            "ending": Ending.LOST,
+            "why": f"{100 * off:.0f} cm from the middle, motors {'on' if motors_run else 'off'}",
         }
-    return {"ending": "finished", "off_cm": 100 * off}
+    return {"ending": Ending.FINISHED, "off_cm": 100 * off}
 
 
 def counts(tap: Tap) -> dict[str, Any]:
@@ -253,9 +254,9 @@ def counts(tap: Tap) -> dict[str, Any]:
 
 def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """How many flights ended how, why those that did not finish, and the sum of the counts."""
-    found: dict[str, Any] = {ending: sum(row["ending"] == ending for row in rows) for ending in ENDINGS}
-    found["why"] = [f"{row['seed']} {row['ending']}: {row['reason']}" for row in rows if row["ending"] != "finished"]
-    found["warnings"] = dict(Counter(text for row in rows for text in row["warnings"]).most_common(5))
+    found: dict[str, Any] = {ending.value: sum(row["ending"] == ending for row in rows) for ending in ENDINGS}
+    found["why"] = [f"{row['seed']} {row['ending']}: {row['why']}" for row in rows if row["ending"] != Ending.FINISHED]
+    found["warnings"] = dict(Counter(text for row in rows for text in row.get("warnings", ())).most_common(5))
     for name in COUNTS:
         values = [row[name] for row in rows if name in row]
         if values:
@@ -268,7 +269,7 @@ def show(rows: Sequence[Mapping[str, Any]], boards: Sequence[str], lines: Sequen
     holds = True
     for board, line in product(boards, lines):
         part = summed([row for row in rows if (row["board"], row["line"]) == (board, line)])
-        holds &= not part["released"] and not part["lost"]
+        holds &= not any(part[ending] for ending in (Ending.RELEASED, Ending.LOST, Ending.FAILED))
         if as_json:
             print(json.dumps({"board": board, "line": line} | part), flush=True)
             continue

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-import multiprocessing
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 from rich.table import Table
 
+from lab.campaign import Campaign, Row, carried_out
 from lab.hil import endings, generations, navicase, navipairs
 from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.quiet import be_quiet
-from lab.hil.results import Results, Row
 from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, summary
 from lab.hil.triggers import by_story, story_figures, tell
 from mkdaemon.cli.arguments import AsJson
@@ -27,7 +25,6 @@ from mkdaemon.errors import ConfigError
 
 Work = tuple[str, str, int]
 """Board, line, seed."""
-_Asked = TypeVar("_Asked")
 RUNS: Final = 10
 """Flights of each board by each line, and flights in which every trigger fires."""
 
@@ -70,7 +67,6 @@ def main(
         if case == "navictrl":
             return navicase.show(first_seed, jobs, as_json=as_json)
         genuine = built(firmware or next(iter(names()), "FlightCtrl")).name
-        kept = Results(results)
         if case == "pair":
             return navipairs.show(genuine, range(first_seed, first_seed + runs), jobs, as_json=as_json)
         if case == "control":
@@ -81,35 +77,14 @@ def main(
     seeds = range(first_seed, first_seed + runs)
     if case == "triggers":
         work = [(genuine, "cable", seed) for seed in seeds]
-        return _show_triggers(genuine, _flown("triggers", _tell_one, work, kept, jobs, _key), as_json=as_json)
+        return _show_triggers(genuine, TRIGGERS.rows(work, jobs, results), as_json=as_json)
     flown = {"both": (genuine, SIMULATED), "genuine": (genuine,), "simulated": (SIMULATED,)}[boards]
     lines = LINES if line == "both" else (line,)
     if case == "flights":
         asked = [endings.Work(board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
-        return endings.show(
-            _flown("flights", _end_one, asked, kept, jobs, lambda each: each.key), flown, lines, as_json=as_json
-        )
+        return endings.show(ENDINGS.rows(asked, jobs, results), flown, lines, as_json=as_json)
     work = [(board, by, seed) for seed in seeds for board, by in product(flown, lines)]
-    return _show_scenes(_flown("scenes", _fly_one, work, kept, jobs, _key), flown, lines, as_json=as_json)
-
-
-def _flown(
-    kind: str,
-    flight: Callable[[_Asked], Row],
-    work: Sequence[_Asked],
-    kept: Results,
-    jobs: int,
-    key_of: Callable[[_Asked], Row],
-) -> list[Row]:
-    """The rows of some work: those that are kept, and the others flown now, each told as it ends."""
-    keys = [key_of(each) for each in work]
-    left = [each for each, key in zip(work, keys, strict=True) if not kept.has(kind, key)]
-    with ProcessPoolExecutor(max(1, min(jobs, len(left))), multiprocessing.get_context("spawn")) as pool:
-        for count, row in enumerate(pool.map(flight, left), 1):
-            kept.add(kind, row)
-            ending = f", seed {row['seed']} {row['ending']}" if "ending" in row else ""
-            print(f"{kind}: {count} of {len(left)} flights{ending}", file=sys.stderr, flush=True)
-    return [row for row in kept.rows[kind] if any(key.items() <= row.items() for key in keys)]
+    return _show_scenes(SCENES.rows(work, jobs, results), flown, lines, as_json=as_json)
 
 
 def _end_one(work: endings.Work) -> Row:
@@ -126,12 +101,12 @@ def _fly_one(work: Work) -> Row:
         "heading_deg": round(math.degrees(setting.yaw)),
         "compass": setting.has_compass,
     }
-    return _key(work) | about | found
+    return about | found
 
 
 def _tell_one(work: Work) -> Row:
     be_quiet()
-    return _key(work) | {"stories": tell(work[0], work[2])}
+    return {"stories": tell(work[0], work[2])}
 
 
 def _key(work: Work) -> Row:
@@ -139,11 +114,17 @@ def _key(work: Work) -> Row:
     return {"board": board, "line": line, "seed": seed}
 
 
+SCENES: Final = Campaign("hil scenes", _fly_one, _key)
+TRIGGERS: Final = Campaign("hil triggers", _tell_one, _key)
+ENDINGS: Final = Campaign("hil flights", _end_one, lambda work: work.key, limit=1200.0)
+
+
 # -- what is shown ----------------------------------------------------------------------------------------------------
 
 
 def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
-    holds = True
+    holds = len(carried_out(rows)) == len(rows)
+    rows = carried_out(rows)
     for line in lines:
         summed = {
             board: summary(line, [row for row in rows if (row["board"], row["line"]) == (board, line)])
@@ -176,8 +157,8 @@ def _cell(figure: Mapping[str, float] | None, digits: int) -> str:
 
 def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:
     table = Table("what happens", "figure", "least / median / most", "goal", "right", title=f"triggers on {firmware}")
-    holds = True
-    for name, found in by_story(rows):
+    holds = len(carried_out(rows)) == len(rows)
+    for name, found in by_story(carried_out(rows)):
         right = sum(not each["missed"] for each in found)
         holds &= right == len(found)
         if as_json:

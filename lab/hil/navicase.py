@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import asyncio
 import json
-import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final, Protocol
 
 from rich.table import Table
 
+from lab.campaign import in_order
 from lab.hil.naviaircraft import NaviAircraft
 from lab.hil.navibuild import built_navictrl
 from lab.hil.navidaemon import DaemonAtNavi, Step
@@ -72,8 +71,7 @@ def show(seed: int, jobs: int, *, as_json: bool) -> int:
     """
     release = built_navictrl().release
     work = [(kind, is_genuine, seed) for kind in ("bytes", "daemon") for is_genuine in (True, False)]
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
-        genuine, simulated, steps, simulated_steps = pool.map(_do, work)
+    genuine, simulated, steps, simulated_steps = in_order(_do, work, jobs, is_alone=True)
     rows = [(item, list(differences(item, *pair))) for item, *pair in zip(SCRIPT, genuine, simulated, strict=True)]
     pairs = list(zip(steps, simulated_steps, strict=False))
     right = all(not unknown(found) for _, found in rows) and len(steps) == len(simulated_steps)

@@ -7,30 +7,20 @@ something as a client does, and says how it ended.
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
 from typing import Any, Final, Protocol
 
 from lab.hil.triggers import CutCable
-from mkdaemon.clock import Clock
-from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.root import Config
-from mkdaemon.daemon.deck import no_eyes
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import StickSetpoint
-from mkdaemon.virtualtime import AtOnce
 from mksim.physics.hand_flight import HandFlight
 from mksim.physics.world import World
+from mksim.programs.virtualdaemon import VirtualDaemon
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 
-WALL: Final = 1.7e9
 PERIOD: Final = 0.02
 STREAM: Final = 0.05
 """Between two setpoints of sticks [s]: half of what a NaviCtrl forwards."""
@@ -82,24 +72,15 @@ class DaemonAtNavi:
             aircraft: the boards; powered up already.
             held: external control as the FlightCtrl holds it: pitch, roll, yaw, throttle, whether it is valid.
         """
-        loop = self.loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
         self.aircraft, self._held = aircraft, held
         self.bus = LocalBus()
         self.steps: list[Step] = []
         self.holdings: list[tuple[float, tuple[int, int, int, int, bool]]] = []
         self._streamed_at = 0.0
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
         self._line = CutCable(aircraft)
-        self.wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/navictrl"), record=RecordConfig(enabled=False)),
-            self.bus,
-            clock,
-            make_eyes=no_eyes,
-            opener=Cable(self._line, self._moved).open,
-            journal=Journal(Path(os.devnull), AtOnce()),
-        )
+        self.daemon = VirtualDaemon(self.bus, Cable(self._line, self._moved).open)
+        self.wiring = self.daemon.wiring
 
     def _moved(self, now: float) -> None:
         if not self.holdings or self.holdings[-1][1] != self._held():
@@ -107,7 +88,7 @@ class DaemonAtNavi:
 
     async def run(self) -> list[Step]:
         """Do every step, and stop the daemon."""
-        jobs = [asyncio.create_task(self.wiring.run_line()), *self.wiring.start(self.loop)]
+        self.daemon.start()
         try:
             await self._meet()
             await self._ask()
@@ -115,9 +96,7 @@ class DaemonAtNavi:
             await self._pass_on()
             await self._control()
         finally:
-            for job in reversed(jobs):
-                job.cancel()
-            await asyncio.gather(*jobs, return_exceptions=True)
+            await self.daemon.stop()
         return self.steps
 
     def _note(self, name: str, ended: str, figure: float | None = None) -> None:

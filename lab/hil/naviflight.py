@@ -7,12 +7,11 @@ and a landing, with the rendered camera of `lab.hil.flights`.
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any, Final
 
+from lab.campaign import in_order
 from lab.hil.build import built
 from lab.hil.flights import Leg, SceneFlight, Setting, config_of
 from lab.hil.navibuild import built_navictrl
@@ -40,9 +39,7 @@ def fly_all(flight: str, seeds: Sequence[int], jobs: int) -> list[dict[str, Any]
         seeds: of everything random.
         jobs: processes.
     """
-    workers = max(1, min(jobs, len(seeds)))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
-        return list(pool.map(partial(fly_pair, flight), seeds))
+    return in_order(partial(fly_pair, flight), seeds, jobs, is_alone=True)
 
 
 def fly_pair(flight: str, seed: int) -> dict[str, Any]:

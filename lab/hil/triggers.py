@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import math
-import os
 import random
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from statistics import median
 from typing import Any, Final
 
@@ -26,21 +24,15 @@ from lab.hil.copies import in_a_copy
 from lab.hil.flights import Setting, config_of
 from lab.hil.world import GenuineWorld
 from lab.rigs.virtualguard import VirtualGuard
-from mkdaemon.clock import Clock
-from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.root import Config
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import PoseSeen
-from mkdaemon.daemon.deck import no_eyes
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
-from mkdaemon.virtualtime import AtOnce, run_virtually
+from mkdaemon.virtualtime import run_virtually
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
+from mksim.programs.virtualdaemon import VirtualDaemon
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 
 CLIENT: Final = "lab"
@@ -105,18 +97,8 @@ class Flight:
         self.seen_at = self.streamed_at = 0.0
         self.guard = VirtualGuard(lambda data: self.aircraft.write(data, max(loop.time(), self.aircraft.now)))
         self.bus.followers.append(self._hear)
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: 1.7e9 + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
-        self.wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/genuine"), record=RecordConfig(enabled=False)),
-            self.bus,
-            clock,
-            make_eyes=no_eyes,
-            guard=self.guard,
-            opener=Cable(self.cable, self._moved).open,
-            journal=Journal(Path(os.devnull), AtOnce()),
-        )
+        self.daemon = VirtualDaemon(self.bus, Cable(self.cable, self._moved).open, guard=self.guard)
+        self.wiring = self.daemon.wiring
         self.wanted: tuple[type[Setpoint], dict[str, Any]] = (TakeOffSetpoint, {"height": HEIGHT})
 
     def _hear(self, suffix: str, value: object) -> None:
@@ -132,11 +114,8 @@ class Flight:
     async def begin(self) -> None:
         """From the pilot's start of the motors to a hold."""
         self.guard.port_opened(0)
-        self._jobs = [
-            asyncio.create_task(self.wiring.run_line()),
-            *self.wiring.start(self.loop),
-            asyncio.create_task(self._see()),
-        ]
+        self.daemon.start()
+        self._jobs = [asyncio.create_task(self._see())]
         await self.until(self._is_ready)
         await self.bus.take_lease(CLIENT)
         self._jobs.append(asyncio.create_task(self._stream()))

@@ -16,8 +16,6 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.record.entry import Entry, Notice, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
@@ -26,12 +24,10 @@ from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import Setpoint
-from mkdaemon.virtualtime import AtOnce
+from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock
 from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
-WALL: Final = 1.7e9
-"""Unix time when virtual time is zero [s]."""
 SOURCE: Final = "5eed"
 """Id of the client's session."""
 ROOM: Final = 1 << 30
@@ -133,23 +129,20 @@ class RecordedDaemon:
             age: the boards have been powered up for so long [s].
             make_eyes: makes the cameras.
         """
-        loop = asyncio.get_running_loop()
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
-        self.cfg, self.clock = cfg, clock
-        self.tape = Tape(cfg.vehicle.name, clock)
+        self.cfg, self.clock = cfg, virtual_clock()
+        self.tape = Tape(cfg.vehicle.name, self.clock)
         self.client = ClientSide(self.tape.tap)
         self.socket = Socket(make, seed=seed, tick=tick, age=age)
-        self.wiring = Wiring(
-            cfg,
+        self.daemon = VirtualDaemon(
             self.client,
-            clock,
-            make_eyes=lambda feed: make_eyes(feed, self),
-            opener=self.socket.open,
-            tap=self.tape.tap,
-            journal=Journal(cfg.vehicle.state_folder or Path(), AtOnce()),
+            self.socket.open,
+            config=cfg,
+            clock=self.clock,
+            eyes=lambda feed: make_eyes(feed, self),
+            recorder=self.tape.tap,
+            journal=cfg.vehicle.state_folder or Path(),
         )
+        self.wiring = self.daemon.wiring
 
     async def until(self, claim: Callable[[], bool], within: float = 20.0) -> None:
         """Wait for a claim.
@@ -168,12 +161,9 @@ class RecordedDaemon:
 
     def start(self) -> list[asyncio.Task[None]]:
         """Start everything; returns the tasks, the line first."""
-        loop = asyncio.get_running_loop()
         self.wiring.guard_changed(True)
-        return [
-            loop.create_task(self.wiring.run_line(), name="link"),
-            *self.wiring.start(loop),
-        ]
+        self.daemon.start()
+        return self.daemon.tasks
 
     async def stop(self, tasks: Sequence[asyncio.Task[None]]) -> None:
         """End in order."""

@@ -7,12 +7,10 @@ flights are exact, seeded and faster than real time.
 from __future__ import annotations
 
 import asyncio
-import os
 import random
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
 
 from pydantic import BaseModel
@@ -24,8 +22,6 @@ from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.audit import Outlet
-from mkdaemon.daemon.deck import no_eyes
-from mkdaemon.daemon.procedures import Journal
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
@@ -35,9 +31,9 @@ from mkdaemon.telemetry.control import LeaseGrant
 from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.signature import sign
-from mkdaemon.virtualtime import AtOnce
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
+from mksim.programs.virtualdaemon import WALL, VirtualDaemon, virtual_clock
 from mksim.programs.virtualports import LocalBus
 from mksim.simulation import Simulation
 
@@ -307,26 +303,11 @@ def _wired(
         watches.append(LineWatch(sink))
         return link_class(cfg, watches[0], **more)
 
-    wiring = Wiring(
-        Config(link=cfg, record=RecordConfig(enabled=False)),
-        bus,
-        clock,
-        make_eyes=no_eyes,
-        guard=guard,
-        opener=cable.open,
-        journal=Journal(Path(os.devnull), AtOnce()),
-        make_link=make_link,
-    )
-    return Cockpit(wiring, bus, watches[0], cable)
+    config = Config(link=cfg, record=RecordConfig(enabled=False))
+    daemon = VirtualDaemon(bus, cable.open, config=config, clock=clock, guard=guard, make_link=make_link)
+    return Cockpit(daemon.wiring, bus, watches[0], cable)
 
 
 def _virtual_clock(cable: Socket, seed: int) -> Clock:
     """The clock of a computer that sleeps when its cable says so."""
-    loop = asyncio.get_running_loop()
-    wall = 1.7e9 + random.Random(f"{seed} wall").random()
-    return Clock(
-        monotonic=loop.time,
-        wall=lambda: wall + loop.time() + cable.slept,
-        synchronised=lambda: True,
-        suspended=lambda: cable.slept,
-    )
+    return virtual_clock(wall=WALL + random.Random(f"{seed} wall").random(), slept=lambda: cable.slept)

@@ -44,14 +44,13 @@ from mkdaemon.control.events import Feed
 from mkdaemon.control.linear import Array
 from mkdaemon.daemon.blackbox import open_black_box
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.record.folder import RecordingFolder
 from mkdaemon.telemetry.record import RecorderState
 from mkdaemon.telemetry.vision import EyeState, VisionStats
-from mkdaemon.virtualtime import AtOnce, VirtualLoop, end_loop
+from mkdaemon.virtualtime import VirtualLoop, end_loop
 from mksim.config import PilotPlan, SimConfig
 from mksim.programs.sim_bus import SimBus
+from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock
 from mksim.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -87,8 +86,6 @@ WAITS: Final = 600.0
 """The pilot waits so long, unless he is asked [s]."""
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
 TARGET: Final = ROOT / "configs" / "targets" / "nested.toml"
-WALL: Final = 1.7e9
-"""Unix time when virtual time is zero [s]."""
 COVARIANCE: Final = 1e-4 * np.eye(6)
 """Of a pose: 1 cm and 0.01 rad."""
 _Result = TypeVar("_Result")
@@ -250,9 +247,7 @@ class Desk:
     async def start(self) -> None:
         """Switch everything on; returns when the boards are known."""
         loop = self.loop
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
+        clock = virtual_clock()
         box = self._box = open_black_box(self.config, clock, is_recording=False)
         await self._stack.enter_async_context(box.run())
         bus = self.bus = InnerBus(VEHICLE, box.bus_recorder)
@@ -261,23 +256,24 @@ class Desk:
         def see(feed: Feed) -> Eyes:
             return SeeingEyes(feed, bus, clock, lambda: self.simulation)
 
-        wiring = self.wiring = Wiring(
-            self.config,
+        daemon = VirtualDaemon(
             bus,
-            clock,
-            make_eyes=see,
-            opener=self.socket.open,
-            tap=box.tap,
-            journal=Journal(self.folder / "journal", AtOnce()),
+            self.socket.open,
+            config=self.config,
+            clock=clock,
+            eyes=see,
+            recorder=box.tap,
+            journal=self.folder / "journal",
         )
+        wiring = self.wiring = daemon.wiring
         wiring.guard_changed(True)
         assert isinstance(wiring.eyes, SeeingEyes)
         self._stack.enter_context(bus.show_token(key(VEHICLE, "alive")))
         session = self._stack.enter_context(bus.session())
         sim_bus = SimBus(cast("zenoh.Session", session), self.simulation, VEHICLE, "/dev/pts/7")
+        daemon.start()
         self._jobs = [
-            loop.create_task(wiring.run_line(), name="link"),
-            *wiring.start(loop),
+            *daemon.tasks,
             loop.create_task(wiring.eyes.run(), name="eyes"),
             loop.create_task(box.report(cast("Bus", bus), wiring.audit), name="black box"),
             loop.create_task(sim_bus.publish(TRUTHS), name="simulator on the bus"),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 
 import structlog
 
+from lab.campaign import in_order
 from lab.rigs.cockpit import Boards
 from lab.stories.deaths import NEUTRAL_TIME, SESSION, WATCH, Loss, fly_session
 from mkdaemon.link.link import Link
@@ -68,9 +68,15 @@ def campaign(
     watched: float = WATCH,
 ) -> Losses:
     """Lose so many clients, in sessions of `SESSION`, and sum up."""
-    fly = partial(fly_session, boards, link_class=link_class, watched=watched)
-    found = [loss for losses in _each(fly, first_seed, sessions(runs, SESSION), jobs) for loss in losses]
-    return summed_up(boards.name, found)
+    fly = partial(_fly, boards, link_class, watched)
+    flown = in_order(fly, list(enumerate(sessions(runs, SESSION), first_seed)), jobs)
+    return summed_up(boards.name, [loss for losses in flown for loss in losses])
+
+
+def _fly(boards: Boards, link_class: type[Link], watched: float, session: tuple[int, int]) -> list[Loss]:
+    """Fly a session with a seed and a number of deaths."""
+    silence_log()
+    return fly_session(boards, *session, link_class=link_class, watched=watched)
 
 
 def sessions(runs: int, size: int) -> list[int]:
@@ -109,16 +115,6 @@ def _longest(times: Iterable[float | None]) -> float | None:
 
 def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else round(1000 * seconds, 1)
-
-
-def _each(fly: Callable[[int, int], list[Loss]], seed: int, deaths: list[int], jobs: int) -> Iterator[list[Loss]]:
-    """Fly sessions of so many deaths, the first with this seed."""
-    seeds = range(seed, seed + len(deaths))
-    if jobs == 1:
-        yield from map(fly, seeds, deaths)
-        return
-    with ProcessPoolExecutor(jobs, initializer=silence_log) as pool:
-        yield from pool.map(fly, seeds, deaths)
 
 
 def silence_log() -> None:

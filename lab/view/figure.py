@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from lab.rigs.browsing import chromium
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction
-from mkdaemon.view.page.picture import Picture
+from mkdaemon.view.page.picture import VehiclePicture
 from mkdaemon.view.page.server import PageServer
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.rehearsal import demonstration, simulated_aircraft
@@ -36,11 +36,11 @@ class Still:
         pictures: the one.
     """
 
-    def __init__(self, picture: Picture) -> None:
+    def __init__(self, picture: VehiclePicture) -> None:
         """Show it."""
         self.pictures = {picture.name: picture}
 
-    def choose(self, wanted: str) -> Picture | None:
+    def choose(self, wanted: str) -> VehiclePicture | None:
         """The one."""
         return self.pictures.get(wanted or NAME)
 
@@ -61,14 +61,14 @@ class Still:
         return await self.abort(word)
 
 
-def picture_at(moment: float, seed: int = 1) -> Picture:
+def picture_at(moment: float, seed: int = 1) -> VehiclePicture:
     """What the page shows at a moment of the demonstration.
 
     Args:
         moment: of virtual time [s].
         seed: of everything random.
     """
-    picture = Picture(NAME)
+    picture = VehiclePicture(NAME)
 
     async def fly() -> None:
         loop = asyncio.get_running_loop()
@@ -90,7 +90,7 @@ def picture_at(moment: float, seed: int = 1) -> Picture:
 
 
 @contextmanager
-def serving_still(picture: Picture, moment: float) -> Iterator[str]:
+def serving_still(picture: VehiclePicture, moment: float) -> Iterator[str]:
     """Serve a picture that stands still, from a thread of its own; its address."""
     loop, opened = asyncio.new_event_loop(), threading.Event()
     server = PageServer(Still(picture), lambda: moment)

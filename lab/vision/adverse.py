@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
 from lab.vision.flight import VGA, Device, fly
+from lab.vision.parts import Case, Part
 from lab.vision.real import RESPONSE, Look, look_at, tally
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.weather import SKIES, Change, Sky

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from lab.campaign import Case, Part
 from lab.vision.flight import LEVEL, LOOKING_DOWN, VGA, fly
+from lab.vision.parts import Case, Part
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap

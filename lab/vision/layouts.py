@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
+from lab.vision.parts import Case, Part
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.tags.detector import find_codes
 from mkdaemon.vision.tags.tagfamily import find_family

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
+from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import WRONG_DEG, WRONG_M, SeedSet, Still, error_of, ground_of, look_along, target_named
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.image import CameraImage

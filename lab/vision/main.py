@@ -17,7 +17,6 @@ from typing import Annotated, Any, Final
 import cv2
 from cyclopts import Parameter
 
-from lab.campaign import Case, Part, run_parts
 from lab.vision.adverse import ADVERSE
 from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
@@ -26,6 +25,7 @@ from lab.vision.layouts import LAYOUTS
 from lab.vision.leaving import LEAVING
 from lab.vision.never import FLIGHTS, FLIPS, all_flips
 from lab.vision.night import NIGHT
+from lab.vision.parts import Case, Part, run_parts
 from lab.vision.rates import rates
 from lab.vision.real import PUBLISHED, REAL
 from lab.vision.searching import SEARCH
@@ -81,7 +81,7 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
 
     Raises:
         ConfigError: there is no such case.
-        VisionError: a process died.
+        CampaignError: a process died.
     """
     case = CASES.get(name)
     if case is None:

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import LOOKING_DOWN, VGA, fly
+from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap

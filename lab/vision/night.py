@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
+from lab.vision.parts import Case, Part
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
 from mkdaemon.vision.tags.tagmap import TagMap

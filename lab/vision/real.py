@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
+from lab.vision.parts import Case, Part
 from lab.vision.stills import SeedSet, error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import Pose, solve, with_floor

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
+from lab.vision.parts import Case, Part
 from lab.vision.rates import opencv_search
 from lab.vision.stills import SeedSet, Studio, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics

@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part
 from lab.vision.flight import GROUNDS, IDEAL, LEVEL, LOOKING_DOWN, VGA, Device
+from lab.vision.parts import Case, Part
 from lab.vision.real import DEVICES
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.config.camera import MountSection

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part, in_parts
 from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
+from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.truth import PHOTOGRAPHS
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of

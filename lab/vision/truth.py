@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Case, Part, in_parts
 from lab.places import REFERENCE
 from lab.vision.flight import VGA
 from lab.vision.lens import drawn_lens
+from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.fitting import TargetFitter

@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.campaign import Part
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
+from lab.vision.parts import Part
 from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.pose.pose import with_floor

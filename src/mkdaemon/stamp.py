@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import ConfigDict
 
 from mkdaemon.described import Described
+
+NANOSECONDS: Final = 1_000_000_000
+"""In a second."""
+
+
+def nanoseconds(time: float) -> int:
+    """Whole nanoseconds of a time [s]; `seconds` returns the same time, for Unix time and 48 days of monotonic time."""
+    whole = int(time)
+    return whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
+
+
+def seconds(time: int) -> float:
+    """A time [s] from nanoseconds."""
+    return time / NANOSECONDS
 
 
 class Stamp(Described):

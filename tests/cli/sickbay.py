@@ -12,7 +12,7 @@ from typing import Any
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version
 from mkdaemon.cli.mkdaemon.doctor.table import Examined, examine
-from mkdaemon.cli.systemcommands import Answered
+from mkdaemon.cli.systemcommands import CommandOutput
 from tests.places import CONFIGS
 
 NOW = 1_780_000_000.0
@@ -49,7 +49,7 @@ class Tree:
 
     def __init__(self, root: Path, config: Path) -> None:
         self.root, self.config = root, config
-        self.commands: dict[str, Answered] = {}
+        self.commands: dict[str, CommandOutput] = {}
         self.typed: list[tuple[str, ...]] = []
         self.forbidden: set[str] = set()
         self.report = NOBODY
@@ -138,9 +138,9 @@ class Tree:
             self.listen(7447)
         return examine(self.machine, self.config)
 
-    def _run(self, words: Sequence[str]) -> Answered:
+    def _run(self, words: Sequence[str]) -> CommandOutput:
         self.typed.append(tuple(words))
-        return self.commands.get(" ".join(words), Answered(127, ""))
+        return self.commands.get(" ".join(words), CommandOutput(127, ""))
 
     def _plug_in(self) -> None:
         """An FTDI adapter on USB bus 1, and a camera on bus 2."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from mkdaemon.cli.mkctl.display import KEYS, QUIT, frame_of, lines_of
+from mkdaemon.cli.keyreader import QUIT
+from mkdaemon.cli.mkctl.display import KEYS, frame_of, lines_of
 from mkdaemon.protocol.flags import MenuKey
 
 

@@ -18,13 +18,14 @@ from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
 from mkdaemon.cli.mkdaemon.security import certificates
 from mkdaemon.cli.mkdaemon.security.roles import zenoh_file
 from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
-from mkdaemon.cli.systemcommands import Answered, run_command
+from mkdaemon.cli.systemcommands import CommandOutput, run_command
 from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
 from mkdaemon.telemetry.vision import EyeState, VisionStats
 from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
+TEN_HZ = "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n"
 V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
 
 
@@ -101,7 +102,7 @@ def keep_certificate(tree, date):
     for name in ("ca.pem", "daemon.pem"):
         end = date if name == "daemon.pem" else "Jun  1 12:00:00 2030 GMT"
         words = f"openssl x509 -enddate -noout -in {folder / name}"
-        tree.commands[words] = Answered(0, f"notAfter={end}\n")
+        tree.commands[words] = CommandOutput(0, f"notAfter={end}\n")
 
 
 def certify(tree, days, mode=0o600):
@@ -128,13 +129,13 @@ def calibrate(tree, old, new):
 def fail_service(tree):
     tree.write("/etc/systemd/system/mkdaemon@.service")
     words = "systemctl list-units --failed --plain --no-legend mkdaemon*"
-    tree.commands[words] = Answered(0, "mkdaemon@mk1.service loaded failed failed MikroKopter daemon of mk1\n")
+    tree.commands[words] = CommandOutput(0, "mkdaemon@mk1.service loaded failed failed MikroKopter daemon of mk1\n")
 
 
 def install_units(tree, options=""):
-    for unit in UNITS:
-        text = unit_text(unit, Path("/opt/mkdaemon/.venv/bin"))
-        tree.write(f"/etc/systemd/system/{unit.name}", text.replace("run --config", f"run{options} --config"))
+    for name in UNITS:
+        text = unit_text(name)
+        tree.write(f"/etc/systemd/system/{name}", text.replace("run --config", f"run{options} --config"))
 
 
 def no_service(tree):
@@ -406,7 +407,9 @@ FAULTS = {
     ),
     "a frame rate it has not": (
         "camera-rate",
-        lambda t: t.commands.update({V4L2: Answered(0, "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n")}),
+        lambda t: t.commands.update(
+            {V4L2: CommandOutput(0, "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n")}
+        ),
         "asked for 30 images a second, and gives 10",
         V4L2,
     ),
@@ -591,7 +594,7 @@ def test_fix_types_what_is_safe_and_nothing_else(tree, capsys):
         if words[0] == "sh":
             typed.append(words[2])
             return run_command(["sh", "-c", words[2].replace("sudo ", "")])
-        return Answered(127, "")
+        return CommandOutput(127, "")
 
     tree.answers(run=run)
     code, out = run_and_read(tree, capsys, fix=True)
@@ -639,8 +642,8 @@ def test_this_machine_can_be_looked_at():
     assert machine.listeners is machine.listeners
     assert machine.holders(Path("/dev/null")) is not None
     assert may_use(Path("/dev/null"))
-    assert run_command(["no-such-command"]) == Answered(127, "")
-    assert run_command(["sh", "-c", "echo x; exit 4"]) == Answered(4, "x\n")
+    assert run_command(["no-such-command"]) == CommandOutput(127, "")
+    assert run_command(["sh", "-c", "echo x; exit 4"]) == CommandOutput(4, "x\n")
 
 
 def test_a_client_of_this_machine_meets_who_listens_everywhere():

@@ -11,7 +11,7 @@ from mkdaemon.cli.mkdaemon.run import run as run_daemon
 from mkdaemon.cli.mkdaemon.service.installing import Host, plan, preview, programs_folder, remove_units, write_units
 from mkdaemon.cli.mkdaemon.service.units import MARK, UNITS, unit_text
 from mkdaemon.cli.program import run
-from mkdaemon.cli.systemcommands import Answered
+from mkdaemon.cli.systemcommands import CommandOutput
 from mkdaemon.errors import ConfigError, MkError
 
 PROGRAMS = Path("/opt/mkdaemon/.venv/bin")
@@ -24,7 +24,7 @@ def host(tmp_path):
 
     def answer(words):
         typed.append(" ".join(words))
-        return Answered(0, "")
+        return CommandOutput(0, "")
 
     host = Host(tmp_path, answer)
     object.__setattr__(host, "typed", typed)
@@ -117,13 +117,13 @@ def test_a_command_that_failed_is_told_by_the_exit_code(host, monkeypatch, capsy
     words = ["install-service", "recorder", "--programs", "/opt/x/bin", "--write"]
     monkeypatch.setattr(module, lambda: host)
     assert run(app, words) == 0
-    monkeypatch.setattr(module, lambda: Host(host.root, lambda words: Answered(1, "")))
+    monkeypatch.setattr(module, lambda: Host(host.root, lambda words: CommandOutput(1, "")))
     assert run(app, words) == 1
     assert "FAILED: systemctl daemon-reload (exit code 1)" in capsys.readouterr().out
 
 
 def test_a_machine_without_systemd_is_told_so(host):
-    bare = Host(host.root, lambda words: Answered(127, ""))
+    bare = Host(host.root, lambda words: CommandOutput(127, ""))
     lines = words_of(write_units(bare, plan(("recorder",), None, ""), PROGRAMS))
     assert "FAILED: systemctl daemon-reload (not installed)" in lines
 
@@ -146,7 +146,7 @@ def test_the_daemons_are_started_with_options_that_exist():
         words = line.replace("%i", "mk1").split()[1:]
         function, bound, _ = app.parse_args(words, exit_on_error=False, print_error=False)
         assert function is run_daemon
-        name = "mk1" if "@" in unit.name else "vehicle"
+        name = "mk1" if "@" in unit else "vehicle"
         assert str(bound.kwargs["config"]) == f"/etc/mkdaemon/{name}.toml"
 
 

@@ -124,17 +124,6 @@ async def test_a_take_off_is_followed_by_a_hold(capsys):
     assert "took off" in capsys.readouterr().out
 
 
-async def test_a_take_off_that_is_not_done_in_time_says_where_it_stood(monkeypatch):
-    async with fake_daemon() as daemon:
-        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", stage="climbs")
-        async with (
-            Connection(vehicle=VEHICLE, connect=daemon.endpoint).open() as uav,
-            uav.lease() as lease,
-        ):
-            with pytest.raises(ManoeuvreError, match=r"takeoff not done within 0.7 s: climbs"):
-                await lease.take_off(2.0, patience=0.7)
-
-
 async def test_a_flight_by_attitude_is_in_degrees(capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         await manoeuvres.attitude(pitch=3.0, seconds=0.2, connection=here)
@@ -244,13 +233,6 @@ def test_there_is_no_error_to_a_goal_without_images(image_age, words):
     shown = flightshow.Shown()
     shown.position, shown.image_age = (0.0, 0.0, 2.0), image_age
     assert flightshow._line(lease, shown, (0.0, 0.0, 1.0)) == f"at x +0.00 y +0.00 z 2.00 m, {words}"
-
-
-async def test_a_flight_that_does_not_begin_fails(monkeypatch):
-    monkeypatch.setattr("mkdaemon.client.lease.SIGHTING", 0.3)
-    async with flying((0.0, 0.0, 2.0), engages=None) as (_, here):
-        with pytest.raises(MkError, match="did not engage within"):
-            await manoeuvres.goto(0.0, 0.0, 2.0, connection=here)
 
 
 SCRIPT = """

@@ -18,7 +18,7 @@ from mkdaemon.cli import promptness
 from mkdaemon.cli.mkctl import play as playcommand
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.play import key_pressed, play, showing_player
-from mkdaemon.client.player import Pace
+from mkdaemon.client.player import PlayPace
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from tests.bus.support import client, free_endpoint
@@ -35,7 +35,7 @@ class FakePlayer:
     """What the screen knows of a player."""
 
     def __init__(self):
-        self.pace = Pace(1.0, 0.0, 0.0)
+        self.pace = PlayPace(1.0, 0.0, 0.0)
         self.is_stopped = False
 
     def adjust(self, change):

@@ -8,8 +8,9 @@ from mkdaemon.cli.mkctl.health import render
 from mkdaemon.cli.mkctl.log import trend
 from mkdaemon.cli.mkctl.record import Rate
 from mkdaemon.cli.sparkline import sparkline
-from mkdaemon.record.entry import NANOSECONDS, Kind
+from mkdaemon.record.entry import Kind
 from mkdaemon.record.summary import Activity, KeySummary
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.link import LinkHealth
 
 

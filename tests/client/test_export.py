@@ -11,7 +11,7 @@ import pytest
 from mkdaemon.client.export import tables
 from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
 from mkdaemon.client.export.tracks import gpx, kml, tracks_of
-from mkdaemon.client.export.values import Value, read_values, unit_of
+from mkdaemon.client.export.values import ExportedValue, read_values, unit_of
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import DATA
 
@@ -25,7 +25,7 @@ def values(suffix=None):
 
 
 def made(suffix, schema, **fields):
-    return Value("mk1", suffix, 1700000000.25, 5.0, {"stamp": {}} | fields, schema)
+    return ExportedValue("mk1", suffix, 1700000000.25, 5.0, {"stamp": {}} | fields, schema)
 
 
 def test_a_table_has_every_value_of_its_key_with_units_in_the_header(tmp_path):

@@ -9,12 +9,10 @@ import sys
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.client.session import FlightSession
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
-from mkdaemon.telemetry.control import LeaseState, Outcome, Phase
-from mkdaemon.telemetry.event import CommandEvent
-from mkdaemon.telemetry.refusals import Token, refuse
-from tests.client.fake import CLOCK, EPOCH, SECRET, connected
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, NotEngagedError
+from mkdaemon.telemetry.control import Outcome, Phase
+from mkdaemon.telemetry.refusals import Token
+from tests.client.fake import EPOCH, SECRET, connected
 
 KINDS = {"takeoff": "height", "position": "position", "land": "epoch"}
 """Kinds of setpoints and a field of each, in the order in which to look for them."""
@@ -48,14 +46,6 @@ async def test_a_second_call_goes_on_without_a_neutral_lead():
         assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
 
 
-async def test_sticks_are_streamed_at_the_rate_asked_for():
-    async with connected(engages=1) as (_, uav), uav.lease() as lease:
-        await lease.stick(throttle=0, seconds=0.1)
-        before = lease.setpoints
-        await lease.stick(throttle=0, seconds=0.5, rate=100)
-        assert 2 <= lease.setpoints - before <= 51  # a busy machine streams fewer, never more
-
-
 async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix():
     async with connected() as (daemon, uav):
         daemon.holder = "somebody"
@@ -79,28 +69,6 @@ async def test_a_lost_lease_ends_the_flight_with_the_reason():
             await flying
         with pytest.raises(LeaseLostError):
             lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
-
-
-async def test_a_lease_somebody_else_took_is_lost():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        await lease.stick(throttle=0, seconds=0.05)
-        other = LeaseState(holder="other", epoch=EPOCH + 1, ttl=5, left=5)
-        daemon.say(Phase.LEASED, "other took the lease from me", other)
-        with pytest.raises(LeaseLostError, match="other took the lease"):
-            await lease.stick(throttle=0, seconds=60)
-
-
-async def test_status_from_before_the_lease_does_not_end_it():
-    async with connected() as (daemon, uav):
-        daemon.say(Phase.FREE, "no lease was requested yet")
-        async with uav.lease() as lease:
-            await lease.stick(throttle=0, seconds=0.1)
-
-
-async def test_a_silent_daemon_is_a_lost_lease():
-    async with connected(engages=1) as (_, uav), uav.lease(FlightSession(silence=0.3)) as lease:
-        with pytest.raises(LeaseLostError, match="the daemon has not been heard"):
-            await lease.stick(throttle=0, seconds=60)
 
 
 async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
@@ -141,17 +109,6 @@ async def test_own_streams_set_one_setpoint_at_a_time():
         assert daemon.setpoints == [wanted]
 
 
-async def test_setpoints_out_of_range_are_refused_before_they_are_sent():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        with pytest.raises(CommandRejectedError, match="pitch"):
-            await lease.stick(pitch=300, throttle=0, seconds=1)
-        with pytest.raises(CommandRejectedError, match="throttle"):
-            lease.set.stick(pitch=1, roll=2, yaw=3, throttle=float("nan"))
-        with pytest.raises(MkError, match="there is no setpoint 'stik'; there is stick"):
-            lease.put("stik", {"pitch": 1})
-        assert (lease.setpoints, daemon.setpoints) == (0, [])
-
-
 async def test_a_lease_can_be_renewed_and_looked_at():
     async with connected() as (_, uav):
         assert await uav.lease.show() is None
@@ -187,51 +144,6 @@ async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monke
             await lease.goto(0, 0, 2, seconds=1)
         assert refused.value.token == "no_estimate"
         assert "mkctl watch" in refused.value.fix
-
-
-async def test_a_refusal_just_after_the_lease_was_taken_does_not_count():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        daemon.refuses = Token.NO_ESTIMATE
-        flying = asyncio.create_task(lease.goto(0, 0, 2, seconds=0.1))
-        await wait_until(lambda: len(daemon.setpoints) > 3)
-        daemon.refuses = None
-        await flying
-
-
-async def test_refusals_of_a_strangers_setpoints_under_our_epoch_are_not_ours():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        for token in (Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED):
-            lease.session.event_arrived(refused_setpoint(token), asyncio.get_running_loop().time())
-        await lease.stick(throttle=0, seconds=0.1)
-        assert daemon.setpoints
-
-
-async def test_a_refusal_that_overtakes_the_word_of_the_lost_lease_leaves_its_reason_to_it():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        flying = asyncio.create_task(lease.stick(throttle=0, seconds=30))
-        await wait_until(lambda: lease.is_engaged)
-        for token in (Token.WRONG_EPOCH, Token.NOT_LEASED):
-            lease.session.event_arrived(refused_setpoint(token), asyncio.get_running_loop().time())
-        before = lease.setpoints
-        await wait_until(lambda: lease.setpoints > before + 2)
-        daemon.lose("other took the lease from me")
-        with pytest.raises(LeaseLostError, match="other took the lease from me"):
-            await flying
-
-
-def refused_setpoint(token):
-    """The event of a refused setpoint under our epoch."""
-    error = refuse(token, holder="me", name="x", detail="y", epoch=EPOCH, current=EPOCH + 1)
-    return CommandEvent(
-        stamp=CLOCK.stamp(),
-        key="setpoint/stick",
-        fields={"epoch": EPOCH},
-        status="denied",
-        token=error.token,
-        reason=error.reason,
-        fix=error.fix,
-        duration=None,
-    )
 
 
 async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more():
@@ -280,15 +192,6 @@ async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort():
         daemon.lose("it stands", outcome=Outcome.LANDED)
         await landing
         assert {each["after_abort"] for each in daemon.setpoints if each["sequence"] > before} == {3}
-
-
-async def test_a_flight_of_some_seconds_that_was_aborted_ends_with_that():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        holding = asyncio.create_task(lease.hold(seconds=0.5))
-        await wait_until(lambda: lease.is_engaged)
-        daemon.say(Phase.ABORTED, "aborted: enough", aborts=1)
-        with pytest.raises(ManoeuvreError, match="hold aborted: enough"):
-            await holding
 
 
 async def test_the_context_of_a_flight_takes_off_and_lands():

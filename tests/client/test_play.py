@@ -13,8 +13,8 @@ import zenoh
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client import connect
-from mkdaemon.client.player import FASTEST, Pace, Player, open_player_session
-from mkdaemon.client.playselection import Lateness, PlayKey, Selection, check_name, play_key
+from mkdaemon.client.player import FASTEST, Player, PlayPace, open_player_session
+from mkdaemon.client.playselection import Lateness, PlayKey, PlaySelection, check_name, play_key
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.record.entry import Kind
@@ -54,7 +54,7 @@ def everything():
 
 
 def test_time_of_the_recording_follows_speed_pause_and_steps():
-    pace = Pace(2.0, 100.0, 0.0)
+    pace = PlayPace(2.0, 100.0, 0.0)
     assert pace.wait(104.0, 0.0) == 2.0
     pace.toggle(1.0)
     assert pace.wait(104.0, 50.0) is None
@@ -157,8 +157,8 @@ class Listener:
 async def played(name=None, alive=None, speed=1000.0):
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(Listed(everything), name)
-        player = Player(session, selection, Pace(speed, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(Listed(everything), name)
+        player = Player(session, selection, PlayPace(speed, selection.first, 0.0), "fc_sticks.mcap")
         with client(endpoint) as watcher:
             token = None if alive is None else watcher.liveliness().declare_token(f"mk/{alive}/alive")
             listener = Listener(watcher, f"{'replay/t' if name is None else f'mk/{name}'}/**")
@@ -188,8 +188,8 @@ async def test_a_name_that_a_live_daemon_has_is_refused():
 async def test_what_was_not_put_is_counted():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS), None)
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), None)
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
         player.adjust(lambda pace, now: pace.step(now))
         task = asyncio.create_task(player.play())
         await wait_until(lambda: player.sent.total == 1, 5.0)
@@ -203,8 +203,8 @@ async def test_what_was_not_put_is_counted():
 async def test_a_player_that_is_cancelled_ends_at_once():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS), None)
-        player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), None)
+        player = Player(session, selection, PlayPace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
         task = asyncio.create_task(player.play())
         await wait_until(lambda: player.sent.total > 0, 5.0)
         task.cancel()
@@ -216,8 +216,8 @@ async def test_a_player_that_is_cancelled_ends_at_once():
 async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
         with client(endpoint) as other:
             task = asyncio.create_task(player.play())
             await wait_until(lambda: player.sent.total > 0, 5.0)
@@ -227,8 +227,8 @@ async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
 
 async def halfway(endpoint, session, name="show"):
     """A player that has put half of a recording under a name, and pauses."""
-    selection = Selection.of(RecordedSamples(STICKS), name)
-    player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+    selection = PlaySelection.of(RecordedSamples(STICKS), name)
+    player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
     playing = asyncio.create_task(player.play())
     for _ in range(selection.total // 2):
         player.adjust(lambda pace, now: pace.step(now))
@@ -265,8 +265,8 @@ async def test_what_was_recorded_before_the_beginning_is_known():
     third = recorded[-3].base.file_time(recorded[-3].received)
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS, first=third), "show")
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS, first=third), "show")
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
         playing = asyncio.create_task(player.play())
         player.adjust(lambda pace, now: pace.step(now))
         await wait_until(lambda: player.sent.total == 1)
@@ -280,8 +280,8 @@ async def test_what_was_recorded_before_the_beginning_is_known():
 async def test_another_place_is_known_as_if_it_had_been_played_up_to_there():
     recorded, endpoint = list(samples()), free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
         playing = asyncio.create_task(player.play(stays=True))
         with player.answering():
             async with connect("show", endpoint) as uav:
@@ -314,8 +314,8 @@ async def test_another_place_is_known_as_if_it_had_been_played_up_to_there():
 
 async def test_at_the_end_a_viewer_can_go_back():
     async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
         playing = asyncio.create_task(player.play(stays=True))
         await wait_until(lambda: player.status().state is PlayState.ENDED)
         assert (player.sent.total, player.missing) == (selection.total, {})
@@ -329,8 +329,8 @@ async def test_at_the_end_a_viewer_can_go_back():
 async def test_who_asks_is_an_audience_too():
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "fc_sticks.mcap")
         with player.answering():
             waiting = asyncio.create_task(player.wait_for_subscribers())
             await asyncio.sleep(0)
@@ -342,8 +342,8 @@ async def test_who_asks_is_an_audience_too():
 
 async def test_a_player_that_waits_can_be_stopped():
     async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "fc_sticks.mcap")
         waiting = asyncio.create_task(player.wait_for_subscribers())
         await asyncio.sleep(0)
         player.stop()
@@ -362,8 +362,8 @@ async def test_what_fails_while_it_reads_ends_playing():
             raise OSError(5, "Input/output error")
 
     async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = Selection.of(Listed(broken), None)
-        player = Player(session, selection, Pace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(Listed(broken), None)
+        player = Player(session, selection, PlayPace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
         with pytest.raises(OSError, match="Input/output error"):
             await player.play()
 
@@ -379,7 +379,7 @@ def test_lateness_is_counted_in_steps():
 
 def test_a_recording_without_values_is_nothing_to_play():
     with pytest.raises(MkError, match="nothing to play"):
-        Selection.of(RecordedSamples(STICKS, keys=("no/such",)), None)
+        PlaySelection.of(RecordedSamples(STICKS, keys=("no/such",)), None)
 
 
 def test_days_of_silence_are_told_and_not_waited_for():
@@ -391,4 +391,4 @@ def test_days_of_silence_are_told_and_not_waited_for():
     with pytest.raises(
         MkError, match=r"nothing was recorded for 216 hours .* --to 2025-10-09T\S+Z, .* --from 2025-10-18T"
     ):
-        Selection.of(Listed(entries), None)
+        PlaySelection.of(Listed(entries), None)

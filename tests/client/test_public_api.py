@@ -12,8 +12,8 @@ import mkdaemon.client as client
 def test_the_exports_are_pinned():
     assert client.__all__ == [
         "Answer",
+        "LastValue",
         "Lease",
-        "Reading",
         "Sample",
         "Stream",
         "Vehicle",

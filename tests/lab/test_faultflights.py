@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import asdict
 
 import pytest
 
+from lab.campaign import Ending
 from lab.control.expectations import Expectation
-from lab.control.faultflights import Drawn, End, FaultFlight, fly_one, judge, sum_up
+from lab.control.faultflights import Drawn, FaultFlight, fly_one, judge, sum_up
 from lab.control.faultrig import FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight
@@ -16,10 +18,10 @@ from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.limiter import StickCounts
 
 
-@pytest.mark.parametrize(("seed", "end"), [(5, End.RELEASED), (2, End.LANDED)])
+@pytest.mark.parametrize(("seed", "end"), [(5, Ending.RELEASED), (2, Ending.FINISHED)])
 def test_a_flight_with_faults_ends_as_the_table_says(seed, end):
     flight = fly_one(seed)
-    assert (flight.end, flight.violations) == (end, {})
+    assert (flight.ending, flight.violations) == (end, {})
     assert flight.frames > 100
 
 
@@ -33,24 +35,24 @@ def drawn(reason="", within=math.inf):
 
 
 def test_a_release_must_be_explained_and_in_time(rig):
-    assert judge(rig, ()) == (End.WRONG, "it never began")
+    assert judge(rig, ()) == (Ending.WRONG, "it never began")
     rig.outcome.engaged = True
-    assert judge(rig, ())[0] is End.HELD
-    assert judge(rig, drawn("gone", 0.5))[0] is End.WRONG
+    assert judge(rig, ())[0] is Ending.HELD
+    assert judge(rig, drawn("gone", 0.5))[0] is Ending.WRONG
     rig.outcome.released, rig.outcome.reason = 6.5, "client is gone"
-    assert judge(rig, drawn("gone", 0.5))[0] is End.RELEASED
-    assert judge(rig, drawn("gone", 0.1))[0] is End.WRONG
-    assert judge(rig, drawn("something else"))[0] is End.WRONG
+    assert judge(rig, drawn("gone", 0.5))[0] is Ending.RELEASED
+    assert judge(rig, drawn("gone", 0.1))[0] is Ending.WRONG
+    assert judge(rig, drawn("something else"))[0] is Ending.WRONG
 
 
 @pytest.mark.parametrize(
     ("reason", "stood", "aside", "end"),
     [
-        ("landed on pad", True, 0.1, End.LANDED),
-        ("landed on pad", False, 0.1, End.WRONG),
-        ("landed on pad", True, 0.5, End.WRONG),
-        ("came down, but nothing shows", True, 2.0, End.RELEASED),
-        ("came down, but nothing shows", False, 2.0, End.WRONG),
+        ("landed on pad", True, 0.1, Ending.FINISHED),
+        ("landed on pad", False, 0.1, Ending.WRONG),
+        ("landed on pad", True, 0.5, Ending.WRONG),
+        ("came down, but nothing shows", True, 2.0, Ending.RELEASED),
+        ("came down, but nothing shows", False, 2.0, Ending.WRONG),
     ],
 )
 def test_a_landing_is_one_where_the_feet_stand_on_the_target(rig, reason, stood, aside, end):
@@ -61,16 +63,16 @@ def test_a_landing_is_one_where_the_feet_stand_on_the_target(rig, reason, stood,
 
 def test_a_client_without_setpoints_is_explained_by_why_they_were_refused(rig):
     rig.outcome.engaged, rig.outcome.released, rig.outcome.reason = True, 6.5, "no setpoint from lab for 1.00 s"
-    assert judge(rig, drawn("a fresh image of"))[0] is End.WRONG
+    assert judge(rig, drawn("a fresh image of"))[0] is Ending.WRONG
     rig.outcome.refused = "land cannot begin now; it needs a fresh image of pad: the last is 0.27 s old"
-    assert judge(rig, drawn("a fresh image of"))[0] is End.RELEASED
+    assert judge(rig, drawn("a fresh image of"))[0] is Ending.RELEASED
     rig.outcome.reason = "the link is down"
-    assert judge(rig, drawn("a fresh image of"))[0] is End.WRONG
+    assert judge(rig, drawn("a fresh image of"))[0] is Ending.WRONG
 
 
 def test_an_aircraft_that_is_lost_under_control_is_lost(rig):
     rig.outcome.engaged, rig.record.lost = True, "crashed"
-    assert judge(rig, ()) == (End.LOST, "crashed")
+    assert judge(rig, ()) == (Ending.LOST, "crashed")
 
 
 @pytest.mark.parametrize(
@@ -101,15 +103,18 @@ def test_a_jump_of_the_sticks_and_a_frame_after_the_release_are_found(rig):
 
 
 def test_the_sum_counts_every_end_and_every_broken_rule():
-    good = FaultFlight(1, ("blind",), End.LANDED, "landed on pad", 10, {})
-    bad = FaultFlight(2, ("gust",), End.LOST, "left at 3.2 s", 10, {"slew": 2})
-    figures = sum_up([good, bad, good], 1.0)
-    assert figures["faults_ends"]["landed"] == 2
-    assert not figures["faults_ends"]["holds"]
+    good = asdict(FaultFlight(1, ("blind",), Ending.FINISHED, "landed on pad", 10, {}))
+    bad = asdict(FaultFlight(2, ("gust",), Ending.LOST, "left at 3.2 s", 10, {"slew": 2}))
+    released = asdict(FaultFlight(3, ("blind",), Ending.RELEASED, "no image", 10, {}))
+    figures = sum_up([good, bad, good, released])
+    ends = figures["faults_ends"]
+    assert (ends["finished"], ends["released"], ends["lost"]) == (2, 1, 1)
+    assert ends["unfinished"] == ["2: lost: left at 3.2 s"]
+    assert not ends["holds"]
     assert figures["faults_frames"]["violations"] == Counter(slew=2)
-    assert figures["faults_drawn"]["blind"] == 2
+    assert figures["faults_drawn"]["blind"] == 3
     assert figures["faults_reasons"]["left at # s"] == 1
-    assert sum_up([good], 1.0)["faults_ends"]["holds"]
+    assert sum_up([good, released])["faults_ends"]["holds"]
 
 
 def test_every_fault_can_be_drawn():

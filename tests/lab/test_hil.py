@@ -20,7 +20,6 @@ from lab.hil.eeprom import SETTINGS, _checksum, _is_set
 from lab.hil.flights import Flown, Setting, config_of, figures
 from lab.hil.main import main
 from lab.hil.quiet import aside
-from lab.hil.results import Results
 from lab.hil.scenes import VOLTAGES, setting_of, summary
 from lab.hil.triggers import Flight, missed, story_figures
 from mkdaemon.errors import ConfigError
@@ -204,23 +203,6 @@ def _varied(setting):
     return setting.voltage, setting.has_compass, setting.yaw
 
 
-def test_flights_are_kept_as_they_end_and_a_run_goes_on(tmp_path):
-    path = tmp_path / "genuine.json"
-    key = {"board": "simulated", "line": "cable", "seed": 7}
-    Results(path).add("scenes", {**key, "hold_cm": 2.123456, "told": math.inf, "lost": []})
-    kept = Results(path)
-    assert kept.has("scenes", key)
-    assert not kept.has("triggers", key)
-    assert not kept.has("scenes", key | {"seed": 8})
-    assert kept.rows["scenes"][0]["hold_cm"] == 2.1235
-    assert kept.rows["scenes"][0]["told"] is None
-    kept.add("triggers", key)
-    assert Results(path).has("triggers", key)
-    path.write_text("[]")
-    with pytest.raises(ConfigError, match="no results of lab hil"):
-        Results(path)
-
-
 def test_a_copy_goes_on_and_changes_nothing_here(capfd):
     told = run_virtually(_copied())
     assert told == [{"at": 2.0}, None, 1.0]
@@ -313,8 +295,8 @@ def test_a_flight_that_never_began_is_refused():
 
 def test_endings_and_counts_are_summed_and_a_release_fails(capsys):
     counted = {"sticks_sent": 100, "sticks_in_memory": 98, "sticks_obeyed": 98, "requests_sent": 4, "warnings": []}
-    good = counted | {"board": "fc", "line": "cable", "seed": 1, "ending": "finished", "reason": "landed on pad"}
-    bad = good | {"seed": 2, "ending": "released", "reason": "no image of pad for 3.0 s"}
+    good = counted | {"board": "fc", "line": "cable", "seed": 1, "ending": "finished", "why": "landed on pad"}
+    bad = good | {"seed": 2, "ending": "released", "why": "no image of pad for 3.0 s"}
     summed = endings.summed([good, bad])
     assert (summed["finished"], summed["released"], summed["sticks_sent"], summed["sticks_in_memory"]) == (
         1,

@@ -17,10 +17,10 @@ from mkdaemon.gateways.ros2 import diagnostics
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import LEVELS
 from mkdaemon.telemetry.tone import Tone
-from mkdaemon.view.page.picture import Picture as Page
+from mkdaemon.view.page.picture import VehiclePicture as Page
 from mkdaemon.view.report.verdict import head_of
 from mkdaemon.view.top.fleetboard import FleetBoard
-from mkdaemon.view.top.panels import ROWS, Board
+from mkdaemon.view.top.panels import ROWS, VehicleBoard
 from tests.gateways.mavlink.rig import Ears, FakeVehicle
 from tests.gateways.ros2.bagtypes import scene
 from tests.reading.situations import AT, SITUATIONS
@@ -55,7 +55,7 @@ def test_status_begins_with_it(situation):
 
 
 def test_top_begins_with_it_on_24_rows(situation):
-    board, picture = Board("mk1"), picture_of(situation)
+    board, picture = VehicleBoard("mk1"), picture_of(situation)
     for key, value in situation.values.items():
         board.take(key, value, value.stamp.monotonic)
     rows = ["".join(text for text, _ in row) for row in board.rows(NOW)]

@@ -16,10 +16,11 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase, nanoseconds, seconds
+from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter, View
+from mkdaemon.stamp import nanoseconds, seconds
 from tests.record.support import BASE, SESSION, sample
 
 

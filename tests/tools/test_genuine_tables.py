@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lab.hil.results import Results
+from lab.campaign import Results, plain
 from tools.genuine_tables import PLACE, RESULTS, genuine_page, triggers_page
 
 
@@ -20,11 +20,11 @@ def tree(tmp_path):
     results = Results(tmp_path / RESULTS)
     about = {"line": "cable", "seed": 7, "voltage": 14.8, "compass": True, "lost": []}
     late = "/dev/x: degraded: fc attitude is overdue"
-    results.add("scenes", about | {"board": "fork", "hold_cm": 2.0, "light_cm": 9.0, "warnings": [late, late]})
-    results.add("scenes", about | {"board": "simulated", "hold_cm": 3.0, "lost": ["fell"], "warnings": []})
+    results.add("hil scenes", {}, about | {"board": "fork", "hold_cm": 2.0, "light_cm": 9.0, "warnings": [late, late]})
+    results.add("hil scenes", {}, about | {"board": "simulated", "hold_cm": 3.0, "lost": ["fell"], "warnings": []})
     for level in (0.3, float("inf")):
         found = {"level": level, "released": 1.0, "missed": []}
-        results.add("triggers", {"board": "fork", "stories": {"client_frozen": found}})
+        results.add("hil triggers", {}, plain({"board": "fork", "stories": {"client_frozen": found}}))
     return tmp_path
 
 

@@ -27,7 +27,7 @@ SLOW = re.compile(r"mark\.(flight|alone|real_time|gateways|browser)|\bhypothesis
 """Marks of a test file that takes long; no table needs it."""
 COPIED = ("src", "tests", "tools", "lab", "docs", "configs", "examples", "pyproject.toml", "README.md")
 STEP = re.compile(
-    r"^In `(?P<path>[^`]+)`, (?P<where>at the end|above|in place of|new file)(?: `(?P<anchor>[^`]+)`)?:\n\n```python\n"
+    r"^In `(?P<path>[^`]+)`, (?P<where>at the end|above|in place of|new file)(?:\s`(?P<anchor>[^`]+)`)?:\n\n```python\n"
     r"(?P<code>.*?)^```$",
     re.DOTALL | re.MULTILINE,
 )
@@ -178,7 +178,7 @@ def files_that_read_tables() -> list[str]:
 
 
 def test_the_page_has_a_recipe_for_everything_that_is_often_added():
-    names = ["a message", "a key", "a configuration key", "a verb", "a check", "a manoeuvre"]
+    names = ["a message", "a key", "a configuration key", "a verb", "a check", "a manoeuvre", "a campaign"]
     assert [recipe.name for recipe in RECIPES] == [f"Add {name}" for name in names]
     assert all(recipe.steps and recipe.commands for recipe in RECIPES)
 

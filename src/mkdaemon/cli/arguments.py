@@ -24,8 +24,7 @@ def require_length(seconds: float | None, name: str) -> None:
         ConfigError: it is zero, negative, infinite or no number.
     """
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0.0):
-        msg = f"{name} {seconds:g}: give a number above 0"
-        raise ConfigError(msg)
+        raise ConfigError(f"{name} {seconds:g}: give a number above 0")
 
 
 def require_count(count: int | None, name: str) -> None:
@@ -35,5 +34,4 @@ def require_count(count: int | None, name: str) -> None:
         ConfigError: it is below 1.
     """
     if count is not None and count < 1:
-        msg = f"{name} {count}: give 1 or more"
-        raise ConfigError(msg)
+        raise ConfigError(f"{name} {count}: give 1 or more")

@@ -5,9 +5,13 @@ import _signal  # type: ignore[import-not-found]
 
 _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
 
+import os  # noqa: E402
 import sys  # noqa: E402
 
 from mkdaemon.cli.listing import asks_for_list, print_list  # noqa: E402
+
+# Pydantic looks through every installed package for a plugin; nothing here uses one.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 
 def mkdaemon() -> None:

@@ -9,13 +9,23 @@ from typing import Any
 from mkdaemon.cli.terminal import on_one_line
 
 
-def json_line(value: Mapping[str, Any]) -> str:
-    """One object on one line, in ASCII so that no terminal's encoding can harm it; bytes as hexadecimal."""
+def json_line(value: object) -> str:
+    """One value on one line, in ASCII so that no terminal's encoding can harm it; bytes as hexadecimal."""
     return json.dumps(value, default=_plain)
+
+
+def show(fields: object, words: str, *, as_json: bool) -> None:
+    """Print what a command found: one JSON value, or words."""
+    print(json_line(fields) if as_json else words)
 
 
 def _plain(value: object) -> object:
     return value.hex() if isinstance(value, bytes) else str(value)
+
+
+def picked(value: object, *names: str) -> dict[str, Any]:
+    """Some attributes of a value by their names; None each where there is no value."""
+    return {name: None if value is None else getattr(value, name) for name in names}
 
 
 def flat(fields: Mapping[str, Any]) -> str:

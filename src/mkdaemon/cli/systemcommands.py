@@ -15,7 +15,7 @@ NOT_FOUND: Final = 127
 """Exit code where there is no such command, as a shell has it."""
 
 
-class Answered(NamedTuple):
+class CommandOutput(NamedTuple):
     """What a command said.
 
     Attributes:
@@ -27,14 +27,14 @@ class Answered(NamedTuple):
     out: str
 
 
-def run_command(words: Sequence[str]) -> Answered:
+def run_command(words: Sequence[str]) -> CommandOutput:
     """Run a command of the system and return what it says; what hangs is ended."""
     if shutil.which(words[0]) is None:
-        return Answered(NOT_FOUND, "")
+        return CommandOutput(NOT_FOUND, "")
     try:
         done = subprocess.run(
             list(words), capture_output=True, text=True, errors="replace", check=False, timeout=PATIENCE
         )
     except (OSError, subprocess.TimeoutExpired):
-        return Answered(124, "")
-    return Answered(done.returncode, done.stdout)
+        return CommandOutput(124, "")
+    return CommandOutput(done.returncode, done.stdout)

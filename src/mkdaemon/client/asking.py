@@ -6,6 +6,7 @@ import asyncio
 import os
 import socket
 from collections.abc import AsyncIterator, Callable, Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from mkdaemon.client.answers import Answer
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from mkdaemon.telemetry.procedure import ProcedureProgress
 
+PROCEDURE_TIME: Final = 600.0
+"""Longest wait for the end of a procedure [s]; that of `telemetry.verbs`, which takes too long to be imported here."""
 PROGRESS: Final = "event/progress"
 """Key of the progress of every procedure."""
 
@@ -38,34 +41,43 @@ class Asking:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    async def ask(
-        self,
-        reply: type[_Reply],
-        verb: str,
-        fields: Mapping[str, Any],
-        patience: float,
-        *,
-        on_progress: OnProgress | None = None,
-        with_holder: bool = False,
-    ) -> _Reply:
+    async def ask(self, verb: str, reply: str, fields: Mapping[str, Any], patience: float) -> _Reply:
         """Ask for a verb, `do/<verb>`, and return its answer.
 
-        Leaving early (cancellation) ends the waiting, not a procedure; see `Vehicle.cancel`.
-
         Args:
-            reply: what the daemon answers.
             verb: its name.
+            reply: what the daemon answers, `module:Class` of `mkdaemon.telemetry`.
             fields: of its request; what is None is left out.
             patience: longest wait [s].
-            on_progress: called with every step of a procedure.
-            with_holder: the request names its client.
 
         Raises:
             CommandRejectedError: it was refused, or failed; says token, reason and fix.
             ProtocolError: the answer is none that this version knows.
             MkError: no daemon speaks for this vehicle.
         """
-        return (await self._ask(verb, fields, patience, on_progress, with_holder=with_holder)).as_a(reply)
+        return _as(reply, await self._ask(verb, fields, patience))
+
+    async def run(self, verb: str, reply: str, fields: Mapping[str, Any], on_progress: OnProgress | None) -> _Reply:
+        """Ask for a procedure, and return its answer at its end; see `ask`.
+
+        Leaving early (cancellation) ends the waiting, not the procedure; see `Vehicle.cancel`.
+
+        Args:
+            verb: its name.
+            reply: what the daemon answers.
+            fields: of its request; what is None is left out.
+            on_progress: called with every step.
+        """
+        if on_progress is None:
+            return _as(reply, await self._ask(verb, fields, PROCEDURE_TIME, with_holder=True))
+        async with self._transport.watch(PROGRESS) as samples:
+            following = asyncio.create_task(_follow(samples, verb, on_progress), name=f"progress of {verb}")
+            try:
+                answer = await self._ask(verb, fields, PROCEDURE_TIME, with_holder=True)
+            finally:
+                following.cancel()
+                await asyncio.gather(following, return_exceptions=True)
+        return _as(reply, answer)
 
     async def order(self, verb: str, fields: Mapping[str, Any], patience: float, *, with_holder: bool = False) -> None:
         """Ask for a verb that is answered with nothing; see `ask`.
@@ -75,34 +87,20 @@ class Asking:
             fields: of its request.
             patience: longest wait [s].
             with_holder: the request names its client.
-
-        Raises:
-            CommandRejectedError: it was refused, or failed.
-            MkError: no daemon speaks for this vehicle.
         """
-        (await self._ask(verb, fields, patience, None, with_holder=with_holder)).require()
+        (await self._ask(verb, fields, patience, with_holder=with_holder)).require()
 
-    async def _ask(
-        self,
-        verb: str,
-        fields: Mapping[str, Any],
-        patience: float,
-        on_progress: OnProgress | None,
-        *,
-        with_holder: bool,
-    ) -> Answer:
+    async def _ask(self, verb: str, fields: Mapping[str, Any], patience: float, *, with_holder: bool = False) -> Answer:
         asked = {"holder": client_name()} if with_holder else {}
         asked |= {name: value for name, value in fields.items() if value is not None}
-        if on_progress is None:
-            return await self._transport.command("do", verb, asked, patience=patience)
-        async with self._transport.watch(PROGRESS) as samples:
-            following = asyncio.create_task(_follow(samples, verb, on_progress), name=f"progress of {verb}")
-            try:
-                answer = await self._transport.command("do", verb, asked, patience=patience)
-            finally:
-                following.cancel()
-                await asyncio.gather(following, return_exceptions=True)
-        return answer
+        return await self._transport.command("do", verb, asked, patience=patience)
+
+
+def _as(reply: str, answer: Answer) -> _Reply:  # type: ignore[type-var]  # who calls says which
+    """An answer as a value of a class, whose module is imported when it is needed."""
+    module, _, name = reply.partition(":")
+    found: _Reply = answer.as_a(getattr(import_module(f"mkdaemon.telemetry.{module}"), name))
+    return found
 
 
 async def _follow(samples: AsyncIterator[Sample], verb: str, on_progress: OnProgress) -> None:

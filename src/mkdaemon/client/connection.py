@@ -37,8 +37,7 @@ async def connect(
     where = endpoint or os.environ.get("MK_CONNECT") or DEFAULT_ENDPOINT
     file = zenoh_file or (Path(given) if (given := os.environ.get("MK_ZENOH_FILE")) else None)
     if re.fullmatch(VEHICLE_NAME, name) is None:
-        msg = f"--vehicle {name!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"--vehicle {name!r}: a name has lower-case letters, digits, - and _")
     session = await open_session(session_config("client", connect=[where], zenoh_file=file))
     try:
         yield Vehicle(session, name, where)

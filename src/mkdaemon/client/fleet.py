@@ -28,7 +28,7 @@ ANSWER: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Sighting:
+class FleetSighting:
     """Somebody who is there.
 
     Attributes:
@@ -55,7 +55,7 @@ class Fleet:
         Args:
             through: any client at the endpoint.
         """
-        self.here: set[Sighting] = set()
+        self.here: set[FleetSighting] = set()
         self._through, self._session = through, through.session
         self._loop = asyncio.get_running_loop()
 
@@ -75,7 +75,7 @@ class Fleet:
             if received_vehicle(whole) is None:
                 return  # a token with a wildcard names no vehicle
             root, name, token = whole.split("/")
-            sighting = Sighting(name, root, token == "playing")
+            sighting = FleetSighting(name, root, token == "playing")
             is_here = sample.kind == zenoh.SampleKind.PUT
             with suppress(RuntimeError):  # the loop may be closing
                 self._loop.call_soon_threadsafe(self._seen, sighting, is_here, changed)
@@ -116,7 +116,7 @@ class Fleet:
 
         return Watch(self._session, expressions, read, Handover(self._loop))
 
-    def client(self, sighting: Sighting) -> Vehicle:
+    def client(self, sighting: FleetSighting) -> Vehicle:
         """A client of somebody who is there."""
         return Vehicle(self._session, sighting.name, self._through.endpoint, root=sighting.root)
 
@@ -147,7 +147,7 @@ class Fleet:
         except ValidationError as error:
             raise MkError(f"the player of {name} answers nothing that is known here: update mkdaemon") from error
 
-    def _seen(self, sighting: Sighting, is_here: bool, changed: Callable[[], None]) -> None:
+    def _seen(self, sighting: FleetSighting, is_here: bool, changed: Callable[[], None]) -> None:
         before = set(self.here)
         (self.here.add if is_here else self.here.discard)(sighting)
         if self.here != before:

@@ -97,8 +97,7 @@ class GroundTap:
             try:
                 session.declare_subscriber(expression, direct(arrive, self._drop))
             except zenoh.ZError as error:
-                msg = f"{expression!r} is no key expression: {error}"
-                raise ConfigError(msg) from error
+                raise ConfigError(f"{expression!r} is no key expression: {error}") from error
 
     def take(
         self,
@@ -263,8 +262,7 @@ async def record_ground(plan: GroundPlan) -> AsyncIterator[GroundRecording]:
     finally:
         is_done = await asyncio.to_thread(recording.thread.stop, CLOSING)
     if not is_done:
-        msg = f"{plan.folder}: the disk took nothing for {CLOSING:g} s; what was flushed is in the file"
-        raise MkError(msg)
+        raise MkError(f"{plan.folder}: the disk took nothing for {CLOSING:g} s; what was flushed is in the file")
 
 
 async def _connect(recording: GroundRecording, plan: GroundPlan, endpoint: str, sessions: AsyncExitStack) -> None:

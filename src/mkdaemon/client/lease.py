@@ -420,8 +420,7 @@ class Lease:
             if self.outcome is not Outcome.LANDED:
                 raise
             return
-        msg = f"not landed within {patience:g} s"
-        raise ManoeuvreError(msg)
+        raise ManoeuvreError(f"not landed within {patience:g} s")
 
 
 class Leases:

@@ -56,8 +56,7 @@ async def ask_locally(path: Path, verb: str, text: str = "") -> Answer:
                 await asyncio.sleep(RETRY)
         return Answer.from_fields(json.loads(line))
     except (OSError, TimeoutError, ValueError) as error:
-        msg = f"{path}: {getattr(error, 'strerror', None) or 'no answer'}"
-        raise MkError(msg) from error
+        raise MkError(f"{path}: {getattr(error, 'strerror', None) or 'no answer'}") from error
 
 
 async def _ask_once(path: Path, request: bytes) -> bytes:

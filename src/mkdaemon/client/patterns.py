@@ -32,8 +32,7 @@ def require_known(pattern: str) -> None:
         MkError: no key matches; names the nearest one.
     """
     if not is_known(pattern):
-        msg = f"no key matches {pattern!r}{did_you_mean(pattern)}"
-        raise MkError(msg)
+        raise MkError(f"no key matches {pattern!r}{did_you_mean(pattern)}")
 
 
 def is_known(pattern: str) -> bool:

@@ -45,6 +45,5 @@ def check_photo(
         raise MkError(f"{photo}: {error}") from None
     height, width = pixels.shape
     if intrinsics is not None and (intrinsics.width, intrinsics.height) != (width, height):
-        msg = f"{photo} is {width}x{height}, the calibration is for {intrinsics.width}x{intrinsics.height}"
-        raise ConfigError(msg)
+        raise ConfigError(f"{photo} is {width}x{height}, the calibration is for {intrinsics.width}x{intrinsics.height}")
     return check_print(pixels, targets[0], intrinsics, distance)

@@ -23,8 +23,7 @@ def small_jpeg(payload: bytes, width: int, quality: int = 75) -> bytes | None:
     try:
         from mkdaemon.vision.camera.imagecodec import encode_jpeg, unpack
     except ImportError:
-        msg = 'pictures of a camera need OpenCV: pip install "mkdaemon[vision]"'
-        raise ConfigError(msg) from None
+        raise ConfigError('pictures of a camera need OpenCV: pip install "mkdaemon[vision]"') from None
     try:
         _, pixels = unpack(payload)
         return encode_jpeg(pixels, quality, width)[0]

@@ -23,7 +23,7 @@ HOME: Final = "home"
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class AircraftPlace:
     """Where the aircraft is drawn.
 
     Attributes:
@@ -48,11 +48,11 @@ class Place:
         return self.stamp.monotonic
 
 
-def place_of_estimate(estimate: ControlEstimate, attitude: Attitude | None) -> Place:
+def place_of_estimate(estimate: ControlEstimate, attitude: Attitude | None) -> AircraftPlace:
     """The place that the flight core believes; level where no attitude is known."""
     roll, pitch = (0.0, 0.0) if attitude is None else (attitude.roll, attitude.pitch)
     variances = [axis[0] for axis in estimate.covariance] if estimate.covariance else np.square(estimate.position_sd)
-    return Place(
+    return AircraftPlace(
         np.array(estimate.position),
         rotation_from_euler(roll, pitch, estimate.yaw),
         estimate.target,
@@ -62,10 +62,10 @@ def place_of_estimate(estimate: ControlEstimate, attitude: Attitude | None) -> P
     )
 
 
-def place_of_pose(pose: VisionPose) -> Place:
+def place_of_pose(pose: VisionPose) -> AircraftPlace:
     """The place that a camera saw."""
     variances, axes = np.linalg.eigh(np.array(pose.covariance).reshape(6, 6)[:3, :3])
-    return Place(
+    return AircraftPlace(
         np.array(pose.position_target),
         rotation_from_quaternion(pose.quaternion_target_from_flu),
         pose.target,
@@ -75,9 +75,9 @@ def place_of_pose(pose: VisionPose) -> Place:
     )
 
 
-def place_of_gps(position: Position, attitude: Attitude) -> Place | None:
+def place_of_gps(position: Position, attitude: Attitude) -> AircraftPlace | None:
     """The place by GPS, its height by barometer; None until home is known."""
     if position.position_enu is None:
         return None
     turn = rotation_from_euler(attitude.roll, attitude.pitch, attitude.yaw)
-    return Place(np.array(position.position_enu), turn, HOME, "gps", None, position.stamp)
+    return AircraftPlace(np.array(position.position_enu), turn, HOME, "gps", None, position.stamp)

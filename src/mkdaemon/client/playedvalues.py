@@ -16,7 +16,7 @@ from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.bus.keys import Use, find
 from mkdaemon.bus.schema import schema_json, schema_names
-from mkdaemon.client.playselection import Played, Selection
+from mkdaemon.client.playselection import Played, PlaySelection
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -36,7 +36,7 @@ _QUERIES: Final = 64
 class PlayedValues:
     """The last values of what is played."""
 
-    def __init__(self, session: zenoh.Session, selection: Selection, place: Callable[[], float]) -> None:
+    def __init__(self, session: zenoh.Session, selection: PlaySelection, place: Callable[[], float]) -> None:
         """Know nothing yet.
 
         Args:

@@ -24,7 +24,7 @@ from mkdaemon.bus.names import REPLAY, ROOT, received_vehicle
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
-from mkdaemon.client.playselection import Played, PlayKey, ReadAhead, Selection, Sent
+from mkdaemon.client.playselection import Played, PlayedCounts, PlayKey, PlaySelection, ReadAhead
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayControl, PlayState, PlayStatus
 
@@ -32,7 +32,7 @@ SLOWEST: Final = 1 / 64
 FASTEST: Final = 1024.0
 
 
-class Pace:
+class PlayPace:
     """Turns times of a recording into times at which they are played.
 
     Attributes:
@@ -151,10 +151,10 @@ class Player:
         was_sought: somebody asked for another place, so what was put is no whole recording.
     """
 
-    def __init__(self, session: zenoh.Session, selection: Selection, pace: Pace, title: str) -> None:
+    def __init__(self, session: zenoh.Session, selection: PlaySelection, pace: PlayPace, title: str) -> None:
         """Prepare; `play` does the work."""
         self.pace = pace
-        self.sent = Sent()
+        self.sent = PlayedCounts()
         self.rounds = 0
         self.was_sought = False
         self._session, self._selection, self._title = session, selection, title
@@ -255,7 +255,7 @@ class Player:
             self._publishers[key] = self._session.declare_publisher(key.whole, congestion_control=block)
         async with self._watching_daemons(), self._reporting():
             while not self._is_stopped:
-                self.sent = Sent()
+                self.sent = PlayedCounts()
                 await self._put_in_thread(stays and not loops)
                 self._refuse(self._found)
                 self.rounds += not self._is_stopped
@@ -270,7 +270,7 @@ class Player:
             self._turn.notify()
         self._watched.set()
 
-    def adjust(self, change: Callable[[Pace, float], object]) -> None:
+    def adjust(self, change: Callable[[PlayPace, float], object]) -> None:
         """Change the pace.
 
         Args:

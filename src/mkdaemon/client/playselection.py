@@ -21,7 +21,8 @@ from mkdaemon.bus.names import REPLAY, ROOT
 from mkdaemon.client.playsource import Choice, PlaySource, Progress
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import NANOSECONDS, Entry, nanoseconds
+from mkdaemon.record.entry import Entry
+from mkdaemon.stamp import NANOSECONDS, nanoseconds
 
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
 _HANDS: Final = "joy/"
@@ -48,8 +49,7 @@ class PlayKey:
         """
         suffix = shown_suffix(self.whole)
         if suffix is None:
-            msg = f"{self.whole} is no key of published values: a player cannot put it"
-            raise ValueError(msg)
+            raise ValueError(f"{self.whole} is no key of published values: a player cannot put it")
 
 
 def shown_suffix(whole: str) -> str | None:
@@ -81,8 +81,7 @@ def check_name(name: str | None) -> None:
         ConfigError: it cannot.
     """
     if name is not None and re.fullmatch(VEHICLE_NAME, name) is None:
-        msg = f"--as {name!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"--as {name!r}: a name has lower-case letters, digits, - and _")
 
 
 AHEAD: Final = 256
@@ -138,7 +137,7 @@ class Lateness:
 
 
 @dataclass(slots=True)
-class Sent:
+class PlayedCounts:
     """What was put.
 
     Attributes:
@@ -171,7 +170,7 @@ class Played(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
+class PlaySelection:
     """Which part of a recording is played, and as what.
 
     Attributes:
@@ -192,7 +191,7 @@ class Selection:
     _source: PlaySource
 
     @classmethod
-    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> Selection:
+    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> PlaySelection:
         """Look through a recording once.
 
         Args:

@@ -56,8 +56,7 @@ class Sample:
         """
         carried = _schema_at(self.suffix)
         if carried is not None and self.schema != carried:
-            msg = f"{self.suffix} carries {self.schema}, no {carried}; update mkdaemon here or there"
-            raise ProtocolError(msg)
+            raise ProtocolError(f"{self.suffix} carries {self.schema}, no {carried}; update mkdaemon here or there")
         return typed_value(self.schema, self.fields)
 
     @property
@@ -132,8 +131,7 @@ def message_from(schema: str | None, fields: Mapping[str, Any]) -> WireMessage:
     cls = _messages().get((schema or "").partition(".")[0])
     if cls is None or cls.model_fields.keys() != fields.keys():
         what = ", ".join(fields) or "empty"
-        msg = f"the daemon answers with {schema} ({what}), unknown here; update mkdaemon here or there"
-        raise ProtocolError(msg)
+        raise ProtocolError(f"the daemon answers with {schema} ({what}), unknown here; update mkdaemon here or there")
     # Not validated: what a board says may be outside the limits of what may be sent.
     return cls.decode(cls.model_construct(**{name: _plain(value) for name, value in fields.items()}).encode())
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 ALL_SLOTS: Final = (1, 2, 3, 4, 5)
 
 
-class Settings(SettingsVerbs):
+class VehicleSettings(SettingsVerbs):
     """Parameter sets: read, compare, change and restore. The motors must be off, and no client may hold the lease."""
 
     async def backup_to(

@@ -48,8 +48,7 @@ def check_target(target: Path, slots: Sequence[int], *, overwrite: bool = False)
     if target.suffix.lower() in _SUFFIXES:
         refuse_existing(target, overwrite=overwrite)
         if len(slots) > 1 and len(slots) < _ALL:
-            msg = f"{target}: one file holds one set, not {len(slots)}; name a folder"
-            raise ConfigError(msg)
+            raise ConfigError(f"{target}: one file holds one set, not {len(slots)}; name a folder")
         return tuple(slots) if len(slots) == 1 else ()
     if target.is_file() or (target.is_dir() and any(target.glob("set*")) and not overwrite):
         msg = f"{target}: holds something already; choose another folder, a file ending in .toml or .json, or --force"
@@ -74,8 +73,7 @@ def write_backup(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder}: cannot be made ({error.strerror}); choose another place"
-        raise MkError(msg) from error
+        raise MkError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
     for slot in sorted(slots):
         content = SettingsFile(ParameterSet.from_payload(raw[slot]), slot, found.firmware, saved)
         path = target if is_file else target / f"set{slot}.toml"
@@ -94,8 +92,7 @@ def read_sets(source: Path) -> dict[int, SetSource]:
     if source.is_dir():
         paths = sorted(path for path in source.iterdir() if path.suffix.lower() in _SUFFIXES)
         if not paths:
-            msg = f"{source}: no .toml or .json file in this folder; name the folder of a backup"
-            raise ConfigError(msg)
+            raise ConfigError(f"{source}: no .toml or .json file in this folder; name the folder of a backup")
     else:
         paths = [source]
     sets: dict[int, SetSource] = {}
@@ -103,17 +100,14 @@ def read_sets(source: Path) -> dict[int, SetSource]:
         try:
             content = SettingsFile.parse(read_text(path, limit=LONGEST_SETTINGS))
         except OSError as error:
-            msg = f"{path}: cannot be read ({error.strerror}); check the name"
-            raise ConfigError(msg) from error
+            raise ConfigError(f"{path}: cannot be read ({error.strerror}); check the name") from error
         except UnicodeDecodeError as error:
             msg = f"{path}: not text (byte {error.start}); name a file that `mkctl settings backup` wrote"
             raise ConfigError(msg) from error
         except ProtocolError as error:
-            msg = f"{path}: {error}"
-            raise ConfigError(msg) from error
+            raise ConfigError(f"{path}: {error}") from error
         if content.slot in sets:
-            msg = f"{path}: slot {content.slot} is also in {sets[content.slot].name}; keep one of them"
-            raise ConfigError(msg)
+            raise ConfigError(f"{path}: slot {content.slot} is also in {sets[content.slot].name}; keep one of them")
         sets[content.slot] = SetSource(content.parameters, str(path))
     return sets
 

@@ -20,7 +20,7 @@ _WILD: Final = frozenset("*$?#/")
 
 
 @dataclass(frozen=True, slots=True)
-class Reading(Generic[_Value]):
+class LastValue(Generic[_Value]):
     """A last value.
 
     Attributes:
@@ -76,7 +76,7 @@ class Stream(Generic[_Value]):
         async with self._watch(backlog) as samples:
             yield self._typed(samples, silence)
 
-    async def latest(self, *, patience: float = 3.0) -> Reading[_Value] | None:
+    async def latest(self, *, patience: float = 3.0) -> LastValue[_Value] | None:
         """Ask the daemon for the last value; None where nothing was published yet.
 
         Args:
@@ -87,7 +87,7 @@ class Stream(Generic[_Value]):
             ProtocolError: the value is none that this version knows.
         """
         sample = await self._transport.get(self.suffix, patience=patience)
-        return None if sample is None else Reading(self._read(sample), sample.age or 0.0)
+        return None if sample is None else LastValue(self._read(sample), sample.age or 0.0)
 
     async def until(self, condition: Callable[[_Value], bool], *, patience: float) -> _Value:
         """Wait for a value that meets a condition, and return it; only values that come from now on count.

@@ -223,8 +223,7 @@ class Transport:
             return zenoh.KeyExpr(self._key(self._suffix(pattern)))
         except zenoh.ZError as error:
             why = str(error).partition(" at /")[0].rpartition("`: ")[2]
-            msg = f"{pattern!r} is no key: {why}"
-            raise MkError(msg) from error
+            raise MkError(f"{pattern!r} is no key: {why}") from error
 
     async def _query(
         self, suffix: str, payload: bytes, patience: float, parameters: Mapping[str, str] = MappingProxyType({})

@@ -13,7 +13,7 @@ from mkdaemon.client.lease import TAKING_OFF, Lease, Leases
 from mkdaemon.client.navi import Navi
 from mkdaemon.client.records import Records
 from mkdaemon.client.samples import Sample, message_from
-from mkdaemon.client.settings import Settings
+from mkdaemon.client.settings import VehicleSettings
 from mkdaemon.client.summary import VehicleStatus
 from mkdaemon.client.verbcalls import VerbCalls
 from mkdaemon.errors import MkError, ProtocolError
@@ -45,7 +45,7 @@ class Vehicle(VerbCalls):
         super().__init__(session, vehicle, endpoint)
         self._root = root
         self.lease = Leases(self)
-        self.settings: Settings = Settings(self)
+        self.settings: VehicleSettings = VehicleSettings(self)
         self.navi: Navi = Navi(self)
         self.records: Records = Records(self)
 
@@ -172,6 +172,5 @@ class Vehicle(VerbCalls):
         found = message_from(answer.reply_type, reply) if answer.reply_type else None
         if expect is not None and not isinstance(found, expect):
             name = "nothing" if found is None else type(found).__name__
-            msg = f"{board.word} answers {message.spec.key} with {name}, not {expect.__name__}"
-            raise ProtocolError(msg)
+            raise ProtocolError(f"{board.word} answers {message.spec.key} with {name}, not {expect.__name__}")
         return found

@@ -54,11 +54,7 @@ class SettingsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import SettingsBackup
-
-        return await self.ask(
-            SettingsBackup, "settings_backup", {"slots": slots}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("settings_backup", "settings:SettingsBackup", {"slots": slots}, on_progress)
 
     async def compare(self, sets: Sequence[StoredSet], *, on_progress: OnProgress | None = None) -> SettingsComparison:
         """Compare parameter sets with those of the FlightCtrl.
@@ -72,11 +68,7 @@ class SettingsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import SettingsComparison
-
-        return await self.ask(
-            SettingsComparison, "settings_compare", {"sets": sets}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("settings_compare", "settings:SettingsComparison", {"sets": sets}, on_progress)
 
     async def restore(
         self,
@@ -99,15 +91,11 @@ class SettingsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import SettingsRestoration
-
-        return await self.ask(
-            SettingsRestoration,
+        return await self.run(
             "settings_restore",
+            "settings:SettingsRestoration",
             {"confirm": confirm, "sets": sets, "dry_run": dry_run},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+            on_progress,
         )
 
     async def write(
@@ -131,15 +119,11 @@ class SettingsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import SettingsRestoration
-
-        return await self.ask(
-            SettingsRestoration,
+        return await self.run(
             "settings_write",
+            "settings:SettingsRestoration",
             {"confirm": confirm, "slot": slot, "values": values, "dry_run": dry_run},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+            on_progress,
         )
 
     async def recover(
@@ -159,15 +143,8 @@ class SettingsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import OwedSets
-
-        return await self.ask(
-            OwedSets,
-            "settings_recover",
-            {"confirm": confirm, "action": action},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+        return await self.run(
+            "settings_recover", "settings:OwedSets", {"confirm": confirm, "action": action}, on_progress
         )
 
 
@@ -195,15 +172,11 @@ class WaypointsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import WaypointsStored
-
-        return await self.ask(
-            WaypointsStored,
+        return await self.run(
             "waypoints_upload",
+            "mission:WaypointsStored",
             {"in_flight": in_flight, "points": points, "source": source, "allow_unusual": allow_unusual},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+            on_progress,
         )
 
     async def read(self, *, on_progress: OnProgress | None = None) -> WaypointList:
@@ -215,9 +188,7 @@ class WaypointsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import WaypointList
-
-        return await self.ask(WaypointList, "waypoints_read", {}, 600, on_progress=on_progress, with_holder=True)
+        return await self.run("waypoints_read", "mission:WaypointList", {}, on_progress)
 
     async def verify(
         self, points: Sequence[MissionPoint], *, on_progress: OnProgress | None = None
@@ -233,11 +204,7 @@ class WaypointsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import WaypointsComparison
-
-        return await self.ask(
-            WaypointsComparison, "waypoints_verify", {"points": points}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("waypoints_verify", "mission:WaypointsComparison", {"points": points}, on_progress)
 
     async def clear(self, *, in_flight: bool = False, on_progress: OnProgress | None = None) -> WaypointsStored:
         """Empty the NaviCtrl's list and see that it is empty.
@@ -249,11 +216,7 @@ class WaypointsVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import WaypointsStored
-
-        return await self.ask(
-            WaypointsStored, "waypoints_clear", {"in_flight": in_flight}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("waypoints_clear", "mission:WaypointsStored", {"in_flight": in_flight}, on_progress)
 
 
 class RouteVerbs(Asking):
@@ -269,11 +232,7 @@ class RouteVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import RouteStarted
-
-        return await self.ask(
-            RouteStarted, "route_start", {"confirm": confirm}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("route_start", "mission:RouteStarted", {"confirm": confirm}, on_progress)
 
     async def end(self, *, confirm: bool = False, on_progress: OnProgress | None = None) -> WaypointsStored:
         """Empty the list, in flight too.
@@ -287,11 +246,7 @@ class RouteVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.mission import WaypointsStored
-
-        return await self.ask(
-            WaypointsStored, "route_end", {"confirm": confirm}, 600, on_progress=on_progress, with_holder=True
-        )
+        return await self.run("route_end", "mission:WaypointsStored", {"confirm": confirm}, on_progress)
 
 
 class NaviVerbs(Asking):
@@ -323,15 +278,11 @@ class NaviVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.navi import NaviTarget
-
-        return await self.ask(
-            NaviTarget,
+        return await self.run(
             "navi_goto",
+            "navi:NaviTarget",
             {"confirm": confirm, "position": position, "heading_deg": heading_deg, "radius": radius, "hold": hold},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+            on_progress,
         )
 
 
@@ -347,9 +298,7 @@ class MixerVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import MixerTable
-
-        return await self.ask(MixerTable, "mixer_read", {}, 600, on_progress=on_progress, with_holder=True)
+        return await self.run("mixer_read", "settings:MixerTable", {}, on_progress)
 
     async def write(
         self, name: str, motors: Sequence[int], *, confirm: bool = False, on_progress: OnProgress | None = None
@@ -367,15 +316,8 @@ class MixerVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import MixerTable
-
-        return await self.ask(
-            MixerTable,
-            "mixer_write",
-            {"confirm": confirm, "name": name, "motors": motors},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+        return await self.run(
+            "mixer_write", "settings:MixerTable", {"confirm": confirm, "name": name, "motors": motors}, on_progress
         )
 
 
@@ -392,16 +334,7 @@ class MotorControllersVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import MotorControllers
-
-        return await self.ask(
-            MotorControllers,
-            "motor_controllers_read",
-            {"motors": motors},
-            600,
-            on_progress=on_progress,
-            with_holder=True,
-        )
+        return await self.run("motor_controllers_read", "settings:MotorControllers", {"motors": motors}, on_progress)
 
     async def write(
         self,
@@ -432,11 +365,9 @@ class MotorControllersVerbs(Asking):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.settings import MotorControllers
-
-        return await self.ask(
-            MotorControllers,
+        return await self.run(
             "motor_controllers_write",
+            "settings:MotorControllers",
             {
                 "confirm": confirm,
                 "motor": motor,
@@ -447,9 +378,7 @@ class MotorControllersVerbs(Asking):
                 "reverse": reverse,
                 "save": save,
             },
-            600,
-            on_progress=on_progress,
-            with_holder=True,
+            on_progress,
         )
 
 
@@ -493,9 +422,7 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.control import ReleaseReport
-
-        return await self._asking.ask(ReleaseReport, "release", {"reason": reason}, 15)
+        return await self._asking.ask("release", "control:ReleaseReport", {"reason": reason}, 15)
 
     async def gains(self) -> Gains:
         """Ask for model, gains and margins of the horizontal loop.
@@ -503,9 +430,7 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.control import Gains
-
-        return await self._asking.ask(Gains, "gains", {}, 15)
+        return await self._asking.ask("gains", "control:Gains", {}, 15)
 
     async def preflight(self) -> PreflightReport:
         """Make every check before a flight.
@@ -513,9 +438,7 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.preflight import PreflightReport
-
-        return await self._asking.ask(PreflightReport, "preflight", {}, 15)
+        return await self._asking.ask("preflight", "preflight:PreflightReport", {}, 15)
 
     async def abort(self, reason: str = "asked for") -> None:
         """Stop the manoeuvre that is flown.
@@ -548,9 +471,7 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.command import Rates
-
-        return await self._asking.ask(Rates, "rates", {"stream": stream, "interval": interval}, 15)
+        return await self._asking.ask("rates", "command:Rates", {"stream": stream, "interval": interval}, 15)
 
     async def labels(self, board: Literal["fc", "nc", "mag"]) -> Labels:
         """Ask for the names of a board's debug channels.
@@ -561,9 +482,7 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.command import Labels
-
-        return await self._asking.ask(Labels, "labels", {"board": board}, 60)
+        return await self._asking.ask("labels", "command:Labels", {"board": board}, 60)
 
     async def cancel(self, id: str | None = None) -> Cancelled:
         """End the procedure that runs.
@@ -576,6 +495,4 @@ class VerbCalls(KeyTree):
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
         """
-        from mkdaemon.telemetry.procedure import Cancelled
-
-        return await self._asking.ask(Cancelled, "cancel", {"id": id}, 60)
+        return await self._asking.ask("cancel", "procedure:Cancelled", {"id": id}, 60)

@@ -83,9 +83,9 @@ def validated(
 
 
 def samples_folder() -> Path:
-    """Folder of the sample configurations: beside the installed package, or in the source tree."""
-    installed = Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
-    return installed if installed.is_dir() else Path("configs")
+    """Folder of the sample configurations: in the source tree of this module, or installed beside the package."""
+    tree = Path(__file__).parents[3] / "configs"
+    return tree if tree.is_dir() else Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
 
 
 def read_file(path: Path) -> str:

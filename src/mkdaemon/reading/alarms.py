@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from mkdaemon.reading.facts import (
@@ -19,6 +20,7 @@ from mkdaemon.reading.facts import (
 )
 from mkdaemon.reading.known import Knowledge
 from mkdaemon.spelling import on_one_line
+from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.record import RecordStatus
 from mkdaemon.telemetry.setpoint import SETPOINTS, TargetSetpoint
@@ -78,39 +80,27 @@ def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
         words = "no value has arrived" if math.isinf(known.silence) else f"silent for {age_words(known.silence)}"
         return (Alarm("silent", f"NOTHING FROM THE DAEMON: {words}", Tone.BAD),)
     found: list[Alarm] = []
-    for word, text, tone in _found(known):
-        shown = on_one_line(text)
-        if tone.is_wrong and not any(one.text.startswith(shown) for one in found):  # two values can say the same
-            found.append(Alarm(word, shown, tone))
+    for name, look in _LOOKS.items():
+        for alarm in known.remembered(name, look):
+            if not any(one.text.startswith(alarm.text) for one in found):  # two values can say the same
+                found.append(alarm)
     return tuple(sorted(found, key=lambda alarm: -RANKS.index(alarm.tone)))
+
+
+def _alarms(check: Callable[[Knowledge], Iterator[_Check]], known: Knowledge) -> tuple[Alarm, ...]:
+    """What a check finds wrong."""
+    return tuple(Alarm(word, on_one_line(text), tone) for word, text, tone in check(known) if tone.is_wrong)
 
 
 _Check = tuple[str, str, Tone]
 
 
-def _found(known: Knowledge) -> Iterator[_Check]:
-    """Checks in order; of those that are equally bad the first is the worst."""
+def _aircraft(known: Knowledge) -> Iterator[_Check]:
     health, flight = known.fresh("health", VehicleHealth), known.fresh("state/flight", Flight)
     if health is not None and not health.is_alive:
         yield "aircraft", f"THE AIRCRAFT IS SILENT: {health.reason}", Tone.BAD
     if flight is not None and flight.emergency_landing:
         yield "emergency", "EMERGENCY LANDING: receiver lost", Tone.BAD
-    yield from _authority(known)
-    if health is not None and health.error:
-        yield "error", f"ERROR: {health.error}", Tone.BAD
-    if (pilot := known.fresh("state/pilot", Pilot)) is not None and not pilot.has_signal:
-        yield "receiver", f"NO RECEIVER SIGNAL: {100 * pilot.rc_quality:.0f} %", Tone.BAD
-    battery = known.fresh("state/battery", Battery)
-    if battery is not None and (alarm := battery_alarm(battery, known)) is not None:
-        yield "battery", *alarm
-    if (link := known.link()) is not None:
-        condition = link.value.condition
-        yield "link", because(f"LINK {condition.words.upper()}", link.value.reason), condition.tone
-    yield from _eyes(known)
-    if flight is not None:
-        yield from (("flight", words, tone) for words, tone in flight_alarms(flight))
-    yield from _silences(known, is_aircraft_alive=health is None or health.is_alive)
-    yield from _rest(known)
 
 
 def _authority(known: Knowledge) -> Iterator[_Check]:
@@ -123,10 +113,33 @@ def _authority(known: Knowledge) -> Iterator[_Check]:
     if status.pilots_throttle is not None:
         yield "hands", f"The pilot {status.hands}", Tone.BAD
     yield "phase", phase_words(status), status.phase.tone
-    age = pose_age(known)
-    is_by_target = status.phase.is_in_flight and status.manoeuvre in BY_TARGET
-    if is_by_target and not status.trouble and (age is None or age > SIGHT):
-        yield "pose", f"NO POSE {'yet' if age is None else f'for {age_words(age)}'}", Tone.WARN
+    if status.phase.is_in_flight and status.manoeuvre in BY_TARGET and not status.trouble:
+        age = pose_age(known)
+        if age is None or age > SIGHT:
+            yield "pose", f"NO POSE {'yet' if age is None else f'for {age_words(age)}'}", Tone.WARN
+
+
+def _error(known: Knowledge) -> Iterator[_Check]:
+    health = known.fresh("health", VehicleHealth)
+    if health is not None and health.error:
+        yield "error", f"ERROR: {health.error}", Tone.BAD
+
+
+def _receiver(known: Knowledge) -> Iterator[_Check]:
+    if (pilot := known.fresh("state/pilot", Pilot)) is not None and not pilot.has_signal:
+        yield "receiver", f"NO RECEIVER SIGNAL: {100 * pilot.rc_quality:.0f} %", Tone.BAD
+
+
+def _battery(known: Knowledge) -> Iterator[_Check]:
+    battery = known.fresh("state/battery", Battery)
+    if battery is not None and (alarm := battery_alarm(battery, known)) is not None:
+        yield "battery", *alarm
+
+
+def _link(known: Knowledge) -> Iterator[_Check]:
+    if (link := known.link()) is not None:
+        condition = link.value.condition
+        yield "link", because(f"LINK {condition.words.upper()}", link.value.reason), condition.tone
 
 
 def _eyes(known: Knowledge) -> Iterator[_Check]:
@@ -146,11 +159,19 @@ def _eyes(known: Knowledge) -> Iterator[_Check]:
             yield "eyes", f"camera {camera} {alarm.replace('_', ' ')}: {text}", Tone.WARN
 
 
-def _silences(known: Knowledge, *, is_aircraft_alive: bool) -> Iterator[_Check]:
+def _flags(known: Knowledge) -> Iterator[_Check]:
+    if (flight := known.fresh("state/flight", Flight)) is not None:
+        yield from (("flight", words, tone) for words, tone in flight_alarms(flight))
+
+
+def _silences(known: Knowledge) -> Iterator[_Check]:
     """Streams that have ended; those of a silent aircraft are no news."""
-    for found in known:
-        name = STREAMS.get(found.key)
-        if name and known.is_stale(found) and (is_aircraft_alive or not found.key.startswith("state/")):
+    health = known.fresh("health", VehicleHealth)
+    for key, name in STREAMS.items():
+        if key.startswith("state/") and health is not None and not health.is_alive:
+            continue
+        found = known.last(key, Stamped)
+        if found is not None and known.is_stale(found):
             yield "stale", f"{name} silent for {age_words(known.age(found))}", Tone.WARN
 
 
@@ -165,3 +186,8 @@ def _rest(known: Knowledge) -> Iterator[_Check]:
         yield "recorder", because(status.state.words, status.reason), status.state.tone
         if status.lost:
             yield "recorder", f"{status.lost} entries of the recording are lost", Tone.WARN
+
+
+_CHECKS: Final = (_aircraft, _authority, _error, _receiver, _battery, _link, _eyes, _flags, _silences, _rest)
+"""In order: of alarms that are equally bad the first is the worst."""
+_LOOKS: Final = {f"alarms of {check.__name__}": partial(_alarms, check) for check in _CHECKS}

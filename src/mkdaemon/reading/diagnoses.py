@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from enum import IntEnum
+from functools import partial
 from typing import Any, Final, NamedTuple
 
+from mkdaemon.reading.known import Knowledge
 from mkdaemon.reading.picture import Picture
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
@@ -63,14 +65,18 @@ def diagnoses_of(picture: Picture) -> Iterator[Diagnosis]:
     """The verdict, then every part."""
     others = {f"alarm.{place}": alarm.text for place, alarm in enumerate(picture.alarms[1:], 1)}
     yield Diagnosis(VERDICT, LEVELS[picture.tone], picture.headline, others)
-    for fact in picture.facts:
-        is_eye = fact.id.startswith("eye-")
-        if fact.id not in PARTS and not is_eye:
-            continue
-        found = picture.last(PARTS.get(fact.id, fact.key), Stamped)
+    eyes = {f"eye-{camera}": f"vision/{camera}/stats" for camera in picture.cameras()}
+    for word, key in (PARTS | eyes).items():
+        fact = picture.fact(word)
         level = Level.STALE if fact.is_stale else LEVELS[fact.tone]
-        values = {} if found is None else dict(_leaves(found.value.model_dump(mode="json"), ""))
-        yield Diagnosis(fact.name if is_eye else fact.id, level, fact.aged, values)
+        values = picture.remembered(f"numbers of {key}", partial(_numbers, key))
+        yield Diagnosis(word if word in PARTS else fact.name, level, fact.aged, values)
+
+
+def _numbers(key: str, known: Knowledge) -> Mapping[str, object]:
+    """Numbers, truths and texts of the last value of a key."""
+    found = known.last(key, Stamped)
+    return {} if found is None else dict(_leaves(found.value.model_dump(mode="json"), ""))
 
 
 def diagnosis_of(finding: Finding) -> Diagnosis:

@@ -6,9 +6,8 @@ A fact without a value says that it is not known. What a screen shows is a choic
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple, TypeVar
 
 from mkdaemon.bus.keys import fresh_for
@@ -28,14 +27,15 @@ WEAK_CELL: Final = 3.5
 """A lithium cell below this has less than a tenth left, less under load [V]."""
 EMPTY_CELL: Final = 3.0
 """A lithium cell below this is damaged [V]."""
+NEVER_TAKEN: Final = "nobody has taken the lease"
+"""The daemon's reason before the first lease, which says what the words of the phase say."""
 SIGHT: Final = fresh_for("vision/<camera>/pose") or 0.0
 """A target whose last pose is older is not in sight [s]."""
 DEAD_RECKONING: Final = fresh_for("control/estimate") or 0.0
 """An estimate whose newest image is older is a calculation [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fact:
+class Fact(NamedTuple):
     """What is said of one thing.
 
     Attributes:
@@ -67,7 +67,7 @@ class Fact:
 
     def as_map(self) -> dict[str, Any]:
         """For JSON."""
-        return asdict(self)
+        return self._asdict()
 
 
 class Wording(NamedTuple):
@@ -125,7 +125,7 @@ def phase_words(status: ControlStatus) -> str:
 
 def _control(status: ControlStatus, known: Knowledge) -> Wording:
     words = status.phase.words.format(holder=holder_of(status))
-    words = words if status.reason in ("", words) else f"{words}; {status.reason}"
+    words = words if status.reason in ("", words, NEVER_TAKEN) else f"{words}; {status.reason}"
     layout = status.external_control or "not possible"
     return Wording(f"{words}; external control {layout}", Tone.BAD if status.trouble else status.phase.tone)
 
@@ -281,8 +281,8 @@ def dead_reckoning(known: Knowledge) -> float | None:
     found = known.last("control/estimate", ControlEstimate)
     if found is None:
         return None
-    age = found.value.image_age + known.age(found)
-    return age if age > DEAD_RECKONING else None
+    is_seen = not known.is_over(found.at + DEAD_RECKONING - found.value.image_age)
+    return None if is_seen else found.value.image_age + known.age(found)
 
 
 def _error(error: ControlError, known: Knowledge) -> Wording:
@@ -418,12 +418,29 @@ _Found = tuple[Known[Any], Wording] | None
 """The value that a row stands on, and what it says; None where there is none."""
 
 
-class _Row(NamedTuple):
-    """A row of the table."""
+class Row(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        id: stable word.
+        name: what it is about.
+        look: at the value that it stands on.
+    """
 
     id: str
     name: str
     look: Callable[[Knowledge], _Found]
+
+    def said(self, known: Knowledge) -> tuple[Fact, Known[Any] | None]:
+        """The fact without its age, and the value whose age it is. A stale value is never good."""
+        found, name = self.look(known), on_one_line(self.name)
+        if found is None:
+            return Fact(self.id, name, UNKNOWN, Tone.UNKNOWN), None
+        value, words = found
+        is_stale = known.is_stale(value)
+        tone = Tone.UNKNOWN if is_stale and not words.tone.is_wrong else words.tone
+        number = (words.number, words.unit, value.key, None, is_stale)
+        return Fact(self.id, name, on_one_line(words.text), tone, *number), value
 
 
 def _last(key: str, kind: type[_Value], words: Callable[[_Value, Knowledge], Wording]) -> Callable[[Knowledge], _Found]:
@@ -452,53 +469,44 @@ def _flown(known: Knowledge) -> _Found:
 
 
 _ROWS: Final = (
-    _Row("vehicle", "vehicle", _last("health", VehicleHealth, _vehicle)),
-    _Row("control", "control", _last("control/status", ControlStatus, _control)),
-    _Row("manoeuvre", "manoeuvre", _last("control/status", ControlStatus, _manoeuvre)),
-    _Row("hands", "pilot's hands", _last("control/status", ControlStatus, _hands)),
-    _Row("flight", "flight", _flown),
-    _Row("height", "height", _height),
-    _Row("battery", "battery", _last("state/battery", Battery, _battery)),
-    _Row("pose", "last pose", _pose),
-    _Row("position", "position", _last("control/estimate", ControlEstimate, _estimate)),
-    _Row("error", "from the goal", _last("control/error", ControlError, _error)),
-    _Row("attitude", "attitude", _last("state/attitude", Attitude, _attitude)),
-    _Row("speed", "speed", _last("state/velocity", Velocity, _velocity)),
-    _Row("place", "place", _last("state/position", Position, _place)),
-    _Row("link", "link", _line(_link)),
-    _Row("port", "port", _line(_port)),
-    _Row("latency", "round trip", _last("link/health", LinkHealth, _latency)),
-    _Row("streams", "streams", _last("link/health", LinkHealth, _streams)),
-    *(_Row(name, title, _last("link/health", LinkHealth, _fates(title))) for name, title in FATES.items()),
-    _Row("receiver", "receiver", _last("state/pilot", Pilot, _receiver)),
-    _Row("gps", "GPS", _last("state/gps", Gps, _gps)),
-    _Row("firmware", "firmware", _last("health", VehicleHealth, _firmware)),
-    _Row("recording", "recording", _last("record/status", RecordStatus, _recording)),
+    Row("vehicle", "vehicle", _last("health", VehicleHealth, _vehicle)),
+    Row("control", "control", _last("control/status", ControlStatus, _control)),
+    Row("manoeuvre", "manoeuvre", _last("control/status", ControlStatus, _manoeuvre)),
+    Row("hands", "pilot's hands", _last("control/status", ControlStatus, _hands)),
+    Row("flight", "flight", _flown),
+    Row("height", "height", _height),
+    Row("battery", "battery", _last("state/battery", Battery, _battery)),
+    Row("pose", "last pose", _pose),
+    Row("position", "position", _last("control/estimate", ControlEstimate, _estimate)),
+    Row("error", "from the goal", _last("control/error", ControlError, _error)),
+    Row("attitude", "attitude", _last("state/attitude", Attitude, _attitude)),
+    Row("speed", "speed", _last("state/velocity", Velocity, _velocity)),
+    Row("place", "place", _last("state/position", Position, _place)),
+    Row("link", "link", _line(_link)),
+    Row("port", "port", _line(_port)),
+    Row("latency", "round trip", _last("link/health", LinkHealth, _latency)),
+    Row("streams", "streams", _last("link/health", LinkHealth, _streams)),
+    *(Row(name, title, _last("link/health", LinkHealth, _fates(title))) for name, title in FATES.items()),
+    Row("receiver", "receiver", _last("state/pilot", Pilot, _receiver)),
+    Row("gps", "GPS", _last("state/gps", Gps, _gps)),
+    Row("firmware", "firmware", _last("health", VehicleHealth, _firmware)),
+    Row("recording", "recording", _last("record/status", RecordStatus, _recording)),
 )
 
 
-def _rows(known: Knowledge) -> Iterator[_Row]:
-    """The rows of the table, then two for each camera; one where there is none."""
-    yield from _ROWS
-    cameras = known.cameras()
+@lru_cache(maxsize=64)
+def rows_of(cameras: tuple[str, ...]) -> Mapping[str, Row]:
+    """The rows of the table by their words, then two for each camera; one where there is none."""
+    rows = [*_ROWS]
     if not cameras:
-        yield _Row("eyes", "eyes", lambda _: None)
+        rows.append(Row("eyes", "eyes", lambda _: None))
     for camera in cameras:
-        yield _Row(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye))
-        yield _Row(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera))
+        rows.append(Row(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye)))
+        rows.append(Row(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera)))
+    return {row.id: row for row in rows}
 
 
-def facts_of(known: Knowledge) -> tuple[Fact, ...]:
-    """Every fact, in the order of the table. A stale value is never good."""
-    facts = []
-    for row in _rows(known):
-        found, name = row.look(known), on_one_line(row.name)
-        if found is None:
-            facts.append(Fact(row.id, name, UNKNOWN, Tone.UNKNOWN))
-            continue
-        value, words = found
-        is_stale = known.is_stale(value)
-        tone = Tone.UNKNOWN if is_stale and not words.tone.is_wrong else words.tone
-        number = (words.number, words.unit, value.key, known.age(value), is_stale)
-        facts.append(Fact(row.id, name, on_one_line(words.text), tone, *number))
-    return tuple(facts)
+def fact_of(row: Row, known: Knowledge) -> Fact:
+    """What a row says now."""
+    fact, value = known.remembered(row.id, row.said)
+    return fact if value is None else Fact(*fact[:7], known.age(value), fact.is_stale)

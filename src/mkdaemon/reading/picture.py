@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 from mkdaemon.bus.keys import fresh_for
 from mkdaemon.reading.alarms import Alarm, alarms_of, is_known
-from mkdaemon.reading.facts import Fact, facts_of, holder_of, phase_words
-from mkdaemon.reading.known import Knowledge, Known
+from mkdaemon.reading.facts import Fact, fact_of, holder_of, phase_words, rows_of
+from mkdaemon.reading.known import Held, Knowledge, Known
 from mkdaemon.spelling import on_one_line
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlStatus, Phase
@@ -22,7 +22,7 @@ _FREE: Final = {True: "The pilot flies", False: "On the ground", None: "The pilo
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A command that somebody may give now, or may not.
+    """A command that may be given now, or may not.
 
     Attributes:
         id: its verb.
@@ -44,31 +44,31 @@ _MEANINGS: Final = {
 
 
 class Picture(Knowledge):
-    """What is known at a moment."""
+    """What is known at a moment. Each part is made when it is asked for, of what has changed since the last picture."""
 
-    def __init__(self, last: dict[str, Known[Any]], now: float, absence: str = "") -> None:
+    def __init__(self, held: Held, now: float, absence: str = "") -> None:
         """Look at last values.
 
         Args:
-            last: by their keys.
+            held: the values.
             now: the moment, on the clock of their times [s].
             absence: why no program publishes for the vehicle, one sentence; empty while one does.
         """
-        super().__init__(last, now)
+        super().__init__(held, now)
         self.absence = absence
 
     @cached_property
     def facts(self) -> tuple[Fact, ...]:
         """Everything that is said, in order."""
-        return facts_of(self)
+        return tuple(fact_of(row, self) for row in rows_of(self.cameras()).values())
 
     def fact(self, word: str) -> Fact:
         """The fact of a stable word.
 
         Raises:
-            StopIteration: there is no such row.
+            KeyError: there is no such row.
         """
-        return next(fact for fact in self.facts if fact.id == word)
+        return fact_of(rows_of(self.cameras())[word], self)
 
     @cached_property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -128,7 +128,7 @@ class Reading:
 
     def __init__(self) -> None:
         """Know nothing."""
-        self._last: dict[str, Known[Any]] = {}
+        self._held = Held()
 
     def take(self, key: str, value: object, now: float) -> None:
         """Keep a value; one that is older than what is known is left, and an event.
@@ -138,15 +138,12 @@ class Reading:
             value: as its key carries it; what another version publishes is left too.
             now: when it was true [s].
         """
-        if fresh_for(key) is None or not isinstance(value, Stamped):
-            return
-        before = self._last.get(key)
-        if before is None or now >= before.at:
-            self._last[key] = Known(key, value, now)
+        if fresh_for(key) is not None and isinstance(value, Stamped):
+            self._held.take(Known(key, value, now))
 
     def forget(self) -> None:
         """Know nothing again."""
-        self._last.clear()
+        self._held = Held()
 
     def at(self, now: float, absence: str = "") -> Picture:
         """The picture of a moment.
@@ -155,4 +152,4 @@ class Reading:
             now: the moment [s].
             absence: why no program publishes for the vehicle, one sentence; empty while one does.
         """
-        return Picture(dict(self._last), now, absence)
+        return Picture(self._held.copy(), now, absence)

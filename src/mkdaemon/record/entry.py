@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 import msgpack
 from pydantic import ValidationError
 
-from mkdaemon.stamp import Stamp
+from mkdaemon.stamp import NANOSECONDS, Stamp, nanoseconds, seconds
 
-NANOSECONDS: Final = 1_000_000_000
 ROOTS: Final = frozenset({"mk", "replay"})
 """First parts of keys that have a vehicle's name next: values of daemons, and recordings that play."""
 HOLDER: Final = "holder"
@@ -111,17 +110,6 @@ class TimeBase:
     def monotonic(self, file_time: int) -> float:
         """The monotonic time [s] of a time in the file [ns]."""
         return seconds(file_time - self.offset_ns)
-
-
-def nanoseconds(time: float) -> int:
-    """Whole nanoseconds of a time [s]; `seconds` returns the same time, for Unix time and 48 days of monotonic time."""
-    whole = int(time)
-    return whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
-
-
-def seconds(time: int) -> float:
-    """A time [s] from nanoseconds."""
-    return time / NANOSECONDS
 
 
 class Entry(NamedTuple):

@@ -12,7 +12,8 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import EARLIEST, LATEST, NANOSECONDS, Congestion, Entry, Kind, Qos, TimeBase
+from mkdaemon.record.entry import EARLIEST, LATEST, Congestion, Entry, Kind, Qos, TimeBase
+from mkdaemon.stamp import NANOSECONDS
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 """At both ends of every MCAP file."""

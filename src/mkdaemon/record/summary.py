@@ -16,10 +16,11 @@ from mcap.opcode import Opcode
 from mkdaemon.errors import MkError
 from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import HOLDER, NANOSECONDS, ROOTS, Entry, Kind, Notice, unpacked
+from mkdaemon.record.entry import HOLDER, ROOTS, Entry, Kind, Notice, unpacked
 from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import ReadReport, Recording
 from mkdaemon.record.scan import records_in
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.refusals import Token
 
 LEASE: Final = "do/lease"

@@ -13,8 +13,9 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, nanoseconds
+from mkdaemon.record.entry import Entry, Kind
 from mkdaemon.record.layout import ChannelFacts
+from mkdaemon.stamp import NANOSECONDS, nanoseconds
 
 _DEEPEST: Final = 12
 """Deeper parts are shown as plain objects; the deepest of ours is 5."""

@@ -21,8 +21,9 @@ from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from mkdaemon.record.entry import SEQUENCES, Entry, nanoseconds
+from mkdaemon.record.entry import SEQUENCES, Entry
 from mkdaemon.record.layout import MAGIC, PROFILE, SESSION, VIEW, ChannelFacts, Session, needs_envelope
+from mkdaemon.stamp import nanoseconds
 
 COMPRESSION: Final = "zstd"
 LEVEL: Final = 3

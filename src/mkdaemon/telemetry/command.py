@@ -4,8 +4,6 @@ Every answer to a command is a map with `status`; a refusal adds a stable `token
 `telemetry.refusals`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field

@@ -1,7 +1,5 @@
 """The lease, the phase of control, and what is sent to the aircraft."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto

@@ -4,8 +4,6 @@
 Source of the rules: docs/safety.md, "The output limiter"; docs/protocol.md, "Danger".
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """The audit trail under `event/`: requests, decisions, observations."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from mkdaemon.telemetry.base import Stamped

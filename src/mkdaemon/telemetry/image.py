@@ -3,8 +3,6 @@
 The stamp is the middle of the exposure, on the sender's clocks.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """A gamepad of another machine on the bus: `joy/<pad>`, after the example of ROS's `sensor_msgs/Joy`."""
 
-from __future__ import annotations
-
 from typing import Self
 
 from pydantic import Field, model_validator

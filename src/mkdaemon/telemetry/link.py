@@ -1,7 +1,5 @@
 """The link's own values: state, health and traffic."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Final
@@ -125,7 +123,7 @@ class Fates(Telemetry):
         parts += [f"{self.waiting} waiting"] if self.waiting else []
         return ", ".join(parts)
 
-    def since(self, before: Fates) -> Fates:
+    def since(self, before: "Fates") -> "Fates":
         """Outcomes of the frames sent after an earlier count."""
         return Fates(**{name: count - getattr(before, name) for name, count in self})
 

@@ -4,8 +4,6 @@ Altitudes are above the place where the motors were started, because that is wha
 gives altitudes above sea level is converted when it is read (`Mission.raised`).
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Annotated, Self
 
@@ -94,7 +92,7 @@ class Mission(Described):
                 raise ValueError(msg)
         return self
 
-    def raised(self, by: float) -> Mission:
+    def raised(self, by: float) -> "Mission":
         """Return the mission with every altitude raised [m]; `-elevation` turns heights above sea level into ours.
 
         Raises:

@@ -1,7 +1,5 @@
 """Flights of the NaviCtrl's own position control: a target, a route, the way home; and their requests."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Annotated
 

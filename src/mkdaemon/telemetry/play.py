@@ -1,7 +1,5 @@
 """State of a player of recordings."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Checks before a flight: condition, result, remedy."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Final
 

@@ -4,8 +4,6 @@ Every request may name its `holder`, which others read in the progress and in re
 `settings` and `mission`.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

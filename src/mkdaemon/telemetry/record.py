@@ -1,7 +1,5 @@
 """State of the daemon's recorder, and marks in recordings."""
 
-from __future__ import annotations
-
 from pydantic import Field
 
 from mkdaemon.telemetry.base import Command, Stamped

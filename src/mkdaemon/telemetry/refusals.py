@@ -3,8 +3,6 @@
 A client can know them all: docs/keys.md shows this table, and a test walks it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any, Final, Self

@@ -4,8 +4,6 @@ A difference is the truth minus the file. It counts once it is several of its st
 was assumed.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 from mkdaemon.telemetry.base import Telemetry

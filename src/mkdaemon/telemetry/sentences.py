@@ -1,7 +1,5 @@
 """Sentences that are filled in with words, also where a word is missing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

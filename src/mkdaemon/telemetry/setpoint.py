@@ -1,7 +1,5 @@
 """Setpoints that clients stream, each with its lease, a sequence number and a time to live."""
 
-from __future__ import annotations
-
 import math
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final

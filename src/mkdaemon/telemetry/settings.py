@@ -3,8 +3,6 @@
 Parameter sets are bytes as they cross the line: revision first, padding behind the last field kept.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field

@@ -8,8 +8,6 @@ A setpoint says when it was sent, by a clock of its sender's that only runs on: 
 signature. The daemon learns from the stamps of a lease how that clock stands to its own (`mkdaemon.bus.senderclock`).
 """
 
-from __future__ import annotations
-
 import hmac
 from dataclasses import dataclass, field
 from typing import Final

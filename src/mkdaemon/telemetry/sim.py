@@ -1,7 +1,5 @@
 """The simulator's own values: the true state and the active faults. Never read by flight code."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Faults of the simulator by name: one table says what exists, what it takes and who acts on it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final

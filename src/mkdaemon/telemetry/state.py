@@ -4,8 +4,6 @@ Every value says when its bytes arrived and which message said so. A value is as
 repeated to look fresh. An answer to a query adds `age`, the time since arrival [s].
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from mkdaemon.telemetry.base import Stamped

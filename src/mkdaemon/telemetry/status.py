@@ -1,7 +1,5 @@
 """Results of a command, as in its reply."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 

@@ -1,7 +1,5 @@
 """Rating of a state."""
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Self
 

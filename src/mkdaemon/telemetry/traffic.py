@@ -3,8 +3,6 @@
 The stamp is the moment the last byte arrived, or was handed to the port.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from mkdaemon.telemetry.base import Stamped

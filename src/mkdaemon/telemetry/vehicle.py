@@ -1,7 +1,5 @@
 """Is the vehicle alive? Not the same question as whether the daemon is."""
 
-from __future__ import annotations
-
 from mkdaemon.telemetry.base import Stamped
 
 

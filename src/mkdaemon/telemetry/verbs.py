@@ -4,8 +4,6 @@ The table of keys, docs/keys.md, the methods of the client and `mkctl do` are ma
 handler in `daemon/verbs.py`, or for a procedure a line in `daemon/procedures/table.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -4,8 +4,6 @@ Camera axes are right, down, forward; body is forward, left, up; a target has x 
 print and z out of the paper. Stamps of what was seen are of the exposure's middle.
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 
 from pydantic import Field

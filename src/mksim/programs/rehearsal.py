@@ -7,7 +7,6 @@ Zenoh, a camera that renders, and virtual time. Left out are only Zenoh, the gua
 from __future__ import annotations
 
 import asyncio
-import os
 import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,14 +19,9 @@ from pydantic import BaseModel
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.root import Config
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes, PoseSink
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
 from mkdaemon.telemetry.setpoint import (
     LandSetpoint,
@@ -38,7 +32,6 @@ from mkdaemon.telemetry.setpoint import (
 )
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import EyeState, VisionPose
-from mkdaemon.virtualtime import AtOnce
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
@@ -48,6 +41,7 @@ from mksim.config import PilotPlan, SimConfig, WindClass
 from mksim.physics.world import World
 from mksim.programs.flightrecord import Moment, Rehearsed
 from mksim.programs.flighttape import FlightTape
+from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.scene.nested import nested_map
@@ -179,8 +173,6 @@ READY: Final = 30.0
 """Longest wait for the boards to be known and the motors to run [s]."""
 LONGEST: Final = 40.0
 """Longest part of the flight [s]."""
-WALL: Final = 1.7e9
-"""Unix time when virtual time is zero [s]."""
 _Value = TypeVar("_Value", bound=BaseModel)
 Watcher = Callable[[Moment, ControlStatus | None], None]
 """Sees every moment of the record, and the latest status."""
@@ -279,26 +271,17 @@ class Rehearsal:
         self._world, self._watcher, self._loop = world, watcher, loop
         self._watch_world = moved
         self._scene = SceneCamera(config.scene, seed)
-        clock = Clock(
-            monotonic=loop.time, wall=lambda: WALL + loop.time(), synchronised=lambda: True, suspended=lambda: 0.0
-        )
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
             lens = calibrated(self._scene.camera.intrinsics)
-            eyes.append(RehearsedEyes(self._scene, world, feed, clock, seed, self.bus, lens))
+            eyes.append(RehearsedEyes(self._scene, world, feed, self.clock, seed, self.bus, lens))
             return eyes[0]
 
-        self._wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
-            self.bus,
-            clock,
-            make_eyes=make_eyes,
-            opener=Cable(aircraft, self._moved).open,
-            journal=Journal(Path(os.devnull), AtOnce()),
-        )
+        self.clock = virtual_clock()
+        self._daemon = VirtualDaemon(self.bus, Cable(aircraft, self._moved).open, clock=self.clock, eyes=make_eyes)
+        self._wiring = self._daemon.wiring
         (self._eyes,) = eyes
-        self.clock = clock
         self._parts = parts
         self._part = ""
         self._kept_at = 0.0
@@ -324,11 +307,8 @@ class Rehearsal:
 
     async def fly(self) -> Rehearsed:
         """Fly from the pilot's start of the motors to motors that stand still; the record."""
-        jobs = [
-            asyncio.create_task(self._wiring.run_line(), name="link"),
-            *self._wiring.start(self._loop),
-            asyncio.create_task(self._eyes.run(), name="eyes"),
-        ]
+        self._daemon.start()
+        seeing = asyncio.create_task(self._eyes.run(), name="eyes")
         try:
             self._begin("start")
             if await self._wait(self._is_ready, READY):
@@ -341,9 +321,9 @@ class Rehearsal:
                 await self._wait(lambda: self._wiring.facts.motors_running(self._loop.time()) is False, 10.0)
             self.record.motors_stand = self._wiring.facts.motors_running(self._loop.time()) is False
         finally:
-            for job in reversed(jobs):
-                job.cancel()
-            await asyncio.gather(*jobs, return_exceptions=True)
+            seeing.cancel()
+            await asyncio.gather(seeing, return_exceptions=True)
+            await self._daemon.stop()
         self.record.crashed = self._world.truth.crash_reason
         self.record.images, self.record.posed = self._eyes.images, self._eyes.posed
         return self.record

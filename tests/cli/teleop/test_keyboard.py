@@ -11,8 +11,9 @@ from contextlib import suppress
 import pytest
 
 from lab.rigs.waiting import wait_until
+from mkdaemon.cli.keyreader import ANSWER, KeyReader, raw_terminal
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError
-from mkdaemon.cli.mkctl.teleop.keyboard import ANSWER, PATIENCE, QUESTION, Keyboard, KeyReader, raw_terminal
+from mkdaemon.cli.mkctl.teleop.keyboard import PATIENCE, QUESTION, Keyboard
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from lab.rigs.handpad import HandPad
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator
-from mkdaemon.client import Reading
+from mkdaemon.client import LastValue
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
@@ -120,7 +120,7 @@ class Last:
     """The last value of a key."""
 
     def __init__(self, value: Any, age: float) -> None:
-        self._reading = None if value is None else Reading(value, age)
+        self._reading = None if value is None else LastValue(value, age)
 
     async def latest(self) -> Any:
         return self._reading

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from mkdaemon.client.teleop.hands import Hands
+from mkdaemon.client.teleop.hands import PadHands
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.client.teleop.teleop import Output, Teleop
+from mkdaemon.client.teleop.teleop import Teleop, TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 
 LOW, MIDDLE, HIGH = -32768, 0, 32767
@@ -58,7 +58,7 @@ class TestedPad:
         self.state: dict[str, float] = dict(REST)
         self.state |= dict.fromkeys(facts.buttons, 0)
         self.teleop = teleop or Teleop()
-        self.hands: Hands = self.teleop.attach(name, gamepad(**changes), facts, self.now)
+        self.hands: PadHands = self.teleop.attach(name, gamepad(**changes), facts, self.now)
         self.is_engaged = True
         self.is_on_ground: bool | None = None
 
@@ -67,13 +67,13 @@ class TestedPad:
         self.state |= changes
         self.hands.asked(self.state, self.now)
 
-    def tick(self, seconds: float = 0.02, **changes: float) -> Output:
+    def tick(self, seconds: float = 0.02, **changes: float) -> TeleopOutput:
         """Let time pass, ask the pad, and decide."""
         self.now += seconds
         self.ask(**changes)
         return self.decide()
 
-    def decide(self, seconds: float = 0.0) -> Output:
+    def decide(self, seconds: float = 0.0) -> TeleopOutput:
         """Let time pass without asking the pad, and decide."""
         self.now += seconds
         return self.teleop.tick(self.now, is_engaged=self.is_engaged, is_on_ground=self.is_on_ground)
@@ -84,7 +84,7 @@ class TestedPad:
         self.tick(ABS_Y=HIGH)
         self.tick(ABS_Y=MIDDLE)
 
-    def fly(self) -> Output:
+    def fly(self) -> TeleopOutput:
         """Make it ready and hold the enable button."""
         self.make_ready()
         return self.tick(BTN_TL=1)

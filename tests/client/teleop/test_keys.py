@@ -4,7 +4,7 @@ import pytest
 
 from mkdaemon.client.teleop.hands import HELD_FOR
 from mkdaemon.client.teleop.keys import BUTTONS, DEFLECTION, FACTS, KEYBOARD, PRESS, REPEAT, REPEATED, STEP, TAP, Keys
-from mkdaemon.client.teleop.teleop import Output, Teleop
+from mkdaemon.client.teleop.teleop import Teleop, TeleopOutput
 
 
 class Typist:
@@ -18,7 +18,7 @@ class Typist:
         self.is_answering = True
         self.tick()
 
-    def tick(self, seconds: float = 0.02) -> Output:
+    def tick(self, seconds: float = 0.02) -> TeleopOutput:
         self.now += seconds
         if self.is_answering:
             self.keys.alive(self.now)
@@ -29,7 +29,7 @@ class Typist:
             self.keys.let_go()
         return output
 
-    def type(self, key: str) -> Output:
+    def type(self, key: str) -> TeleopOutput:
         self.keys.typed(key, self.now)
         return self.tick()
 

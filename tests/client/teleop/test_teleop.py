@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from mkdaemon.client.teleop.hands import AXIS_AGE, QUIET
-from mkdaemon.client.teleop.teleop import RELEASE_AFTER, Output, Teleop
+from mkdaemon.client.teleop.teleop import RELEASE_AFTER, Teleop, TeleopOutput
 from tests.client.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
 
 
-def kind(output: Output) -> str | None:
+def kind(output: TeleopOutput) -> str | None:
     return None if output.setpoint is None else output.setpoint.kind
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from concurrent.futures import Executor, Future
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -14,30 +13,12 @@ from pydantic import BaseModel
 
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.waiting import wait_until
-from mkdaemon.clock import Clock
-from mkdaemon.config.link import LinkConfig
-from mkdaemon.config.record import RecordConfig
-from mkdaemon.config.root import Config
-from mkdaemon.daemon.deck import no_eyes
-from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Phase
+from mksim.programs.virtualdaemon import VirtualDaemon
 from mksim.simulation import Simulation
 from tests.control.admission.situations import situation_of
-
-
-class PromptDisk(Executor):
-    """Works at once and without a thread, which virtual time would not wait for."""
-
-    def submit(self, work: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        done: Future[Any] = Future()
-        try:
-            done.set_result(work(*arguments, **named))
-        except OSError as error:
-            done.set_exception(error)
-        return done
 
 
 class Bus:
@@ -71,19 +52,10 @@ class ProcedureRig:
     """One daemon's procedures on a line."""
 
     def __init__(self, socket: Socket, folder: Path) -> None:
-        loop = asyncio.get_running_loop()
         self.socket, self.bus, self.phase = socket, Bus(), Phase.FREE
         self.refusal: Callable[[Any], None] = lambda message: None
-        clock = Clock(monotonic=loop.time)
-        self.journal = Journal(folder, PromptDisk())
-        wiring = Wiring(
-            Config(link=LinkConfig(port="/dev/rig"), record=RecordConfig(enabled=False)),
-            self.bus,
-            clock,
-            make_eyes=no_eyes,
-            opener=socket.open,
-            journal=self.journal,
-        )
+        daemon = VirtualDaemon(self.bus, socket.open, journal=folder)
+        clock, wiring, self.journal = daemon.clock, daemon.wiring, daemon.journal
         self.link, self.facts, self.control = wiring.link, wiring.facts, wiring.flight
         self.interlock, self.runner, self.run_line = wiring.interlock, wiring.procedures, wiring.run_line
         check_step = wiring.requests.check_step

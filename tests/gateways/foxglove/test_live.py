@@ -16,9 +16,10 @@ from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.processes import START
 from lab.rigs.waiting import wait_for_blocking, wait_until
-from mkdaemon.record.entry import Kind, nanoseconds
+from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.view import json_value
+from mkdaemon.stamp import nanoseconds
 from tests.bus.support import free_endpoint
 from tests.gateways.foxglove.viewer import viewing
 from tests.places import DATA

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.cli.mkctl.export import export
-from mkdaemon.client.export.values import Value, read_values
+from mkdaemon.client.export.values import ExportedValue, read_values
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.foxglove.recording import write
 from tests.gateways.foxglove.viewer import read
@@ -44,7 +44,7 @@ def exported(recording, folder):
 
 def value(suffix, model, vehicle="mk1"):
     fields = model.model_dump(mode="json")
-    return Value(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema_name(type(model)))
+    return ExportedValue(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema_name(type(model)))
 
 
 def test_the_layout_of_a_flight_finds_its_topics_in_an_exported_recording(tmp_path):
@@ -79,7 +79,7 @@ def test_a_second_vehicle_has_topics_of_its_own(tmp_path):
 def test_a_file_is_whole_or_not_there_and_only_replaced_by_force(tmp_path):
     path = tmp_path / "shown.mcap"
     good = value("state/attitude", flights.attitude(1.0))
-    bad = Value("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")
+    bad = ExportedValue("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")
     with pytest.raises(MkError, match=r"state/position of mk1 at .*--format csv takes every value"):
         write([good, bad], path, overwrite=False)
     with pytest.raises(MkError, match="nothing to export"):

@@ -18,13 +18,14 @@ from structlog.testing import capture_logs
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.client import Vehicle
-from mkdaemon.client.player import Pace, Player, open_player_session
-from mkdaemon.client.playselection import Selection
+from mkdaemon.client.player import Player, PlayPace, open_player_session
+from mkdaemon.client.playselection import PlaySelection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
-from mkdaemon.record.entry import Kind, nanoseconds
+from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
+from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.event import LogEvent
 from tests.gateways.foxglove.viewer import SUBPROTOCOL, complaints, viewing
 from tests.places import DATA
@@ -160,9 +161,9 @@ async def test_a_vehicle_that_is_not_there_yet_is_shown_when_it_comes():
 
 async def test_a_recording_that_is_played_is_shown_value_by_value():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(RecordedSamples(TARGET), None)
+        selection = PlaySelection.of(RecordedSamples(TARGET), None)
         (name,) = selection.names
-        player = Player(session, selection, Pace(8.0, selection.first, time.monotonic()), TARGET.name)
+        player = Player(session, selection, PlayPace(8.0, selection.first, time.monotonic()), TARGET.name)
         with player.answering():
             async with serving(Vehicle(session, name, "here"), [name], port=0) as address, viewing(address) as viewer:
                 await viewer.subscribe("/state/attitude", "/raw/rx", "/control/estimate", "/tf", "/log", "/diagnostics")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink import actions, missions, parameters
-from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
@@ -41,7 +41,7 @@ async def odd_later(*_, **__):
 
 
 def test_a_fault_is_counted_each_time():
-    faults = Faults()
+    faults = Faults("mavlink")
     for _ in range(3):
         with faults.contained("X"):
             raise OddError

@@ -12,8 +12,9 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.activeset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS
-from mkdaemon.gateways.mavlink.program import backups_folder, options_from, serve
+from mkdaemon.gateways.mavlink.program import options_from, serve
 from tests.gateways.mavlink.rig import FakeVehicle
 from tests.gateways.mavlink.test_links import free_port
 
@@ -53,10 +54,10 @@ def test_a_key_that_cannot_be_used_is_one_line(tmp_path, content):
 
 def test_where_settings_are_saved(monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/one:/var/lib/two")
-    assert backups_folder() == Path("/var/lib/one")
+    assert backups_folder("mavlink") == Path("/var/lib/one")
     monkeypatch.delenv("STATE_DIRECTORY")
     monkeypatch.setenv("XDG_STATE_HOME", "/home/somebody/state")
-    assert backups_folder() == Path("/home/somebody/state/mkdaemon/gateway-mavlink")
+    assert backups_folder("mavlink") == Path("/home/somebody/state/mkdaemon/gateway-mavlink")
 
 
 def test_without_pymavlink_it_names_the_extra(monkeypatch):

@@ -6,7 +6,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.client.export.values import Value, read_values
+from mkdaemon.client.export.values import ExportedValue, read_values
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.bag import write
 from mkdaemon.gateways.ros2.messages import name_part
@@ -20,7 +20,9 @@ SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
 
 
 def value(suffix, model, vehicle="mk1"):
-    return Value(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, model.model_dump(), schema_name(type(model)))
+    return ExportedValue(
+        vehicle, suffix, model.stamp.wall, model.stamp.monotonic, model.model_dump(), schema_name(type(model))
+    )
 
 
 def every_value():
@@ -164,7 +166,7 @@ def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
     ],
 )
 def test_a_value_that_is_not_what_its_key_carries_is_named(tmp_path, suffix, schema, fields):
-    broken = Value("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.STAMP.model_dump()} | fields, schema)
+    broken = ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.STAMP.model_dump()} | fields, schema)
     with pytest.raises(MkError, match=f"{suffix} of mk1 at .*--format csv takes every value"):
         write([broken], tmp_path / "bag", overwrite=False)
     assert list(tmp_path.iterdir()) == []

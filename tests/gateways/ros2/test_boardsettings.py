@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.boardsettings import BoardSettings
 from mkdaemon.protocol.settings import layout_of
-from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
+from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
 
 REVISION = 106
 RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
@@ -23,8 +23,9 @@ class Board:
     async def backup(self, slots):
         return SettingsBackup(firmware="2.12a", active=3, sets=(StoredSet(slot=3, raw=self.raw),))
 
-    async def write(self, values, **options):
+    async def write(self, values, *, on_progress, **options):
         self.asked.append((values, options))
+        return SettingsRestoration(firmware="2.12a", active=3, before=(), stored=(), written=(3,))
 
 
 @pytest.fixture

@@ -33,8 +33,8 @@ def test_a_driver_publishes_reliably_and_latches_what_is_wanted_late():
 def test_a_camera_gives_its_topics_their_name():
     (row,) = (row for row in TOPICS if row.name == "{camera}/image")
     assert row.name_for("vision/front-left/image") == "front_left/image"
-    assert topics.matches(row.key, "vision/down/image")
-    assert not topics.matches(row.key, "vision/down/pose")
+    assert row.is_of("vision/down/image")
+    assert not row.is_of("vision/down/pose")
     assert row.word == "image"
     assert Topic("/tf", "tf", "", lambda *_: None).word == "tf"
 

@@ -13,15 +13,15 @@ import pytest
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.client import Vehicle
-from mkdaemon.client.fleet import Fleet, Sighting
-from mkdaemon.client.player import Pace, Player, open_player_session
-from mkdaemon.client.playselection import Selection
+from mkdaemon.client.fleet import Fleet, FleetSighting
+from mkdaemon.client.player import Player, PlayPace, open_player_session
+from mkdaemon.client.playselection import PlaySelection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.play import PlayAction, PlayState, PlayStatus
 from mkdaemon.view.page.gallery import WATCHED, Gallery
-from mkdaemon.view.page.picture import Picture
+from mkdaemon.view.page.picture import VehiclePicture
 from tests.places import DATA
 from tests.view.page import flights
 
@@ -60,9 +60,9 @@ async def test_vehicles_come_and_go_and_publish():
 
 async def test_a_recording_is_paused_and_takes_no_commands():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(RecordedSamples(STICKS), None)
+        selection = PlaySelection.of(RecordedSamples(STICKS), None)
         (name,) = selection.names
-        player = Player(session, selection, Pace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
+        player = Player(session, selection, PlayPace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
         gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
         with player.answering():
             async with gallery.open():
@@ -85,9 +85,9 @@ async def test_a_recording_is_paused_and_takes_no_commands():
 
 async def test_a_player_publishes_at_once_what_it_was_told():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(RecordedSamples(STICKS), None)
+        selection = PlaySelection.of(RecordedSamples(STICKS), None)
         (name,) = selection.names
-        player = Player(session, selection, Pace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
+        player = Player(session, selection, PlayPace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
         fleet, said = Fleet(Vehicle(session, name, "here")), []
         with player.answering():
             async with fleet.watch(lambda: None, lambda _, status: said.append(status.state)):
@@ -100,7 +100,7 @@ async def test_a_player_publishes_at_once_what_it_was_told():
 class Heard:
     """A fleet of one, of which something is still on its way when nobody listens any more."""
 
-    here = frozenset({Sighting("one", "mk", is_played=False)})
+    here = frozenset({FleetSighting("one", "mk", is_played=False)})
 
     def client(self, sighting):
         return Vehicle(self.session, sighting.name, "here")
@@ -125,7 +125,7 @@ async def test_what_is_heard_after_the_end_begins_nothing():
 
 async def test_an_answer_that_overtakes_what_was_published_forgets_nothing():
     fleet = Heard()
-    fleet.here = frozenset({Sighting("one", "replay", is_played=True)})
+    fleet.here = frozenset({FleetSighting("one", "replay", is_played=True)})
     async with open_player_session(connect=(), listen=None, alone=True) as fleet.session:
         gallery = Gallery(fleet, "one")
         async with gallery.open():
@@ -144,9 +144,9 @@ async def test_an_answer_that_overtakes_what_was_published_forgets_nothing():
 
 async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the_time():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(RecordedSamples(STICKS), None)
+        selection = PlaySelection.of(RecordedSamples(STICKS), None)
         (name,) = selection.names
-        pace = Pace(1.0, selection.first, time.monotonic(), is_paused=True)
+        pace = PlayPace(1.0, selection.first, time.monotonic(), is_paused=True)
         player = Player(session, selection, pace, "fc_sticks.mcap")
         gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
         playing = asyncio.create_task(player.play(stays=True))
@@ -171,9 +171,9 @@ async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the
         await playing
 
 
-def watched_until(selection: Selection, end: float) -> Picture:
+def watched_until(selection: PlaySelection, end: float) -> VehiclePicture:
     """The picture of a recording that was looked at from its beginning to a time [s; Unix time]."""
-    picture = Picture("looked", is_played=True)
+    picture = VehiclePicture("looked", is_played=True)
     for at, key, entry in selection.played(selection.first):
         suffix = key.whole.split("/", 2)[2]
         if at < end and any(fnmatchcase(suffix, pattern) for pattern in WATCHED):
@@ -181,22 +181,22 @@ def watched_until(selection: Selection, end: float) -> Picture:
     return picture
 
 
-def curves(picture: Picture) -> dict[str, list[tuple[float | None, ...]]]:
+def curves(picture: VehiclePicture) -> dict[str, list[tuple[float | None, ...]]]:
     return {word: series.since(0) for word, series in picture.series.items()}
 
 
 async def test_a_player_is_seen_under_the_name_it_has():
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = Selection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, Pace(1.0, selection.first, 0.0), "a.mcap")
+        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
+        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "a.mcap")
         fleet = Fleet(Vehicle(session, "show", "here"))
         async with fleet.watch(lambda: None, lambda name, status: None):
             with player.answering():
-                await wait_until(lambda: fleet.here == {Sighting("show", "mk", True)})
+                await wait_until(lambda: fleet.here == {FleetSighting("show", "mk", True)})
                 with pytest.raises(CommandRejectedError):
-                    await fleet.client(Sighting("show", "mk", True)).release("stop")
+                    await fleet.client(FleetSighting("show", "mk", True)).release("stop")
             await wait_until(lambda: not fleet.here)
 
 
-def lines(picture: Picture) -> dict[str, str]:
+def lines(picture: VehiclePicture) -> dict[str, str]:
     return {line["id"]: line["text"] for line in picture.show(time.monotonic())["lines"]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.play import PlayStatus
 from mkdaemon.view.page.overview import overview_of
-from mkdaemon.view.page.picture import Picture, Reader
+from mkdaemon.view.page.picture import PageReader, VehiclePicture
 from tests.view.page import flights
 from tests.view.page.test_picture import NOW, playing
 
@@ -31,9 +31,9 @@ def test_parts_follow_each_other_and_marks_have_their_place():
 
 
 def test_a_page_is_told_once():
-    picture = Picture("mk1", is_played=True)
+    picture = VehiclePicture("mk1", is_played=True)
     picture.take_play(PlayStatus.model_validate(playing(0.0).model_dump() | {"zero": 1000.0}), NOW)
     picture.flight = overview_of([flights.status(1001.0, manoeuvre="hold")])
-    reader = Reader(picture)
+    reader = PageReader(picture)
     assert reader.read(NOW)["flight"]["parts"] == [{"begin": 1.0, "text": "hold"}]
     assert "flight" not in reader.read(NOW)

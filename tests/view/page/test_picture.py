@@ -11,15 +11,15 @@ from mkdaemon.frames import rotation_from_euler
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Position
-from mkdaemon.view.page.picture import Picture, Reader
+from mkdaemon.view.page.picture import PageReader, VehiclePicture
 from tests.view.page import flights
 
 NOW = 50.0
 """Our own clock when the daemon's shows 1000."""
 
 
-def picture_of(values, at: float = 1000.0) -> Picture:
-    picture = Picture("mk1")
+def picture_of(values, at: float = 1000.0) -> VehiclePicture:
+    picture = VehiclePicture("mk1")
     for suffix, value in values:
         picture.take(suffix, value, NOW + value.stamp.monotonic - at)
     return picture
@@ -58,7 +58,7 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
 
 
 def test_what_nobody_has_said_is_not_known():
-    shown = Picture("mk1").show(NOW)
+    shown = VehiclePicture("mk1").show(NOW)
     assert {one["text"] for one in shown["lines"]} == {"not known"}
     assert {one["tone"] for one in shown["lines"]} == {"unknown"}
     caption = "where the aircraft is: not known"
@@ -72,7 +72,7 @@ def test_values_grow_old_while_nothing_comes():
     shown = picture.show(NOW + 10.0)
     assert line(shown, "attitude")["age"] == pytest.approx(10.0)
     assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == []
-    assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
+    assert [one["text"] for one in shown["large"]] == ["10 s old"] * 3
     assert shown["scene"]["aircraft"]["is_stale"] and shown["scene"]["aircraft"]["age"] == pytest.approx(10.05)
     assert shown["scene"]["goal"] is None
     assert may(shown) == {"lease": True, "release": True, "abort": True}
@@ -80,7 +80,7 @@ def test_values_grow_old_while_nothing_comes():
 
 
 def test_a_last_value_has_the_age_it_had_when_it_was_asked_for():
-    picture = Picture("mk1")
+    picture = VehiclePicture("mk1")
     picture.take("state/attitude", flights.attitude(900.0), NOW, age=100.0)
     assert line(picture.show(NOW), "attitude")["age"] == pytest.approx(100.0)
     assert line(picture.show(NOW), "attitude")["is_stale"]
@@ -171,7 +171,7 @@ def test_tags_are_outlined_in_the_image_in_which_they_were_found():
 
 
 def test_refusals_are_told_with_their_remedy():
-    reader = Reader(picture_of([("event/command", flights.refusal(1000.0))]))
+    reader = PageReader(picture_of([("event/command", flights.refusal(1000.0))]))
     (event,) = reader.read(NOW)["events"]
     assert event["text"] == "setpoint/takeoff denied: no target is in sight."
     assert (event["fix"], event["tone"]) == ("Put the print below the camera.", "bad")
@@ -180,7 +180,7 @@ def test_refusals_are_told_with_their_remedy():
 
 def test_a_page_is_sent_what_it_does_not_have_yet():
     picture = picture_of(flights.hovering(1000.0))
-    reader = Reader(picture)
+    reader = PageReader(picture)
     first = reader.read(NOW)
     assert first["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01)]
     assert first["series"]["sticks"] == [(1000.0, 10, -5, 0, 3, 30.0, -5.0, 0.0, 3.0, 1.0)]
@@ -192,7 +192,10 @@ def test_a_page_is_sent_what_it_does_not_have_yet():
     assert second["series"] == {} and "shapes" not in second and not second["is_anew"]
     picture.take("control/estimate", flights.estimate(1000.5, (0.2, 0.0, 2.0)), NOW + 0.5)
     assert reader.read(NOW + 0.5)["series"] == {"trail": [(1000.5, 0.2, 0.0, 2.0)], "height": [(1000.5, 2.0)]}
-    assert Reader(picture).read(NOW + 0.5)["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01), (1000.5, 0.2, 0.0, 2.0)]
+    assert PageReader(picture).read(NOW + 0.5)["series"]["trail"] == [
+        (1000.0, 0.12, -0.05, 2.01),
+        (1000.5, 0.2, 0.0, 2.0),
+    ]
 
 
 def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1.0, starts: int = 1) -> PlayStatus:
@@ -219,7 +222,7 @@ def test_ages_run_as_fast_as_a_recording_is_played():
 
 def test_a_recording_that_begins_again_is_drawn_anew():
     picture = picture_of(flights.hovering(1000.0))
-    reader = Reader(picture)
+    reader = PageReader(picture)
     reader.read(NOW)
     assert not picture.take_play(playing(50.0), NOW)
     assert picture.take_play(playing(0.0, starts=2), NOW + 1.0)

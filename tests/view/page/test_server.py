@@ -13,7 +13,7 @@ from lab.rigs.waiting import PATIENCE
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.telemetry.play import PlayAction
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.view.page.picture import Picture
+from mkdaemon.view.page.picture import VehiclePicture
 from mkdaemon.view.page.server import PageServer
 from tests.view.page import flights
 
@@ -24,13 +24,13 @@ class Stand:
     """One picture, and what was asked of it."""
 
     def __init__(self) -> None:
-        picture = Picture("mk1")
+        picture = VehiclePicture("mk1")
         for suffix, value in [*flights.hovering(1000.0), ("vision/down/image", flights.image(1000.0, 3))]:
             picture.take(suffix, value, NOW)
         self.pictures = {"mk1": picture}
         self.asked: list[object] = []
 
-    def choose(self, wanted: str) -> Picture | None:
+    def choose(self, wanted: str) -> VehiclePicture | None:
         return self.pictures.get(wanted or "mk1")
 
     async def abort(self, word: str) -> str:
@@ -192,7 +192,7 @@ async def test_a_grey_image_is_shown_as_png():
 async def test_a_page_that_stops_reading_is_given_nothing_more_and_holds_up_nobody():
     async with page() as (stand, _, port):
         stuck = stand.pictures["mk1"]
-        stand.pictures["mk2"] = Picture("mk2")
+        stand.pictures["mk2"] = VehiclePicture("mk2")
         made = 0
         show = stuck.show
 

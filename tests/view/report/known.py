@@ -48,13 +48,17 @@ class Tape:
     def add(self, at: float, suffix: str, fields: Any, kind: Kind = Kind.SAMPLE, **more: Any) -> None:
         """Add an entry of a time [s] after the beginning."""
         monotonic, key = BEGIN + at, f"mk/{self.vehicle}/{suffix}"
-        stamp = {"monotonic": monotonic, "wall": 1_760_001_000.0 + at, "boot": BASE.boot, "synchronised": True}
-        payload = msgpack.packb({"stamp": stamp} | fields if isinstance(fields, dict) else fields)
+        payload = msgpack.packb({"stamp": self.stamp(at)} | fields if isinstance(fields, dict) else fields)
         number = self._counts[kind, key] = self._counts.get((kind, key), 0) + 1
         wall = 1_760_001_000.0 + at
         carried = None if (spec := key_spec(suffix)) is None else spec.carries
         encoding = PACK if carried is None else f"application/msgpack;mk.{schema_name(carried)}"
         self.entries.append(Entry(kind, key, payload, encoding, monotonic, wall, BASE, number, **more))
+
+    @staticmethod
+    def stamp(at: float) -> dict[str, Any]:
+        """The stamp of a time [s] after the beginning."""
+        return {"monotonic": BEGIN + at, "wall": 1_760_001_000.0 + at, "boot": BASE.boot, "synchronised": True}
 
     def write(self, path: Path, config: str = "") -> Path:
         """Write a recording, in the order of time."""
@@ -92,19 +96,38 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
         tape.add(at, "control/estimate", {"position": position, "target": word})
         tape.add(at, "control/error", {"goal": goal, "error_pad": error, "manoeuvre": "position" + word})
         tape.add(at, "state/altitude", {"above_start": math.floor(at)})
+    link = {"reason": word, "port": "/dev/x" + word, "baud": 57600, "firmware": "FlightCtrl 2.12a" + word}
+    link |= {"hears_board": True, "board_hears_us": True}
     for tick in range(11):
         at = float(tick)
-        tape.add(at, "state/battery", {"voltage": 16.0 - 0.1 * tick, "current": 10.0, "used_mah": 3.0 * tick})
+        battery = {"voltage": 16.0 - 0.1 * tick, "current": 10.0, "used_mah": 3.0 * tick}
+        tape.add(at, "state/battery", battery | {"source": "nc/osd", "is_low": False})
         echo = {"sent_total": 100, "lost_total": 2, "p50_ms": 20.0, "p95_ms": 30.0 + tick, "loss_percent": 2.0}
         tests = {"sent": 100, "answered": 97, "late": 1, "unanswered": 2, "lost": 2}
-        tape.add(at, "link/health", {"echo": echo, "confirm": {}, "link_tests": tests})
+        state = link | {
+            "condition": "up" if at < 8.0 else "degraded",
+            "stamp": tape.stamp(at),
+            "since": tape.stamp(0.0),
+        }
+        tape.add(at, "link/health", {"state": state, "echo": echo, "confirm": {}, "link_tests": tests})
         stats = {"camera": "down", "state": "ok", "reason": word, "posed": 0.5, "processed": 10 * tick, "fps": 10.0}
-        tape.add(at, "vision/down/stats", stats | {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0})
+        stats |= dict.fromkeys(("dropped", "lost", "damaged", "reopened", "faults", "restarts"), 0)
+        stats |= {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0, "detect_p50_ms": 5.0, "detect_p99_ms": 6.0}
+        stats |= {
+            "source": "/dev/video0",
+            "width": 80,
+            "height": 60,
+            "alarms": {},
+            "refused": {},
+            "settings_refused": (),
+        }
+        tape.add(at, "vision/down/stats", stats)
         tape.add(at, "vision/down/image", picture(20 * tick), Kind.IMAGE, issuer="driver")
-    link = {"reason": word, "port": "/dev/x" + word, "baud": 57600, "firmware": "FlightCtrl 2.12a" + word}
-    tape.add(0.0, "link/state", {"condition": "up", **link})
-    tape.add(8.0, "link/state", {"condition": "degraded", **link})
-    tape.add(0.0, "health", {"firmware": {"fc": "2.12a" + word}, "battery_cells": 4, "note": word})
+    for at, condition in ((0.0, "up"), (8.0, "degraded")):
+        tape.add(at, "link/state", {"condition": condition, "since": tape.stamp(at), **link})
+    health = {"is_alive": True, "reason": "", "boards": ("fc",), "read_only": None, "link": "up", "error": None}
+    health |= {"firmware": {"fc": "2.12a" + word}, "battery_cells": 4, "note": word, "motors_running": True}
+    tape.add(0.0, "health", health)
     _add_events(tape, word)
     return tape
 

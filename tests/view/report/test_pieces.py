@@ -76,10 +76,6 @@ def test_the_flight_in_words():
         "it was 5.0 cm off horizontally (RMS, once it was there), 5.0 cm at most, in position at 3.0 s",
         "A failsafe acted at 5.0 s: neutral: too old.",
         "Refused: 2 not_leased.",
-        "The link was up for 80 % of the time, and p95 of the round trip was 40 ms at worst.",
-        "Link tests: 97 of 100 answered, 1 late, 2 unanswered (2 lost).",
-        "Camera down gave a pose from 50 % of its images on average.",
-        "The battery went from 16.0 V to 15.0 V, 15.0 V at least.",
     ):
         assert words in said
 

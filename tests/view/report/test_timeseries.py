@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.view.report.timeseries import Series, thin
+from mkdaemon.view.report.timeseries import TimeSeries, thin
 
 
 @pytest.mark.parametrize("count", [0, 1, 5, 100, 101, 5000])
@@ -24,11 +24,11 @@ def test_a_thinned_line_keeps_its_ends_and_extremes(count):
 
 
 def test_values_are_sorted_by_time():
-    series = Series()
+    series = TimeSeries()
     for at, value in ((2.0, 20.0), (1.0, 10.0), (3.0, 30.0)):
         series.add(at, value)
     times, values = series.arrays()
     assert times.tolist() == [1.0, 2.0, 3.0]
     assert values.tolist() == [10.0, 20.0, 30.0]
     assert (len(series), series.last) == (3, 30.0)
-    assert Series().last is None
+    assert TimeSeries().last is None

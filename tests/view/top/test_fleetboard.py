@@ -6,7 +6,7 @@ import pytest
 
 from mkdaemon.telemetry.state import Position
 from mkdaemon.view.top.fleetboard import FleetBoard
-from mkdaemon.view.top.panels import COLUMNS, Tone
+from mkdaemon.view.top.panels import COLUMNS, RowStyle
 from tools.top_picture import KNOWN
 
 NOW, WALL = 1000.0, 1_700_000_000.0  # 22:13:20 UTC
@@ -135,4 +135,4 @@ def test_rows_are_at_most_80_columns_whatever_the_names():
     hear(board, "v" * 32, NOW, control__status={"phase": "leased", "lease": LEASE | {"holder": "h" * 90}})
     board.notice = "x" * 200
     assert max(len(row) for row in shown(board)) <= COLUMNS
-    assert (" GONE" not in shown(board)[0]) and Tone.BAR in {tone for _, tone in board.rows(NOW, WALL)[0]}
+    assert (" GONE" not in shown(board)[0]) and RowStyle.BAR in {tone for _, tone in board.rows(NOW, WALL)[0]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.telemetry.event import CommandEvent, LogEvent, ModeEvent
-from mkdaemon.view.top.panels import COLUMNS, ROWS, Board, Tone, clipped
+from mkdaemon.view.top.panels import COLUMNS, ROWS, RowStyle, VehicleBoard, clipped
 from tools.top_picture import KNOWN
 
 NOW = 1000.0
@@ -13,7 +13,7 @@ STAMP = KNOWN["health"].stamp
 
 
 def board_of(changes=(), at=NOW):
-    board, known = Board("quad"), dict(KNOWN)
+    board, known = VehicleBoard("quad"), dict(KNOWN)
     for key, name, value in changes:
         known[key] = type(known[key]).model_validate(known[key].model_dump() | {name: value})
     for suffix, value in known.items():
@@ -55,7 +55,7 @@ def test_every_value_of_a_known_state_is_shown():
     assert "STALE" not in text
 
 
-@pytest.mark.parametrize("board", [Board("quad"), board_of(), board_of([("link/state", "reason", "x" * 300)])])
+@pytest.mark.parametrize("board", [VehicleBoard("quad"), board_of(), board_of([("link/state", "reason", "x" * 300)])])
 def test_it_is_always_24_rows_of_at_most_80_columns(board):
     rows = board.rows(NOW)
     assert len(rows) == ROWS
@@ -63,7 +63,7 @@ def test_it_is_always_24_rows_of_at_most_80_columns(board):
 
 
 def test_nothing_known_says_so():
-    text = shown(Board("quad"))
+    text = shown(VehicleBoard("quad"))
     assert text.startswith(" quad  NOTHING FROM THE DAEMON: no value has arrived")
     for words in ("no present attitude", "battery   not known", "link          not known", "eyes          not known"):
         assert words in text, words
@@ -99,14 +99,14 @@ def test_stale_values_say_how_old_they_are_each_at_its_own_time():
 )
 def test_what_is_wrong_is_a_word_in_its_colour(change, words):
     parts = [part for row in board_of([change]).rows(NOW) for part in row]
-    assert words in "".join(text for text, tone in parts if tone in (Tone.WARN, Tone.BAD))
+    assert words in "".join(text for text, tone in parts if tone in (RowStyle.WARN, RowStyle.BAD))
 
 
 def test_the_first_row_is_the_worst_and_what_else_is_wrong_follows():
     board = board_of([("state/battery", "is_low", True), ("state/flight", "emergency_landing", True)])
     rows = board.rows(NOW)
-    assert rows[0][2:] == [("EMERGENCY LANDING: receiver lost", Tone.BAD)]
-    assert rows[1][1:] == [("BATTERY LOW: 15.2 V, 3.80 V a cell", Tone.BAD)]
+    assert rows[0][2:] == [("EMERGENCY LANDING: receiver lost", RowStyle.BAD)]
+    assert rows[1][1:] == [("BATTERY LOW: 15.2 V, 3.80 V a cell", RowStyle.BAD)]
 
 
 def test_a_chain_of_causes_that_is_longer_than_the_first_row_goes_on_below_it():
@@ -149,7 +149,7 @@ def refusal(**change):
 
 
 def test_only_events_worth_a_row_have_one():
-    board = Board("quad")
+    board = VehicleBoard("quad")
     board.take("event/log", LogEvent(stamp=STAMP, level="info", text="chatter"), NOW)
     board.take("event/command", CommandEvent(stamp=STAMP, key="do/rates", fields={}, status="accepted"), NOW)
     board.take("event/command", refusal(), NOW - 130.0)
@@ -171,7 +171,7 @@ def test_other_vehicles_are_named_and_a_cut_row_says_so():
     board = board_of()
     board.fleet = ["quad", "hexa"]
     assert "also: hexa" in shown(board)
-    assert clipped([("abcdef", Tone.PLAIN), ("", Tone.BAD), ("ghij", Tone.DIM)], 8) == [
-        ("abcdef", Tone.PLAIN),
-        ("g>", Tone.DIM),
+    assert clipped([("abcdef", RowStyle.PLAIN), ("", RowStyle.BAD), ("ghij", RowStyle.DIM)], 8) == [
+        ("abcdef", RowStyle.PLAIN),
+        ("g>", RowStyle.DIM),
     ]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any, Final
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.console import Console
@@ -35,10 +33,10 @@ async def camera(
     name: str = "",
     /,
     *,
-    once: Annotated[bool, Parameter(negative=())] = False,
+    once: bool = False,
     seconds: float | None = None,
     picture: Path | None = None,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    force: bool = False,
     connection: Connection = HERE,
 ) -> None:
     """Show what a camera sees, live: the picture with its tags, exposure, blur, rate, latency, and what to change.

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
-import os
 import sys
-import termios
-import tty
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.keyreader import QUIT, taking_keys
 from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.terminal import drawing_stream, on_one_line
@@ -32,19 +29,18 @@ RENEW: Final = 2.0
 """Between two renewals [s]; a stream ends 4 s after the last."""
 
 KEYS: Final = {
-    "\x1b[D": MenuKey.PREVIOUS_PAGE,
-    "\x1b[C": MenuKey.NEXT_PAGE,
+    "left": MenuKey.PREVIOUS_PAGE,
+    "right": MenuKey.NEXT_PAGE,
     "p": MenuKey.PREVIOUS_PAGE,
     "n": MenuKey.NEXT_PAGE,
     "0": MenuKey.PREVIOUS_PAGE | MenuKey.NEXT_PAGE,
     "3": MenuKey.KEY_3,
-    "\x1b[A": MenuKey.KEY_3,
+    "up": MenuKey.KEY_3,
     "4": MenuKey.KEY_4,
-    "\x1b[B": MenuKey.KEY_4,
+    "down": MenuKey.KEY_4,
 }
 """What is typed, and the keys of the menu it presses."""
 LEGEND: Final = "left/right page, 0 first page, 3 and 4 keys of the page, q leaves"
-QUIT: Final = frozenset({"q", "\x03", "\x04"})
 
 
 async def display(
@@ -53,10 +49,8 @@ async def display(
     ] = None,
     /,
     *,
-    once: Annotated[bool, Parameter(help="Print one picture and leave.", negative=())] = False,
-    keys: Annotated[
-        bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.", negative=())
-    ] = False,
+    once: Annotated[bool, Parameter(help="Print one picture and leave.")] = False,
+    keys: Annotated[bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show a board's menu and press its keys.
@@ -69,10 +63,11 @@ async def display(
         asked = Board[board.upper()] if board else await _board_here(client)
         if once or connection.json or not (sys.stdin.isatty() and sys.stdout.isatty()):
             picture = await _press(client, asked, MenuKey.NONE, 0)
-            print(json.dumps({"lines": lines_of(picture)}) if connection.json else "\n".join(lines_of(picture)))
+            connection.show({"lines": lines_of(picture)}, "\n".join(lines_of(picture)))
             return
-        with _raw_terminal():
-            await _live(client, asked, allow_change=keys)
+        typed: asyncio.Queue[str] = asyncio.Queue()
+        with taking_keys(sys.stdin.fileno(), typed.put_nowait):
+            await _live(client, asked, typed, allow_change=keys)
 
 
 async def _board_here(client: Vehicle) -> Board:
@@ -103,12 +98,11 @@ async def _press(client: Vehicle, board: Board, keys: MenuKey, interval: int) ->
     message = DisplayRequest(keys_inverted=ALL_KEYS_UP & ~int(keys), interval=interval)
     answer = await try_request(client, board, message)
     if not isinstance(answer, Display):
-        msg = f"the {board.word.upper()} sends no menu; check `mkctl status`"
-        raise RequestTimeoutError(msg)
+        raise RequestTimeoutError(f"the {board.word.upper()} sends no menu; check `mkctl status`")
     return answer.text
 
 
-async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
+async def _live(client: Vehicle, board: Board, typed: asyncio.Queue[str], *, allow_change: bool) -> None:
     """Draw what comes, and renew the stream; keys go out as they are typed."""
     drawing_stream(sys.stdout).write("\x1b[2J")
     _draw(await _press(client, board, MenuKey.NONE, INTERVAL))
@@ -127,10 +121,8 @@ async def _live(client: Vehicle, board: Board, *, allow_change: bool) -> None:
 
     tasks = [asyncio.create_task(job(), name=f"display {job.__name__}") for job in (renew, draw)]
     try:
-        async for typed in _typed():
-            if typed in QUIT:
-                break
-            key = KEYS.get(typed)
+        while (word := await typed.get()) not in QUIT:
+            key = KEYS.get(word)
             _note("")
             if key is None:
                 continue
@@ -165,36 +157,3 @@ def _put(drawing: str) -> None:
     stream = drawing_stream(sys.stdout)
     stream.write(drawing)
     stream.flush()
-
-
-async def _typed() -> AsyncIterator[str]:
-    """Keys as they are typed; an arrow is one."""
-    queue: asyncio.Queue[str] = asyncio.Queue()
-    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
-
-    def read() -> None:
-        text = os.read(terminal, 32).decode("latin-1") or "q"
-        while text:
-            length = 3 if text.startswith("\x1b[") else 1
-            queue.put_nowait(text[:length])
-            text = text[length:]
-
-    loop.add_reader(terminal, read)
-    try:
-        while True:
-            yield await queue.get()
-    finally:
-        loop.remove_reader(terminal)
-
-
-@contextlib.contextmanager
-def _raw_terminal() -> Iterator[None]:
-    """Keys without Return and without echo; everything as before afterwards."""
-    terminal = sys.stdin.fileno()
-    before = termios.tcgetattr(terminal)
-    try:
-        tty.setraw(terminal)
-        yield
-    finally:
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
-        _put("\r\n")

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import show
 from mkdaemon.errors import ConfigError
 
 Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
@@ -21,8 +21,8 @@ def export(
     *,
     to: Annotated[Format, Parameter(name=["--format", "-f"])] = "csv",
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
-    force: Annotated[bool, Parameter(negative=())] = False,
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
+    force: bool = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a recording for other programs.
@@ -74,7 +74,7 @@ def export(
             write_foxglove = _foxglove_writer()
             write_foxglove(read_values(file, key, images=True), written[0], overwrite=force)
     for path in written:
-        print(json_line({"written": str(path)}) if as_json else path)
+        show({"written": str(path)}, str(path), as_json=as_json)
 
 
 def _foxglove_writer() -> Callable[..., int]:

@@ -10,7 +10,6 @@ from contextlib import asynccontextmanager, suppress
 from typing import Final
 
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ConfigError, MkError
@@ -42,8 +41,7 @@ def require_finite(**numbers: float | None) -> None:
     """
     for name, number in numbers.items():
         if number is not None and not math.isfinite(number):
-            msg = f"{name} {number:g}: give a number"
-            raise ConfigError(msg)
+            raise ConfigError(f"{name} {number:g}: give a number")
 
 
 class Shown:
@@ -199,14 +197,9 @@ async def read_position(uav: Vehicle) -> Position:
 def conclude(shown: Shown, goal: Position | None, within: float, connection: Connection) -> int:
     """Print how far from the goal the flight ended; the exit code."""
     if shown.position is None or goal is None:
-        print_end({"position": None, "error": None}, "no image showed where it ended", connection)
+        connection.show({"position": None, "error": None}, "no image showed where it ended")
         return 1
     error = math.dist(shown.position, goal)
     words = f"ended at {metres(shown.position)}, {100 * error:.0f} cm from the goal"
-    print_end({"position": shown.position, "error": error}, words, connection)
+    connection.show({"position": shown.position, "error": error}, words)
     return 0 if error <= within else 1
-
-
-def print_end(fields: dict[str, object], words: str, connection: Connection) -> None:
-    """Print how a command ended: one JSON object, or words."""
-    print(json_line(fields) if connection.json else words)

@@ -8,7 +8,6 @@ from rich.table import Table
 
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.printing import json_line
 
 if TYPE_CHECKING:
     from mkdaemon.telemetry.control import Gains
@@ -27,11 +26,9 @@ async def show_gains(connection: Connection) -> None:
     """
     async with connection.open() as uav:
         found = await uav.gains()
-    if connection.json:
-        print(json_line({**dict(found), "is_safe": found.is_safe}))
-    else:
+    if not connection.json:
         Console().print(_table(found))
-        print(_JUDGEMENT[found.is_safe])
+    connection.show({**dict(found), "is_safe": found.is_safe}, _JUDGEMENT[found.is_safe])
 
 
 _JUDGEMENT: Final = {

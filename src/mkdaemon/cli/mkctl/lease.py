@@ -7,7 +7,6 @@ from typing import Annotated, Final
 from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line
 from mkdaemon.telemetry.control import LeaseGrant, LeaseState
 
 app: Final = App(
@@ -21,9 +20,9 @@ async def take(
     *,
     holder: str | None = None,
     ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
-    force: Annotated[bool, Parameter(negative=(), help="Take it from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take it from whoever holds it.")] = False,
     use_remembered: Annotated[
-        bool, Parameter(negative=(), help="The FlightCtrl, which cannot be asked in flight, is the one before.")
+        bool, Parameter(help="The FlightCtrl, which cannot be asked in flight, is the one before.")
     ] = False,
     connection: Connection = HERE,
 ) -> None:
@@ -53,11 +52,10 @@ async def show(*, connection: Connection = HERE) -> None:
 
 
 def _show(lease: LeaseState | None, connection: Connection) -> None:
-    if connection.json:
-        print(json_line({"holder": None} if lease is None else dict(lease)))
-    elif lease is None:
-        print("no client holds the lease")
-    else:
-        print(f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left")
-        if isinstance(lease, LeaseGrant):
-            print(f"secret {lease.secret}\nsetpoints are put below {lease.setpoint_root}")
+    if lease is None:
+        connection.show({"holder": None}, "no client holds the lease")
+        return
+    words = f"{lease.holder} holds the lease: epoch {lease.epoch}, {lease.left:.1f} s left"
+    if isinstance(lease, LeaseGrant):
+        words += f"\nsecret {lease.secret}\nsetpoints are put below {lease.setpoint_root}"
+    connection.show(dict(lease), words)

@@ -10,21 +10,19 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.streams import read_interval
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import json_line, picked
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, save
 
 if TYPE_CHECKING:
-    from mkdaemon.client.linktest.advice import Verdict
+    from mkdaemon.client.linktest.advice import LineVerdict
     from mkdaemon.client.linktest.campaign import LinkTestFound, LinkTestPlan, OnLinkTest
     from mkdaemon.client.linktest.measures import LoadRun, Measures
     from mkdaemon.client.linktest.probes import Probe
@@ -40,7 +38,7 @@ SLICES: Final = 60
 async def linktest(
     *,
     load: Literal["light", "full", "both"] = "both",
-    stream: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    stream: tuple[str, ...] = (),
     control: float = 0.0,
     seconds: float = 60.0,
     tests: float = 0.0,
@@ -48,8 +46,8 @@ async def linktest(
     csv: Path | None = None,
     picture: Path | None = None,
     compare: Path | None = None,
-    motors_off: Annotated[bool, Parameter(negative=())] = False,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    motors_off: bool = False,
+    force: bool = False,
     connection: Connection = HERE,
 ) -> int:
     """Measure the line: round trips and losses under light and full load, with a verdict and what to change.
@@ -203,13 +201,9 @@ def _fields(run: LoadRun) -> dict[str, Any]:
     from mkdaemon.client.linktest.measures import measure
     from mkdaemon.client.linktest.probes import ProbeKind
 
-    kinds = {"echo": ProbeKind.ECHO, "control": ProbeKind.CONTROL}
-    found = {name: measure(run.of(kind)) for name, kind in kinds.items() if run.of(kind)}
+    found = {kind.name.lower(): measure(run.of(kind)) for kind in ProbeKind if run.of(kind)}
     return {
-        "label": run.label,
-        "load": run.load,
-        "control_hz": run.control_hz,
-        "line_share": run.line_share,
+        **picked(run, "label", "load", "control_hz", "line_share"),
         "damaged_bytes": run.damaged,
         "counted": {title: fates.model_dump() for title, fates in run.counted.items()},
         "daemon_stalled": run.stalled,
@@ -217,7 +211,7 @@ def _fields(run: LoadRun) -> dict[str, Any]:
     }
 
 
-def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) -> None:
+def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: LineVerdict) -> None:
     from rich.table import Table
 
     from mkdaemon.cli.console import Console
@@ -232,21 +226,8 @@ def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: Verdict) 
             for line in (*_histogram(probes), _over_time(probes)):
                 console.print(line)
             console.print()
-    titles = (
-        "line",
-        "load",
-        "probe",
-        "sent",
-        "lost %",
-        "replaced",
-        "in a row",
-        "50",
-        "95",
-        "99 %",
-        "most",
-        "weighted ms",
-    )
-    table = Table(*titles, box=None, pad_edge=False)
+    counts = ("sent", "lost %", "replaced", "in a row")
+    table = Table("line", "load", "probe", *counts, "50", "95", "99 %", "most", "weighted ms", box=None, pad_edge=False)
     for run in (*other, *runs):
         for kind in ProbeKind:
             if run.of(kind):
@@ -283,12 +264,8 @@ def _histogram(probes: Sequence[Probe]) -> Iterator[str]:
         counts = histogram(trips, width, BINS)
         last = max(place for place, count in enumerate(counts) if count)
         for place, count in enumerate(counts[: last + 1]):
-            ends = (
-                f"{place * width:5.1f} - {(place + 1) * width:5.1f} ms"
-                if place < BINS - 1
-                else f"{place * width:5.1f} ms ...    "
-            )
-            yield f"  {ends} {'#' * round(BAR * count / max(counts)):<{BAR}} {count}"
+            until = f"- {(place + 1) * width:5.1f} ms" if place < BINS - 1 else "ms ...    "
+            yield f"  {place * width:5.1f} {until} {'#' * round(BAR * count / max(counts)):<{BAR}} {count}"
     yield f"  {'lost':<16} {'':<{BAR}} {lost}"
 
 

@@ -16,20 +16,20 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import json_line, picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.sparkline import sparkline
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError
-from mkdaemon.record.entry import NANOSECONDS
+from mkdaemon.stamp import NANOSECONDS
 
 if TYPE_CHECKING:
     from mkdaemon.record.reader import ReadReport
     from mkdaemon.record.summary import Glance, KeySummary, Summary
     from mkdaemon.record.writer import View
 
-Force = Annotated[bool, Parameter(negative=(), help="Replace a file that is there.")]
-Viewer = Annotated[bool, Parameter(negative=(), help="Add JSON, for Foxglove, Lichtblick and PlotJuggler.")]
+Force = Annotated[bool, Parameter(help="Replace a file that is there.")]
+Viewer = Annotated[bool, Parameter(help="Add JSON, for Foxglove, Lichtblick and PlotJuggler.")]
 
 app: Final = App(
     name="log",
@@ -50,7 +50,7 @@ async def mark(text: str, *, connection: Connection = HERE) -> None:
     """
     async with connection.open() as uav:
         await uav.records.mark(text)
-    print(json_line({"marked": text}) if connection.json else f"marked: {on_one_line(text)}")
+    connection.show({"marked": text}, f"marked: {on_one_line(text)}")
 
 
 @app.command(name="list")
@@ -69,8 +69,7 @@ def list_(folder: Path | None = None, *, as_json: AsJson = False) -> None:
 
     folders = [folder] if folder is not None else recording_folders()
     if folder is not None and not folder.is_dir():
-        msg = f"{folder}: there is no such folder"
-        raise ConfigError(msg)
+        raise ConfigError(f"{folder}: there is no such folder")
     found = [glance(path) for one in folders for path in sorted(one.glob("*.mcap"))]
     print_list(found, folders, as_json=as_json)
 
@@ -84,11 +83,7 @@ def info(*files: Path, as_json: AsJson = False) -> None:
     Args:
         files: Recordings, whole or damaged.
     """
-    from mkdaemon.record.summary import summarise
-
-    for path in _required(files):
-        with reading_progress([path]) as progress:
-            summary = summarise(path, progress)
+    for summary in _summaries(files):
         if as_json:
             print(json_line(summary_fields(summary)))
         else:
@@ -104,12 +99,8 @@ def verify(*files: Path, as_json: AsJson = False) -> int:
     Args:
         files: Recordings.
     """
-    from mkdaemon.record.summary import summarise
-
     is_whole = True
-    for path in _required(files):
-        with reading_progress([path]) as progress:
-            summary = summarise(path, progress)
+    for summary in _summaries(files):
         is_whole = is_whole and summary.report.is_whole and not summary.missed
         print_check(summary, as_json=as_json)
     return EXIT_OK if is_whole else EXIT_FAILURE
@@ -147,7 +138,7 @@ def cut(
     *,
     start: Annotated[str | None, Parameter(name="--from")] = None,
     end: Annotated[str | None, Parameter(name="--to")] = None,
-    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
     force: Force = False,
     viewer: Viewer = False,
     as_json: AsJson = False,
@@ -200,10 +191,18 @@ def merge(
     _print_written(output, written.entries, sum(report.lost for report in written.reports), as_json=as_json)
 
 
+def _summaries(files: Sequence[Path]) -> Iterator[Summary]:
+    """What each recording holds."""
+    from mkdaemon.record.summary import summarise
+
+    for path in _required(files):
+        with reading_progress([path]) as progress:
+            yield summarise(path, progress)
+
+
 def _required(files: Sequence[Path]) -> Sequence[Path]:
     if not files:
-        msg = "give one recording or more; `mkctl log list` shows what there is"
-        raise ConfigError(msg)
+        raise ConfigError("give one recording or more; `mkctl log list` shows what there is")
     return files
 
 
@@ -215,10 +214,8 @@ def _view(is_wanted: bool) -> View | None:
 
 
 def _print_written(target: Path, entries: int, lost: int, *, as_json: bool) -> None:
-    if as_json:
-        print(json_line({"file": str(target), "entries": entries, "lost": lost}))
-    else:
-        print(f"{on_one_line(target)}: {entries} entries" + (f"; {lost} are missing by their numbers" if lost else ""))
+    words = f"{on_one_line(target)}: {entries} entries" + (f"; {lost} are missing by their numbers" if lost else "")
+    show({"file": str(target), "entries": entries, "lost": lost}, words, as_json=as_json)
 
 
 MOST_LINES: Final = 300
@@ -227,6 +224,7 @@ BARS: Final = 12
 """Of the trend of a key."""
 ENOUGH: Final = 8 * BARS
 """Fewer entries than this come too unevenly to be counted by the bar."""
+_SESSION: Final = ("recorder", "vehicle", "name", "part")
 WIDE: Final = 1000
 """Columns where there is no terminal."""
 
@@ -249,7 +247,9 @@ def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: boo
     """Print what recordings there are, the newest last."""
     if as_json:
         for one in found:
-            print(json_line(_glance_fields(one)))
+            begins = None if one.first is None else one.first / NANOSECONDS
+            known = {"begins": begins, **picked(one, "duration", "size"), "finished": one.is_finished}
+            print(json_line({"file": str(one.path), **picked(one.session, *_SESSION), **known}))
         return
     if not found:
         where = ", ".join(map(str, folders)) or "/var/lib/mkdaemon and the user's state folder"
@@ -271,53 +271,21 @@ def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: boo
     _console().print(table)
 
 
-def _glance_fields(one: Glance) -> dict[str, Any]:
-    session = one.session
-    return {
-        "file": str(one.path),
-        "recorder": None if session is None else session.recorder,
-        "vehicle": None if session is None else session.vehicle,
-        "name": None if session is None else session.name,
-        "part": None if session is None else session.part,
-        "begins": None if one.first is None else one.first / NANOSECONDS,
-        "duration": one.duration,
-        "size": one.size,
-        "finished": one.is_finished,
-    }
-
-
 def summary_fields(summary: Summary) -> dict[str, Any]:
     """What a recording holds, for programs."""
-    session = summary.session
+    keys = ("key", "encoding", "count", "rate", "longest_gap", "lost")
     return {
         "file": str(summary.path),
         "size": summary.report.size,
-        "recorder": None if session is None else session.recorder,
-        "name": None if session is None else session.name,
-        "part": None if session is None else session.part,
-        "program": None if session is None else session.program,
-        "host": None if session is None else session.host,
+        **picked(summary.session, "recorder", "name", "part", "program", "host"),
         "vehicles": summary.vehicles,
         "begins": summary.first / NANOSECONDS,
         "duration": summary.duration,
         **report_fields(summary.report),
         "missed": dict(summary.missed),
-        "keys": [
-            {
-                "kind": one.kind.value,
-                "key": one.key,
-                "encoding": one.encoding,
-                "count": one.count,
-                "bytes": one.size,
-                "rate": one.rate,
-                "longest_gap": one.longest_gap,
-                "lost": one.lost,
-            }
-            for one in summary.keys.values()
-        ],
+        "keys": [{"kind": one.kind, "bytes": one.size, **picked(one, *keys)} for one in summary.keys.values()],
         "marks": [
-            {"at": (mark.at - summary.first) / NANOSECONDS, "vehicle": mark.vehicle, "text": mark.text}
-            for mark in summary.marks
+            {"at": (mark.at - summary.first) / NANOSECONDS, **picked(mark, "vehicle", "text")} for mark in summary.marks
         ],
         "senders": [{**asdict(one), "names": sorted(one.names)} for one in summary.senders.found.values()],
     }
@@ -326,14 +294,10 @@ def summary_fields(summary: Summary) -> dict[str, Any]:
 def report_fields(report: ReadReport) -> dict[str, Any]:
     """What was found while reading, for programs."""
     return {
-        "entries": report.entries,
         "whole": report.is_whole,
         "finished": report.is_complete,
-        "lost": report.lost,
-        "orphans": report.orphans,
-        "unreadable": report.unreadable,
-        "foreign": report.foreign,
-        "damages": [{"offset": one.offset, "length": one.length, "reason": one.reason} for one in report.damages],
+        **picked(report, "entries", "lost", "orphans", "unreadable", "foreign"),
+        "damages": [picked(one, "offset", "length", "reason") for one in report.damages],
     }
 
 

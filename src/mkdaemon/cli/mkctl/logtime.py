@@ -40,8 +40,8 @@ def moment_of(text: str | None, file: Path, option: str) -> int | None:
     """
     if text is None:
         return None
-    from mkdaemon.record.entry import nanoseconds
     from mkdaemon.record.reader import Recording
+    from mkdaemon.stamp import nanoseconds
 
     try:
         seconds = float(text)
@@ -53,7 +53,6 @@ def moment_of(text: str | None, file: Path, option: str) -> int | None:
             raise ConfigError(msg) from None
         return nanoseconds((time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp())
     if seconds != seconds or abs(seconds) > 1e9:
-        msg = f"{option} {text!r}: no time of this recording"
-        raise ConfigError(msg)
+        raise ConfigError(f"{option} {text!r}: no time of this recording")
     first, last = Recording(file).span()
     return (last if text.startswith("-") else first) + nanoseconds(seconds)

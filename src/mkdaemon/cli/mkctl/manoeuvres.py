@@ -14,7 +14,6 @@ from mkdaemon.cli.mkctl.flightshow import (
     conclude,
     leased,
     metres,
-    print_end,
     read_position,
     require_finite,
     showing,
@@ -30,7 +29,7 @@ STAY: Final = 10.0
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
-Force = Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")]
+Force = Annotated[bool, Parameter(help="Take the lease from whoever holds it.")]
 Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
 
 
@@ -48,7 +47,7 @@ async def goto(
     within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
     force: Force = False,
     patience: Annotated[float, Parameter(help="At home: longest time for the switch and the way [s].")] = PATIENCE,
-    confirm: Annotated[bool, Parameter(negative=(), help="At home: I know that it flies there by itself.")] = False,
+    confirm: Annotated[bool, Parameter(help="At home: I know that it flies there by itself.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
@@ -146,7 +145,7 @@ async def velocity(
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
             await lease.velocity(x, y, z, frame=frame, seconds=seconds)
-        print_end({"position": shown.position}, f"now at {metres(shown.position)}", connection)
+        connection.show({"position": shown.position}, f"now at {metres(shown.position)}")
 
 
 async def land(
@@ -170,7 +169,7 @@ async def land(
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: (0.0, 0.0, 0.0)) as shown:
             await lease.land(yaw=heading)
-        print_end({"position": shown.position}, f"{lease.reason}; the pilot stops the motors", connection)
+        connection.show({"position": shown.position}, f"{lease.reason}; the pilot stops the motors")
 
 
 async def take_off(
@@ -201,7 +200,7 @@ async def take_off(
         async with showing(uav, lease, connection, lambda: None) as shown:
             await lease.take_off(height, target=target)
             await lease.hold(seconds=seconds)
-        print_end({"position": shown.position}, f"took off; now at {metres(shown.position)}", connection)
+        connection.show({"position": shown.position}, f"took off; now at {metres(shown.position)}")
 
 
 async def attitude(
@@ -235,7 +234,7 @@ async def attitude(
         output = await uav.control.output.latest()
         is_limited = output is not None and bool(output.value.limited)
         words = f"{lease.setpoints} setpoints{'; the limiter cut the last stick frame' if is_limited else ''}"
-        print_end({"setpoints": lease.setpoints, "limited": is_limited}, words, connection)
+        connection.show({"setpoints": lease.setpoints, "limited": is_limited}, words)
 
 
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
@@ -256,7 +255,7 @@ async def abort(reason: str = "asked for by mkctl", *, connection: Connection = 
     """
     async with connection.open() as uav:
         await uav.abort(reason)
-    print_end({"aborted": True}, "aborted: the aircraft holds, or is level", connection)
+    connection.show({"aborted": True}, "aborted: the aircraft holds, or is level")
 
 
 FULL = 127
@@ -272,7 +271,7 @@ async def stick(
     throttle: float,
     seconds: Annotated[float, Parameter(name=["--seconds", "-s"])] = 2.0,
     rate: float = 50.0,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    force: bool = False,
     connection: Connection = HERE,
 ) -> None:
     """Take the lease, stream neutral sticks until the daemon engages, then these for some seconds, then release.

@@ -14,7 +14,6 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
 from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.protocol.messages import WriteMixer
-from mkdaemon.telemetry.settings import MixerTable
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
 
@@ -27,7 +26,7 @@ async def read(
     file: Annotated[Path | None, Parameter(help="Save it as TOML; without it the table is shown.")] = None,
     /,
     *,
-    force: Annotated[bool, Parameter(help="Overwrite a file that is there.", negative=())] = False,
+    force: Annotated[bool, Parameter(help="Overwrite a file that is there.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show or save the mixer.
@@ -45,10 +44,8 @@ async def read(
     if file is not None:
         save(file, to_toml(mixer.name, mixer.motors), overwrite=force)
         print(f"saved {file}")
-    elif connection.json:
-        print(json.dumps({"name": mixer.name, "motors": _rows(mixer)}))
     else:
-        print(to_toml(mixer.name, mixer.motors), end="")
+        connection.show({"name": mixer.name, "motors": _rows(mixer.motors)}, to_toml(mixer.name, mixer.motors).rstrip())
 
 
 @app.command
@@ -56,7 +53,7 @@ async def write(
     file: Annotated[Path, Parameter(help="TOML as `mixer read` writes it.")],
     /,
     *,
-    confirm: Annotated[bool, Parameter(help="I know that a wrong mixer flips the aircraft.", negative=())] = False,
+    confirm: Annotated[bool, Parameter(help="I know that a wrong mixer flips the aircraft.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Store a mixer, read it back and compare. The FlightCtrl uses it at once, in flight too.
@@ -69,8 +66,7 @@ async def write(
     """
     wanted = from_toml(file)
     if not confirm:
-        msg = f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm"
-        raise ConfigError(msg)
+        raise ConfigError(f"{file}: a wrong mixer flips the aircraft; check the rows and repeat with --confirm")
     async with connection.open() as uav:
         stored = await uav.mixer.write(wanted.name, wanted.motors, confirm=confirm)
     print(f"stored and read back: {stored.name}")
@@ -79,9 +75,9 @@ async def write(
 def to_toml(name: str, motors: tuple[int, ...]) -> str:
     """Return a mixer as TOML, rows without a motor left out at the end."""
     lines = [f"name = {json.dumps(name)}", "# motor = [throttle, pitch, roll, yaw], 64 is 100 %", "[motors]"]
-    rows = [motors[4 * n : 4 * n + 4] for n in range(ROWS)]
+    rows = _rows(motors)
     used = max((n for n, row in enumerate(rows, 1) if any(row)), default=0)
-    return "\n".join([*lines, *(f"{n} = {list(row)}" for n, row in enumerate(rows[:used], 1))]) + "\n"
+    return "\n".join([*lines, *(f"{n} = {row}" for n, row in enumerate(rows[:used], 1))]) + "\n"
 
 
 def from_toml(file: Path) -> WriteMixer:
@@ -93,28 +89,22 @@ def from_toml(file: Path) -> WriteMixer:
     try:
         content: dict[str, Any] = parse_toml(read_text(file, limit=LONGEST_SETTINGS))
     except OSError as error:
-        msg = f"{file}: cannot be read ({error.strerror}); check the name"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{file}: cannot be read ({error.strerror}); check the name") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        msg = f"{file}: no TOML: {error}; `mkctl board mixer read FILE` writes one"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{file}: no TOML: {error}; `mkctl board mixer read FILE` writes one") from error
     motors = [0] * (4 * ROWS)
     rows = content.get("motors")
     if not isinstance(rows, dict) or not rows:
-        msg = f"{file}: no table [motors]; `mkctl board mixer read FILE` writes one"
-        raise ConfigError(msg)
+        raise ConfigError(f"{file}: no table [motors]; `mkctl board mixer read FILE` writes one")
     for number, row in rows.items():
         if not number.isdecimal() or not 1 <= int(number) <= ROWS:
-            msg = f"{file}: motor {number!r}; motors are 1 to {ROWS}"
-            raise ConfigError(msg)
+            raise ConfigError(f"{file}: motor {number!r}; motors are 1 to {ROWS}")
         if not _is_row(row):
-            msg = f"{file}: motor {number} is {row!r}; write [throttle, pitch, roll, yaw], each -128..127"
-            raise ConfigError(msg)
+            raise ConfigError(f"{file}: motor {number} is {row!r}; write [throttle, pitch, roll, yaw], each -128..127")
         motors[4 * int(number) - 4 : 4 * int(number)] = row
     name = str(content.get("name", ""))
     if len(name) > 12 or not name.isascii():
-        msg = f"{file}: the name {name!r} must be at most 12 ASCII characters"
-        raise ConfigError(msg)
+        raise ConfigError(f"{file}: the name {name!r} must be at most 12 ASCII characters")
     return WriteMixer(name=name, motors=tuple(motors))
 
 
@@ -126,5 +116,5 @@ def _is_row(row: object) -> bool:
     )
 
 
-def _rows(mixer: MixerTable) -> list[list[int]]:
-    return [list(mixer.motors[4 * n : 4 * n + 4]) for n in range(ROWS)]
+def _rows(motors: tuple[int, ...]) -> list[list[int]]:
+    return [list(motors[4 * n : 4 * n + 4]) for n in range(ROWS)]

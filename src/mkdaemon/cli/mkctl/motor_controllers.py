@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter, validators
@@ -42,9 +41,9 @@ async def write(
     temperature_limit: Annotated[int | None, Parameter(help="[degC]", validator=Byte)] = None,
     current_scaling: Annotated[int | None, Parameter(help="Gain of the current measurement.", validator=Byte)] = None,
     reverse: Annotated[bool | None, Parameter(help="Sense of rotation.")] = None,
-    save: Annotated[bool, Parameter(help="Keep it in the controller's EEPROM.", negative=())] = False,
+    save: Annotated[bool, Parameter(help="Keep it in the controller's EEPROM.")] = False,
     confirm: Annotated[
-        bool, Parameter(help="I know that a wrong sense of rotation or limit crashes the aircraft.", negative=())
+        bool, Parameter(help="I know that a wrong sense of rotation or limit crashes the aircraft.")
     ] = False,
     connection: Connection = HERE,
 ) -> None:
@@ -63,11 +62,9 @@ async def write(
         "current_scaling": current_scaling,
     }
     if all(value is None for value in given.values()) and reverse is None:
-        msg = "nothing to change; give an item, for example --current-limit 20"
-        raise ConfigError(msg)
+        raise ConfigError("nothing to change; give an item, for example --current-limit 20")
     if not confirm:
-        msg = "a wrong sense of rotation or limit crashes the aircraft; check it and repeat with --confirm"
-        raise ConfigError(msg)
+        raise ConfigError("a wrong sense of rotation or limit crashes the aircraft; check it and repeat with --confirm")
     async with connection.open() as uav:
         [stored] = (
             await uav.motor_controllers.write(motor, confirm=confirm, reverse=reverse, save=save, **given)
@@ -77,9 +74,6 @@ async def write(
 
 def _show(connection: Connection, found: ControllerSettings) -> None:
     fields = found.model_dump()
-    if connection.json:
-        print(json.dumps(fields))
-        return
-    for name, value in fields.items():
-        unit = MotorController.spec.wire(name).unit if name in MotorController.model_fields else ""
-        print(f"{name:20} {value} {unit}".rstrip())
+    known = MotorController.model_fields
+    units = {name: MotorController.spec.wire(name).unit if name in known else "" for name in fields}
+    connection.show(fields, "\n".join(f"{name:20} {fields[name]} {unit}".rstrip() for name, unit in units.items()))

@@ -11,7 +11,6 @@ from cyclopts import App, Parameter, validators
 
 from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightshow import print_end
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
@@ -43,9 +42,7 @@ async def test(
         ),
     ] = 20,
     seconds: Annotated[float, Parameter(help="How long [s].", validator=validators.Number(gt=0, lte=30))] = 2.0,
-    propellers_off: Annotated[
-        bool, Parameter(help="I have taken the propellers off; asks no more.", negative=())
-    ] = False,
+    propellers_off: Annotated[bool, Parameter(help="I have taken the propellers off; asks no more.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Turn motors for some seconds, and stop them at the end whatever happens.
@@ -59,8 +56,7 @@ async def test(
         MkError: motors run, or the daemon refused it.
     """
     if not motors:
-        msg = "name the motors to turn, for example `mkctl board motors test 1 2`"
-        raise ConfigError(msg)
+        raise ConfigError("name the motors to turn, for example `mkctl board motors test 1 2`")
     if not propellers_off:
         _confirm(setpoint)
     points = tuple(setpoint if number in motors else 0 for number in range(1, 17))
@@ -77,7 +73,7 @@ async def test(
 @app.command
 async def stop(
     *,
-    in_flight: Annotated[bool, Parameter(negative=(), help="I know that an aircraft in the air falls.")] = False,
+    in_flight: Annotated[bool, Parameter(help="I know that an aircraft in the air falls.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
@@ -89,7 +85,7 @@ async def stop(
     """
     async with connection.open() as uav:
         await uav.stop(in_flight=in_flight)
-    print_end({"stopped": None}, "asked for; only telemetry tells whether the motors stand", connection)
+    connection.show({"stopped": None}, "asked for; only telemetry tells whether the motors stand")
 
 
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
@@ -107,8 +103,7 @@ async def _stop(client: Vehicle) -> None:
     if not stop.done():
         await stop
     if not any(stop.result()):
-        msg = "no stop was taken by the daemon; the FlightCtrl stops the motors 0.5 s after the last frame"
-        raise MkError(msg)
+        raise MkError("no stop was taken by the daemon; the FlightCtrl stops the motors 0.5 s after the last frame")
 
 
 async def _send_stop(client: Vehicle, after: float) -> bool:
@@ -122,12 +117,10 @@ async def _send_stop(client: Vehicle, after: float) -> bool:
 def _confirm(setpoint: int) -> None:
     """Ask for the words; more than a gentle set point asks for the number too."""
     if not sys.stdin.isatty():
-        msg = "motors turn: take the propellers off and repeat with --propellers-off"
-        raise ConfigError(msg)
+        raise ConfigError("motors turn: take the propellers off and repeat with --propellers-off")
     wanted = SENTENCE if setpoint <= GENTLE else f"{SENTENCE} {setpoint}"
     if input(f"Motors will turn. Type '{wanted}' to go on: ").strip().lower() != wanted:
-        msg = "not confirmed; nothing was sent"
-        raise ConfigError(msg)
+        raise ConfigError("not confirmed; nothing was sent")
 
 
 async def motors_running(client: Vehicle) -> bool | None:

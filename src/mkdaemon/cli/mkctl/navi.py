@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightshow import print_end, require_finite
+from mkdaemon.cli.mkctl.flightshow import require_finite
 from mkdaemon.cli.mkctl.waypoints import notify
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import read_mission
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PATIENCE = 300.0
 """For the pilot to turn the switch, and for the way [s]."""
 Confirm = Annotated[
-    bool, Parameter(negative=(), help="I know that the aircraft flies there by itself once the pilot turns the switch.")
+    bool, Parameter(help="I know that the aircraft flies there by itself once the pilot turns the switch.")
 ]
 Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the way [s].")]
 
@@ -37,9 +37,9 @@ async def status(*, connection: Connection = HERE) -> None:
     async with connection.open() as uav:
         found = await uav.control.navi.latest()
     if found is None:
-        print_end({"stage": None}, "no NaviCtrl has said anything yet", connection)
+        connection.show({"stage": None}, "no NaviCtrl has said anything yet")
     else:
-        print_end(_fields(found.value), stage_line(found.value), connection)
+        connection.show(_fields(found.value), stage_line(found.value))
 
 
 async def fly(
@@ -69,7 +69,7 @@ async def fly(
     async with connection.open() as uav:
         source = "" if file is None else str(file)
         end = await uav.navi.route(mission, source=source, patience=patience, on_stage=StagePrinter().show)
-    print_end(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}", connection)
+    connection.show(_fields(end), f"the last of {end.waypoints} points is reached; the pilot {end.hands}")
 
 
 async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, connection: Connection = HERE) -> None:
@@ -86,7 +86,7 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
     _require(patience, confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi.home(patience=patience, on_stage=StagePrinter().show)
-    print_end(_fields(end), f"home; the pilot {end.hands}", connection)
+    connection.show(_fields(end), f"home; the pilot {end.hands}")
 
 
 async def fly_to(
@@ -111,7 +111,7 @@ async def fly_to(
         end = await uav.navi.goto(
             east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=StagePrinter().show
         )
-    print_end(_fields(end), f"reached; the pilot {end.hands}", connection)
+    connection.show(_fields(end), f"reached; the pilot {end.hands}")
 
 
 class StagePrinter:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
@@ -65,8 +64,7 @@ async def set_value(
     """
     answer = await _ask(connection, WriteNaviParameter(id=_read(name), value=value))
     if answer.value != value:
-        msg = f"{name}: the NaviCtrl answers {answer.value}, not {value}; read it again before flying"
-        raise MkError(msg)
+        raise MkError(f"{name}: the NaviCtrl answers {answer.value}, not {value}; read it again before flying")
     _show(connection, answer)
 
 
@@ -74,8 +72,7 @@ async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
     async with connection.open() as client:
         answer = await try_request(client, Board.NC, message)
     if not isinstance(answer, NaviParameter):
-        msg = "the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)"
-        raise RequestTimeoutError(msg)
+        raise RequestTimeoutError("the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)")
     return answer
 
 
@@ -83,13 +80,10 @@ def _read(name: str) -> NaviParameterId:
     try:
         return NaviParameterId[name.upper().replace("-", "_")]
     except KeyError:
-        msg = f"there is no NaviCtrl parameter {name!r}; use one of {_WORDS}"
-        raise ConfigError(msg) from None
+        raise ConfigError(f"there is no NaviCtrl parameter {name!r}; use one of {_WORDS}") from None
 
 
 def _show(connection: Connection, answer: NaviParameter) -> None:
     unit = UNITS.get(answer.id, "")
     word = NaviParameterId(answer.id).name.lower()
-    print(
-        json.dumps({word: answer.value, "unit": unit}) if connection.json else f"{word} {answer.value} {unit}".rstrip()
-    )
+    connection.show({word: answer.value, "unit": unit}, f"{word} {answer.value} {unit}".rstrip())

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import sys
-import termios
-import time
-import tty
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, nullcontext
+from functools import partial
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.keyreader import taking_keys
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.mkctl.logtime import moment_of
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client.player import Player
@@ -37,9 +36,9 @@ async def play(
     speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
     start: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
     end: Annotated[str | None, Parameter(name="--to", allow_leading_hyphen=True)] = None,
-    loop: Annotated[bool, Parameter(negative=())] = False,
-    step: Annotated[bool, Parameter(negative=())] = False,
-    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
+    loop: bool = False,
+    step: bool = False,
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
     name: Annotated[str | None, Parameter(name="--as")] = None,
     listen: str | None = None,
     wait: Annotated[float, Parameter(name=["--wait", "-w"])] = 10.0,
@@ -70,18 +69,18 @@ async def play(
         MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.
         ConfigError: a time, name, speed or endpoint cannot be understood.
     """
-    from mkdaemon.client.player import Pace, Player, open_player_session
-    from mkdaemon.client.playselection import Selection, check_name
+    from mkdaemon.client.player import Player, PlayPace, open_player_session
+    from mkdaemon.client.playselection import PlaySelection, check_name
     from mkdaemon.client.playsource import RecordedSamples
 
     require_length(speed, "--speed")
     check_name(name)
     part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))
     with reading_progress([file]) as progress:
-        selection = Selection.of(part, name, progress)
-    where = [connection.connect] if listen is None else []
+        selection = PlaySelection.of(part, name, progress)
+    where = () if listen else (connection.connect,)
     async with open_player_session(connect=where, listen=listen, zenoh_file=connection.zenoh_file) as session:
-        player = Player(session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=step), file.name)
+        player = Player(session, selection, PlayPace(speed, selection.first, monotonic(), is_paused=step), file.name)
         await player.refuse_live_daemons()
         favour_threads()
         with player.answering():
@@ -111,16 +110,13 @@ def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
     missing, sent = {} if player.was_sought else player.missing, player.sent.total
     late = player.sent.late.quantile(0.99)
-    if as_json:
-        found = {"sent": sent, "missing": missing, "rounds": player.rounds, "late_p99_s": late}
-        print(json_line(found | {"was_sought": player.was_sought}))
-    else:
-        verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
-        if player.was_sought:
-            verdict = "not compared with the file, as it was moved to other places"
-        print(f"{sent} values of {len(player.sent.counts)} keys put: {verdict}")
-        if late is not None:
-            print(f"late p99: {late * 1e3:.2f} ms")
+    verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
+    if player.was_sought:
+        verdict = "not compared with the file, as it was moved to other places"
+    words = f"{sent} values of {len(player.sent.counts)} keys put: {verdict}"
+    words += "" if late is None else f"\nlate p99: {late * 1e3:.2f} ms"
+    found = {"sent": sent, "missing": missing, "late_p99_s": late, **picked(player, "rounds", "was_sought")}
+    show(found, words, as_json=as_json)
     return EXIT_OK if not missing else EXIT_FAILURE
 
 
@@ -131,8 +127,6 @@ FACTOR: Final = 2.0
 LEGEND: Final = "space pause, n step, ←→ 5 s, + faster, - slower, q end"
 LEAP: Final = 5.0
 """With an arrow key [s]."""
-_ARROWS: Final = {"\x1b[D": "<", "\x1bOD": "<", "\x1b[C": ">", "\x1bOC": ">"}
-"""What a terminal sends for the arrow keys, and the keys that mean the same."""
 
 
 def key_pressed(player: Player, key: str) -> None:
@@ -140,7 +134,7 @@ def key_pressed(player: Player, key: str) -> None:
 
     Args:
         player: what plays.
-        key: one character.
+        key: as `KeyReader` has it.
     """
     match key:
         case " ":
@@ -151,8 +145,8 @@ def key_pressed(player: Player, key: str) -> None:
             player.adjust(lambda pace, now: pace.change_speed(FACTOR, now))
         case "-":
             player.adjust(lambda pace, now: pace.change_speed(1 / FACTOR, now))
-        case "<" | ">":
-            player.seek(player.status().place + (LEAP if key == ">" else -LEAP))
+        case "left" | "right":
+            player.seek(player.status().place + (LEAP if key == "right" else -LEAP))
         case "q":
             player.stop()
         case _:
@@ -169,7 +163,9 @@ async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
     console = Console(stderr=True)
     is_shown = not quiet and console.is_terminal
     columns = (BarColumn(), TextColumn("{task.description}"), TextColumn(LEGEND, style="dim"))
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bars, _keys(player, is_shown):
+    takes_keys = is_shown and sys.stdin.isatty()
+    keys = taking_keys(sys.stdin.fileno(), partial(key_pressed, player)) if takes_keys else nullcontext()
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bars, keys:
         drawing = asyncio.create_task(_draw(player, bars.update, bars.add_task("", total=None)), name="bar")
         try:
             yield
@@ -185,28 +181,3 @@ async def _draw(player: Player, update: Callable[..., None], task: object) -> No
         text += f", {status.state}" if status.state is not PlayState.PLAYING else ""
         update(task, total=status.length or 1.0, completed=status.place, description=text)
         await asyncio.sleep(DRAW)
-
-
-@contextmanager
-def _keys(player: Player, is_shown: bool) -> Iterator[None]:
-    """Take keys without Return; the terminal is as before afterwards."""
-    if not (is_shown and sys.stdin.isatty()):
-        yield
-        return
-    loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
-    before = termios.tcgetattr(terminal)
-
-    def read() -> None:
-        keys = os.read(terminal, 32).decode("latin-1")
-        for arrow, key in _ARROWS.items():
-            keys = keys.replace(arrow, key)
-        for key in keys or "q":
-            key_pressed(player, key)
-
-    try:
-        tty.setcbreak(terminal)
-        loop.add_reader(terminal, read)
-        yield
-    finally:
-        loop.remove_reader(terminal)
-        termios.tcsetattr(terminal, termios.TCSAFLUSH, before)  # what was typed and not read is for nobody else

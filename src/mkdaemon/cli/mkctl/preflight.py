@@ -10,7 +10,6 @@ from rich.table import Table
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.gains import show_gains
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 
@@ -21,7 +20,7 @@ _FIRST: Final = (CheckState.STANDS, CheckState.UNKNOWN, CheckState.PASSED)
 
 async def preflight(
     *,
-    gains: Annotated[bool, Parameter(negative=(), help="Show model, gains and margins of the loop instead.")] = False,
+    gains: Annotated[bool, Parameter(help="Show model, gains and margins of the loop instead.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Make every check before a flight, and show what to do.
@@ -40,15 +39,13 @@ async def preflight(
         return EXIT_OK
     async with connection.open() as uav:
         report = await uav.preflight()
-    if connection.json:
-        print(json_line(report.model_dump(mode="json")))
-    else:
+    if not connection.json:
         table = Table("check", "found", "what it is, and what to do", show_lines=False)
         for finding in sorted(report.findings, key=_urgency):
             word = _PREVENTS[finding.blocks] if finding.state is CheckState.STANDS else finding.state.value
             table.add_row(finding.name, word, " ".join(filter(None, (finding.reason, finding.fix))))
         Console().print(table)
-        print(_conclusion(report))
+    connection.show(report.model_dump(mode="json"), _conclusion(report))
     return 0 if report.is_ready else EXIT_FAILURE
 
 

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_count, require_length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import json_line, picked
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.cli.sparkline import sparkline
@@ -36,15 +36,15 @@ TREND: Final = 20
 async def record(
     *,
     folder: Annotated[Path | None, Parameter(name=["--folder", "-o"])] = None,
-    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"], negative=())] = (),
-    also: Annotated[tuple[str, ...], Parameter(negative=(), help="Endpoint of a further daemon.")] = (),
+    key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
+    also: Annotated[tuple[str, ...], Parameter(help="Endpoint of a further daemon.")] = (),
     seconds: float | None = None,
-    no_viewer: Annotated[bool, Parameter(negative=())] = False,
+    no_viewer: bool = False,
     file_mb: int = 500,
     file_minutes: float = 60.0,
     total_mb: int = 20_000,
     free_mb: int = 1000,
-    delete_oldest: Annotated[bool, Parameter(negative=())] = False,
+    delete_oldest: bool = False,
     queue_mb: int = 64,
     connection: Connection = HERE,
 ) -> int:
@@ -184,16 +184,9 @@ def _print_summary(recording: GroundRecording, seconds: float, *, as_json: bool)
             name: {"received": tally.received, "lost": dict(tally.lost)}
             for name, tally in recording.tap.vehicles.items()
         }
-        fields = {
-            "file": None if report.file is None else str(report.file),
-            "seconds": seconds,
-            "received": recording.received,
-            "written": report.entries,
-            "lost_on_the_way": recording.lost_on_the_way,
-            "not_written": queue.lost,
-            "vehicles": vehicles,
-        }
-        print(json_line(fields))
+        written = {"written": report.entries, "not_written": queue.lost, "vehicles": vehicles}
+        found = {"file": report.file, "seconds": seconds, **picked(recording, "received", "lost_on_the_way"), **written}
+        print(json_line(found))
         return
     file = "no file" if report.file is None else str(report.file)
     print(f"{file}: {report.entries} values in {seconds:.0f} s")

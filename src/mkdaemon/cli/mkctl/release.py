@@ -7,7 +7,6 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE
 from mkdaemon.client.localsocket import ask_locally, find_socket
 from mkdaemon.errors import CommandRejectedError, MkError
@@ -35,7 +34,7 @@ async def release(reason: str = "asked for by mkctl", *, connection: Connection 
         reason: Published with the event.
     """
     done = await release_somehow(connection, reason)
-    print(json_line(dict(done)) if connection.json else done.status.words)
+    connection.show(dict(done), done.status.words)
     return 0 if done.is_done else EXIT_FAILURE
 
 

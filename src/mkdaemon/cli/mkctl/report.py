@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.mkctl.log import Force, reading_progress
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import show
 
 
 def report(
@@ -44,4 +44,4 @@ def report(
     with reading_progress([file]) as progress:
         page = make_page(file, vehicle, progress)
     save(target, page, overwrite=force)
-    print(json_line({"written": str(target), "bytes": len(page)}) if as_json else target)
+    show({"written": str(target), "bytes": len(page)}, str(target), as_json=as_json)

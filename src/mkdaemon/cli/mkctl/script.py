@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightshow import leased, metres, print_end, showing
+from mkdaemon.cli.mkctl.flightshow import leased, metres, showing
 from mkdaemon.cli.mkctl.manoeuvres import Force
 from mkdaemon.client import Lease, Vehicle
 from mkdaemon.errors import ManoeuvreError
@@ -32,7 +32,7 @@ async def fly(
     script: Path,
     /,
     *,
-    check: Annotated[bool, Parameter(negative=(), help="Only check the file.")] = False,
+    check: Annotated[bool, Parameter(help="Only check the file.")] = False,
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -52,7 +52,7 @@ async def fly(
     """
     steps = read_script(script)
     if check:
-        print_end({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong", connection)
+        connection.show({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong")
         return
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         async with showing(uav, lease, connection, lambda: None) as shown:
@@ -60,9 +60,7 @@ async def fly(
                 if not connection.json:
                     shown.print_line(f"step {number} of {len(steps)}: {step.do}")
                 await fly_step(uav, lease, step)
-        print_end(
-            {"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}", connection
-        )
+        connection.show({"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}")
 
 
 async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:

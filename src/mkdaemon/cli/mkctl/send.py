@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
-import json
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
-from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.cli.mkctl.connection import Connection
+from mkdaemon.cli.mkctl.madecommand import MadeCommand, make_command, option
 from mkdaemon.client import Vehicle
 from mkdaemon.client.samples import message_from
 from mkdaemon.described import meanings_of
@@ -238,13 +237,9 @@ async def send(
         board = board or await find_board(client, form)
         answer = await client.command(board.word, form.key, fields)
     reply = answer.require()
-    if at.json:
-        shown = {name: value.hex() if isinstance(value, bytes) else value for name, value in reply.items()}
-        print(json.dumps({"status": answer.status, "reply": shown, "duration": answer.duration}))
-    elif reply:
-        print(describe_reply(message_from(answer.reply_type, reply)))
-    else:
-        print(answer.reason or f"answered: {answer.status}")
+    words = describe_reply(message_from(answer.reply_type, reply)) if reply else answer.reason
+    found = {"status": answer.status, "reply": reply, "duration": answer.duration}
+    at.show(found, words or f"answered: {answer.status}")
 
 
 async def find_board(client: Vehicle, form: RequestForm) -> Board:
@@ -269,44 +264,20 @@ def describe_reply(message: WireMessage) -> str:
     return "\n".join(lines)
 
 
-def _command(form: RequestForm) -> Callable[..., Awaitable[None]]:
-    """Make the function of one request, with a parameter for each field."""
+def _command(form: RequestForm) -> MadeCommand:
+    """Make the function of one request."""
 
-    async def run(**given: Any) -> None:
-        connection: Connection = given.pop("connection", HERE)
-        confirm: bool = given.pop("confirm", False)
-        word = given.pop("board", None)
-        board = None if word is None else Board[word.upper()]
-        await send(form, board, given, confirm, connection)
+    async def run(given: dict[str, Any], connection: Connection) -> None:
+        confirm, word = given.pop("confirm", False), given.pop("board", None)
+        await send(form, None if word is None else Board[word.upper()], given, confirm, connection)
 
-    parameters = [_parameter(field) for field in form.fields]
+    options = [option(field.name, str, field.help, is_required=field.is_required) for field in form.fields]
     if len(form.boards) > 1:
         words = Literal[tuple(board.word for board in form.boards)]  # type: ignore[valid-type]
-        about = "Board to ask; by default the one at the end of the line."
-        parameters.append(_keyword("board", words | None, about, default=None))
+        options.append(option("board", words, "Board to ask; by default the one at the end of the line."))
     if form.danger:
-        about = f"I know the danger: {form.danger}."
-        parameters.append(_keyword("confirm", bool, about, default=False, negative=()))
-    parameters.append(
-        inspect.Parameter("connection", inspect.Parameter.KEYWORD_ONLY, default=HERE, annotation=Connection)
-    )
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    run.__doc__ = f"{form.about}\n\nFirmware: {form.firmware}.\n\nExample: {form.example}"
-    return run
-
-
-def _parameter(field: FieldForm) -> inspect.Parameter:
-    # A number may be negative, so a value that looks like an option is still a value.
-    default = inspect.Parameter.empty if field.is_required else None
-    return _keyword(
-        field.name, str if field.is_required else str | None, field.help, default, allow_leading_hyphen=True
-    )
-
-
-def _keyword(name: str, kind: Any, about: str, default: Any, **options: Any) -> inspect.Parameter:
-    annotation = Annotated[kind, Parameter(help=about, **options)]
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+        options.append(option("confirm", bool, f"I know the danger: {form.danger}."))
+    return make_command(run, options, f"{form.about}\n\nFirmware: {form.firmware}.\n\nExample: {form.example}")
 
 
 FORMS: Final = request_forms()

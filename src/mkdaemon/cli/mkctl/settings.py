@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +9,7 @@ from cyclopts import App, Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.progress import showing_progress
+from mkdaemon.cli.printing import json_line
 from mkdaemon.client.settings import ALL_SLOTS
 from mkdaemon.client.settings_files import SetSource, check_target, read_sets, write_backup
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -30,8 +30,8 @@ Changes = Annotated[str, Parameter(help="NAME=VALUE; potis as `poti1`, bits as `
 Saved = Annotated[Path, Parameter(help="File or folder of a backup.")]
 Other = Annotated[Path | None, Parameter(help="Another; without it the board is read.")]
 Target = Annotated[Path, Parameter(help="A folder for all five sets, or one `.toml` or `.json` file for one.")]
-DryRun = Annotated[bool, Parameter(negative=(), help="Read and compare only.")]
-Force = Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")]
+DryRun = Annotated[bool, Parameter(help="Read and compare only.")]
+Force = Annotated[bool, Parameter(help="Overwrite files that are there.")]
 
 
 @app.command(name="list")
@@ -45,11 +45,8 @@ async def list_sets(*, connection: Connection = HERE) -> None:
         {"slot": slot, "name": found.name, "revision": found.revision, "active": slot == backup.active}
         for slot, found in _sets(backup.sets).items()
     ]
-    if connection.json:
-        print(json.dumps(rows))
-        return
-    for row in rows:
-        print(f"{'*' if row['active'] else ' '} {row['slot']}  {row['name']:12}  revision {row['revision']}")
+    lines = (f"{'* '[not row['active']]} {row['slot']}  {row['name']:12}  revision {row['revision']}" for row in rows)
+    connection.show(rows, "\n".join(lines))
 
 
 @app.command
@@ -66,14 +63,12 @@ async def show(*names: Names, slot: Slot = None, connection: Connection = HERE) 
         print(found.raw.hex())
         return
     values = {name: spell_value(found, name) for name in names or found.values()}
-    if connection.json:
-        print(json.dumps({"slot": number, "revision": found.revision, "values": values}))
-        return
-    print(f"# set {number} {found.name!r}, revision {found.revision}, FlightCtrl {backup.firmware}")
+    lines = [f"# set {number} {found.name!r}, revision {found.revision}, FlightCtrl {backup.firmware}"]
     for name, value in values.items():
         parameter = found.layout.place(name).parameter
         unit = f" {parameter.unit}" if parameter.unit else ""
-        print(f"{name:32} {_spell(value)}{unit:12}  {parameter.meaning}")
+        lines.append(f"{name:32} {_spell(value)}{unit:12}  {parameter.meaning}")
+    connection.show({"slot": number, "revision": found.revision, "values": values}, "\n".join(lines))
 
 
 @app.command
@@ -85,10 +80,9 @@ async def backup(target: Target, /, *, slot: Slot = None, force: Force = False, 
     slots = check_target(target, (slot,) if slot else ALL_SLOTS, overwrite=force)
     found = await _read(connection, slots)
     paths = write_backup(target, found, slots or (found.active,), overwrite=force)
-    if connection.json:
-        print(json.dumps({"active": found.active, "files": [str(path) for path in paths]}))
-        return
-    print(f"saved {', '.join(str(path) for path in paths)}; set {found.active} is live, byte for byte as before")
+    files = [str(path) for path in paths]
+    words = f"saved {', '.join(files)}; set {found.active} is live, byte for byte as before"
+    connection.show({"active": found.active, "files": files}, words)
 
 
 @app.command
@@ -127,8 +121,7 @@ async def restore(
     sets = read_sets(source)
     if slot is not None:
         if len(sets) != 1:
-            msg = f"{source}: --slot moves a single set, this holds {len(sets)}; name one file"
-            raise ConfigError(msg)
+            raise ConfigError(f"{source}: --slot moves a single set, this holds {len(sets)}; name one file")
         sets = {slot: next(iter(sets.values()))}
     for source_set in sets.values():
         if source_set.parameters.layout is None:
@@ -171,8 +164,8 @@ async def write(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, c
 @app.command
 async def recover(
     *,
-    retry: Annotated[bool, Parameter(negative=(), help="Try at once.")] = False,
-    discard: Annotated[bool, Parameter(negative=(), help="Forget it: you know what is live.")] = False,
+    retry: Annotated[bool, Parameter(help="Try at once.")] = False,
+    discard: Annotated[bool, Parameter(help="Forget it: you know what is live.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Show live sets that a procedure left unproven; the daemon restores them when it can. Exit code 1 if any is owed.
@@ -183,20 +176,15 @@ async def recover(
         ConfigError: both at once.
     """
     if retry and discard:
-        msg = "--retry and --discard exclude each other"
-        raise ConfigError(msg)
+        raise ConfigError("--retry and --discard exclude each other")
     async with connection.open() as uav:
         action: Literal["show", "retry", "discard"] = "discard" if discard else "retry" if retry else "show"
         notes = (await uav.settings.recover(action=action, confirm=discard)).notes
-    if connection.json:
-        print(json.dumps([note.model_dump() for note in notes]))
-    else:
-        for note in notes:
-            print(
-                f"set {note.active} of a FlightCtrl {note.firmware}, live when {note.verb} was cut off: {note.detail}"
-            )
-        if not notes:
-            print("no live set is owed")
+    lines = (
+        f"set {note.active} of a FlightCtrl {note.firmware}, live when {note.verb} was cut off: {note.detail}"
+        for note in notes
+    )
+    connection.show([note.model_dump() for note in notes], "\n".join(lines) or "no live set is owed")
     return 1 if any(note.is_owed for note in notes) else 0
 
 
@@ -217,7 +205,7 @@ def _print_written(
     stored = _sets(done.stored)
     of_fc = {slot: spell_changes(parameters, stored[slot]) for slot, parameters in wanted.items()}
     if connection.json:
-        print(json.dumps({"written": done.written, "active": done.active, "changed_by_fc": _plain(of_fc)}))
+        print(json_line({"written": done.written, "active": done.active, "changed_by_fc": _plain(of_fc)}))
         return
     _print_changes(connection, planned, "{name}: {before} -> {after}")
     _print_changes(connection, of_fc, "the FC changed {name} from {before} to {after}", silent=True)
@@ -227,15 +215,13 @@ def _print_written(
 def _print_changes(
     connection: Connection, changes: dict[int, tuple[SpelledChange, ...]], form: str, *, silent: bool = False
 ) -> None:
-    if connection.json:
-        print(json.dumps(_plain(changes)))
-        return
-    for slot, found in changes.items():
-        for change in found:
-            before, after = (_spell(value) for value in change[1:])
-            print(f"set {slot}: " + form.format(name=change.name, before=before, after=after))
-    if not any(changes.values()) and not silent:
-        print("no difference")
+    lines = [
+        f"set {slot}: " + form.format(name=change.name, before=_spell(change[1]), after=_spell(change[2]))
+        for slot, found in changes.items()
+        for change in found
+    ]
+    if lines or connection.json or not silent:
+        connection.show(_plain(changes), "\n".join(lines) or "no difference")
 
 
 def _plain(changes: dict[int, tuple[SpelledChange, ...]]) -> dict[int, list[dict[str, Spelled | None]]]:
@@ -253,8 +239,7 @@ def _raw(sets: dict[int, SetSource]) -> list[StoredSet]:
 def _split(change: str) -> tuple[str, str]:
     name, equals, value = change.partition("=")
     if not equals or not name:
-        msg = f"{change!r} is no change; write NAME=VALUE, for example gyro_p=85"
-        raise ConfigError(msg)
+        raise ConfigError(f"{change!r} is no change; write NAME=VALUE, for example gyro_p=85")
     return name.strip().replace("-", "_"), value.strip()
 
 

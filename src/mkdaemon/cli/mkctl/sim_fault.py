@@ -27,7 +27,7 @@ async def start(connection: Connection = HERE) -> None:
     async with connection.open() as client:
         reply = (await client.command("sim", "start", {})).require()
     doing = reply.get("pilot") or "was asked to begin"
-    print(json_line({"status": "accepted", "pilot": doing}) if connection.json else f"the pilot {doing}")
+    connection.show({"status": "accepted", "pilot": doing}, f"the pilot {doing}")
 
 
 @app.command
@@ -35,7 +35,7 @@ async def fault(
     name: str,
     *values: Annotated[str, Parameter(help="parameter=value; `mkctl sim faults` shows them.")],
     seconds: Annotated[float | None, Parameter(help="How long; otherwise as the table says.")] = None,
-    stop: Annotated[bool, Parameter(negative=(), help="Stop it instead.")] = False,
+    stop: Annotated[bool, Parameter(help="Stop it instead.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Start a fault; `clear` stops all.
@@ -54,10 +54,7 @@ async def fault(
     async with connection.open() as client:
         answer = await client.command("sim", "fault", fields)
     running = answer.require()["active"]
-    if connection.json:
-        print(json_line({"active": running}))
-    else:
-        print("running: " + (", ".join(running) or "none"))
+    connection.show({"active": running}, f"running: {', '.join(running) or 'none'}")
 
 
 @app.command
@@ -92,8 +89,7 @@ def _parse(values: tuple[str, ...]) -> dict[str, float | str]:
     for word in values:
         key, equals, value = word.partition("=")
         if not equals or not key:
-            msg = f"'{word}' is no parameter=value; `mkctl sim faults` shows what each fault takes"
-            raise ConfigError(msg)
+            raise ConfigError(f"'{word}' is no parameter=value; `mkctl sim faults` shows what each fault takes")
         try:
             parsed[key] = float(value)
         except ValueError:

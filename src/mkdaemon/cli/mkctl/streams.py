@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
 
 _INTERVAL = re.compile(r"(\d+(?:\.\d+)?)\s*(ms|s|hz)?", re.IGNORECASE)
@@ -25,8 +23,7 @@ def read_interval(text: str) -> float:
         return 0.0
     match = _INTERVAL.fullmatch(text.strip())
     if match is None:
-        msg = f"{text!r} is no interval: write 100ms, 0.1s, 10Hz or off"
-        raise ConfigError(msg)
+        raise ConfigError(f"{text!r} is no interval: write 100ms, 0.1s, 10Hz or off")
     number, unit = float(match[1]), (match[2] or "ms").lower()
     if unit == "hz":
         return 1.0 / number if number else 0.0
@@ -49,16 +46,15 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
         CommandRejectedError: there is no such stream, or the line cannot carry it.
     """
     if stream is not None and interval is None:
-        msg = f"which interval for {stream}? For example: mkctl board rates {stream} 100ms"
-        raise ConfigError(msg)
+        raise ConfigError(f"which interval for {stream}? For example: mkctl board rates {stream} 100ms")
     wanted = None if stream is None else read_interval(interval or "")
     async with connection.open() as uav:
         intervals = (await uav.rates(stream, wanted)).intervals
-    if connection.json:
-        print(json_line({"intervals": intervals}))
-        return
-    for name, seconds in sorted(intervals.items()):
-        print(f"{name:<12} {1000 * seconds:6.0f} ms  {1 / seconds if seconds else 0:6.1f} Hz")
+    lines = (
+        f"{name:<12} {1000 * seconds:6.0f} ms  {1 / seconds if seconds else 0:6.1f} Hz"
+        for name, seconds in sorted(intervals.items())
+    )
+    connection.show({"intervals": intervals}, "\n".join(lines))
 
 
 async def labels(
@@ -73,8 +69,4 @@ async def labels(
     """
     async with connection.open() as uav:
         names = (await uav.labels(board)).names
-    if connection.json:
-        print(json.dumps(names))
-        return
-    for index, name in enumerate(names):
-        print(f"{index:2}  {name}")
+    connection.show(names, "\n".join(f"{index:2}  {name}" for index, name in enumerate(names)))

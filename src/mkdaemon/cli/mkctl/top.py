@@ -17,9 +17,7 @@ from mkdaemon.errors import ConfigError
 
 async def top(
     *,
-    fleet: Annotated[
-        bool, Parameter(name="--all", negative=(), help="A row for each vehicle of this endpoint.")
-    ] = False,
+    fleet: Annotated[bool, Parameter(name="--all", help="A row for each vehicle of this endpoint.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show a vehicle on one screen of 80 x 24, also over ssh: health, attitude, battery, link, eyes, who flies, events.

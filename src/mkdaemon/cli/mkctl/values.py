@@ -24,9 +24,7 @@ from mkdaemon.client.patterns import did_you_mean, is_known, model_of
 from mkdaemon.errors import MkError
 
 
-async def get(
-    *patterns: str, lines: Annotated[bool, Parameter(negative=())] = False, connection: Connection = HERE
-) -> None:
+async def get(*patterns: str, lines: bool = False, connection: Connection = HERE) -> None:
     """Print the last value of keys, with its age: a field a line, with units, angles in degrees.
 
     Exit code 1 when none of the keys has a value yet.
@@ -78,7 +76,7 @@ async def watch(
     seconds: float | None = None,
     count: Annotated[int | None, Parameter(name=["--count", "-n"])] = None,
     hz: float | None = None,
-    lines: Annotated[bool, Parameter(negative=())] = False,
+    lines: bool = False,
     connection: Connection = HERE,
 ) -> None:
     """Print values as they come, until Ctrl-C: columns below a heading for each key, with units, angles in degrees.

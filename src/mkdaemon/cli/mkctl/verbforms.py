@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 import json
-from collections.abc import Awaitable, Callable
-from typing import Annotated, Any, Final, Literal, get_args, get_origin
+from typing import Any, Final, Literal, get_args, get_origin
 
-from cyclopts import App, Parameter
+from cyclopts import App
 from pydantic.fields import FieldInfo
 
-from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.printing import json_line, short
+from mkdaemon.cli.mkctl.connection import Connection
+from mkdaemon.cli.mkctl.madecommand import MadeCommand, make_command, option
+from mkdaemon.cli.printing import short
 from mkdaemon.client.asking import client_name
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
@@ -42,13 +41,8 @@ async def ask(verb: Verb, given: dict[str, str | bool | None], connection: Conne
     async with connection.open() as uav:
         answer = await uav.command("do", verb.name, fields, patience=verb.patience)
     reply = answer.require()
-    if connection.json:
-        print(json_line(reply))
-        return
-    for name, value in reply.items():
-        print(f"{name:24} {short(value)}")
-    if not reply:
-        print(answer.status.value)
+    words = "\n".join(f"{name:24} {short(value)}" for name, value in reply.items())
+    connection.show(reply, words or answer.status.value)
 
 
 def _read(name: str, text: str, annotation: Any) -> Any:
@@ -58,8 +52,7 @@ def _read(name: str, text: str, annotation: Any) -> Any:
     try:
         return json.loads(text)
     except ValueError as error:
-        msg = f"--{name.replace('_', '-')} {text!r}: give JSON, for example 3, true or [1, 2]"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"--{name.replace('_', '-')} {text!r}: give JSON, for example 3, true or [1, 2]") from error
 
 
 def _takes_words(annotation: Any) -> bool:
@@ -83,32 +76,16 @@ def _example_value(field: FieldInfo) -> str:
     return "TEXT" if _takes_words(field.annotation) else "1" if field.annotation in (int, float) else "JSON"
 
 
-def _command(verb: Verb, group: str, method: str) -> Callable[..., Awaitable[None]]:
-    """Make the function of one verb, with a parameter for each field of its request."""
-
-    async def run(**given: Any) -> None:
-        await ask(verb, given, given.pop("connection", HERE))
-
+def _command(verb: Verb, group: str, method: str) -> MadeCommand:
+    """Make the function of one verb."""
     meanings = meanings_of(verb.request)
-    parameters = [
-        _parameter(name, field, meanings[name]) for name, field in verb.request.model_fields.items() if name != _HOLDER
+    options = [
+        option(name, bool if field.annotation is bool else str, meanings[name], is_required=field.is_required())
+        for name, field in verb.request.model_fields.items()
+        if name != _HOLDER
     ]
-    parameters.append(
-        inspect.Parameter("connection", inspect.Parameter.KEYWORD_ONLY, default=HERE, annotation=Connection)
-    )
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    run.__doc__ = f"{verb.about}\n\nExample: {_example(verb, group, method)}"
-    return run
-
-
-def _parameter(name: str, field: FieldInfo, meaning: str) -> inspect.Parameter:
-    about = Parameter(help=" ".join(meaning.split()), negative=(), allow_leading_hyphen=field.annotation is not bool)
-    kind: Any = Annotated[str if field.is_required() else str | None, about]
-    default: Any = inspect.Parameter.empty if field.is_required() else None
-    if field.annotation is bool:
-        kind, default = Annotated[bool, about], False
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+    doc = f"{verb.about}\n\nExample: {_example(verb, group, method)}"
+    return make_command(lambda given, connection: ask(verb, given, connection), options, doc)
 
 
 _BY_NAME: Final = {verb.name: verb for verb in VERBS}

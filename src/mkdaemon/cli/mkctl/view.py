@@ -17,7 +17,6 @@ from mkdaemon.cli.arguments import require_length
 from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
@@ -30,10 +29,10 @@ async def view(
     /,
     *,
     port: int = PORT,
-    no_browser: Annotated[bool, Parameter(negative=())] = False,
+    no_browser: bool = False,
     speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
-    paused: Annotated[bool, Parameter(negative=())] = False,
-    loop: Annotated[bool, Parameter(negative=())] = False,
+    paused: bool = False,
+    loop: bool = False,
     connection: Connection = HERE,
 ) -> None:
     """Show the aircraft in a browser: where it is, what its cameras see, who flies it, link, battery and events.
@@ -60,13 +59,12 @@ async def view(
     from mkdaemon.view.page.viewer import serving
 
     if not 0 <= port <= 65535:
-        msg = f"--port {port}: give one from 1 to 65535, or 0 for any that is free"
-        raise ConfigError(msg)
+        raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
     require_length(speed, "--speed")
     favour_threads()
     opening = connection.open() if file is None else _played(file, speed, is_paused=paused, loops=loop)
     async with opening as uav, serving(uav, port) as address:
-        print(json_line({"address": address}) if connection.json else f"the page is at {address}; Ctrl-C ends it")
+        connection.show({"address": address}, f"the page is at {address}; Ctrl-C ends it")
         sys.stdout.flush()
         if not no_browser:
             await asyncio.to_thread(webbrowser.open, address)
@@ -76,15 +74,15 @@ async def view(
 @asynccontextmanager
 async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> AsyncIterator[Vehicle]:
     """Play a recording in this process, on a bus of its own; a client of what is played."""
-    from mkdaemon.client.player import Pace, Player, open_player_session
-    from mkdaemon.client.playselection import Selection
+    from mkdaemon.client.player import Player, PlayPace, open_player_session
+    from mkdaemon.client.playselection import PlaySelection
     from mkdaemon.client.playsource import RecordedSamples
 
     with reading_progress([file]) as progress:
-        selection = await asyncio.to_thread(Selection.of, RecordedSamples(file), None, progress)
+        selection = await asyncio.to_thread(PlaySelection.of, RecordedSamples(file), None, progress)
     async with open_player_session(connect=(), listen=None, alone=True) as session:
         player = Player(
-            session, selection, Pace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
+            session, selection, PlayPace(speed, selection.first, time.monotonic(), is_paused=is_paused), file.name
         )
         with player.answering():
             playing = asyncio.create_task(player.play(loops=loops, stays=True), name="player")

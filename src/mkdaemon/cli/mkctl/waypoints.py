@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -27,13 +26,9 @@ for _name in ("start", "end"):
 MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
 Elevation = Annotated[float | None, Parameter(help="Elevation of the starting place, for heights above sea level [m].")]
 Height = Annotated[float | None, Parameter(help="Put every point at this height above the start [m].")]
-InFlight = Annotated[
-    bool, Parameter(negative=(), help="Allow it with running motors: a changed list takes effect at once.")
-]
-Unusual = Annotated[
-    bool, Parameter(negative=(), help="Take points over 5 km away, below the start or over 500 m above it.")
-]
-Force = Annotated[bool, Parameter(negative=(), help="Overwrite a file that is there.")]
+InFlight = Annotated[bool, Parameter(help="Allow it with running motors: a changed list takes effect at once.")]
+Unusual = Annotated[bool, Parameter(help="Take points over 5 km away, below the start or over 500 m above it.")]
+Force = Annotated[bool, Parameter(help="Overwrite a file that is there.")]
 
 
 @app.command
@@ -57,7 +52,7 @@ async def upload(
             mission.points, source=str(file), in_flight=in_flight, allow_unusual=allow_unusual, on_progress=report
         )
     text = f"{done.count} points stored and read back, content {done.digest[:16]}"
-    _print_result(connection, text, count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
+    connection.show({"count": done.count, "digest": done.digest, "rounds": done.rounds, "writes": done.writes}, text)
 
 
 @app.command
@@ -74,11 +69,10 @@ async def read(file: MissionFile, /, *, force: Force = False, connection: Connec
     async with connection.open() as uav, showing_progress(uav, "read", quiet=connection.json) as report:
         found = await uav.waypoints.read(on_progress=report)
     if not found.points:
-        msg = "the NaviCtrl holds no points; nothing was written"
-        raise MkError(msg)
+        raise MkError("the NaviCtrl holds no points; nothing was written")
     _warn(file, write_mission(Mission(points=found.points), file, overwrite=force))
     text = f"{len(found.points)} points written to {file}, content {found.digest[:16]}"
-    _print_result(connection, text, count=len(found.points), digest=found.digest, file=str(file))
+    connection.show({"count": len(found.points), "digest": found.digest, "file": str(file)}, text)
 
 
 @app.command
@@ -100,7 +94,7 @@ async def verify(
     text = "\n".join(found.differences)
     if not found.differences:
         text = f"the NaviCtrl holds this mission: {len(mission.points)} points, content {found.digest[:16]}"
-    _print_result(connection, text, same=not found.differences, digest=found.digest, differences=found.differences)
+    connection.show({"same": not found.differences, "digest": found.digest, "differences": found.differences}, text)
     return 1 if found.differences else 0
 
 
@@ -112,7 +106,7 @@ async def clear(*, in_flight: InFlight = False, connection: Connection = HERE) -
     """
     async with connection.open() as uav:
         await uav.waypoints.clear(in_flight=in_flight)
-    _print_result(connection, "the list is empty", count=0)
+    connection.show({"count": 0}, "the list is empty")
 
 
 @app.command
@@ -134,7 +128,7 @@ def convert(
     lost = write_mission(mission, target, overwrite=force)
     _warn(target, lost)
     count = len(mission.points)
-    _print_result(connection, f"{count} points written to {target}", count=count, file=str(target), lost=lost)
+    connection.show({"count": count, "file": str(target), "lost": lost}, f"{count} points written to {target}")
 
 
 def notify(note: str) -> None:
@@ -145,7 +139,3 @@ def notify(note: str) -> None:
 def _warn(file: Path, lost: tuple[str, ...]) -> None:
     if lost:
         print(f"mkctl: {file}: this format does not keep {'; '.join(lost)}", file=sys.stderr)
-
-
-def _print_result(connection: Connection, text: str, **fields: object) -> None:
-    print(json.dumps(fields) if connection.json else text)

@@ -18,8 +18,9 @@ from rich.live import Live
 from rich.text import Text
 
 from mkdaemon.bus.session import open_session, session_config
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import json_line, show
 from mkdaemon.client import connect
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
 from mkdaemon.config.camera import CameraSection, MountSection
@@ -80,10 +81,10 @@ def camera(
         0.0,
         0.0,
     ),
-    fisheye: Annotated[bool, Parameter(negative=(), help="A fisheye: wider than about 100 deg.")] = False,
-    accept_poor: Annotated[bool, Parameter(negative=(), help="Store a poor calibration all the same.")] = False,
-    force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+    fisheye: Annotated[bool, Parameter(help="A fisheye: wider than about 100 deg.")] = False,
+    accept_poor: Annotated[bool, Parameter(help="Store a poor calibration all the same.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite files that are there.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Calibrate a camera and write its camera file.
 
@@ -130,8 +131,7 @@ def _show(result: CalibrationResult, views: Views, output: Path, *, accept_poor:
     else:
         _explain(result, views)
     if faults and not accept_poor:
-        msg = f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)"
-        raise VisionError(msg)
+        raise VisionError(f"calibration refused: {'; '.join(faults)} (or store it with --accept-poor)")
 
 
 def _record(result: CalibrationResult, lens: str, board: str) -> CalibrationRecord:
@@ -141,12 +141,16 @@ def _record(result: CalibrationResult, lens: str, board: str) -> CalibrationReco
         lens=lens,
         board=board,
         views=len(result.used),
-        rms_px=round(result.rms_px, 4),
-        focal_sd_percent=round(result.focal_sd_percent, 4),
-        centre_sd_px=round(result.centre_sd_px, 3),
+        **_figures(result),
         k1_sd=round(result.sd["k1"], 6),
         forced=bool(result.faults()),
     )
+
+
+def _figures(result: CalibrationResult) -> dict[str, float]:
+    """How well it fits."""
+    digits = {"rms_px": 4, "focal_sd_percent": 4, "centre_sd_px": 3}
+    return {name: round(getattr(result, name), places) for name, places in digits.items()}
 
 
 def _board(text: str) -> CalibrationBoard:
@@ -219,8 +223,7 @@ def _live(
         except KeyboardInterrupt:
             print("enough, calibrating", file=sys.stderr)
     if not received:
-        msg = f"no image from {cfg.source}: {stream.status().reason}"
-        raise VisionError(msg)
+        raise VisionError(f"no image from {cfg.source}: {stream.status().reason}")
     return views
 
 
@@ -260,9 +263,7 @@ def _summary(result: CalibrationResult, views: Views, output: str, *, stored: bo
         "file": output if stored else None,
         "intrinsics": result.intrinsics.model_dump(),
         "sd": {name: round(sd, 6) for name, sd in result.sd.items()},
-        "rms_px": round(result.rms_px, 4),
-        "focal_sd_percent": round(result.focal_sd_percent, 4),
-        "centre_sd_px": round(result.centre_sd_px, 3),
+        **_figures(result),
         "tilt_deg": round(result.tilt_deg, 1),
         "views": len(views.taken),
         "views_used": len(result.used),
@@ -277,12 +278,12 @@ async def mount_of_flight(
     /,
     *,
     camera: Annotated[str | None, Parameter(help="Name of the camera; the only one unless said.")] = None,
-    store: Annotated[bool, Parameter(negative=(), help="Write the angles into the camera file.")] = False,
+    store: Annotated[bool, Parameter(help="Write the angles into the camera file.")] = False,
     vehicle: Annotated[str, Parameter(env_var="MK_VEHICLE", help="Name of the vehicle.")] = DEFAULT_VEHICLE,
     connect_to: Annotated[
         str, Parameter(name="--connect", env_var="MK_CONNECT", help="Zenoh endpoint of the daemon.")
     ] = DEFAULT_ENDPOINT,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare `mount.rpy_deg` of a camera file with what the running daemon saw in flight, and store it if asked.
 
@@ -307,17 +308,12 @@ async def mount_of_flight(
     after = before.mount.model_copy(update={"rpy_deg": tuple(round(angle, 2) for angle in estimate.mount_rpy_deg)})
     if store:
         save_camera(before.model_copy(update={"mount": after}), file, overwrite=True)
-    if as_json:
-        print(
-            json_line(
-                {"before": before.mount.rpy_deg, "after": after.rpy_deg, "stored": store, **estimate.model_dump()}
-            )
-        )
-        return
-    print(f"mount.rpy_deg  file {_words(before.mount.rpy_deg)}  flight {_words(after.rpy_deg)}")
     turn, sd = _words(estimate.mounting_deg), _words(estimate.mounting_sd_deg)
-    print(f"turned by {turn} +- {sd} deg, from {estimate.looks} images")
-    print(f"stored in {file}; restart the daemon" if store else f"nothing written; --store writes it into {file}")
+    words = f"mount.rpy_deg  file {_words(before.mount.rpy_deg)}  flight {_words(after.rpy_deg)}\n"
+    words += f"turned by {turn} +- {sd} deg, from {estimate.looks} images\n"
+    words += f"stored in {file}; restart the daemon" if store else f"nothing written; --store writes it into {file}"
+    changed = {"before": before.mount.rpy_deg, "after": after.rpy_deg, "stored": store}
+    show({**changed, **estimate.model_dump()}, words, as_json=as_json)
 
 
 def _estimate(stats: dict[str, Any], believed: MountSection, file: Path) -> SelfCalibration:
@@ -354,8 +350,8 @@ def shutter(
     /,
     *,
     mains: Annotated[Literal["50", "60"], Parameter(help="Frequency of the mains [Hz].")] = "50",
-    store: Annotated[bool, Parameter(negative=(), help="Write it into the camera file.")] = False,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+    store: Annotated[bool, Parameter(help="Write it into the camera file.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the time between rows from the bands that a lamp on mains makes.
 
@@ -372,8 +368,7 @@ def shutter(
     k = camera.intrinsics
     images = [read_picture(path) for path in list_pictures(pictures)]
     if any(image.shape != (k.height, k.width) for image in images):
-        msg = f"{pictures}: pictures of another size than {k.width}x{k.height}, which {file} is for"
-        raise ConfigError(msg)
+        raise ConfigError(f"{pictures}: pictures of another size than {k.width}x{k.height}, which {file} is for")
     line_time, sd = line_time_of(images, 2.0 * float(mains))
     readout_ms = 1000.0 * line_time * k.height
     if readout_ms > READOUT_MS:
@@ -382,12 +377,12 @@ def shutter(
     if store:
         changed = k.model_copy(update={"line_time": round(line_time, 9)})
         save_camera(camera.model_copy(update={"intrinsics": changed}), file, overwrite=True)
-    if as_json:
-        print(json_line({"before": k.line_time, "line_time": line_time, "sd": sd, "stored": store}))
-        return
     before = "none" if k.line_time is None else f"{1e6 * k.line_time:.2f}"
-    print(f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before}")
-    print(f"stored in {file}" if store else f"nothing written; --store writes it into {file}")
+    words = (
+        f"line time {1e6 * line_time:.2f} +- {1e6 * sd:.2f} us, readout {readout_ms:.1f} ms; the file has {before}\n"
+    )
+    words += f"stored in {file}" if store else f"\nnothing written; --store writes it into {file}"
+    show({"before": k.line_time, "line_time": line_time, "sd": sd, "stored": store}, words, as_json=as_json)
 
 
 @app.command(name="import")
@@ -396,7 +391,7 @@ def import_camera(
     file: Annotated[Path, Parameter(help="Camera file to write.")],
     /,
     *,
-    force: Annotated[bool, Parameter(negative=(), help="Overwrite a file that is there.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite a file that is there.")] = False,
 ) -> None:
     """Make a camera file of another program's calibration; fill in mount and line_time afterwards.
 

@@ -12,11 +12,11 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter
 
+from mkdaemon.cli import printing
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.mkdaemon.documentedfiles import documented_files
 from mkdaemon.cli.mkdaemon.extraprograms import file_with
 from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, RunOptions, load_configuration
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.config.keys import ConfigKey, about_section, heading_of, keys_of, toml_value
@@ -79,12 +79,9 @@ def check(file: Path, *, options: RunOptions = NONE_GIVEN, as_json: AsJson = Fal
         found = list(error.each)
     except ConfigError as error:
         found = [str(error)]
-    if as_json:
-        print(json_line({"file": str(file), "is_valid": not found, "mistakes": found}))
-    elif found:
-        print("\n".join(map(on_one_line, found)))
-    else:
-        print(f"{on_one_line(file)}: no mistake; {count} keys are set, all others have their defaults{note}")
+    fine = f"{on_one_line(file)}: no mistake; {count} keys are set, all others have their defaults{note}"
+    words = "\n".join(map(on_one_line, found)) or fine
+    printing.show({"file": str(file), "is_valid": not found, "mistakes": found}, words, as_json=as_json)
     return EXIT_CONFIG if found else EXIT_OK
 
 
@@ -93,7 +90,7 @@ def show(
     file: Path | None = None,
     *,
     options: RunOptions = NONE_GIVEN,
-    changed: Annotated[bool, Parameter(negative=())] = False,
+    changed: bool = False,
     as_json: AsJson = False,
 ) -> None:
     """Show every value as `mkdaemon run` would have it, and where it comes from; what is printed is a file again.
@@ -112,7 +109,11 @@ def show(
     values = [value for value in values_of(layered) if not changed or value.origin != DEFAULT]
     if as_json:
         for value in values:
-            print(json_line({"key": f"{value.section}.{value.name}", "value": value.value, "origin": value.origin}))
+            print(
+                printing.json_line(
+                    {"key": f"{value.section}.{value.name}", "value": value.value, "origin": value.origin}
+                )
+            )
         return
     for line in _as_file(values):
         print(on_one_line(line))
@@ -163,7 +164,7 @@ def explain(key: str | None = None, *, as_json: AsJson = False) -> None:
     is_one = len({each.dotted for _, each in chosen}) == 1
     for title, each in chosen:
         if as_json:
-            print(json_line({"key": each.dotted, "file": title, **each._asdict()}))
+            print(printing.json_line({"key": each.dotted, "file": title, **each._asdict()}))
         elif is_one:  # in more than one kind of file, perhaps
             print("\n".join(_explanation(title, each)))
         else:
@@ -209,8 +210,8 @@ def new(
     file: Path | None = None,
     *,
     options: RunOptions = NONE_GIVEN,
-    all_keys: Annotated[bool, Parameter(name="--all", negative=())] = False,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    all_keys: Annotated[bool, Parameter(name="--all")] = False,
+    force: bool = False,
 ) -> None:
     """Begin a configuration file: what was given is set, all else stands there as a comment with its default.
 

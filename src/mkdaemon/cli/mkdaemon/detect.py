@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final
 import numpy as np
 from cyclopts import Parameter
 
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import quaternion_from_rotation
@@ -32,7 +33,7 @@ _CODE: Final = r"[0-9]{1,5}"
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class InputPicture:
     """One image of the input: its file, its number in a video, its pixels or why there are none."""
 
     file: str
@@ -42,26 +43,24 @@ class Picture:
 
 
 def detect(
-    images: Annotated[list[Path], Parameter(help="Pictures, folders of pictures, or videos.", negative=())],
+    images: Annotated[list[Path], Parameter(help="Pictures, folders of pictures, or videos.")],
     /,
     *,
     camera: Annotated[Path | None, Parameter(help="Camera file of mkdaemon calibrate camera.")] = None,
-    target: Annotated[tuple[Path, ...], Parameter(help="Target file; may be given again.", negative=())] = (),
+    target: Annotated[tuple[Path, ...], Parameter(help="Target file; may be given again.")] = (),
     intrinsics: Annotated[
         str | None, Parameter(help="FX,FY,CX,CY[,K1,K2,P1,P2,K3] in place of a camera file.", allow_leading_hyphen=True)
     ] = None,
     tag_size: Annotated[
         float | None, Parameter(help="Side of every tag's black square [m]: each stands alone.")
     ] = None,
-    family: Annotated[tuple[str, ...], Parameter(help="Families of tags that stand alone.", negative=())] = (
-        "tag36h11",
-    ),
+    family: Annotated[tuple[str, ...], Parameter(help="Families of tags that stand alone.")] = ("tag36h11",),
     ids: Annotated[str | None, Parameter(help="Only these codes, for example 0,3,7-9; fewer are found surer.")] = None,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="One JSON object an image.")] = False,
+    as_json: AsJson = False,
     overlay: Annotated[
         Path | None, Parameter(help="Write pictures with the findings: a folder, or a picture for one image.")
     ] = None,
-    force: Annotated[bool, Parameter(help="Overwrite pictures that are there.", negative=())] = False,
+    force: Annotated[bool, Parameter(help="Overwrite pictures that are there.")] = False,
 ) -> int:
     """Find tags and their poses.
 
@@ -80,8 +79,7 @@ def detect(
     if camera is not None and intrinsics is not None:
         raise ConfigError("give --camera or --intrinsics, not both")
     if target and (tag_size is not None or ids is not None):
-        msg = f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both"
-        raise ConfigError(msg)
+        raise ConfigError(f"give --target or {'--tag-size' if tag_size is not None else '--ids'}, not both")
     figures = _intrinsics(intrinsics) if intrinsics is not None else None
     lens = load_camera(camera).intrinsics if camera is not None else None
     tagmap = load(target) if target else None
@@ -132,11 +130,9 @@ def _ids(text: str) -> frozenset[int]:
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         if not all(re.fullmatch(_CODE, code) for code in ((first, last) if dash else (first,))):
-            msg = f"--ids '{text}': give codes and ranges below 100000, for example 0,3,7-9"
-            raise ConfigError(msg)
+            raise ConfigError(f"--ids '{text}': give codes and ranges below 100000, for example 0,3,7-9")
         if int(last or first) < int(first):
-            msg = f"--ids '{text}': {part.strip()} counts down; give codes and ranges, for example 0,3,7-9"
-            raise ConfigError(msg)
+            raise ConfigError(f"--ids '{text}': {part.strip()} counts down; give codes and ranges, for example 0,3,7-9")
         found.update(range(int(first), int(last or first) + 1))
     return frozenset(found)
 
@@ -152,18 +148,17 @@ def _inputs(paths: list[Path]) -> Iterator[Path]:
         elif path.exists():
             yield path
         else:
-            msg = f"no such picture, folder or video: {path}"
-            raise ConfigError(msg)
+            raise ConfigError(f"no such picture, folder or video: {path}")
 
 
-def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
+def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[InputPicture]:
     """All images of pictures and videos, and what is wrong with those that are none, or not of this lens."""
     for path in paths:
         is_clip, number = path.suffix.lower() in CLIPS, -1
         try:
             images: Iterable[Recorded] = open_clip(path) if is_clip else [(0.0, partial(read_picture, path))]
         except VisionError:
-            yield Picture(str(path), None, None, "no video that can be read")
+            yield InputPicture(str(path), None, None, "no video that can be read")
             continue
         for number, (_, decode) in enumerate(images):
             pixels, fault = None, ""
@@ -171,22 +166,21 @@ def _pictures(paths: list[Path], lens: Intrinsics | None) -> Iterator[Picture]:
                 pixels = _of_lens(decode(), lens)
             except PictureError as error:
                 fault = str(error)
-            yield Picture(str(path), number if is_clip else None, pixels, fault)
+            yield InputPicture(str(path), number if is_clip else None, pixels, fault)
         if number < 0:
-            yield Picture(str(path), None, None, "no image in this video")
+            yield InputPicture(str(path), None, None, "no image in this video")
 
 
 def _of_lens(pixels: Grey, lens: Intrinsics | None) -> Grey:
     """An image, which is an error where it is of another size than a lens is known for."""
     height, width = pixels.shape
     if lens is not None and (lens.width, lens.height) != (width, height):
-        msg = f"the picture is {width}x{height}, the calibration is for {lens.width}x{lens.height}"
-        raise PictureError(msg)
+        raise PictureError(f"the picture is {width}x{height}, the calibration is for {lens.width}x{lens.height}")
     return pixels
 
 
 def _print_picture(
-    picture: Picture,
+    picture: InputPicture,
     result: StillResult | None,
     k: Intrinsics | None,
     *,
@@ -218,7 +212,7 @@ def _print_picture(
         print(f"  hint: {hint}")
 
 
-def _hints(picture: Picture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
+def _hints(picture: InputPicture, result: StillResult, eye: StillEye, families: Iterable[str]) -> list[str]:
     """Hints about a picture, and about the first image of a video."""
     if picture.pixels is None or picture.frame:
         return []
@@ -232,7 +226,7 @@ def _missing(k: Intrinsics | None, *, sized: bool) -> str:
     return "nothing fits these tags" if sized else "give --target or --tag-size"
 
 
-def _object(picture: Picture, result: StillResult | None) -> dict[str, Any]:
+def _object(picture: InputPicture, result: StillResult | None) -> dict[str, Any]:
     """The JSON object of one image."""
     found: dict[str, Any] = {"file": picture.file}
     if picture.frame is not None:
@@ -278,7 +272,7 @@ def _pose(found: StillPose) -> dict[str, Any]:
     }
 
 
-def _overlay_path(place: Path, picture: Picture, *, single: bool) -> Path:
+def _overlay_path(place: Path, picture: InputPicture, *, single: bool) -> Path:
     """The named picture when there is one image, else one in a folder under the image's own name."""
     if single and picture.frame is None and place.suffix.lower() in {".png", ".jpg", ".jpeg"}:
         return place

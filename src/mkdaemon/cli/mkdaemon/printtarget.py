@@ -7,7 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.printing import show
 from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
@@ -25,15 +26,14 @@ def print_target(
         tuple[str, ...],
         Parameter(
             help="Tag as ID:SIZE or FAMILY/ID:SIZE, side of the black square [m]; a second one is nested inside.",
-            negative=(),
         ),
     ] = (),
     charuco: Annotated[str | None, Parameter(help="Calibration board COLUMNSxROWS, for example 9x6.")] = None,
     square: Annotated[float, Parameter(help="Side of a square of the calibration board [m].")] = 0.03,
     tile: Annotated[str | None, Parameter(help="Cut a PDF for this paper: a4, a3, a2, a1 or a0.")] = None,
     write_target: Annotated[Path | None, Parameter(help="Also write the target file of the given tags here.")] = None,
-    force: Annotated[bool, Parameter(negative=(), help="Overwrite files that are there.")] = False,
-    as_json: Annotated[bool, Parameter(name="--json", negative=(), help="Answer as one JSON object.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite files that are there.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.
 
@@ -51,8 +51,7 @@ def print_target(
             refuse_existing(path, overwrite=force)
     given = [name for name, value in (("--target", target), ("--tag", tag), ("--charuco", charuco)) if value]
     if len(given) != 1:
-        msg = f"give one of --target, --tag, --charuco{', not ' + ' and '.join(given) if given else ''}"
-        raise ConfigError(msg)
+        raise ConfigError(f"give one of --target, --tag, --charuco{', not ' + ' and '.join(given) if given else ''}")
     if charuco is not None:
         page = board_page(_board(charuco, square))
     else:
@@ -65,27 +64,23 @@ def print_target(
 
 
 def _print_page(page: Page, output: Path, *, as_json: bool) -> None:
-    if as_json:
-        size = {"width_mm": round(page.width, 3), "height_mm": round(page.height, 3)}
-        print(json_line({"file": output, **size, "title": page.title}))
-        return
-    print(f"{output}: {page.width:.1f} x {page.height:.1f} mm, {page.title}")
-    print("Print at 100 %, then measure the ruler: it must be 100 mm.")
+    size = {"width_mm": round(page.width, 3), "height_mm": round(page.height, 3)}
+    words = f"{output}: {page.width:.1f} x {page.height:.1f} mm, {page.title}"
+    words += "\nPrint at 100 %, then measure the ruler: it must be 100 mm."
+    show({"file": output, **size, "title": page.title}, words, as_json=as_json)
 
 
 def _board(text: str, square: float) -> CharucoBoard:
     columns, by, rows = text.lower().partition("x")
     if not (by and columns.isdigit() and rows.isdigit()):
-        msg = f"--charuco '{text}': give COLUMNSxROWS, for example 9x6"
-        raise ConfigError(msg)
+        raise ConfigError(f"--charuco '{text}': give COLUMNSxROWS, for example 9x6")
     return CharucoBoard(int(columns), int(rows), square)
 
 
 def _from_file(path: Path) -> Target:
     targets = load([path]).targets
     if len(targets) > 1:
-        msg = f"target file {path} holds {len(targets)} targets: keep one per file to print it"
-        raise ConfigError(msg)
+        raise ConfigError(f"target file {path} holds {len(targets)} targets: keep one per file to print it")
     return targets[0]
 
 

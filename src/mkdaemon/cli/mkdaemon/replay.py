@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import sys
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.errors import ConfigError
 
@@ -19,8 +19,8 @@ def replay(
     files: Annotated[list[Path], Parameter(name="FILE", consume_multiple=True)],
     /,
     *,
-    verify: Annotated[bool, Parameter(negative=())] = False,
-    tolerances: Annotated[bool, Parameter(negative=())] = False,
+    verify: bool = False,
+    tolerances: bool = False,
     config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
     as_json: AsJson = False,
 ) -> int:
@@ -58,7 +58,7 @@ def replay(
     _be_quiet()
     report = verify_recording(files, None if config is None else load(config, {}))
     if as_json:
-        print(json.dumps(report.as_map(), default=_plain))
+        print(json_line(report.as_map()))
     else:
         for line in report.lines():
             print(line)
@@ -71,7 +71,3 @@ def _be_quiet() -> None:
     import structlog
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-
-
-def _plain(value: object) -> object:
-    return value.hex() if isinstance(value, bytes) else str(value)

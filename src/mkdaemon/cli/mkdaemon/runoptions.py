@@ -27,11 +27,11 @@ class RunOptions:
     the environment's `MK_VEHICLE` counts, which names the vehicle that clients talk to."""
     listen: str | None = None
     """Zenoh endpoint for clients, for example `tcp/127.0.0.1:7448`; goes before the file's `bus.listen`."""
-    wait: Annotated[bool, Parameter(negative=())] = False
+    wait: bool = False
     """Wait for the port if it is missing at the start, in place of ending; a recording waits for a subscriber."""
-    real_time: Annotated[bool, Parameter(negative=())] = False
+    real_time: bool = False
     """Go before other programs, as a service does by itself; docs/operations.md says what that can starve."""
-    no_record: Annotated[bool, Parameter(negative=())] = False
+    no_record: bool = False
     """Make no recording of this run; goes before the file's `record.enabled`."""
 
     def by_key(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.client.export.values import Row, Value, flat, unit_of
+from mkdaemon.client.export.values import ExportedValue, Row, flat, unit_of
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, saving
 
@@ -24,7 +24,7 @@ MOST_COLUMNS: Final = 5000
 """Of a table; ours have up to a few hundred."""
 WAITING: Final = 200_000
 """Cells that wait for their row group of a Parquet file, of all tables together; 20 MB."""
-Read = Callable[[], Iterable[Value]]
+Read = Callable[[], Iterable[ExportedValue]]
 """Gives all values of a recording, in order, every time it is called."""
 Place = tuple[str, str]
 """Vehicle and key of a table."""
@@ -49,15 +49,14 @@ class Table:
             MkError: there are too many columns.
         """
         if len(row) + len(self.columns) > MOST_COLUMNS and len({*row, *self.columns}) > MOST_COLUMNS:
-            msg = f"{self.name}: more than {MOST_COLUMNS} columns; export other keys, with --key"
-            raise MkError(msg)
+            raise MkError(f"{self.name}: more than {MOST_COLUMNS} columns; export other keys, with --key")
         for name, part in row.items():
             kinds = self.columns.setdefault(name, set())
             if part is not None:
                 kinds.add(type(part))
 
 
-def row_of(value: Value) -> Row:
+def row_of(value: ExportedValue) -> Row:
     """The cells of a value, by the name of their column."""
     row: Row = dict(zip(TIMES, (float(value.wall), float(value.monotonic)), strict=True))
     for name, part in flat({name: part for name, part in value.fields.items() if name != "stamp"}).items():
@@ -66,7 +65,7 @@ def row_of(value: Value) -> Row:
     return row
 
 
-def tables_of(values: Iterable[Value]) -> dict[Place, Table]:
+def tables_of(values: Iterable[ExportedValue]) -> dict[Place, Table]:
     """The table of each vehicle and key."""
     tables: dict[Place, Table] = {}
     for value in values:
@@ -109,8 +108,7 @@ def write_parquet(read: Read, folder: Path, *, overwrite: bool) -> list[Path]:
     try:
         from mkdaemon.client.export.parquet import RowGroups
     except ImportError:
-        msg = 'Parquet needs pyarrow: pip install "mkdaemon[export]"'
-        raise ConfigError(msg) from None
+        raise ConfigError('Parquet needs pyarrow: pip install "mkdaemon[export]"') from None
     tables = tables_of(read())
     paths = _paths(tables, folder, "parquet", overwrite=overwrite)
     with ExitStack() as files:
@@ -136,8 +134,7 @@ def _paths(tables: dict[Place, Table], folder: Path, suffix: str, *, overwrite: 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder}: cannot be made ({error.strerror}); choose another place"
-        raise MkError(msg) from error
+        raise MkError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
     paths = {place: folder / f"{table.name}.{suffix}" for place, table in tables.items()}
     for path in paths.values():
         refuse_existing(path, overwrite=overwrite)

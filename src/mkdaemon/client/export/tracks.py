@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Final
 from xml.sax.saxutils import escape
 
-from mkdaemon.client.export.values import Value
+from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
 
 POSITION: Final = "state/position"
@@ -45,7 +45,7 @@ class TrackPoint:
         return datetime.fromtimestamp(self.wall, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def tracks_of(values: Iterable[Value]) -> dict[str, list[TrackPoint]]:
+def tracks_of(values: Iterable[ExportedValue]) -> dict[str, list[TrackPoint]]:
     """The track of each vehicle.
 
     Raises:

@@ -28,7 +28,7 @@ _MATRIX: Final = re.compile(r"\((\d+), \1\)")
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class ExportedValue:
     """One published value.
 
     Attributes:
@@ -120,7 +120,7 @@ class Value:
         )
 
 
-def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = False) -> Iterator[Value]:
+def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = False) -> Iterator[ExportedValue]:
     """Every published value of a recording, in its order.
 
     Args:
@@ -134,8 +134,7 @@ def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = Fa
     """
     recording = Recording(path)
     if recording.read_session() is None:
-        msg = f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings")
     kinds = {Kind.SAMPLE, Kind.IMAGE} if images else {Kind.SAMPLE}
     for entry in recording.entries(lambda facts: facts.kind in kinds and matches_any(facts.key, patterns)):
         value = _value(entry)
@@ -143,7 +142,7 @@ def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = Fa
             yield value
 
 
-def _value(entry: Entry) -> Value | None:
+def _value(entry: Entry) -> ExportedValue | None:
     if "msgpack" not in entry.encoding:
         return None
     fields = unpacked(entry.payload)
@@ -152,7 +151,7 @@ def _value(entry: Entry) -> Value | None:
     stamp = entry.carried_stamp
     monotonic = entry.received if stamp is None else stamp.monotonic
     schema = entry.encoding.rpartition(";mk.")[2]
-    return Value(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
+    return ExportedValue(entry.vehicle, entry.suffix, entry.published, monotonic, fields, schema)
 
 
 def unit_of(schema: str, path: str) -> str:

@@ -43,7 +43,7 @@ class Grade(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class LineVerdict:
     """What is thought of a line.
 
     Attributes:
@@ -64,14 +64,14 @@ class _Load:
     control: Measures
 
 
-def judge(runs: Sequence[LoadRun]) -> Verdict:
+def judge(runs: Sequence[LoadRun]) -> LineVerdict:
     """Judge what was measured under every load of one line."""
     loads = [_Load(run, measure(run.of(ProbeKind.ECHO)), measure(run.of(ProbeKind.CONTROL))) for run in runs]
     loads = [load for load in loads if load.echo.sent]
     if not loads:
-        return Verdict(Grade.UNKNOWN, "no link test was seen", ("Set link.echo_hz, or give --tests 5.",))
+        return LineVerdict(Grade.UNKNOWN, "no link test was seen", ("Set link.echo_hz, or give --tests 5.",))
     grade, reason = min((_grade(load) for load in loads), key=lambda found: _ORDER.index(found[0]))
-    return Verdict(grade, reason, tuple(_advice(loads)))
+    return LineVerdict(grade, reason, tuple(_advice(loads)))
 
 
 _ORDER: Final = (Grade.POOR, Grade.USABLE, Grade.GOOD)

@@ -68,7 +68,7 @@ class Lapse:
     is_input_lost: bool
 
 
-class Hands:
+class PadHands:
     """One pad in somebody's hands.
 
     Attributes:

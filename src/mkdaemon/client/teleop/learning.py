@@ -13,7 +13,7 @@ CALM: Final = 0.15
 """An axis this close to where it rested is at rest again."""
 
 
-class Question(NamedTuple):
+class LearningQuestion(NamedTuple):
     """One thing somebody is asked for.
 
     Attributes:
@@ -26,10 +26,10 @@ class Question(NamedTuple):
 
 
 STICKS: Final = (
-    Question("left_y", "push the LEFT stick UP, away from you"),
-    Question("left_x", "push the LEFT stick to the RIGHT"),
-    Question("right_y", "push the RIGHT stick UP, away from you"),
-    Question("right_x", "push the RIGHT stick to the RIGHT"),
+    LearningQuestion("left_y", "push the LEFT stick UP, away from you"),
+    LearningQuestion("left_x", "push the LEFT stick to the RIGHT"),
+    LearningQuestion("right_y", "push the RIGHT stick UP, away from you"),
+    LearningQuestion("right_x", "push the RIGHT stick to the RIGHT"),
 )
 """The four axes, each in its positive direction."""
 _WORDS: Final = {
@@ -40,7 +40,7 @@ _WORDS: Final = {
     Function.STOP: "STOP the motors",
 }
 BUTTONS: Final = tuple(
-    Question(each.value, f"press the button for {_WORDS.get(each, each.value.replace('_', ' ').upper())}")
+    LearningQuestion(each.value, f"press the button for {_WORDS.get(each, each.value.replace('_', ' ').upper())}")
     for each in Function
 )
 """The buttons; only the first must be answered."""

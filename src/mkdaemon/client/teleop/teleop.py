@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from mkdaemon.client.teleop.hands import DEFLECTED, Function, Hands, Lapse
+from mkdaemon.client.teleop.hands import DEFLECTED, Function, Lapse, PadHands
 from mkdaemon.client.teleop.inputs import HandSticks, PadFacts
 from mkdaemon.config.gamepad import Gamepad
 
@@ -35,7 +35,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class TeleopOutput:
     """What to do now.
 
     Attributes:
@@ -63,16 +63,16 @@ class Teleop:
     """
 
     def __init__(self) -> None:
-        self.hands: dict[str, Hands] = {}
+        self.hands: dict[str, PadHands] = {}
         self.pilot: str | None = None
         self.manoeuvre: str | None = None
         self._thrust_at = 0.0
         self._lost: str | None = None
         self._news = ""
 
-    def attach(self, name: str, pad: Gamepad, facts: PadFacts, at: float) -> Hands:
+    def attach(self, name: str, pad: Gamepad, facts: PadFacts, at: float) -> PadHands:
         """Take a pad that has come; it flies nothing before its state is known and its thrust stick was lowest."""
-        self.hands[name] = Hands(pad, facts, at)
+        self.hands[name] = PadHands(pad, facts, at)
         return self.hands[name]
 
     def detach(self, name: str, reason: str) -> None:
@@ -91,7 +91,7 @@ class Teleop:
         if self.pilot is not None and self.pilot in self.hands:
             self._end_manoeuvre(self.hands[self.pilot])
 
-    def tick(self, now: float, *, is_engaged: bool, is_on_ground: bool | None = None) -> Output:
+    def tick(self, now: float, *, is_engaged: bool, is_on_ground: bool | None = None) -> TeleopOutput:
         """Decide what is done now.
 
         Args:
@@ -110,27 +110,27 @@ class Teleop:
             return self._wait(pressed, now, is_engaged=is_engaged, is_on_ground=is_on_ground)
         return self._fly(self.hands[self.pilot], pressed[self.pilot], now, is_engaged=is_engaged)
 
-    def _let_go(self, reason: str) -> Output:
+    def _let_go(self, reason: str) -> TeleopOutput:
         was_flying = self.pilot is not None
         self.ended(reason)
-        return Output(None, reason, let_go=was_flying)
+        return TeleopOutput(None, reason, let_go=was_flying)
 
     def _wait(
         self, pressed: Mapping[str, list[Function]], now: float, *, is_engaged: bool, is_on_ground: bool | None
-    ) -> Output:
+    ) -> TeleopOutput:
         reasons = []
         for name, hands in self.hands.items():
             obstacle = hands.obstacle(pressed[name], now, is_on_ground=is_on_ground)
             if Function.STOP in pressed[name]:
-                return Output(None, "the motors are asked to stop", stop_motors=True)
+                return TeleopOutput(None, "the motors are asked to stop", stop_motors=True)
             if Function.ENABLE in pressed[name] and not obstacle:
                 self.pilot, self._news = name, ""
                 return self._fly(hands, pressed[name], now, is_engaged=is_engaged)
             reasons.append(obstacle or f"hold {hands.pad.buttons.enable} of {hands.facts.name} to fly")
         waiting = "; ".join(dict.fromkeys(reasons)) or "no pad is there: plug one in"
-        return Output(None, f"{self._news}; {waiting}" if self._news else waiting)
+        return TeleopOutput(None, f"{self._news}; {waiting}" if self._news else waiting)
 
-    def _fly(self, hands: Hands, pressed: list[Function], now: float, *, is_engaged: bool) -> Output:
+    def _fly(self, hands: PadHands, pressed: list[Function], now: float, *, is_engaged: bool) -> TeleopOutput:
         lapse = hands.lapse(now)
         if lapse is not None:
             return self._lapsed(hands, lapse, now)
@@ -141,13 +141,13 @@ class Teleop:
             self._end_manoeuvre(hands)
         if self.manoeuvre is not None:
             fields = {"height": hands.pad.takeoff_height} if self.manoeuvre == "takeoff" else {}
-            return Output(
+            return TeleopOutput(
                 Wanted(self.manoeuvre, fields), f"{self.manoeuvre}: move a stick to take over", stop_motors=stop
             )
         wish = hands.wish(is_engaged=is_engaged)
-        return Output(Wanted("stick", wish._asdict()), f"{hands.facts.name} flies", stop_motors=stop)
+        return TeleopOutput(Wanted("stick", wish._asdict()), f"{hands.facts.name} flies", stop_motors=stop)
 
-    def _lapsed(self, hands: Hands, lapse: Lapse, now: float) -> Output:
+    def _lapsed(self, hands: PadHands, lapse: Lapse, now: float) -> TeleopOutput:
         self._end_manoeuvre(hands)
         if now - lapse.since >= RELEASE_AFTER:
             return self._let_go(lapse.reason)
@@ -155,9 +155,9 @@ class Teleop:
         if lapse.is_input_lost:
             throttle = min(throttle, hands.thrust.hover)
         neutral = HandSticks(0.0, 0.0, 0.0, throttle)
-        return Output(Wanted("stick", neutral._asdict()), f"neutral: {lapse.reason}", is_neutral=True)
+        return TeleopOutput(Wanted("stick", neutral._asdict()), f"neutral: {lapse.reason}", is_neutral=True)
 
-    def _begin(self, function: Function, hands: Hands) -> None:
+    def _begin(self, function: Function, hands: PadHands) -> None:
         """Begin a manoeuvre, if the button stands for one."""
         kind = KINDS.get(function)
         if kind is None:
@@ -165,12 +165,12 @@ class Teleop:
         self._thrust_at = hands.inputs.axis(hands.axes.throttle)
         self.manoeuvre = kind
 
-    def _end_manoeuvre(self, hands: Hands) -> None:
+    def _end_manoeuvre(self, hands: PadHands) -> None:
         """Let the sticks fly again, at hover thrust until the thrust stick has come to it."""
         if self.manoeuvre is not None:
             self.manoeuvre = None
             hands.thrust.hold(hands.thrust.hover)
 
-    def _takes_over(self, hands: Hands) -> bool:
+    def _takes_over(self, hands: PadHands) -> bool:
         thrust = hands.inputs.axis(hands.axes.throttle)
         return hands.deflection() > DEFLECTED or abs(thrust - self._thrust_at) > THRUST_MOVED

@@ -16,15 +16,13 @@ from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, Level, diagnoses_of, diagnosis_of
 from mkdaemon.reading.known import KEYS as PICTURED
-from mkdaemon.record.entry import NANOSECONDS
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.preflight import ControlPreflight
 
 _NUMBER: Final = re.compile(r"[-+.\d]+")
 PERIOD: Final = 1.0
 """Between two messages while nothing changes [s]."""
-LOOK: Final = 0.19
-"""A key whose values come faster is diagnosed by every value that is at least this much newer [s]."""
 KEYS: Final = (*PICTURED, "control/preflight")
 """Keys of the values that are diagnosed."""
 
@@ -66,7 +64,6 @@ class Diagnostics:
         self._reading = Reading()
         self._gists: dict[str, tuple[Level, str]] = {}
         self._shown = float("-inf")
-        self._looked: dict[str, float] = {}
 
     def __call__(self, suffix: str, value: Stamped) -> bytes | None:
         """Every line that is known; None where nothing has changed, and for a value of no such part."""
@@ -76,9 +73,6 @@ class Diagnostics:
         self._reading.take(suffix, value, at)
         if suffix not in PARTS.values() and not suffix.endswith("/stats"):
             return None
-        if 0.0 <= at - self._looked.get(suffix, float("-inf")) < LOOK:
-            return None
-        self._looked[suffix] = at
         lines = [line for line in diagnoses_of(self._reading.at(at)) if line.values or line.name == VERDICT]
         # What has to change to be shown at once: the level, and the message without its numbers.
         gists = {line.name: (line.level, _NUMBER.sub("", line.message)) for line in lines}

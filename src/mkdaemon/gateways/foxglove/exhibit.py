@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Final
 
 import structlog
@@ -17,6 +18,7 @@ from foxglove import Channel, Context
 
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.errors import MkError, ProtocolError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.foxglove.feed import Feed
 from mkdaemon.gateways.foxglove.names import LATEST, Names
 from mkdaemon.gateways.foxglove.topics import (
@@ -28,13 +30,16 @@ from mkdaemon.gateways.foxglove.topics import (
     json_message,
     json_schema,
 )
-from mkdaemon.record.entry import nanoseconds
+from mkdaemon.gateways.keys import matches
+from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
 LOOK_PERIOD: Final = 2.0
 """Between two looks for new keys, while somebody is subscribed to anything [s]."""
 FOUND: Final = ("vision/*/setup", "vision/*/stats", "rx/*/*", "tx/*/*")
 """Where keys are looked for that not every vehicle has."""
+_LISTENED: Final = 512
+"""Keys whose channels are remembered; strangers can put to any."""
 LEAP: Final = 1.0
 """A key's stamp that goes back by more is of a recording that goes on at another place, or of another boot [s]."""
 
@@ -67,6 +72,7 @@ class Exhibit:
 
     Attributes:
         lines: every channel, by its id.
+        faults: each ended the one message of a value that met it.
     """
 
     def __init__(self, context: Context, names: Names, clock: Callable[[int], None]) -> None:
@@ -78,9 +84,10 @@ class Exhibit:
             clock: told the time of every value that comes [ns; Unix time].
         """
         self.lines: dict[int, Line] = {}
+        self.faults = Faults("foxglove")
         self._context, self._names, self._clock = context, names, clock
         self._client: Vehicle | None = None
-        self._listeners: dict[str, list[Line]] = {}
+        self._listeners = lru_cache(_LISTENED)(self._listening)
         self._feed = Feed(self._take)
         self._known: set[str] = set()
         self._cameras: set[str] = set()
@@ -166,13 +173,15 @@ class Exhibit:
 
     def _want(self) -> None:
         """Subscribe on the bus to what somebody looks at."""
-        self._listeners = {}
-        for line in self.lines.values():
-            if line.clients:
-                for key in line.keys:
-                    self._listeners.setdefault(key, []).append(line)
-        self._feed.want(set(self._listeners))
-        (self._is_watched.set if self._listeners else self._is_watched.clear)()
+        self._listeners.cache_clear()
+        wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
+        self._feed.want(wanted)
+        (self._is_watched.set if wanted else self._is_watched.clear)()
+
+    def _listening(self, suffix: str) -> list[Line]:
+        """Channels that somebody looks at and that are made of a key."""
+        watched = (line for line in self.lines.values() if line.clients)
+        return [line for line in watched if any(matches(key, suffix) for key in line.keys)]
 
     def _start(self, work: Any, name: str) -> asyncio.Task[None]:
         task: asyncio.Task[None] = asyncio.create_task(work, name=name)
@@ -198,7 +207,7 @@ class Exhibit:
 
     # -- what they are given --------------------------------------------------------------------------------------
 
-    def _take(self, pattern: str, sample: Sample) -> None:
+    def _take(self, sample: Sample) -> None:
         """A value comes."""
         boot, at, wall = _moment(sample)
         known_boot, known = self._newest.get(sample.suffix, (boot, at))
@@ -206,11 +215,18 @@ class Exhibit:
             self._begin_anew()
         self._newest[sample.suffix] = (boot, at)
         self._clock(wall)
-        for line in self._listeners.get(pattern, ()):
+        for line in self._listeners(sample.suffix):
             line.given[sample.suffix] = at
-            message = _message(line.convert, sample)
+            self._show(line, line.convert, sample, wall)
+
+    def _show(
+        self, line: Line, convert: Conversion | None, sample: Sample, wall: int, client: int | None = None
+    ) -> None:
+        """Give a value to everybody who looks at a channel, or to one of them."""
+        with self.faults.contained(line.channel.topic()):  # a stranger may put numbers that no message can have
+            message = _message(convert, sample)
             if message is not None:
-                line.channel.log(message, log_time=wall)
+                line.channel.log(message, log_time=wall, sink_id=client)
 
     def _begin_anew(self) -> None:
         """A recording goes on at another place, or somebody else speaks for the vehicle: what was known is not true."""
@@ -245,9 +261,8 @@ class Exhibit:
             _, at, wall = _moment(sample)
             if is_first and at <= line.given.get(sample.suffix, float("-inf")):
                 continue  # it came while the others were asked for
-            message = _message(convert, sample)
-            if message is not None and client in line.clients:
-                line.channel.log(message, log_time=wall, sink_id=client)
+            if client in line.clients:
+                self._show(line, convert, sample, wall, client)
 
 
 def _moment(sample: Sample) -> tuple[str, float, int]:

@@ -9,8 +9,7 @@ from foxglove.messages import Pose, Quaternion, Timestamp, Vector3
 
 from mkdaemon.client.place import Array
 from mkdaemon.frames import quaternion_from_rotation
-from mkdaemon.record.entry import NANOSECONDS, nanoseconds
-from mkdaemon.stamp import Stamp
+from mkdaemon.stamp import NANOSECONDS, Stamp, nanoseconds
 
 LATEST: Final = (1 << 32) * NANOSECONDS - 1
 """The last time that a Foxglove timestamp can have [ns]."""

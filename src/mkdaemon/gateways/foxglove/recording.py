@@ -13,7 +13,7 @@ from typing import Final
 from foxglove import Schema
 from mcap.writer import Writer
 
-from mkdaemon.client.export.values import Value
+from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
 from mkdaemon.files import saving
 from mkdaemon.gateways.foxglove.names import LATEST, Names
@@ -26,8 +26,8 @@ from mkdaemon.gateways.foxglove.topics import (
     json_message,
     json_schema,
 )
-from mkdaemon.record.entry import nanoseconds
-from mkdaemon.record.reader import matches_any
+from mkdaemon.gateways.keys import matches
+from mkdaemon.stamp import nanoseconds
 
 _JSON: Final = None
 """In place of a conversion: the value is shown as JSON."""
@@ -43,8 +43,8 @@ class _Aircraft:
         self._lines: dict[str, list[_Line]] = {}
         self._topics: dict[str, _Line] = {}
 
-    def take(self, value: Value) -> int:
-        """Write every message that a value makes; their number. Raises `MkError` as `Value.stamped` does."""
+    def take(self, value: ExportedValue) -> int:
+        """Write every message that a value makes; their number. Raises `MkError` as `ExportedValue.stamped` does."""
         if value.suffix not in self._lines:
             self._lines[value.suffix] = self._lines_of(value)
         count, at = 0, min(max(nanoseconds(value.wall), 0), LATEST)
@@ -55,11 +55,11 @@ class _Aircraft:
                 count += 1
         return count
 
-    def _lines_of(self, value: Value) -> list[_Line]:
+    def _lines_of(self, value: ExportedValue) -> list[_Line]:
         head, _, rest = value.suffix.partition("/")
         camera = rest.partition("/")[0] if head == "vision" else ""
         rows = [topic.of(camera) if topic.is_of_a_camera else topic for topic in TOPICS]
-        lines = [self._line_of(row) for row in rows if matches_any(f"mk/v/{value.suffix}", row.keys)]
+        lines = [self._line_of(row) for row in rows if any(matches(key, value.suffix) for key in row.keys)]
         if value.suffix.replace(f"vision/{camera}/", f"vision/{CAMERA}/") not in SHOWN_OTHERWISE:
             lines.append((self._channel(f"/{value.suffix}", "json", json_schema(value.schema)), _JSON))
         return lines
@@ -75,7 +75,7 @@ class _Aircraft:
         return self._writer.register_channel(self._names.topic(name), encoding, known)
 
 
-def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
+def write(values: Iterable[ExportedValue], path: Path, *, overwrite: bool) -> int:
     """Write a file, whole or not at all; returns the number of messages.
 
     Args:

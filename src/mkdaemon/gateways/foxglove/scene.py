@@ -29,7 +29,7 @@ from foxglove.messages import (
     Vector3,
 )
 
-from mkdaemon.client.place import Array, Place
+from mkdaemon.client.place import AircraftPlace, Array
 from mkdaemon.gateways.foxglove.names import Names, pose, timestamp, vector
 from mkdaemon.gateways.foxglove.whereabouts import Whereabouts
 from mkdaemon.telemetry.base import Stamped
@@ -127,7 +127,7 @@ class Scene:
         )
         return [self._entity(value, "target", name, triangles=layers, texts=[title])]
 
-    def _vehicle(self, value: Stamped, place: Place) -> list[SceneEntity]:
+    def _vehicle(self, value: Stamped, place: AircraftPlace) -> list[SceneEntity]:
         names, at = self._names, place.at
         entities = []
         if not self._is_drawn:

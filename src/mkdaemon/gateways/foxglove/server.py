@@ -16,7 +16,7 @@ import structlog
 from foxglove.websocket import Capability, ChannelView, Client, ServerListener, WebSocketServer
 
 from mkdaemon.client import Vehicle
-from mkdaemon.client.fleet import Fleet, Sighting
+from mkdaemon.client.fleet import Fleet, FleetSighting
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove.exhibit import Exhibit
 from mkdaemon.gateways.foxglove.names import Names
@@ -68,7 +68,7 @@ class Gateway:
         self._fleet = Fleet(through)
         self._server: WebSocketServer | None = None
         self._now = 0
-        self._shown: dict[str, Sighting | None] = {}
+        self._shown: dict[str, FleetSighting | None] = {}
         is_one = len(vehicles) == 1
         self._exhibits = {
             name: Exhibit(self.context, Names(name, "" if is_one else f"{name}/"), self._clock_of(name, vehicles[0]))

@@ -12,6 +12,7 @@ from typing import Any, Final, Protocol
 
 import foxglove.messages as fg
 from foxglove import Schema
+from pydantic_core import to_json
 
 from mkdaemon.client.samples import carried_schemas, viewer_schema, viewer_value
 from mkdaemon.gateways.foxglove import diagnostics, messages
@@ -130,17 +131,20 @@ def json_schema(name: str | None) -> Schema:
     return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
 
 
-_JSON: Final = json.JSONEncoder(allow_nan=False, separators=(",", ":"), check_circular=False)
+_NO_JSON: Final = (b"NaN", b"Infinity")
 
 
 def json_message(fields: dict[str, Any]) -> bytes | None:
-    """The map of a value as JSON; None where it has a number that JSON has not.
+    """The map of a value as JSON; None where it has something that JSON has not, as strangers may put.
 
     Args:
         fields: as it came; `age`, which answers have and values have not, is left out.
     """
-    shown = {name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields
+    shown = viewer_value({name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields)
     try:
-        return _JSON.encode(viewer_value(shown)).encode()
+        message = to_json(shown, inf_nan_mode="constants")  # a third of the time of the standard library's
+        if any(word in message for word in _NO_JSON):  # or in a text
+            json.dumps(shown, allow_nan=False)
     except ValueError:
         return None
+    return message

@@ -6,7 +6,7 @@ from typing import Final
 
 from foxglove.messages import FrameTransform, FrameTransforms, PoseInFrame, Quaternion, Vector3
 
-from mkdaemon.client.place import HOME, Place, place_of_estimate, place_of_gps, place_of_pose
+from mkdaemon.client.place import HOME, AircraftPlace, place_of_estimate, place_of_gps, place_of_pose
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.gateways.foxglove.names import Names, pose, quaternion, timestamp, vector
 from mkdaemon.telemetry.base import Stamped
@@ -33,14 +33,14 @@ class Whereabouts:
     def __init__(self) -> None:
         """Know nothing yet."""
         self.attitude: Attitude | None = None
-        self.place: Place | None = None
+        self.place: AircraftPlace | None = None
         self._position: Position | None = None
         self._estimated = self._seen = float("-inf")
 
-    def take(self, value: Stamped) -> Place | None:
+    def take(self, value: Stamped) -> AircraftPlace | None:
         """Take a value; the place, where the value makes a newer one known."""
         at = value.stamp.monotonic
-        found: Place | None = None
+        found: AircraftPlace | None = None
         match value:
             case ControlEstimate():
                 found = place_of_estimate(value, self.attitude)
@@ -60,7 +60,7 @@ class Whereabouts:
         self.place = found
         return found
 
-    def _by_gps(self) -> Place | None:
+    def _by_gps(self) -> AircraftPlace | None:
         if self._position is None or self.attitude is None:
             return None
         return place_of_gps(self._position, self.attitude)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError, NotEngagedError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify, words_of
 from mkdaemon.telemetry.refusals import Token

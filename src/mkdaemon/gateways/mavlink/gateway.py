@@ -12,12 +12,12 @@ from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ProtocolError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, recordings, texts
 from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, EVERYBODY, Message, mavlink
-from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.framing import Signing
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.links import Links
@@ -85,7 +85,7 @@ class Gateway:
             wall: the system clock [s].
         """
         self._uav, self._options, self._now = uav, options, now
-        self.picture, self.faults = Picture(), Faults()
+        self.picture, self.faults = Picture(), Faults("mavlink")
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
         self.steering = Steering(uav, self.announce, now, self.faults)
         self._hands = HandControl(self.steering, self.picture, self.notify, now)

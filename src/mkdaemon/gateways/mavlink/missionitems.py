@@ -12,6 +12,8 @@ from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
+from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
 from mkdaemon.missions.source import AltitudeReference, Place
@@ -79,6 +81,11 @@ class Refused:
 
     result: int
     reason: str
+
+
+def autopilot_of(station: Station) -> int:
+    """Whose reading of mission items a station means, of `MAV_AUTOPILOT`."""
+    return table.ARDUPILOT if station.numbering is Numbering.ARDUPILOT else table.GENERIC
 
 
 def item_from(message: Message) -> Item:

@@ -14,15 +14,14 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
-from mkdaemon.gateways.mavlink.faults import Faults
 from mkdaemon.gateways.mavlink.frames import degrees_e7
-from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, held_from, item_from, mission_of
+from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, autopilot_of, held_from, item_from, mission_of
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import Picture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
-from mkdaemon.missions.items import ARDUPILOT, GENERIC
 from mkdaemon.telemetry.mission import Mission, MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token
@@ -78,11 +77,6 @@ class Upload:
     def is_from(self, station: Station, program: Program) -> bool:
         """Whether a message belongs to it."""
         return self.station is station and self.program == program
-
-
-def _autopilot(station: Station) -> int:
-    """Whose reading of mission items a station means."""
-    return ARDUPILOT if station.numbering is Numbering.ARDUPILOT else GENERIC
 
 
 class MissionServer:
@@ -329,7 +323,7 @@ class MissionServer:
         items = upload.items[skipped:]
         mission: Mission | None = None
         if items:
-            found = mission_of(items, self._picture.ground, skipped, _autopilot(upload.station))
+            found = mission_of(items, self._picture.ground, skipped, autopilot_of(upload.station))
             if isinstance(found, Refused):
                 self._notify(upload.station, found.reason)
                 return found.result
@@ -344,7 +338,7 @@ class MissionServer:
                 self._on_board = cleared.digest
                 return int(mavlink.MAV_MISSION_ACCEPTED)
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
-            self._held = held_from(mission.points, stored.digest, items, _autopilot(upload.station))
+            self._held = held_from(mission.points, stored.digest, items, autopilot_of(upload.station))
             self._on_board = stored.digest
         return int(mavlink.MAV_MISSION_ACCEPTED)
 

@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from typing import Final, NamedTuple
 
-from mkdaemon.protocol.settings import Layout, ParameterSet, Value, layout_of
-from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.gateways.activeset import numbers_of
+from mkdaemon.protocol.settings import ParameterSet, Value, known_revisions, layout_of
 
+NEWEST: Final = max(known_revisions())
+"""Newest revision of the sets that is known."""
 LONGEST: Final = 16
 _CUT: Final = {
     "acceleration": "acc",
@@ -89,18 +90,11 @@ def ids_of(revision: int) -> tuple[ParameterId, ...]:
         revision: of a known layout; none for an unknown one.
     """
     layout = layout_of(revision)
-    return () if layout is None else tuple(_ids(layout))
-
-
-def _ids(layout: Layout) -> list[ParameterId]:
     found = []
-    for name, place in layout.places.items():
-        kind = place.parameter.kind
-        if kind is Kind.LIST:
-            found += [ParameterId(short(name, index), name, index) for index in range(place.length)]
-        elif kind not in {Kind.TEXT, Kind.SPARE}:
-            found.append(ParameterId(short(name), name, None))
-    return found
+    for name, _, length in () if layout is None else numbers_of(layout):
+        places = (None,) if length is None else range(length)
+        found += [ParameterId(short(name, place), name, place) for place in places]
+    return tuple(found)
 
 
 def value_of(stored: ParameterSet, parameter: ParameterId) -> int:
@@ -115,8 +109,8 @@ def value_of(stored: ParameterSet, parameter: ParameterId) -> int:
     return int(value) if isinstance(value, int) else 0
 
 
-def change_to(stored: ParameterSet, parameter: ParameterId, value: int) -> Mapping[str, Value]:
-    """The setting with a parameter changed, by its name.
+def change_to(stored: ParameterSet, parameter: ParameterId, value: int) -> Value:
+    """The setting of a parameter, with the parameter changed.
 
     Args:
         stored: the set as it is.
@@ -128,5 +122,5 @@ def change_to(stored: ParameterSet, parameter: ParameterId, value: int) -> Mappi
     """
     whole = stored[parameter.name]
     if isinstance(whole, tuple) and parameter.place is not None:
-        return {parameter.name: (*whole[: parameter.place], value, *whole[parameter.place + 1 :])}
-    return {parameter.name: value}
+        return (*whole[: parameter.place], value, *whole[parameter.place + 1 :])
+    return value

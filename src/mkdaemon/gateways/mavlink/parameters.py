@@ -8,7 +8,6 @@ read back and compare, by the daemon) and is refused in flight. Source: https://
 from __future__ import annotations
 
 import asyncio
-import datetime
 import math
 from collections.abc import Callable
 from functools import partial
@@ -16,17 +15,14 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.client import Vehicle
-from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
+from mkdaemon.gateways.activeset import ActiveSet
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.modes import Numbering
-from mkdaemon.gateways.mavlink.parameterids import ParameterId, change_to, ids_of, value_of
+from mkdaemon.gateways.mavlink.parameterids import NEWEST, ParameterId, change_to, ids_of, value_of
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import Notify, words_of
-from mkdaemon.protocol.settings import ParameterSet, known_revisions
-from mkdaemon.telemetry.procedure import ProcedureProgress, ProcedureState
-from mkdaemon.telemetry.settings import SettingsBackup
 
 ACTIVE: Final = "MK_ACTIVE_SET"
 """Number of the active set; 0 while the sets have not been read."""
@@ -38,7 +34,6 @@ _RETURN: Final = ParameterId("RTL_RETURN_ALT", "coming_home_altitude", None)
 """Of a link that says PX4: MAVSDK asks for the height of a return by this name."""
 TAKE_OFF_HEIGHT: Final = 2.0
 """Height of a take-off that names none, at first [m]."""
-_NEWEST: Final = max(known_revisions())
 MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 FRESH: Final = 10.0
 """A set that was read longer ago is read anew for a list [s]: the pilot may have chosen another one."""
@@ -51,8 +46,6 @@ The new value follows when the board has answered that it has stored it, after 1
 back, after 5 s. QGroundControl waits 1 s and asks three times (`src/FactSystem/ParameterManager.h`,
 `kWaitForParamValueAckMs`); MAVSDK 4.1 asks for 3 s and then gives up.
 """
-STORED: Final = 1
-"""Step of the progress of a write of one set: the board has stored it, and it is read back."""
 _TINY: Final = 1e-30
 """A float below this is a whole number whose bits were put there (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE`)."""
 
@@ -73,12 +66,10 @@ class ParameterServer:
             notify: tells a ground station why.
             now: the clock [s].
         """
-        self._uav, self._backups, self._notify, self._now = uav, backups, notify, now
+        self._set, self._notify, self._now = ActiveSet(uav, lambda: backups), notify, now
         self.take_off_height = TAKE_OFF_HEIGHT
-        self._found: SettingsBackup | None = None
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None
-        self._is_saved = False
         self._writing: set[tuple[str, int]] = set()
         self._lock = asyncio.Lock()
 
@@ -87,18 +78,10 @@ class ParameterServer:
         self._read_at = -math.inf
 
     @property
-    def active(self) -> ParameterSet | None:
-        """The active set as it was last read; None before that, and where its layout is unknown."""
-        found = self._found
-        raw = None if found is None else next((one.raw for one in found.sets if one.slot == found.active), None)
-        stored = None if raw is None else ParameterSet.from_payload(raw)
-        return stored if stored is not None and stored.layout is not None else None
-
-    @property
     def revision(self) -> int:
         """Revision of the active set; the newest that is known while it was not read."""
-        stored = self.active
-        return _NEWEST if stored is None else stored.revision
+        stored = self._set.stored
+        return NEWEST if stored is None else stored.revision
 
     async def take(self, station: Station, message: Message) -> None:
         """Answer a message of the protocol."""
@@ -108,11 +91,16 @@ class ParameterServer:
                 await self._read(station)
                 await self._send_all(station)
             case "PARAM_REQUEST_READ":
-                if self._found is None and message.param_index < 0 and _index(_OWN, _name(message)) is None:
-                    await self._read(station)
+                if message.param_index < 0:
+                    await self._read_for(station, message)
                 self._send_one(station, program, message)
             case "PARAM_SET":
-                await self._set(station, program, message)
+                await self._write(station, program, message)
+
+    async def _read_for(self, station: Station, message: Message) -> None:
+        """Read the active set once for a message that names a setting."""
+        if not self._set.slot and _index(_OWN, _name(message)) is None:
+            await self._read(station)
 
     async def _read(self, station: Station) -> None:
         """Read the active set where that was long ago; several that ask meanwhile wait for the same reading."""
@@ -123,16 +111,16 @@ class ParameterServer:
         try:
             await asyncio.shield(self._reading)
         except MkError as error:
-            what = "the settings are those read before" if self._found else "no settings yet"
+            what = "the settings are those read before" if self._set.slot else "no settings yet"
             self._notify(station, f"{what}: {words_of(error)}")
 
     async def _read_now(self) -> None:
         async with self._lock:
-            self._found = await self._uav.settings.backup(())
+            await self._set.read()
             self._read_at = self._now()
 
     def _rows(self, station: Station) -> tuple[ParameterId, ...]:
-        stored = self.active
+        stored = self._set.stored
         if stored is None:
             return _OWN
         settings = ids_of(stored.revision)
@@ -159,10 +147,8 @@ class ParameterServer:
     def _value(self, row: ParameterId) -> float:
         if row.id == TAKE_OFF:
             return self.take_off_height
-        stored = self.active
-        if row.id == ACTIVE or stored is None:
-            return 0 if self._found is None else self._found.active
-        return value_of(stored, row)
+        stored = self._set.stored
+        return self._set.slot if row.id == ACTIVE or stored is None else value_of(stored, row)
 
     def _send_one(self, station: Station, program: Program, message: Message) -> None:
         rows = self._rows(station)
@@ -172,10 +158,9 @@ class ParameterServer:
             return
         self._send(station, index, rows)
 
-    async def _set(self, station: Station, program: Program, message: Message) -> None:
+    async def _write(self, station: Station, program: Program, message: Message) -> None:
         """Write a parameter; what it is then is sent in any case, and the words of a refusal with it."""
-        if self._found is None and _index(_OWN, _name(message)) is None:
-            await self._read(station)
+        await self._read_for(station, message)
         rows = self._rows(station)
         index = _index(rows, _name(message))
         if index is None:
@@ -215,42 +200,11 @@ class ParameterServer:
 
     async def _write_in_turn(self, row: ParameterId, value: int, on_stored: Callable[[], None]) -> None:
         async with self._lock:
-            await self._write(row, value, on_stored)
-
-    async def _write(self, row: ParameterId, value: int, on_stored: Callable[[], None]) -> None:
-        """Write a setting and keep what was read back.
-
-        Args:
-            row: which.
-            value: the byte.
-            on_stored: called when the board has answered that it has stored the set, before it is read back.
-
-        Raises:
-            MkError: the backup cannot be saved, or the daemon refuses.
-        """
-        stored, found = self.active, self._found
-        if stored is None or found is None:
-            raise MkError("the settings have not been read")
-        if not self._is_saved:
-            stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%dT%H%M%S")
-            # A small file, once, with the motors off: nothing is flown that would wait for it.
-            write_backup(self._backups / f"before-{stamp}.toml", found, (found.active,))
-            self._is_saved = True
-        values = {
-            name: list(whole) if isinstance(whole, tuple) else whole
-            for name, whole in change_to(stored, row, value).items()
-        }
-
-        def follow(progress: ProcedureProgress) -> None:
-            if progress.state is ProcedureState.RUNNING and progress.step == STORED:
-                on_stored()
-
-        made = await self._uav.settings.write(values, confirm=True, slot=found.active, on_progress=follow)
-        written = {one.slot: one for one in made.stored}
-        self._found = found.model_copy(
-            update={"active": made.active, "sets": tuple(written.get(one.slot, one) for one in found.sets)}
-        )
-        self._read_at = self._now()
+            stored = self._set.stored
+            if stored is None:
+                raise MkError("the settings have not been read")
+            await self._set.write(row.name, change_to(stored, row, value), on_stored)
+            self._read_at = self._now()
 
 
 def _name(message: Message) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
@@ -14,8 +13,8 @@ import structlog
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import user_folder
 from mkdaemon.foreignfiles import read_text
+from mkdaemon.gateways.activeset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
@@ -45,7 +44,7 @@ def options_from(
     addresses = tuple(read_address(text) for text in links or DEFAULTS)
     if not 1 <= system <= 250:
         raise ConfigError(f"--system {system}: an aircraft has a number of 1 to 250")
-    folder = backups or backups_folder()
+    folder = backups or backups_folder("mavlink")
     signing = None
     if signing_key is not None:
         signing = Signing(_read_key(signing_key), SigningTimes(folder / "signing-times.json"))
@@ -61,14 +60,6 @@ def _read_key(path: Path) -> bytes:
     if not text.strip():
         raise ConfigError(f"--signing-key {path}: is empty; `openssl rand -hex 32 > {path}`")
     return key_from(text)
-
-
-def backups_folder() -> Path:
-    """Where settings are saved before they are first changed: systemd's state directory, else the user's."""
-    given = os.environ.get("STATE_DIRECTORY")
-    if given:
-        return Path(given.partition(":")[0])
-    return user_folder("XDG_STATE_HOME") / "gateway-mavlink"
 
 
 async def serve(

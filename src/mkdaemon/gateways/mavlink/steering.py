@@ -20,7 +20,7 @@ from mkdaemon.client.asking import client_name
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import ENGAGING, RATE, SIGHTING, RepeatedSetpoint, SessionState
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
-from mkdaemon.gateways.mavlink.faults import Faults
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.modes import Mode
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING

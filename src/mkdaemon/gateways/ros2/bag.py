@@ -13,14 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from mkdaemon.client.export.values import Value
+from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.client.rosmessages import LAST_SECOND
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Frames, Scene, name_part
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Topic
-from mkdaemon.record.entry import nanoseconds
-from mkdaemon.stamp import Stamp
+from mkdaemon.stamp import Stamp, nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
 VERSION: Final = 9
@@ -83,7 +82,7 @@ class _Aircraft:
         self._rows: dict[str, list[tuple[str, Topic]]] = {}
         self._reported = float("-inf")
 
-    def messages(self, value: Value) -> Iterator[_Message]:
+    def messages(self, value: ExportedValue) -> Iterator[_Message]:
         """Every message that a value makes; raises `MkError` for a value that is not what its key carries."""
         rows = self._rows_of(value.suffix)
         keeps = self._newest.keeps(value.suffix)
@@ -114,7 +113,7 @@ class _Aircraft:
             yield DIAGNOSTICS, kind, Quality.RELIABLE, report(self._scene, now)
 
 
-def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
+def write(values: Iterable[ExportedValue], path: Path, *, overwrite: bool) -> int:
     """Write a bag, whole or not at all; returns the number of messages.
 
     Args:
@@ -151,7 +150,7 @@ def write(values: Iterable[Value], path: Path, *, overwrite: bool) -> int:
     return count
 
 
-def _fill(writer: Any, types: BagTypes, values: Iterable[Value]) -> int:
+def _fill(writer: Any, types: BagTypes, values: Iterable[ExportedValue]) -> int:
     connections: dict[str, Any] = {}
     fleet: dict[str, _Aircraft] = {}
     count = 0
@@ -169,7 +168,7 @@ def _fill(writer: Any, types: BagTypes, values: Iterable[Value]) -> int:
     return count
 
 
-def _typed(value: Value) -> Stamped:
+def _typed(value: ExportedValue) -> Stamped:
     """The telemetry value.
 
     Raises:

@@ -6,17 +6,13 @@ same with the parameters of its autopilot. Before the first write the set is sav
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from mkdaemon.client import Vehicle
-from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
-from mkdaemon.files import user_folder
-from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.protocol.settings_fields import Kind
-from mkdaemon.telemetry.settings import SettingsBackup
+from mkdaemon.gateways.activeset import ActiveSet, backups_folder, numbers_of
 
 PREFIX: Final = "settings."
 Declare = Callable[[str, Any, str], None]
@@ -33,9 +29,7 @@ class BoardSettings:
             uav: the vehicle.
             declare: makes parameters.
         """
-        self._uav, self._declare = uav, declare
-        self._found: SettingsBackup | None = None
-        self._is_saved = False
+        self._set, self._declare = ActiveSet(uav, partial(backups_folder, "ros2")), declare
 
     async def pull(self) -> int:
         """Read the active set; how many parameters it has.
@@ -43,18 +37,13 @@ class BoardSettings:
         Raises:
             MkError: it cannot be read, or its layout is not known.
         """
-        return self._show(await self._uav.settings.backup(()))
-
-    def _show(self, found: SettingsBackup) -> int:
-        self._found = found
-        raw = next((one.raw for one in found.sets if one.slot == found.active), b"")
-        stored = ParameterSet.from_payload(raw)
+        await self._set.read()
+        stored = self._set.stored
         if stored is None or stored.layout is None:
             raise MkError("the layout of these settings is not known: `mkctl settings show`")
         shown = 0
-        for name, place in stored.layout.places.items():
-            parameter = place.parameter
-            if parameter.kind not in (Kind.TEXT, Kind.SPARE) and name != "revision":
+        for name, parameter, _ in numbers_of(stored.layout):
+            if name != "revision":
                 value = stored[name]
                 about = f"{parameter.meaning}{f' [{parameter.unit}]' if parameter.unit else ''}"
                 self._declare(f"{PREFIX}{name}", list(value) if isinstance(value, tuple) else value, about)
@@ -71,13 +60,6 @@ class BoardSettings:
         Raises:
             MkError: the daemon refuses, or it is not proven.
         """
-        found = self._found
-        if found is None:
+        if not self._set.slot:
             raise MkError("the settings have not been read: call param/pull")
-        if not self._is_saved:
-            stamp = datetime.datetime.now(tz=datetime.UTC).strftime("%Y%m%dT%H%M%S")
-            folder = user_folder("XDG_STATE_HOME") / "gateway-ros2"
-            write_backup(folder / f"before-{stamp}.toml", found, (found.active,))
-            self._is_saved = True
-        plain = value if isinstance(value, int) else list(value)
-        await self._uav.settings.write({name.removeprefix(PREFIX): plain}, confirm=True, slot=found.active)
+        await self._set.write(name.removeprefix(PREFIX), value if isinstance(value, int) else tuple(value))

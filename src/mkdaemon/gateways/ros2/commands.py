@@ -10,7 +10,8 @@ from typing import Any, Final
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.conversions import yaw_of
-from mkdaemon.gateways.ros2.messages import NANOSECONDS, TARGET, Frames
+from mkdaemon.gateways.ros2.messages import TARGET, Frames
+from mkdaemon.stamp import NANOSECONDS
 
 AXES: Final = ("ABS_X", "ABS_Y", "ABS_Z", "ABS_RX", "ABS_RY", "ABS_RZ", "ABS_HAT0X", "ABS_HAT0Y")
 """The kernel's names of the axes of a Joy, in its order, as `joy` has an Xbox pad: ascending codes, then the hat."""

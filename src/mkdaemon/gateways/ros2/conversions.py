@@ -39,6 +39,8 @@ TOGETHER: Final = 0.5
 INFO: Final = 20
 LEVELS: Final = {Tone.WARN: 30, Tone.BAD: 40}
 """Severities of rcl_interfaces/Log."""
+MOST_CELLS: Final = 14
+"""Of a battery, as in the configuration; what a stranger puts as their number takes no memory."""
 
 
 def fix(value: Position, scene: Scene) -> Any:
@@ -95,7 +97,7 @@ def velocity(value: Velocity, scene: Scene) -> Any:
 
 def battery_state(value: Battery, scene: Scene) -> Any:
     """BatteryState: current is negative when discharging; what the boards do not know is NaN."""
-    cells = getattr(scene.latest.get("health"), "battery_cells", None) or 0
+    cells = min(max(getattr(scene.latest.get("health"), "battery_cells", None) or 0, 0), MOST_CELLS)
     at = header(scene.types, value.stamp, scene.frames.body)
     return rosmessages.battery_state(scene.types, at, value.voltage, value.current, cells)
 

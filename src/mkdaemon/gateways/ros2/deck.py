@@ -13,7 +13,7 @@ from mkdaemon.client import Lease, Vehicle
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
 from mkdaemon.client.teleop.inputs import PadFacts
-from mkdaemon.client.teleop.teleop import Output, Teleop
+from mkdaemon.client.teleop.teleop import Teleop, TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.commands import CommandStream
@@ -134,7 +134,7 @@ class FlightDeck:
         if self._teleop.hands and not self.flown:
             self.note = output.reason
 
-    def _carry_out(self, output: Output) -> None:
+    def _carry_out(self, output: TeleopOutput) -> None:
         assert output.setpoint is not None
         if self.flown != PAD:
             self._end_verb("the pad of joy takes over")

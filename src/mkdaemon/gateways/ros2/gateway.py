@@ -18,6 +18,7 @@ from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.lease import load_models
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
+from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.boardsettings import PREFIX, BoardSettings
 from mkdaemon.gateways.ros2.commands import (
@@ -103,10 +104,11 @@ class Publishing:
     Attributes:
         newest: newest values that conversions look at.
         missing: types whose packages are not installed.
+        faults: each ended the one message of a value that met it.
     """
 
     def __init__(self, node: Node, rows: Sequence[Topic], scene: Scene, newest: Newest, pace: Pace) -> None:
-        self.newest, self.missing = newest, set[str]()
+        self.newest, self.missing, self.faults = newest, set[str](), Faults("ros2")
         self._node, self._rows, self._scene, self._pace = node, rows, scene, pace
         self._publishers: dict[str, Any] = {}
         self._outlets: dict[str, list[Outlet]] = {}
@@ -135,14 +137,15 @@ class Publishing:
             return
         for outlet in wanted:
             if self._pace.lets_through(outlet.topic.word, outlet.name, value.stamp.monotonic):
-                outlet.publish(value, self._scene)
+                with self.faults.contained(outlet.name):  # a stranger may put numbers that no message can have
+                    outlet.publish(value, self._scene)
         if keeps:
             self.newest.keep(sample.suffix, value)
 
     def _outlets_of(self, suffix: str) -> list[Outlet]:
         outlets = self._outlets.get(suffix)
         if outlets is None:
-            rows = [row for row in self._rows if topics.matches(row.key, suffix)]
+            rows = [row for row in self._rows if row.is_of(suffix)]
             names = [row.name_for(suffix) for row in rows]
             outlets = self._outlets[suffix] = [
                 Outlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)
@@ -323,7 +326,8 @@ class Gateway:
             values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
             level = Level.WARN if missing or mistyped else Level.OK
             mine = Diagnosis("gateway", level, " ".join((*mistyped, self.deck.words)), values)
-            self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
+            with self.publishing.faults.contained(topics.DIAGNOSTICS):
+                self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
 
     def _look_for_other_types(self) -> list[str]:
         """Name every topic that flies and has a publisher of a type that is not subscribed; log each once."""

@@ -10,9 +10,8 @@ from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 from mkdaemon.client.rosmessages import LAST_SECOND, Maker, transform
-from mkdaemon.stamp import Stamp
+from mkdaemon.stamp import NANOSECONDS, Stamp
 
-NANOSECONDS: Final = 1_000_000_000
 TARGET: Final = "target/"
 """Prefix of the frame of a target."""
 

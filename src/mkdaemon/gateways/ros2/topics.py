@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
+from mkdaemon.gateways.keys import matches
 from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
 from mkdaemon.gateways.ros2.messages import Scene, name_part
 from mkdaemon.reading.known import EACH
@@ -130,12 +131,6 @@ KEPT: Final = frozenset({"state/attitude", "state/position", "health", "vision/*
 def words() -> list[str]:
     """How the parameters name the topics, each once."""
     return list(dict.fromkeys(topic.word for topic in TOPICS))
-
-
-def matches(pattern: str, suffix: str) -> bool:
-    """Whether a key is one that a pattern with `*` stands for."""
-    wanted, found = pattern.split("/"), suffix.split("/")
-    return len(wanted) == len(found) and all(a in {"*", b} for a, b in zip(wanted, found, strict=True))
 
 
 def keys_of(topics: Iterable[Topic]) -> list[str]:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.client import Sample, Vehicle
-from mkdaemon.client.fleet import Fleet, Sighting
+from mkdaemon.client.fleet import Fleet, FleetSighting
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayStatus
 from mkdaemon.view.page.overview import overview_of
-from mkdaemon.view.page.picture import Picture
+from mkdaemon.view.page.picture import VehiclePicture
 
 CURVES: Final = 30.0
 """Of what is drawn over time [s]."""
@@ -41,9 +41,9 @@ REASON: Final = "asked for in mkctl view"
 class _Exhibit:
     """One vehicle: its picture, its client, and what keeps the picture true."""
 
-    picture: Picture
+    picture: VehiclePicture
     client: Vehicle
-    sightings: set[Sighting]
+    sightings: set[FleetSighting]
     task: asyncio.Task[None] | None = None
 
 
@@ -83,11 +83,11 @@ class Gallery:
             await asyncio.gather(*tasks, *self._ended, return_exceptions=True)
 
     @property
-    def pictures(self) -> dict[str, Picture]:
+    def pictures(self) -> dict[str, VehiclePicture]:
         """Every vehicle that is or was there: those under `mk/` by their name, others as `replay/<name>`."""
         return {word: exhibit.picture for word, exhibit in self._exhibits.items()}
 
-    def choose(self, wanted: str) -> Picture | None:
+    def choose(self, wanted: str) -> VehiclePicture | None:
         """The picture of a vehicle; of one that is there where none is wanted; None while nobody is."""
         pictures = self.pictures
         if wanted:
@@ -144,7 +144,7 @@ class Gallery:
             word = sighting.name if sighting.root == "mk" else f"{sighting.root}/{sighting.name}"
             exhibit = self._exhibits.get(word)
             if exhibit is None:
-                picture = Picture(word, is_played=sighting.is_played)
+                picture = VehiclePicture(word, is_played=sighting.is_played)
                 exhibit = self._exhibits[word] = _Exhibit(picture, self._fleet.client(sighting), set())
             exhibit.sightings.add(sighting)
         for exhibit in self._exhibits.values():
@@ -203,7 +203,7 @@ class Gallery:
                 found += await exhibit.client.get_past(pattern, EVER, EVER)
         exhibit.picture.flight = overview_of(sample.known for sample in found)
 
-    def _take(self, picture: Picture, sample: Sample) -> None:
+    def _take(self, picture: VehiclePicture, sample: Sample) -> None:
         picture.take(sample.suffix, sample.known, self._loop.time(), sample.age)
 
 

@@ -31,7 +31,7 @@ _SECURITY: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class HttpRequest:
     """What a browser asks for.
 
     Attributes:
@@ -62,7 +62,7 @@ class BadRequestError(Exception):
         self.status = status
 
 
-async def read_request(reader: asyncio.StreamReader) -> Request | None:
+async def read_request(reader: asyncio.StreamReader) -> HttpRequest | None:
     """Read one; None where the browser closed the connection.
 
     Raises:
@@ -84,16 +84,18 @@ async def read_request(reader: asyncio.StreamReader) -> Request | None:
         raise BadRequestError(HTTPStatus.REQUEST_TIMEOUT, "too slow") from None
     except ValueError:
         raise BadRequestError(HTTPStatus.BAD_REQUEST, "no HTTP") from None
-    return Request(request.method, request.path, request.query, request.headers, _fields(body))
+    return HttpRequest(request.method, request.path, request.query, request.headers, _fields(body))
 
 
-def _parse(head: str) -> Request:
+def _parse(head: str) -> HttpRequest:
     first, *lines = head.split("\r\n")
     method, target, _ = first.split(" ")
     parts = urlsplit(target)
     query = {name: values[0] for name, values in parse_qs(parts.query).items()}
     pairs = (line.partition(":") for line in lines if line)
-    return Request(method, unquote(parts.path), query, {name.lower(): value.strip() for name, _, value in pairs}, {})
+    return HttpRequest(
+        method, unquote(parts.path), query, {name.lower(): value.strip() for name, _, value in pairs}, {}
+    )
 
 
 def _fields(body: bytes) -> dict[str, Any]:

@@ -13,9 +13,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.client.place import HOME, Place, place_of_estimate, place_of_gps, place_of_pose
-from mkdaemon.reading import EventLine, Fact, Reading, fresh_for, line_of
-from mkdaemon.reading import Picture as Known
+from mkdaemon.client.place import HOME, AircraftPlace, place_of_estimate, place_of_gps, place_of_pose
+from mkdaemon.reading import EventLine, Fact, Picture, Reading, fresh_for, line_of
 from mkdaemon.reading.facts import age_words, dead_reckoning
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlFence, ControlOutput
@@ -27,7 +26,7 @@ from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
 from mkdaemon.view.page.daemontime import DaemonTime
 from mkdaemon.view.page.optics import frustum, project, shape_of
 from mkdaemon.view.page.overview import Overview
-from mkdaemon.view.page.series import Series
+from mkdaemon.view.page.series import PageSeries
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +52,7 @@ _SOURCES: Final = {"estimate": "as the flight core believes", "pose": "as a came
 
 
 @dataclass(slots=True)
-class Look:
+class CameraSeen:
     """What one camera saw last.
 
     Attributes:
@@ -67,7 +66,7 @@ class Look:
     poses: OrderedDict[int, dict[str, VisionPose]] = field(default_factory=OrderedDict)
 
 
-class Picture:
+class VehiclePicture:
     """One vehicle.
 
     Attributes:
@@ -85,16 +84,16 @@ class Picture:
         self.is_played = is_played
         self.is_here = True
         self.series = {
-            "trail": Series(shortest_step=TRAIL_STEP),
-            **{word: Series(shortest_step=PLOT_STEP) for word in ("error", "height", "goal", "sticks")},
-            **{word: Series() for word in ("barometer", "latency")},
+            "trail": PageSeries(shortest_step=TRAIL_STEP),
+            **{word: PageSeries(shortest_step=PLOT_STEP) for word in ("error", "height", "goal", "sticks")},
+            **{word: PageSeries() for word in ("barometer", "latency")},
         }
         self.events: deque[EventLine] = deque(maxlen=EVENTS)
         self.event_count = 0
         self.flight: Overview | None = None
         self._time = DaemonTime()
         self._reading = Reading()
-        self._looks: dict[str, Look] = {}
+        self._looks: dict[str, CameraSeen] = {}
         self._play: PlayStatus | None = None
         self._boot: str | None = None
         self._restarts = 0
@@ -157,7 +156,7 @@ class Picture:
         return None if look is None else look.image
 
     def _look(self, suffix: str, value: CameraFrame | Tags | VisionPose) -> None:
-        look = self._looks.setdefault(suffix.split("/")[1], Look())
+        look = self._looks.setdefault(suffix.split("/")[1], CameraSeen())
         match value:
             case CameraFrame():
                 look.image = value
@@ -233,12 +232,12 @@ class Picture:
         name = frame if frame not in (None, HOME) else next((target.name for target in targets), "")
         return {"target": name, "tags": shape_of(targets, name or "")}
 
-    def _offers(self, known: Known) -> dict[str, Any]:
+    def _offers(self, known: Picture) -> dict[str, Any]:
         """Buttons: what each does, and why it cannot be pressed."""
         why_not = "A recording takes no commands." if self.is_played else ""
         return {offer.id: asdict(offer) | {"why_not": offer.why_not or why_not} for offer in known.offers}
 
-    def _place(self, known: Known) -> Place | None:
+    def _place(self, known: Picture) -> AircraftPlace | None:
         """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""
         found = []
         attitude = known.last("state/attitude", Attitude)
@@ -257,7 +256,7 @@ class Picture:
         # A camera's pose is newer than the estimate of the same moment only by chance.
         return max(found, key=lambda place: place.at + OLD * (place.source == "estimate"), default=None)
 
-    def _scene(self, known: Known, place: Place | None) -> dict[str, Any]:
+    def _scene(self, known: Picture, place: AircraftPlace | None) -> dict[str, Any]:
         """The aircraft over its target. Where it is calculated without images it is drawn as one of the past."""
         fence = known.last("control/fence", ControlFence)
         error = known.fresh("control/error", ControlError)
@@ -284,9 +283,9 @@ class Picture:
             scene["goal"] = list(error.goal)
         return scene
 
-    def _camera(self, known: Known, name: str, place: Place | None) -> dict[str, Any]:
+    def _camera(self, known: Picture, name: str, place: AircraftPlace | None) -> dict[str, Any]:
         """One camera: frustum, newest image, and what was found in it."""
-        look = self._looks.get(name, Look())
+        look = self._looks.get(name, CameraSeen())
         setup = known.last(f"vision/{name}/setup", CameraSetup)
         stats = known.last(f"vision/{name}/stats", VisionStats)
         shown: dict[str, Any] = {"name": name, "frustum": None, "image": None, "outlines": [], "is_stale": False}
@@ -310,7 +309,7 @@ class Picture:
         shown["outlines"] = self._outlines(look, sequence, None if setup is None else setup.value)
         return shown
 
-    def _outlines(self, look: Look, sequence: int, setup: CameraSetup | None) -> list[dict[str, Any]]:
+    def _outlines(self, look: CameraSeen, sequence: int, setup: CameraSetup | None) -> list[dict[str, Any]]:
         """Corners [px] of the tags in one image: as they were decoded, and where the pose puts the others."""
         tags = look.tags.get(sequence)
         found = [] if tags is None else [{"id": tag.id, "how": "decoded", "corners": tag.corners} for tag in tags.tags]
@@ -329,9 +328,11 @@ def _is_line(fact: Fact) -> bool:
 
 
 def _large(fact: Fact) -> dict[str, Any]:
-    """A fact as a large number; a dash for one that is not the present one."""
-    is_present = fact.number is not None and not fact.is_stale
-    number = f"{fact.number:.{2 if fact.unit == 'm' else 1}f} {fact.unit}" if is_present else "–"
+    """A fact as a large number; of one that is not the present one its age, a dash where there is none."""
+    number = "–"
+    if fact.number is not None and fact.age is not None:
+        present = f"{fact.number:.{2 if fact.unit == 'm' else 1}f} {fact.unit}"
+        number = f"{age_words(fact.age)} old" if fact.is_stale else present
     return {"id": fact.id, "name": fact.name, "text": number, "tone": fact.tone}
 
 
@@ -339,10 +340,10 @@ def _rounded(numbers: Array) -> Any:
     return np.round(numbers, 4).tolist()
 
 
-class Reader:
+class PageReader:
     """One page that reads a picture: it is given what it does not have yet."""
 
-    def __init__(self, picture: Picture) -> None:
+    def __init__(self, picture: VehiclePicture) -> None:
         """Begin with everything.
 
         Args:

@@ -10,7 +10,7 @@ KEPT: Final = 4096
 """Points of one series."""
 
 
-class Series:
+class PageSeries:
     """Points in order of time, the oldest forgotten.
 
     Attributes:

@@ -17,8 +17,8 @@ from typing import Any, Final, Protocol
 from mkdaemon.client.pictures import viewable
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.telemetry.play import PlayAction
-from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, Request, answer, event, read_request, stream_head
-from mkdaemon.view.page.picture import Picture, Reader
+from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, HttpRequest, answer, event, read_request, stream_head
+from mkdaemon.view.page.picture import PageReader, VehiclePicture
 
 HOST: Final = "127.0.0.1"
 PERIOD: Final = 1 / 15
@@ -43,10 +43,10 @@ class Pictures(Protocol):
     """What a page needs of a gallery: `mkdaemon.view.page.gallery.Gallery`."""
 
     @property
-    def pictures(self) -> dict[str, Picture]:
+    def pictures(self) -> dict[str, VehiclePicture]:
         """Every vehicle that is or was there, by its name."""
 
-    def choose(self, wanted: str) -> Picture | None:
+    def choose(self, wanted: str) -> VehiclePicture | None:
         """The picture of a vehicle; see `Gallery.choose`."""
 
     async def abort(self, word: str) -> str:
@@ -134,7 +134,7 @@ class PageServer:
         async with asyncio.timeout(STUCK):
             await writer.drain()
 
-    def _check(self, request: Request) -> None:
+    def _check(self, request: HttpRequest) -> None:
         """Refuse who is not our page.
 
         Raises:
@@ -149,7 +149,7 @@ class PageServer:
         elif request.method != "GET":
             raise BadRequestError(HTTPStatus.METHOD_NOT_ALLOWED, "GET or POST")
 
-    async def _answer(self, request: Request) -> bytes:
+    async def _answer(self, request: HttpRequest) -> bytes:
         """Answer what is no stream.
 
         Raises:
@@ -169,7 +169,7 @@ class PageServer:
                 return answer(pixels, f"image/{coding}")
         raise BadRequestError(HTTPStatus.NOT_FOUND, "there is nothing here")
 
-    async def _stream(self, request: Request, writer: asyncio.StreamWriter) -> None:
+    async def _stream(self, request: HttpRequest, writer: asyncio.StreamWriter) -> None:
         """Tell a page what to show until it goes; as often as it can take it."""
         gallery, loop = self._gallery, asyncio.get_running_loop()
         wanted, reader, due = request.query.get("vehicle", ""), None, loop.time()
@@ -179,7 +179,7 @@ class PageServer:
             if picture is not None:
                 wanted = picture.name
                 if reader is None or reader.picture is not picture:
-                    reader = Reader(picture)
+                    reader = PageReader(picture)
             shown: dict[str, Any] = {} if reader is None else reader.read(self._now())
             shown["vehicles"] = [_label(word, found) for word, found in sorted(gallery.pictures.items())]
             writer.write(event(shown))
@@ -188,7 +188,7 @@ class PageServer:
             due = max(due + PERIOD, loop.time())
             await asyncio.sleep(due - loop.time())
 
-    async def _do(self, request: Request) -> bytes:
+    async def _do(self, request: HttpRequest) -> bytes:
         """Do what a button asks for; the answer says how it went.
 
         Raises:
@@ -212,7 +212,7 @@ class PageServer:
         return answer(event(outcome)[6:], "application/json")
 
 
-def _label(word: str, picture: Picture) -> dict[str, Any]:
+def _label(word: str, picture: VehiclePicture) -> dict[str, Any]:
     return {"id": word, "is_here": picture.is_here, "is_played": picture.is_played}
 
 

@@ -6,26 +6,20 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numpy as np
-
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import spell_value
-from mkdaemon.record.entry import NANOSECONDS
+from mkdaemon.reading.facts import UNKNOWN
 from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import Summary
-from mkdaemon.telemetry.link import fates_of
-from mkdaemon.view.report.flight import Flight
+from mkdaemon.stamp import NANOSECONDS
+from mkdaemon.telemetry.link import FATES
+from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.said import number_of, part_of, short, text_of
 
 Row = tuple[str, str]
 MOST_ROWS: Final = 40
 """Of one table."""
-
-
-def shown(value: float | None, unit: str, digits: int = 1) -> str:
-    """A number with its unit; a dash where there is none."""
-    return "-" if value is None else f"{value:.{digits}f} {unit}".rstrip()
 
 
 def shares(conditions: list[tuple[float, str]], end: float) -> dict[str, float]:
@@ -37,111 +31,83 @@ def shares(conditions: list[tuple[float, str]], end: float) -> dict[str, float]:
     return found
 
 
-def link_rows(flight: Flight) -> list[Row]:
-    """How the line was."""
-    health, traffic = flight.last.get("link/health", {}), flight.last.get("link/traffic", {})
-    rows: list[Row] = []
-    times = shares(flight.conditions, flight.ended)
-    if times:
-        rows.append(("condition", ", ".join(f"{word} {seconds:.1f} s" for word, seconds in times.items())[:300]))
-    state = flight.last.get("link/state", part_of(health, "state") or {})
-    if state:
-        rows.append(("port", f"{text_of(state, 'port')}, {shown(number_of(state, 'baud'), 'baud', 0)}"))
-    for name, title in (("echo", "link test"), ("confirm", "stick frames")):
-        if number_of(health, f"{name}.sent_total"):
-            trip = (number_of(health, f"{name}.{what}_ms") for what in ("p50", "p95", "p99"))
-            rows.append((f"{title}, round trip at the end", _percentiles(*trip)))
-    rows += [(title, fates.words) for title, fates in fates_of(health).items()]
-    rows += [
-        (title, f"{number_of(traffic, path):.0f}")
-        for path, title in (("rx_frames", "frames received"), ("tx_frames", "frames sent"))
-        if number_of(traffic, path)
-    ]
-    dropped = part_of(traffic, "dropped")
-    if isinstance(dropped, Mapping) and dropped:
-        words = ", ".join(f"{short(word)} {short(number)}" for word, number in dropped.items())
-        rows.append(("dropped", short(words)))
+def at_end(flight: RecordedFlight, *words: str) -> list[Row]:
+    """Facts of the end, in the words of every screen; what is not known is left out."""
+    return [(fact.name, fact.aged) for fact in flight.end.facts if fact.id in words and fact.text != UNKNOWN]
+
+
+def over_time(flight: RecordedFlight, names: Mapping[str, str], before: str = "") -> list[Row]:
+    """How numbers went: the first and the last, and between what they were.
+
+    Args:
+        flight: has them.
+        names: what a number is called and its unit, `voltage [V]`, by the name of its series.
+        before: beginning of the names of series.
+    """
+    rows = []
+    for name, title in names.items():
+        if (series := flight.series.get(before + name)) is not None:
+            _, numbers = series.arrays()
+            span = f"{numbers.min():.1f} to {numbers.max():.1f}, on average {numbers.mean():.1f}"
+            rows.append((title, f"{span}; first {numbers[0]:.1f}, last {numbers[-1]:.1f}"))
     return rows
 
 
-def _percentiles(p50: float | None, p95: float | None, p99: float | None) -> str:
-    return f"p50 {shown(p50, 'ms')}, p95 {shown(p95, 'ms')}, p99 {shown(p99, 'ms')}"
-
-
-def eyes_rows(flight: Flight, camera: str) -> list[Row]:
-    """How a camera and its detector worked."""
-    stats = flight.last.get(f"vision/{camera}/stats", {})
-    rows: list[Row] = []
-    if stats:
-        rows = [
-            ("state at the end", f"{text_of(stats, 'state')} {text_of(stats, 'reason')}".strip()),
-            ("images", f"{shown(number_of(stats, 'processed'), 'looked at', 0)}, {_lost_images(stats)}"),
-        ]
-    width, height = number_of(stats, "width"), number_of(stats, "height")
-    if width and height:
-        rows.append(("size and rate", f"{width:.0f} x {height:.0f} px, {shown(number_of(stats, 'fps'), 'Hz')}"))
-    posed = flight.series.get(f"{camera} eyes.posed")
-    if posed is not None:
-        rows.append(
-            ("images with a pose", f"{np.mean(posed.values):.0f} % on average, {min(posed.values):.0f} % least")
-        )
-    poses = flight.series.get(f"{camera} pose.x")
-    rows.append(("poses", str(0 if poses is None else len(poses))))
-    for name, title in (("p50", "latency, median"), ("p99", "latency, 99th percentile")):
-        found = flight.series.get(f"{camera} eyes.latency_{name}")
-        if found is not None:
-            middle, worst = float(np.median(found.values)), max(found.values)
-            rows.append((title, f"{middle:.0f} ms as a rule, {worst:.0f} ms at worst"))
-    for path, title in (("refused", "poses refused"), ("alarms", "alarms"), ("attitude_lost", "attitude not used")):
-        found_words = part_of(stats, path)
-        if isinstance(found_words, Mapping) and found_words:
-            words = (f"{short(word)}: {short(value)}" for word, value in found_words.items())
+def counted(fields: Mapping[str, Any], titles: Mapping[str, str]) -> list[Row]:
+    """What was counted of a key, a number or one for each word; what is none is left out."""
+    rows = []
+    for name, title in titles.items():
+        found = part_of(fields, name)
+        words = [f"{short(word)}: {short(value)}" for word, value in found.items()] if isinstance(found, dict) else []
+        if number := number_of(fields, name):
+            words.append(f"{number:.0f}")
+        if words:
             rows.append((title, short("; ".join(words))))
     return rows
 
 
-def _lost_images(stats: Mapping[str, Any]) -> str:
-    counts = {name: number_of(stats, name) or 0.0 for name in ("dropped", "lost", "damaged", "faults")}
-    return ", ".join(f"{count:.0f} {name}" for name, count in counts.items())
+def link_rows(flight: RecordedFlight) -> list[Row]:
+    """How the line was."""
+    times = shares(flight.conditions, flight.ended)
+    rows = [("condition", ", ".join(f"{word} {seconds:.1f} s" for word, seconds in times.items())[:300])]
+    rows += at_end(flight, "link", "port", "latency", "streams", *FATES)
+    trips = {"link.echo_p95": "link test, p95 [ms]", "link.confirm_p95": "stick frames, p95 [ms]"}
+    rows += over_time(flight, trips | {"link.echo_loss": "link test, lost [%]"})
+    titles = {"rx_frames": "frames received", "tx_frames": "frames sent", "dropped": "dropped"}
+    return rows[not times :] + counted(flight.last.get("link/traffic", {}), titles)
 
 
-def battery_rows(flight: Flight) -> list[Row]:
-    """What the flight took of the battery."""
-    voltage = flight.series.get("battery.voltage")
-    if voltage is None:
-        return []
-    _, volts = voltage.arrays()
-    rows: list[Row] = [
-        ("voltage", f"{volts[0]:.2f} V at the beginning, {volts[-1]:.2f} V at the end, {volts.min():.2f} V least")
+def eyes_rows(flight: RecordedFlight, camera: str) -> list[Row]:
+    """How a camera and its detector worked."""
+    stats = flight.last.get(f"vision/{camera}/stats", {})
+    poses = flight.series.get(f"{camera} pose.x")
+    latencies = {f"latency_{name}": f"latency, {name} [ms]" for name in ("p50", "p99")}
+    images = {name: f"images {name}" for name in ("processed", "dropped", "lost", "damaged", "faults")}
+    words = {"refused": "poses refused", "alarms": "alarms", "attitude_lost": "attitude not used"}
+    return [
+        *at_end(flight, f"eye-{camera}", f"sight-{camera}"),
+        *over_time(flight, {"posed": "images with a pose [%]"} | latencies, f"{camera} eyes."),
+        ("poses", str(0 if poses is None else len(poses))),
+        *counted(stats, {"width": "width [px]", "height": "height [px]"} | images | words),
     ]
-    cells = number_of(flight.last.get("health", {}), "battery_cells")
-    if cells:
-        rows.append(("cells", f"{cells:.0f}, {volts.min() / cells:.2f} V each at least"))
-    for name, unit, title in (("current", "A", "current"), ("used_mah", "mAh", "charge used")):
-        found = flight.series.get(f"battery.{name}")
-        if found is not None:
-            words = f"{found.values[-1] - found.values[0]:.0f} {unit}" if name == "used_mah" else ""
-            rows.append(
-                (title, words or f"{np.mean(found.values):.1f} A on average, {max(found.values):.1f} A at most")
-            )
-    return rows
 
 
-def version_rows(flight: Flight, session: Session | None) -> list[Row]:
+def battery_rows(flight: RecordedFlight) -> list[Row]:
+    """What the flight took of the battery."""
+    numbers = {"voltage": "voltage [V]", "current": "current [A]", "used_mah": "charge used [mAh]"}
+    found = over_time(flight, numbers, "battery.")
+    return [*at_end(flight, "battery"), *found] if found else []
+
+
+def version_rows(flight: RecordedFlight, session: Session | None) -> list[Row]:
     """Programs and boards that flew."""
-    rows: list[Row] = []
-    if session is not None:
-        rows += [("recorded by", f"{session.program} on {session.host} ({session.recorder})")]
-    health = flight.last.get("health", {})
-    firmware = part_of(health, "firmware")
-    if isinstance(firmware, Mapping):
-        rows += [(f"firmware of {short(board)}", short(release)) for board, release in firmware.items()]
-    state = flight.last.get("link/state", {})
-    for path, title in (("firmware", "boards"), ("external_control", "layout of stick frames")):
-        if words := text_of(state, path):
-            rows.append((title, words))
-    if note := text_of(health, "note"):
-        rows.append(("note", note))
+    recorded = [] if session is None else [("recorded by", f"{session.program} on {session.host} ({session.recorder})")]
+    layout = text_of(flight.last.get("link/state", {}), "external_control")
+    rows = [
+        *recorded,
+        *at_end(flight, "vehicle", "firmware"),
+        *([("layout of stick frames", layout)] if layout else []),
+    ]
     rows += [(f"model: {short(name)}", f"{value:.5g}") for name, value in flight.model.items() if _is_number(value)]
     return rows[:MOST_ROWS]
 
@@ -150,7 +116,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def parameter_rows(flight: Flight) -> tuple[str, list[Row]]:
+def parameter_rows(flight: RecordedFlight) -> tuple[str, list[Row]]:
     """The active parameter set: its name, and its parameters; nothing where it was not read or is not known."""
     try:
         found = ParameterSet.from_payload(flight.parameters)
@@ -174,7 +140,7 @@ def configuration(session: Session | None) -> str:
         return session.config[:100_000]
 
 
-def losses(summary: Summary, flight: Flight) -> list[str]:
+def losses(summary: Summary, flight: RecordedFlight) -> list[str]:
     """What the recording lacks, a sentence each; nothing where it is whole."""
     report = summary.report
     lines: list[str] = []

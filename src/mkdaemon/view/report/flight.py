@@ -19,12 +19,13 @@ from pydantic import ValidationError
 from mkdaemon.reading import EventLine, Picture, Reading, key_spec
 from mkdaemon.reading.facts import DEAD_RECKONING
 from mkdaemon.reading.known import EACH, EVENTS
-from mkdaemon.record.entry import NANOSECONDS, Entry, Kind, unpacked
+from mkdaemon.record.entry import Entry, Kind, unpacked
 from mkdaemon.record.summary import Summary, Taker
+from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.report.happenings import MOST, happening_of, lost_line
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
-from mkdaemon.view.report.timeseries import Array, Series
+from mkdaemon.view.report.timeseries import Array, TimeSeries
 from mkdaemon.view.report.troubles import Trouble, take_causes
 
 
@@ -42,7 +43,7 @@ class Column(NamedTuple):
     factor: float = 1.0
 
 
-class Place(NamedTuple):
+class VectorColumn(NamedTuple):
     """Three numbers of a key that are kept together, as series `name.x`, `name.y` and `name.z`.
 
     Attributes:
@@ -56,16 +57,16 @@ class Place(NamedTuple):
 
 _DEGREES: Final = degrees(1.0)
 _PERCENT: Final = 100.0
-COLUMNS: Final[Mapping[str, tuple[Column | Place, ...]]] = {
-    "control/estimate": (Place("position", "estimate"), Column("image_age", "estimate.image_age")),
-    "control/error": (Place("goal", "goal"), Place("error_pad", "error")),
+COLUMNS: Final[Mapping[str, tuple[Column | VectorColumn, ...]]] = {
+    "control/estimate": (VectorColumn("position", "estimate"), Column("image_age", "estimate.image_age")),
+    "control/error": (VectorColumn("goal", "goal"), VectorColumn("error_pad", "error")),
     "control/output": tuple(Column(name, f"stick.{name}") for name in ("pitch", "roll", "yaw", "throttle")),
     "state/attitude": (
         *(Column(name, f"attitude.{name}", _DEGREES) for name in ("roll", "pitch")),
         Column("yaw", "attitude.yaw", _DEGREES),
     ),
     "state/altitude": (Column("above_start", "barometer"),),
-    "state/position": (Place("position_enu", "ground"),),
+    "state/position": (VectorColumn("position_enu", "ground"),),
     "state/battery": (
         Column("voltage", "battery.voltage"),
         Column("current", "battery.current"),
@@ -85,8 +86,8 @@ COLUMNS: Final[Mapping[str, tuple[Column | Place, ...]]] = {
         Column("latency_p99_ms", "eyes.latency_p99"),
         Column("fps", "eyes.fps"),
     ),
-    "vision/*/pose": (Place("position_target", "pose"),),
-    "sim/truth": (Place("position_enu", "truth"),),
+    "vision/*/pose": (VectorColumn("position_target", "pose"),),
+    "sim/truth": (VectorColumn("position_enu", "truth"),),
 }
 """What is kept of each key; `*` is a camera, whose name is put before that of the series: `down eyes.posed`."""
 LAST: Final = frozenset({*EACH, "link/traffic"})
@@ -100,7 +101,7 @@ NEAR: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class FlownState:
     """Who flies and what, from one moment on.
 
     Attributes:
@@ -147,7 +148,7 @@ class ImagePlace:
 
 
 @dataclass
-class Flight:
+class RecordedFlight:
     """One vehicle in a recording.
 
     Attributes:
@@ -171,8 +172,8 @@ class Flight:
 
     vehicle: str
     entries: int = 0
-    series: dict[str, Series] = field(default_factory=dict)
-    states: list[State] = field(default_factory=list)
+    series: dict[str, TimeSeries] = field(default_factory=dict)
+    states: list[FlownState] = field(default_factory=list)
     troubles: list[Trouble] = field(default_factory=list)
     conditions: list[tuple[float, str]] = field(default_factory=list)
     happenings: list[EventLine] = field(default_factory=list)
@@ -235,7 +236,7 @@ class FlightReader:
     """
 
     def __init__(self) -> None:
-        self.flights: dict[str, Flight] = {}
+        self.flights: dict[str, RecordedFlight] = {}
         self._origin = 0
         self._owners: dict[tuple[Kind, str], str] = {}
         self._last: dict[str, dict[str, tuple[float, Mapping[str, Any]]]] = {}
@@ -244,7 +245,7 @@ class FlightReader:
         """Who takes the entries of the kind and key of this one, the first; None where they are only counted."""
         self._origin = self._origin or entry.base.file_time(entry.received)
         self._owners[entry.kind, entry.key] = entry.vehicle
-        flight = self.flights.setdefault(entry.vehicle, Flight(entry.vehicle))
+        flight = self.flights.setdefault(entry.vehicle, RecordedFlight(entry.vehicle))
         pattern, camera = _pattern_of(entry.suffix)
         if entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image"):
             return self._images(flight, camera or "?")
@@ -266,14 +267,14 @@ class FlightReader:
                     if spec is not None and spec.carries is not None:
                         flight.reading.take(suffix, spec.carries.model_validate(fields), at)
 
-    def _images(self, flight: Flight, camera: str) -> Taker:
+    def _images(self, flight: RecordedFlight, camera: str) -> Taker:
         def take(entry: Entry, at: int) -> None:
             taken = (at - self._origin) / NANOSECONDS
             flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera))
 
         return take
 
-    def _values(self, flight: Flight, suffix: str, use: _Use) -> Taker:
+    def _values(self, flight: RecordedFlight, suffix: str, use: _Use) -> Taker:
         def take(entry: Entry, at: int) -> None:
             fields, moment = unpacked(entry.payload), (at - self._origin) / NANOSECONDS
             stamp = fields.get("stamp")
@@ -299,7 +300,7 @@ def _pattern_of(suffix: str) -> tuple[str, str]:
 class _Numbers:
     """Keeps the numbers of one key in series of a flight, which are looked up once: there are tens of thousands."""
 
-    def __init__(self, flight: Flight, suffix: str) -> None:
+    def __init__(self, flight: RecordedFlight, suffix: str) -> None:
         pattern, camera = _pattern_of(suffix)
         before = f"{camera} " if camera else ""
         self._is_last = pattern in LAST
@@ -311,7 +312,7 @@ class _Numbers:
             else:
                 self._threefold.append((column.path, [_Lazy(flight, f"{name}.{axis}") for axis in "xyz"]))
 
-    def take(self, flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+    def take(self, flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
         """Take a value."""
         if self._is_last:
             flight.last[suffix] = fields
@@ -329,61 +330,61 @@ class _Numbers:
 class _Lazy:
     """A series that the flight has from its first number on."""
 
-    def __init__(self, flight: Flight, name: str) -> None:
+    def __init__(self, flight: RecordedFlight, name: str) -> None:
         self._flight, self._name = flight, name
-        self._series: Series | None = None
+        self._series: TimeSeries | None = None
 
     def add(self, at: float, value: float) -> None:
         if self._series is None:
-            self._series = self._flight.series.setdefault(self._name, Series())
+            self._series = self._flight.series.setdefault(self._name, TimeSeries())
         self._series.times.append(at)
         self._series.values.append(value)
 
 
-def _take_status(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_status(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     flight.last[suffix] = fields
     take_causes(flight.troubles, at, fields)
     words = [text_of(fields, name) for name in ("phase", "manoeuvre", "stage", "reason", "outcome")]
     phase, manoeuvre, stage, reason, outcome = words
-    state = State(at, phase, manoeuvre, stage, part_of(fields, "is_done") is True, reason, outcome)
+    state = FlownState(at, phase, manoeuvre, stage, part_of(fields, "is_done") is True, reason, outcome)
     before = flight.states[-1] if flight.states else None
     if before is None or _without_time(before) != _without_time(state):
         flight.states.append(state)
 
 
-def _without_time(state: State) -> tuple[object, ...]:
+def _without_time(state: FlownState) -> tuple[object, ...]:
     return state.phase, state.manoeuvre, state.stage, state.is_done, state.reason, state.outcome
 
 
-def _take_link(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_link(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     flight.last[suffix] = fields
     condition = text_of(fields, "condition")
     if not flight.conditions or flight.conditions[-1][1] != condition:
         flight.conditions.append((at, condition))
 
 
-def _take_happening(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_happening(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     if (line := happening_of(at, suffix, fields)) is not None:
         flight.keep(line)
 
 
-def _take_lost_line(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_lost_line(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     flight.keep(lost_line(at, fields))
 
 
-def _take_settings(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_settings(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     found = part_of(fields, "fields.parameters")
     if isinstance(found, bytes):
         flight.parameters = found
 
 
-def _take_model(flight: Flight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+def _take_model(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
     found = part_of(fields, "event.model")
     if isinstance(found, Mapping):
         flight.model = found
 
 
-_Use = Callable[[Flight, float, str, Mapping[str, Any]], None]
+_Use = Callable[[RecordedFlight, float, str, Mapping[str, Any]], None]
 _USES: Final[dict[tuple[Kind, str], _Use]] = {
     **{(Kind.SAMPLE, suffix): _take_happening for suffix in EVENTS},
     (Kind.SAMPLE, STATUS): _take_status,

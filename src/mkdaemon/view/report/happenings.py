@@ -35,7 +35,7 @@ def lost_line(at: float, fields: Mapping[str, Any]) -> EventLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusalCount:
     """Everything that was refused for one reason.
 
     Attributes:
@@ -53,12 +53,12 @@ class Refused:
     first: float
 
 
-def refusals(happenings: Sequence[EventLine]) -> list[Refused]:
+def refusals(happenings: Sequence[EventLine]) -> list[RefusalCount]:
     """Refusals by token, the most frequent first."""
     refused = [one for one in happenings if one.sort is Sort.REFUSAL]
     counts = Counter(one.token for one in refused)
     firsts: dict[str, EventLine] = {}
     for one in refused:
         firsts.setdefault(one.token, one)
-    found = [Refused(token, counts[token], one.text, one.fix, one.at) for token, one in firsts.items()]
+    found = [RefusalCount(token, counts[token], one.text, one.fix, one.at) for token, one in firsts.items()]
     return sorted(found, key=lambda one: -one.count)

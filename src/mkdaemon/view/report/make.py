@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -11,11 +10,11 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import Sort
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
-from mkdaemon.view.report.flight import Flight, FlightReader
+from mkdaemon.view.report.flight import FlightReader, RecordedFlight
 from mkdaemon.view.report.happenings import refusals
-from mkdaemon.view.report.inwords import blind_words, flown_time, sentences
+from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
-from mkdaemon.view.report.pieces import Piece, pieces_of
+from mkdaemon.view.report.pieces import Piece, Settled, pieces_of
 from mkdaemon.view.report.plots import plots_of
 from mkdaemon.view.report.verdict import head_of
 
@@ -82,7 +81,7 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
     )
 
 
-def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> Flight:
+def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> RecordedFlight:
     """The flight that is wanted.
 
     Raises:
@@ -101,19 +100,12 @@ def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> Flight:
     return flights[name]
 
 
-def _cards(flight: Flight, pieces: Sequence[Piece]) -> list[Card]:
+def _cards(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Card]:
     """Figures that are seen first."""
-    settled = [piece.errors for piece in pieces if piece.errors is not None and not piece.stage]
     cards = [Card(f"{flown_time(flight):.1f} s", "flown by the machine")]
-    if settled:
-        squares = sum(one.count * one.level_rms_cm**2 for one in settled)
-        cards.append(
-            Card(
-                f"{math.sqrt(squares / sum(one.count for one in settled)):.1f} cm",
-                f"level RMS over its goals{blind_words(sum(piece.blind for piece in pieces))}",
-            )
-        )
-        cards.append(Card(f"{max(one.level_max_cm for one in settled):.1f} cm", "the farthest"))
+    if (settled := Settled.of(pieces)) is not None:
+        cards.append(Card(f"{settled.rms_cm:.1f} cm", f"level RMS over its goals{settled.left_out}"))
+        cards.append(Card(f"{settled.worst_cm:.1f} cm", "the farthest"))
     count = {sort: sum(one.sort is sort for one in flight.happenings) for sort in Sort}
     cards.append(Card(str(count[Sort.FAILSAFE]), "failsafes", count[Sort.FAILSAFE] > 0))
     cards.append(Card(str(count[Sort.REFUSAL]), "refusals"))

@@ -20,8 +20,8 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.reading import EventLine
-from mkdaemon.view.report.facts import Row, shown
-from mkdaemon.view.report.happenings import Refused
+from mkdaemon.view.report.facts import Row
+from mkdaemon.view.report.happenings import RefusalCount
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.plots import Plot
 from mkdaemon.view.report.verdict import Head
@@ -83,7 +83,7 @@ class Report:
     losses: Sequence[str]
     plots: Sequence[Plot]
     pieces: Sequence[Piece]
-    refusals: Sequence[Refused]
+    refusals: Sequence[RefusalCount]
     happenings: Sequence[EventLine]
     pictures: Mapping[int, str]
     picture_note: str
@@ -105,8 +105,7 @@ def plotly_source() -> str:
         source = Path(folder) / "package_data" / "plotly.min.js"
         if source.is_file():
             return source.read_text(encoding="utf-8")
-    msg = 'a report needs plotly: pip install "mkdaemon[report]"'
-    raise ConfigError(msg)
+    raise ConfigError('a report needs plotly: pip install "mkdaemon[report]"')
 
 
 def render(report: Report, library: str) -> bytes:
@@ -235,9 +234,9 @@ def _pieces(pieces: Sequence[Piece]) -> str:
         if found is not None:
             level = f"{found.level_rms_cm:.1f} / {found.level_max_cm:.1f}"
             height = f"{found.height_rms_cm:.1f} / {found.height_max_cm:.1f}"
-        times = (f"{piece.begin:.1f}", f"{piece.end - piece.begin:.1f}", shown(piece.reached, ""))
+        times = (f"{piece.begin:.1f}", f"{piece.end - piece.begin:.1f}", _number(piece.reached))
         blind = f"{piece.blind:.1f}" if piece.blind else "-"
-        rows.append((piece.name, goal, *times, blind, level, height, shown(piece.level_end_cm, "")))
+        rows.append((piece.name, goal, *times, blind, level, height, _number(piece.level_end_cm)))
     note = (
         '<p class="note">Errors are the distance of the estimate from the goal. Of a manoeuvre that flies to a place '
         "they count from when it said that it is there, else from 2 s after its beginning; of a stage, all of it. "
@@ -247,11 +246,15 @@ def _pieces(pieces: Sequence[Piece]) -> str:
     return _table((*head, *errors), rows, [piece.begin for piece in pieces[:MOST_PIECES]], numbers=8) + more + note
 
 
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
 def _more(left: int, what: str) -> str:
     return f'<p class="note">... and {left} more {what}.</p>' if left > 0 else ""
 
 
-def _refusals(refusals: Sequence[Refused]) -> str:
+def _refusals(refusals: Sequence[RefusalCount]) -> str:
     rows = [(one.token or "-", one.text, one.fix, str(one.count), f"{one.first:.1f}") for one in refusals[:100]]
     head = ("token", "first of them", "remedy", "times", "first at (s)")
     return _table(head, rows, [one.first for one in refusals[:100]], numbers=2) + _more(len(refusals) - 100, "tokens")

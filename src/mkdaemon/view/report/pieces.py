@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from mkdaemon.view.report.flight import Flight, State
+from mkdaemon.view.report.flight import FlownState, RecordedFlight
 from mkdaemon.view.report.timeseries import Array
 
 SETTLING: Final = 2.0
@@ -74,6 +74,38 @@ class Piece:
         return f"{self.manoeuvre}: {self.stage}" if self.stage else self.manoeuvre
 
 
+class Settled(NamedTuple):
+    """How well the places were held that a flight flew to.
+
+    Attributes:
+        rms_cm: distance from the goal, horizontally [cm, RMS].
+        worst_cm: the largest [cm].
+        worst: where that was.
+        blind: how long of the flight is left out [s].
+    """
+
+    rms_cm: float
+    worst_cm: float
+    worst: Piece
+    blind: float
+
+    @classmethod
+    def of(cls, pieces: Sequence[Piece]) -> Settled | None:
+        """Sum up pieces; None where none of them has errors of a place."""
+        found = [(piece, piece.errors) for piece in pieces if piece.errors is not None and not piece.stage]
+        if not found:
+            return None
+        squares = sum(errors.count * errors.level_rms_cm**2 for _, errors in found)
+        worst, errors = max(found, key=lambda one: one[1].level_max_cm)
+        rms = math.sqrt(squares / sum(errors.count for _, errors in found))
+        return cls(rms, errors.level_max_cm, worst, sum(piece.blind for piece in pieces))
+
+    @property
+    def left_out(self) -> str:
+        """What the figures leave out, half a sentence; empty for nothing."""
+        return f"; {self.blind:.1f} s of blind flight are left out" if self.blind else ""
+
+
 @dataclass(frozen=True, slots=True)
 class _Track:
     """Errors and goals over time: (n,), (n, 3), (n, 3)."""
@@ -83,7 +115,7 @@ class _Track:
     goals: Array
 
     @classmethod
-    def of(cls, flight: Flight) -> _Track:
+    def of(cls, flight: RecordedFlight) -> _Track:
         if not flight.has("error.x") or len(flight.series["error.x"]) != len(flight.series.get("goal.x", ())):
             return cls(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
         parts = {name: [flight.series[f"{name}.{axis}"].arrays() for axis in "xyz"] for name in ("error", "goal")}
@@ -97,7 +129,7 @@ class _Track:
         return _Track(self.times[first:last], self.errors[first:last], self.goals[first:last])
 
 
-def pieces_of(flight: Flight) -> list[Piece]:
+def pieces_of(flight: RecordedFlight) -> list[Piece]:
     """Every stage of every manoeuvre of a flight, in order."""
     track = _Track.of(flight)
     found: list[Piece] = []
@@ -109,9 +141,9 @@ def pieces_of(flight: Flight) -> list[Piece]:
     return found
 
 
-def _stages(flight: Flight) -> Iterator[tuple[list[State], float]]:
+def _stages(flight: RecordedFlight) -> Iterator[tuple[list[FlownState], float]]:
     """States of one manoeuvre and stage, and when they end [s]."""
-    group: list[State] = []
+    group: list[FlownState] = []
     for state in flight.states:
         is_same = bool(group) and (state.manoeuvre, state.stage) == (group[0].manoeuvre, group[0].stage)
         if group and not (is_same and state.is_flown):
@@ -151,7 +183,7 @@ def _as_goal(row: Array) -> Goal:
     return x, y, z
 
 
-def _piece(states: list[State], track: _Track, begin: float, end: float, goal: Goal | None) -> Piece:
+def _piece(states: list[FlownState], track: _Track, begin: float, end: float, goal: Goal | None) -> Piece:
     first = states[0]
     reached = next((state.at for state in states if state.is_done and begin <= state.at < end), None)
     since = begin

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.reading import EventLine, Sort
-from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.pieces import Piece
 from mkdaemon.view.report.timeseries import Array, thin
 
@@ -61,7 +61,7 @@ class Plot:
         return {"name": self.name, "data": self.data, "layout": self.layout, "times": self.times}
 
 
-def plots_of(flight: Flight, pieces: Sequence[Piece]) -> list[Plot]:
+def plots_of(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Plot]:
     """Every plot that the flight has numbers for: tracks first, then over time."""
     over_time = [plot for plot in _over_time(flight) if plot.data]
     events = _events(flight.happenings, pieces, flight.ended - flight.began)
@@ -76,13 +76,15 @@ def plots_of(flight: Flight, pieces: Sequence[Piece]) -> list[Plot]:
 # -- over time --------------------------------------------------------------------------------------------------------
 
 
-def _line(flight: Flight, series: str, name: str, colour: str, *, dash: str = "solid", factor: float = 1.0) -> Lines:
+def _line(
+    flight: RecordedFlight, series: str, name: str, colour: str, *, dash: str = "solid", factor: float = 1.0
+) -> Lines:
     """A series as a trace; nothing where there is none."""
     found = flight.series.get(series)
     if found is None:
         return []
     times, values = found.arrays()
-    return [_trace(*thin(times, values * factor), name, colour, dash)]
+    return [_trace(*thin(times, values), name, colour, dash)]
 
 
 def _trace(times: Array, values: Array, name: str, colour: str, dash: str = "solid") -> dict[str, Any]:
@@ -111,12 +113,12 @@ def _timed(name: str, title: str, unit: str, data: list[dict[str, Any]], height:
     return Plot(name, title, data, layout)
 
 
-def _over_time(flight: Flight) -> list[Plot]:
+def _over_time(flight: RecordedFlight) -> list[Plot]:
     line = partial(_line, flight)
     return [*_motion(flight, line), *_link(line), *_eyes(flight, line), _battery(line)]
 
 
-def _motion(flight: Flight, line: Line) -> Iterable[Plot]:
+def _motion(flight: RecordedFlight, line: Line) -> Iterable[Plot]:
     """How it moved, and what was sent for it."""
     yield _timed(
         "height",
@@ -176,7 +178,7 @@ def _link(line: Line) -> Iterable[Plot]:
     )
 
 
-def _eyes(flight: Flight, line: Line) -> Iterable[Plot]:
+def _eyes(flight: RecordedFlight, line: Line) -> Iterable[Plot]:
     for place, camera in enumerate(flight.cameras):
         yield _timed(
             f"eyes{place}",
@@ -198,26 +200,26 @@ def _battery(line: Line) -> Plot:
     )
 
 
-def _level_error(flight: Flight) -> Lines:
+def _level_error(flight: RecordedFlight) -> Lines:
     if not flight.has("error.x"):
         return []
     (times, x), (_, y) = flight.series["error.x"].arrays(), flight.series["error.y"].arrays()
     return [_seen(flight, *thin(times, 100.0 * np.hypot(x, y)), "horizontal", BLUE)]
 
 
-def _height_error(flight: Flight) -> Lines:
+def _height_error(flight: RecordedFlight) -> Lines:
     if not flight.has("error.z"):
         return []
     times, z = flight.series["error.z"].arrays()
     return [_seen(flight, *thin(times, 100.0 * z), "height, above positive", ORANGE)]
 
 
-def _seen(flight: Flight, times: Array, values: Array, name: str, colour: str) -> dict[str, Any]:
+def _seen(flight: RecordedFlight, times: Array, values: Array, name: str, colour: str) -> dict[str, Any]:
     """A trace that is broken in blind flight: a calculation has no error."""
     return _trace(times, np.where(flight.is_blind(times), math.nan, values), name, colour)
 
 
-def _gaps(flight: Flight) -> list[dict[str, Any]]:
+def _gaps(flight: RecordedFlight) -> list[dict[str, Any]]:
     """Blind flight, the same in every plot."""
     return [
         {**_BAND, "x0": round(begin, 3), "x1": round(end, 3), "fillcolor": "rgba(192,57,43,0.18)"}
@@ -310,7 +312,7 @@ def _marks(row: str, x: list[float], text: list[str], colour: str) -> dict[str, 
 # -- from above -------------------------------------------------------------------------------------------------------
 
 
-def _tracks(flight: Flight) -> list[Plot]:
+def _tracks(flight: RecordedFlight) -> list[Plot]:
     found: list[Plot] = []
     if flight.has("estimate.x"):
         track = _track(flight, "target", "Over the target", "estimate", "estimate", ("x", "y"))
@@ -328,7 +330,7 @@ def _tracks(flight: Flight) -> list[Plot]:
     return found
 
 
-def _path(flight: Flight, name: str) -> tuple[list[float], list[float], list[float]] | None:
+def _path(flight: RecordedFlight, name: str) -> tuple[list[float], list[float], list[float]] | None:
     """Times, x and y of a track, at most so many points."""
     if not (flight.has(f"{name}.x") and flight.has(f"{name}.y")):
         return None
@@ -338,7 +340,7 @@ def _path(flight: Flight, name: str) -> tuple[list[float], list[float], list[flo
     return tuple(np.round(one, 4).tolist() for one in kept)
 
 
-def _track(flight: Flight, name: str, title: str, series: str, words: str, axes: tuple[str, str]) -> Plot:
+def _track(flight: RecordedFlight, name: str, title: str, series: str, words: str, axes: tuple[str, str]) -> Plot:
     path = _path(flight, series)
     assert path is not None
     times, x, y = path

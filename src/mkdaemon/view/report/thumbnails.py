@@ -12,7 +12,7 @@ from mkdaemon.client.pictures import small_jpeg
 from mkdaemon.reading import EventLine
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
-from mkdaemon.view.report.flight import Flight, ImagePlace
+from mkdaemon.view.report.flight import ImagePlace, RecordedFlight
 
 BEFORE: Final = 2.0
 """An image that is older than this when something happens does not show it [s]."""
@@ -25,7 +25,7 @@ MOST: Final = 60
 Place = tuple[Kind, str, int]
 
 
-def choose(flight: Flight, happenings: Sequence[EventLine]) -> dict[int, ImagePlace]:
+def choose(flight: RecordedFlight, happenings: Sequence[EventLine]) -> dict[int, ImagePlace]:
     """Which image shows what happened, by the happening's place in the list; each image only once, the first time.
 
     Args:

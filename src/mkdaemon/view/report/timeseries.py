@@ -17,7 +17,7 @@ MOST: Final = 1600
 
 
 @dataclass(slots=True)
-class Series:
+class TimeSeries:
     """One quantity of a flight.
 
     Attributes:

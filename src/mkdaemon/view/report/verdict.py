@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.reading import Sort
 from mkdaemon.telemetry.tone import Tone
-from mkdaemon.view.report.flight import Flight
+from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.troubles import Trouble
 
 LISTED: Final = 20
@@ -37,12 +37,12 @@ class Head(NamedTuple):
     tone: Tone = Tone.NOTE
 
 
-def head_of(flight: Flight) -> Head:
+def head_of(flight: RecordedFlight) -> Head:
     """How a flight ended, and why."""
     return _head(flight)._replace(end=flight.end.headline, tone=flight.end.tone)
 
 
-def _head(flight: Flight) -> Head:
+def _head(flight: RecordedFlight) -> Head:
     if not any(state.is_flown for state in flight.states):
         return Head("The machine did not fly.", False, ())
     if flight.states[-1].is_flown:

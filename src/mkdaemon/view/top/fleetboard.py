@@ -15,8 +15,8 @@ from mkdaemon.reading import Fact, Picture, Reading
 from mkdaemon.reading.facts import age_words
 from mkdaemon.reading.known import SLOW_KEYS as KEYS
 from mkdaemon.spelling import on_one_line
-from mkdaemon.telemetry.tone import Tone as State
-from mkdaemon.view.top.panels import COLUMNS, TONES, Row, Tone, clipped
+from mkdaemon.telemetry.tone import Tone
+from mkdaemon.view.top.panels import COLUMNS, TONES, Row, RowStyle, clipped
 
 __all__ = ["KEYS", "FleetBoard"]
 
@@ -93,14 +93,14 @@ class FleetBoard:
         """
         gone = sum(vehicle.gone_at is not None for vehicle in self._vehicles.values())
         count = len(self._vehicles) - gone
-        title: Row = [(" fleet ", Tone.BAR), (f" {count} here", Tone.TITLE)]
-        title.append((f", {gone} GONE" if gone else "", Tone.BAD))
+        title: Row = [(" fleet ", RowStyle.BAR), (f" {count} here", RowStyle.TITLE)]
+        title.append((f", {gone} GONE" if gone else "", RowStyle.BAD))
         head = "".join(f"{name:<{width}}" for name, width in _WIDTHS.items())
-        found = [title, [(head, Tone.TITLE)]]
+        found = [title, [(head, RowStyle.TITLE)]]
         for name in sorted(self._vehicles):
             found += self._rows_of(name, self._vehicles[name], now, wall)
         notice = f"  {on_one_line(self.notice)}" if self.notice else ""
-        found.append([(" q quit", Tone.BAR), (notice, Tone.WARN)])
+        found.append([(" q quit", RowStyle.BAR), (notice, RowStyle.WARN)])
         return [clipped(row, COLUMNS) for row in found]
 
     def _rows_of(self, name: str, vehicle: _Vehicle, now: float, wall: float) -> Iterator[Row]:
@@ -111,21 +111,21 @@ class FleetBoard:
             if vehicle.received_at is not None:
                 before = vehicle.reading.at(vehicle.received_at)
                 words += f"; last: {before.headline}, {_battery(before)}"
-            yield from _row(name, "", "", [(words, State.BAD)])
+            yield from _row(name, "", "", [(words, Tone.BAD)])
         elif vehicle.received_at is None:
-            yield from _row(name, "", "", [("no value has arrived yet", State.WARN)])
+            yield from _row(name, "", "", [("no value has arrived yet", Tone.WARN)])
         else:
             worst = [(picture.headline, picture.tone), *((one.text, one.tone) for one in picture.alarms[1:])]
             yield from _row(name, _battery(picture), _place(picture), worst)
 
 
-def _row(name: str, battery: str, place: str, worst: Iterable[tuple[str, State]]) -> Iterator[Row]:
+def _row(name: str, battery: str, place: str, worst: Iterable[tuple[str, Tone]]) -> Iterator[Row]:
     """A row of a vehicle; what is worst goes on below."""
     cells = zip((on_one_line(name), battery, place), _WIDTHS.values(), strict=True)
     head = "".join(f"{text if len(text) < width else f'{text[: width - 2]}>':<{width}}" for text, width in cells)
     lines = [(line, TONES[tone]) for words, tone in worst for line in wrap(words, COLUMNS - _HEAD)]
     for number, line in enumerate(lines):
-        yield [(head if number == 0 else " " * _HEAD, Tone.TITLE if number == 0 else Tone.PLAIN), line]
+        yield [(head if number == 0 else " " * _HEAD, RowStyle.TITLE if number == 0 else RowStyle.PLAIN), line]
 
 
 def _number(fact: Fact, digits: int) -> str:
@@ -140,6 +140,6 @@ def _battery(picture: Picture) -> str:
 def _place(picture: Picture) -> str:
     """The age of the pose of a target while it says where the aircraft is; else how far from home."""
     pose, place = picture.fact("pose"), picture.fact("place")
-    if pose.tone is State.OK and not pose.is_stale:
+    if pose.tone is Tone.OK and not pose.is_stale:
         return f"pose {_number(pose, 1)}"
     return f"{_number(place, 0)} off" if place.number is not None and not place.is_stale else "-"

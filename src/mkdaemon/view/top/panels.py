@@ -27,7 +27,7 @@ EVENTS: Final = 5
 """Events that are kept."""
 _SHOWN: Final = 3
 """Least rows of events."""
-_LEFT: Final = 25
+_LEFT: Final = 23
 """Columns of the horizon."""
 _NAME: Final = 14
 """Columns of a name."""
@@ -43,7 +43,7 @@ KEYS: Final = (*VALUES, "event/command", "event/mode", "event/failsafe", "event/
 """What is watched."""
 
 
-class Tone(StrEnum):
+class RowStyle(StrEnum):
     """How a part of a row looks; beside it a word always says the same."""
 
     PLAIN = ""
@@ -56,18 +56,18 @@ class Tone(StrEnum):
 
 
 TONES: Final = {
-    tone.Tone.NOTE: Tone.PLAIN,
-    tone.Tone.OK: Tone.GOOD,
-    tone.Tone.WARN: Tone.WARN,
-    tone.Tone.BAD: Tone.BAD,
-    tone.Tone.UNKNOWN: Tone.DIM,
+    tone.Tone.NOTE: RowStyle.PLAIN,
+    tone.Tone.OK: RowStyle.GOOD,
+    tone.Tone.WARN: RowStyle.WARN,
+    tone.Tone.BAD: RowStyle.BAD,
+    tone.Tone.UNKNOWN: RowStyle.DIM,
 }
 """How a state looks."""
-Part = tuple[str, Tone]
+Part = tuple[str, RowStyle]
 Row = list[Part]
 
 
-class Board:
+class VehicleBoard:
     """Last values and events of one vehicle.
 
     Attributes:
@@ -116,18 +116,18 @@ class Board:
 
     def _headline(self, picture: Picture) -> Iterator[Row]:
         """The worst first; what else is wrong follows while there is room."""
-        head: Row = [(f" {on_one_line(self.vehicle)} ", Tone.BAR), (" ", Tone.PLAIN)]
+        head: Row = [(f" {on_one_line(self.vehicle)} ", RowStyle.BAR), (" ", RowStyle.PLAIN)]
         room = max(COLUMNS - sum(len(text) for text, _ in head), 1)
         worst = [(picture.headline, picture.tone), *((alarm.text, alarm.tone) for alarm in picture.alarms[1:])]
         lines = [(line, TONES[how]) for words, how in worst for line in wrap(words, room)][:_HEADLINE]
         others = " ".join(on_one_line(name) for name in self.fleet if name != self.vehicle)
-        fleet: Row = [(f"   also: {others}", Tone.DIM)] if others else []
+        fleet: Row = [(f"   also: {others}", RowStyle.DIM)] if others else []
         for place, line in enumerate(lines):
-            yield [*head, line, *fleet] if place == 0 else [(" " * (COLUMNS - room), Tone.PLAIN), line]
+            yield [*head, line, *fleet] if place == 0 else [(" " * (COLUMNS - room), RowStyle.PLAIN), line]
 
     def _foot(self) -> Row:
         keys = " q quit   r release   l land   v vehicle"
-        return [(keys, Tone.BAR), (f"  {on_one_line(self.notice)}" if self.notice else "", Tone.TITLE)]
+        return [(keys, RowStyle.BAR), (f"  {on_one_line(self.notice)}" if self.notice else "", RowStyle.TITLE)]
 
 
 def _horizon(picture: Picture) -> Iterator[Row]:
@@ -139,26 +139,24 @@ def _horizon(picture: Picture) -> Iterator[Row]:
     else:
         drawn = horizon(attitude.roll, attitude.pitch, _LEFT, len(BESIDE))
     for row, word in zip(drawn, BESIDE, strict=True):
-        yield [(row, Tone.PLAIN), (" ", Tone.PLAIN), *_one(picture.fact(word), _SHORT)]
+        yield [(row, RowStyle.PLAIN), (" ", RowStyle.PLAIN), *_one(picture.fact(word), _SHORT)]
 
 
 def _one(fact: Fact, width: int) -> Row:
-    return [(f"{fact.name:<{width}}", Tone.TITLE), (fact.aged, TONES[fact.tone])]
+    return [(f"{fact.name:<{width}}", RowStyle.TITLE), (fact.aged, TONES[fact.tone])]
 
 
 def _below(picture: Picture) -> Iterator[Row]:
     """The lease, the line, the cameras, what became of what was sent."""
     cameras = [fact for fact in picture.facts if fact.id.startswith(("eye", "sight"))]
-    for fact in (*map(picture.fact, BELOW), *cameras):
+    for fact in (*map(picture.fact, BELOW), *cameras, *map(picture.fact, FATES)):
         yield from _wrapped(fact.name, fact.aged, TONES[fact.tone])
-    for word in FATES:
-        yield _one(picture.fact(word), _NAME)
 
 
-def _wrapped(name: str, text: str, looks: Tone) -> Iterator[Row]:
+def _wrapped(name: str, text: str, looks: RowStyle) -> Iterator[Row]:
     """A row that goes on below its text."""
     for place, line in enumerate(wrap(text, COLUMNS - _NAME) or [""]):
-        yield [(f"{'' if place else name:<{_NAME}}", Tone.TITLE), (line, looks)]
+        yield [(f"{'' if place else name:<{_NAME}}", RowStyle.TITLE), (line, looks)]
 
 
 def _event(line: EventLine, age: float) -> Iterator[Row]:

@@ -18,7 +18,7 @@ from textual.widgets import OptionList, Static
 
 from mkdaemon.errors import MkError
 from mkdaemon.spelling import on_one_line
-from mkdaemon.view.top.panels import KEYS, Board, Row
+from mkdaemon.view.top.panels import KEYS, Row, VehicleBoard
 
 if TYPE_CHECKING:
     from mkdaemon.client import Vehicle
@@ -35,7 +35,7 @@ Act = Callable[[str], Awaitable[str]]
 """Does something with a vehicle and returns what came of it, in words."""
 
 
-class Question(ModalScreen[bool]):
+class QuestionScreen(ModalScreen[bool]):
     """Asks before something happens; only `y` says yes."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -109,7 +109,7 @@ class TopApp(App[None]):
             land: lands one; given up, it lets go of it.
         """
         super().__init__()
-        self.board = Board(vehicle)
+        self.board = VehicleBoard(vehicle)
         self._open = open_vehicle
         self._release, self._land = release, land
         self._landing: asyncio.Task[None] | None = None
@@ -169,7 +169,7 @@ class TopApp(App[None]):
         if name is None or name == self.board.vehicle:
             return
         fleet = self.board.fleet
-        self.board = Board(name)
+        self.board = VehicleBoard(name)
         self.board.fleet = fleet
         self.watch_vehicle()
 
@@ -191,12 +191,12 @@ class TopApp(App[None]):
             if is_wanted:
                 act()
 
-        self.push_screen(Question(words), answered)
+        self.push_screen(QuestionScreen(words), answered)
 
     def _act(self, name: str, act: Act) -> None:
         self.run_worker(self._perform(name, act, self.board), group=name)
 
-    async def _perform(self, name: str, act: Act, board: Board) -> None:
+    async def _perform(self, name: str, act: Act, board: VehicleBoard) -> None:
         board.notice = f"{name} ..."
         try:
             board.notice = await act(board.vehicle)
@@ -204,7 +204,7 @@ class TopApp(App[None]):
             board.notice = f"{name}: {error}"
 
 
-async def _watch(uav: Vehicle, board: Board) -> None:
+async def _watch(uav: Vehicle, board: VehicleBoard) -> None:
     async with uav.watch(*KEYS, are_known=True) as samples:
         for pattern in KEYS:
             for suffix, sample in sorted((await uav.get_all(pattern)).items()):
@@ -214,7 +214,7 @@ async def _watch(uav: Vehicle, board: Board) -> None:
             board.take(sample.suffix, sample.known, time.monotonic())
 
 
-async def _look_for_others(uav: Vehicle, board: Board) -> None:
+async def _look_for_others(uav: Vehicle, board: VehicleBoard) -> None:
     while True:
         board.fleet = await uav.vehicles()
         await asyncio.sleep(FLEET_EVERY)

@@ -17,10 +17,11 @@ from typing import Annotated, Any, Final, Literal, TextIO
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.keyreader import raw_terminal
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev, new_paths
 from mkdaemon.cli.mkctl.teleop.joypad import look_for_joy, publish_pad
-from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard, raw_terminal
+from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard
 from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, save_mapping
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator, watch_simulator
@@ -49,7 +50,7 @@ _PAD: Final = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 class InputOptions:
     """With what is flown; gamepads of this machine unless one of these is given."""
 
-    keyboard: Annotated[bool, Parameter(negative=())] = False
+    keyboard: bool = False
     """The keys of this terminal, also over ssh."""
     joy: str | None = None
     """A pad of another machine, by the name under which `--publish` sends it there."""
@@ -67,11 +68,11 @@ PADS: Final = InputOptions()
 async def teleop(
     *,
     hands: InputOptions = PADS,
-    list_: Annotated[bool, Parameter(name="--list", negative=(), help="Show the pads of this machine.")] = False,
-    learn: Annotated[bool, Parameter(negative=(), help="Write the mapping of the pad that is plugged in.")] = False,
+    list_: Annotated[bool, Parameter(name="--list", help="Show the pads of this machine.")] = False,
+    learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
     publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
     record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
-    force: Annotated[bool, Parameter(negative=(), help="Take the lease from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take the lease from whoever holds it.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly with a gamepad, or with the keyboard. Nothing is sent unless the enable button is held: docs/teleop.md.
@@ -131,19 +132,16 @@ def _check(hands: InputOptions) -> None:
     """
     chosen = [f"--{name}" for name in ("keyboard", "joy", "replay") if getattr(hands, name)]
     if len(chosen) > 1:
-        msg = f"{' and '.join(chosen)} do not go together: give one"
-        raise ConfigError(msg)
+        raise ConfigError(f"{' and '.join(chosen)} do not go together: give one")
     if hands.keyboard and not (sys.stdin.isatty() and sys.stdout.isatty()):
-        msg = "--keyboard needs a terminal, as `ssh -t` gives"
-        raise ConfigError(msg)
+        raise ConfigError("--keyboard needs a terminal, as `ssh -t` gives")
     if hands.joy is not None:
         _require_pad_name(hands.joy, "--joy")
 
 
 def _require_pad_name(name: str, option: str) -> None:
     if _PAD.fullmatch(name) is None:
-        msg = f"{option} {name!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"{option} {name!r}: a name has lower-case letters, digits, - and _")
 
 
 def _open_new(path: Path) -> TextIO:
@@ -155,8 +153,7 @@ def _open_new(path: Path) -> TextIO:
     try:
         return path.open("x", encoding="utf-8")
     except OSError as error:
-        msg = f"--record {path}: {error.strerror}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"--record {path}: {error.strerror}") from error
 
 
 def _list(connection: Connection) -> int:
@@ -202,8 +199,7 @@ async def _publish(name: str, connection: Connection) -> int:
     _require_pad_name(name, "--publish")
     secret = os.environ.get(SECRET)
     if not secret:
-        msg = f"--publish needs {SECRET}: `mkctl teleop --joy {name}` shows it where it flies"
-        raise ConfigError(msg)
+        raise ConfigError(f"--publish needs {SECRET}: `mkctl teleop --joy {name}` shows it where it flies")
     news = asyncio.Event()
     pad = only_pad(news)
     try:

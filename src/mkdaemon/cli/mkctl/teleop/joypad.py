@@ -75,8 +75,7 @@ class JoyPad:
             DeviceLostError: nothing came for too long.
         """
         if now - self._state.at > GONE:
-            msg = f"{self.facts.name} has not been heard for {GONE:g} s"
-            raise DeviceLostError(msg)
+            raise DeviceLostError(f"{self.facts.name} has not been heard for {GONE:g} s")
         return self._state
 
     def alarm(self) -> None:

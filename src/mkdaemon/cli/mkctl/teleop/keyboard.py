@@ -4,50 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
-import termios
-import tty
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Final, TextIO
 
+from mkdaemon.cli.keyreader import QUIT, KeyReader
 from mkdaemon.cli.mkctl.teleop.devices import DeviceLostError, DeviceState
 from mkdaemon.client.teleop.keys import FACTS, Keys
 
 ASKING: Final = 0.08
 """Between two questions whether the terminal is there [s]."""
 QUESTION: Final = b"\x1b[5n"
-"""Device Status Report, ECMA-48 8.3.35; every terminal since the VT100 answers `ESC [ 0 n`."""
-ANSWER: Final = b"\x1b[0n"
+"""Whether a terminal is there; every one since the VT100 answers."""
 PATIENCE: Final = 2.0
 """Longest wait for the first answer [s]."""
-QUIT: Final = frozenset({"q", "\x03", "\x04"})
-_ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
-_TOKEN: Final = re.compile(
-    rb"\x1b\[(?P<arguments>[0-9;?]*)(?P<final>[@-~])|\x1bO(?P<arrow>[A-D])|(?P<key>[^\x1b])|\x1b"
-)
-_UNFINISHED: Final = re.compile(rb"\x1b(\[[0-9;?]*|O)?$")
-
-
-class KeyReader:
-    """Splits what a terminal sends into keys; an escape sequence that is cut in two stays whole."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def feed(self, data: bytes) -> Iterator[str]:
-        """Yield keys: characters, `up`, `down`, `left`, `right`, and `alive` for an answer of the terminal."""
-        text = self._rest + data
-        rest = _UNFINISHED.search(text)
-        self._rest = b"" if rest is None else rest[0]
-        for token in _TOKEN.finditer(text[: len(text) - len(self._rest)]):
-            if token[0] == ANSWER:
-                yield "alive"
-            elif (arrow := token["arrow"] or token["final"]) is not None:
-                if (key := _ARROWS.get(arrow.decode())) is not None:
-                    yield key
-            elif token["key"] is not None:
-                yield token["key"].decode("latin-1")
 
 
 class Keyboard:
@@ -115,8 +84,7 @@ class Keyboard:
                 self._screen.write(QUESTION.decode())
                 self._screen.flush()
             except OSError as error:
-                msg = f"the terminal is gone: {error.strerror}"
-                raise DeviceLostError(msg) from error
+                raise DeviceLostError(f"the terminal is gone: {error.strerror}") from error
         alive_at = self.keys.alive_at
         if alive_at is None:
             if now - self._began > PATIENCE:
@@ -138,19 +106,3 @@ class Keyboard:
         """Read no more; without its keyboard the program ends."""
         self._loop.remove_reader(self._descriptor)
         self._quit()
-
-
-@contextmanager
-def raw_terminal(terminal: int) -> Iterator[None]:
-    """Give keys without Return and without echo; everything is as before afterwards, whatever happens.
-
-    Args:
-        terminal: its descriptor.
-    """
-    before = termios.tcgetattr(terminal)
-    try:
-        tty.setcbreak(terminal)
-        yield
-    finally:
-        termios.tcflush(terminal, termios.TCIFLUSH)
-        termios.tcsetattr(terminal, termios.TCSADRAIN, before)

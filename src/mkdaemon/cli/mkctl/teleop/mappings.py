@@ -12,7 +12,7 @@ from mkdaemon.cli.mkctl.teleop.devices import Device
 from mkdaemon.client.teleop.learning import (
     BUTTONS,
     STICKS,
-    Question,
+    LearningQuestion,
     is_calm,
     mapping_text,
     moved_axis,
@@ -52,8 +52,7 @@ def find_mapping(id_: str, name: str, known: list[tuple[Path, Gamepad]]) -> Game
     for _, pad in known:
         if id_ in pad.ids:
             return pad
-    msg = f"no mapping for {name} ({id_}): {LEARN}"
-    raise ConfigError(msg)
+    raise ConfigError(f"no mapping for {name} ({id_}): {LEARN}")
 
 
 LOOKING: Final = 0.02
@@ -96,7 +95,7 @@ class Learner:
             await self._ask(question, patience, is_stick=False)
         return mapping_text(self._device.facts.name, self._id, self._answers)
 
-    async def _ask(self, question: Question, patience: float, *, is_stick: bool) -> None:
+    async def _ask(self, question: LearningQuestion, patience: float, *, is_stick: bool) -> None:
         rest, buttons_rest = self._read()
         self._show(f"  {question.words}")
         ends = self._loop.time() + patience
@@ -117,8 +116,7 @@ class Learner:
                     return
                 await self._wait_for_rest(rest)
         if is_stick or question.key == "enable":
-            msg = f"nothing moved within {patience:g} s: {question.words}"
-            raise MkError(msg)
+            raise MkError(f"nothing moved within {patience:g} s: {question.words}")
         self._show("    left out")
 
     def _is_taken(self, control: str) -> bool:
@@ -155,8 +153,7 @@ def save_mapping(folder: Path, name: str, text: str) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder}: {error.strerror}"
-        raise MkError(msg) from error
+        raise MkError(f"{folder}: {error.strerror}") from error
     save(path, text, overwrite=True)
     load_section(Gamepad, path)
     return path

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceState
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.client.teleop.teleop import Output
+from mkdaemon.client.teleop.teleop import TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import read_text
@@ -104,7 +104,7 @@ class PadRecorder:
         """Note that a device went."""
         self._write(now, "lost", device=name, reason=reason)
 
-    def decided(self, output: Output, now: float) -> None:
+    def decided(self, output: TeleopOutput, now: float) -> None:
         """Note what was decided, where it is another thing than before."""
         wanted = output.setpoint
         shown = None if wanted is None else {"kind": wanted.kind, **wanted.fields}
@@ -128,18 +128,15 @@ def read_recording(path: Path) -> list[PadLine]:
         texts = read_text(path, limit=LONGEST).splitlines(keepends=True)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        msg = f"{path}: cannot be read: {reason}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{path}: cannot be read: {reason}") from error
     if texts and not texts[-1].endswith("\n"):
         texts.pop()
     lines = [_read_line(path, number, text) for number, text in enumerate(texts, 1)]
     if not lines or lines[0].event != "start" or lines[0].version != 1:
-        msg = f"{path}: no recording of `mkctl teleop --record`, or of another version"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}: no recording of `mkctl teleop --record`, or of another version")
     backwards = next((n for n in range(1, len(lines)) if lines[n].t < lines[n - 1].t), None)
     if backwards is not None:
-        msg = f"{path}:{backwards + 1}: time goes backwards"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}:{backwards + 1}: time goes backwards")
     return lines
 
 
@@ -149,9 +146,7 @@ def _read_line(path: Path, number: int, text: str) -> PadLine:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        msg = f"{path}:{number}: {place + ': ' if place else ''}{first['msg']}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{path}:{number}: {place + ': ' if place else ''}{first['msg']}") from error
     if line.event == "attach" and (line.facts is None or line.mapping is None):
-        msg = f"{path}:{number}: a device without facts and mapping"
-        raise ConfigError(msg)
+        raise ConfigError(f"{path}:{number}: a device without facts and mapping")
     return line

@@ -104,5 +104,4 @@ def only_pad(report_to: asyncio.Event) -> EvdevPad:
     for pad in pads:
         pad.close()
     found = f"there are {', '.join(pad.facts.name for pad in pads)}: leave one" if pads else "no pad: plug one in"
-    msg = f"{found}; `mkctl teleop --list` shows what this user may open"
-    raise MkError(msg)
+    raise MkError(f"{found}; `mkctl teleop --list` shows what this user may open")

@@ -11,9 +11,9 @@ from rich.text import Text
 
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
-from mkdaemon.client.session import SessionState
-from mkdaemon.client.teleop.hands import Hands
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.client.teleop.hands import PadHands
+from mkdaemon.reading import Fact
+from mkdaemon.telemetry.control import ControlOutput
 from mkdaemon.telemetry.tone import Tone
 
 COLUMNS: Final = 80
@@ -23,7 +23,9 @@ BAR: Final = 41
 FULL: Final = 127.0
 """Stick at the end of its bar [stick]."""
 OLD: Final = 1.5
-"""A value older than this is shown in red [s]."""
+"""A pad that was not known for longer is shown in red [s]."""
+SHOWN: Final = ("control", "manoeuvre", "link", "stick_frames", "battery", "flight")
+"""Facts of the aircraft, one line each."""
 GOOD, BAD, DIM, PLAIN = "green", "bold red", "dim", ""
 KEYBOARD_LEGEND: Final = (
     "arrows pitch roll  a d yaw  w s thrust  m hover  e enable button  SPACE release",
@@ -67,7 +69,9 @@ def screen_lines(session: TeleopSession, watcher: Watcher, title: str, *, has_ke
     lines = [_line(("mkctl teleop  ", "bold"), (title, PLAIN))]
     lines += _pads(session)
     lines += _sticks(session, watcher, hands)
-    lines += [_lease(session, watcher), _sent(watcher), _link(watcher), _battery(watcher)]
+    picture = watcher.picture
+    lines.append(_line(("aircraft ", DIM), (picture.headline, _COLOURS[picture.tone])))
+    lines += [_fact(picture.fact(word)) for word in SHOWN]
     lines += [_now(session), _line(("last     ", DIM), (session.notice, PLAIN))]
     if has_keyboard:
         lines += [_line((text, DIM)) for text in KEYBOARD_LEGEND]
@@ -105,18 +109,15 @@ def _pads(session: TeleopSession) -> list[Text]:
     return lines or [_line(("pad      ", DIM), ("none", BAD))]
 
 
-def _sticks(session: TeleopSession, watcher: Watcher, hands: Hands | None) -> list[Text]:
+def _sticks(session: TeleopSession, watcher: Watcher, hands: PadHands | None) -> list[Text]:
     wanted = session.output.setpoint
     fields = dict(wanted.fields) if wanted is not None and wanted.kind == "stick" else {}
     if not fields and wanted is None and hands is not None:
-        wish = hands.wish(is_engaged=True)
-        fields = {axis: getattr(wish, axis) for axis in ("pitch", "roll", "yaw", "throttle")}
-    age = watcher.age("control/output")
-    is_fresh = age is not None and age < OLD and session.keeper.is_engaged
+        fields = hands.wish(is_engaged=True)._asdict()
+    output = watcher.picture.fresh("control/output", ControlOutput) if session.keeper.is_engaged else None
     lines = []
     for axis, ends in (("pitch", "fwd"), ("roll", "right"), ("yaw", "left"), ("throttle", "up")):
-        value = fields.get(axis)
-        sent = watcher.field("control/output", axis) if is_fresh else None
+        value, sent = fields.get(axis), None if output is None else getattr(output, axis)
         lines.append(
             _line(
                 (f"{axis:9}", DIM),
@@ -126,6 +127,8 @@ def _sticks(session: TeleopSession, watcher: Watcher, hands: Hands | None) -> li
                 (f"  + {ends}", DIM),
             )
         )
+    if output is not None and output.limited:
+        lines.append(_line(("         LIMITED: the daemon sends less than is asked for", "bold")))
     if hands is not None:
         thrust = hands.thrust
         held = "LOCKED" if thrust.is_locked else "held: move the stick to it" if thrust.is_waiting else ""
@@ -142,55 +145,11 @@ def _sticks(session: TeleopSession, watcher: Watcher, hands: Hands | None) -> li
     return lines
 
 
-def _lease(session: TeleopSession, watcher: Watcher) -> Text:
-    lease = watcher.field("control/status", "lease")
-    ours = session.keeper.flight.grant if session.keeper.flight.state is SessionState.HELD else None
-    holder = "nobody" if lease is None else str(lease["holder"])
-    is_ours = ours is not None and lease is not None and lease["epoch"] == ours.epoch
-    phase = str(watcher.field("control/status", "phase") or "-")
-    return _line(
-        ("lease    ", DIM),
-        (f"{'this program' if is_ours else holder[:34]:35}", "bold" if is_ours else PLAIN),
-        (f"mode {phase:10}", next((_COLOURS[each.tone] for each in Phase if each == phase), PLAIN)),
-        *_age(watcher, "control/status"),
-    )
-
-
-def _sent(watcher: Watcher) -> Text:
-    count = watcher.field("control/status", "frames_sent")
-    confirmed = watcher.field("control/status", "frames_confirmed")
-    limited = "  LIMITED" if watcher.field("control/output", "limited") else ""
-    manoeuvre = watcher.field("control/status", "manoeuvre") or ""
-    words = f"{count or 0} stick frames, {confirmed or 0} confirmed{limited}  {manoeuvre}"
-    return _line(("sent     ", DIM), (f"{words:51}", PLAIN), *_age(watcher, "control/output"))
-
-
-def _link(watcher: Watcher) -> Text:
-    condition = str(watcher.field("link/state", "condition") or "-")
-    style = GOOD if condition == "up" else BAD
-    port = str(watcher.field("link/state", "port") or "")
-    return _line(
-        ("link     ", DIM), (f"{condition:10}", style), (f"{port[:40]:41}", PLAIN), *_age(watcher, "control/status")
-    )
-
-
-def _battery(watcher: Watcher) -> Text:
-    voltage = watcher.field("state/battery", "voltage")
-    low = watcher.field("state/battery", "is_low")
-    flying = watcher.is_on_ground
-    state = "" if flying is None else "on the ground" if flying else "in the air"
-    words = "-" if voltage is None else f"{voltage:.1f} V{'  LOW' if low else ''}"
-    return _line(
-        ("battery  ", DIM),
-        (f"{words:14}", BAD if low else PLAIN),
-        (f"{state:37}", PLAIN),
-        *_age(watcher, "state/battery"),
-    )
-
-
-def _age(watcher: Watcher, suffix: str) -> tuple[tuple[str, str], ...]:
-    age = watcher.age(suffix)
-    return ((" age     -", DIM),) if age is None else ((f" age {min(age, 999):5.1f} s", _style(age)),)
+def _fact(fact: Fact) -> Text:
+    """What is known of one thing, and how old that is."""
+    age = "    -" if fact.age is None else f"{min(fact.age, 999):5.1f} s"
+    room = COLUMNS - 9 - 14
+    return _line((f"{fact.name[:8]:9}", DIM), (f"{fact.aged[:room]:{room}}", _COLOURS[fact.tone]), (f" age {age}", DIM))
 
 
 def _style(age: float) -> str:

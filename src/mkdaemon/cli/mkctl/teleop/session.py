@@ -11,7 +11,7 @@ from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.client.session import SessionState
-from mkdaemon.client.teleop.teleop import Output, Teleop
+from mkdaemon.client.teleop.teleop import Teleop, TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import MkError
 
@@ -40,7 +40,7 @@ class TeleopSession:
         self.teleop = Teleop()
         self.keeper = keeper
         self.devices: dict[str, Device] = {}
-        self.output = Output(None, "starting")
+        self.output = TeleopOutput(None, "starting")
         self.notice = ""
         self.is_on_ground: bool | None = None
         self.ticked = asyncio.Event()
@@ -126,7 +126,7 @@ class TeleopSession:
         self._carry_out(self.teleop.tick(now, is_engaged=self.keeper.is_engaged, is_on_ground=self.is_on_ground))
         self.ticked.set()
 
-    def _carry_out(self, output: Output) -> None:
+    def _carry_out(self, output: TeleopOutput) -> None:
         self.output = output
         if self.recorder is not None:
             self.recorder.decided(output, self.now)

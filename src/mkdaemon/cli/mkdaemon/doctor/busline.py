@@ -14,11 +14,13 @@ import zenoh
 
 from mkdaemon.bus.exposure import open_endpoints
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.computer import release_of
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
 from mkdaemon.cli.mkdaemon.doctor.machine import Listener, Process
 from mkdaemon.errors import ConfigError
+
+BUS: Final = CheckPart("The bus")
 
 WARNED: Final = 30
 """A certificate that ends within this time has to be replaced [days]."""
@@ -47,26 +49,6 @@ def owner_of(patient: Patient, listener: Listener) -> Process | None:
     return next((process for process in patient.machine.processes if name in process.files), None)
 
 
-def _taken(patient: Patient) -> Iterator[Values]:
-    for endpoint in patient.cfg.bus.listen:
-        listener = listener_at(patient, endpoint)
-        owner = None if listener is None else owner_of(patient, listener)
-        if owner is not None and not owner.is_ours:
-            yield {"endpoint": endpoint, "holder": owner, "number": owner.number}
-
-
-def _held(patient: Patient) -> Iterator[Values]:
-    """Endpoints of the file at which a daemon answers that does not speak for the vehicle of the file."""
-    report = patient.report
-    if patient.file is None or report.failure or report.daemons:
-        return
-    for endpoint in patient.cfg.bus.listen:
-        listener = listener_at(patient, endpoint)
-        if listener is not None and report.endpoint == client_endpoint(endpoint):
-            holder = owner_of(patient, listener) or "a program of another user"
-            yield {"endpoint": endpoint, "holder": holder, "vehicle": patient.cfg.vehicle.name, "file": patient.file}
-
-
 def _naming(process: Process) -> tuple[str, ...]:
     """What a daemon was given that tells it from others."""
     words = process.words[process.words.index("run") + 1 :]
@@ -75,45 +57,12 @@ def _naming(process: Process) -> tuple[str, ...]:
     )
 
 
-def _second(patient: Patient) -> Iterator[Values]:
-    seen: dict[tuple[str, ...], Process] = {}
-    for process in patient.machine.processes:
-        if process.is_daemon:
-            first = seen.setdefault(_naming(process), process)
-            if first is not process:
-                yield {"first": first.number, "second": process.number}
-
-
-def _twice(patient: Patient) -> Iterator[Values]:
-    report = patient.report
-    if report.daemons > 1:
-        yield {"count": report.daemons, "vehicle": patient.cfg.vehicle.name, "endpoint": report.endpoint}
-
-
-def _silent(patient: Patient) -> Iterator[Values]:
-    if patient.report.failure:
-        yield {"endpoint": patient.report.endpoint, "failure": patient.report.failure}
-
-
-def _versions(patient: Patient) -> Iterator[Values]:
-    ours = patient.machine.installed_version("eclipse-zenoh") or ""
-    for version in patient.report.routers:
-        if release_of(version.lstrip("v"))[:2] != release_of(ours)[:2]:
-            yield {"router": version, "ours": ours}
-
-
 def _zenoh_config(patient: Patient) -> zenoh.Config | None:
     """Configuration of the session; None where it is a mistake, which is told as one."""
     bus = patient.cfg.bus
     with suppress(ConfigError):
         return session_config("peer", listen=bus.listen, connect=bus.connect, zenoh_file=bus.zenoh_file)
     return None
-
-
-def _open(patient: Patient) -> Iterator[Values]:
-    config = _zenoh_config(patient) if patient.cfg.bus.allow_open else None
-    if config is not None and (reachable := open_endpoints(config)):
-        yield {"endpoints": ", ".join(reachable)}
 
 
 def _named_files(patient: Patient, names: tuple[str, ...]) -> Iterator[Path]:
@@ -144,7 +93,132 @@ def _expiry(end: float, now: float) -> str:
     return "" if days >= WARNED else "has expired" if days < 0 else f"expires in {days:.0f} days"
 
 
+@BUS("endpoint", Severity.ERROR)
+def _taken(patient: Patient) -> Iterator[Values]:
+    """bus.listen {endpoint} is taken by {holder}
+
+    The daemon cannot listen there, and ends.
+
+    End that program, or choose another endpoint in bus.listen.
+
+    $ kill {number}
+    """
+    for endpoint in patient.cfg.bus.listen:
+        listener = listener_at(patient, endpoint)
+        owner = None if listener is None else owner_of(patient, listener)
+        if owner is not None and not owner.is_ours:
+            yield {"endpoint": endpoint, "holder": owner, "number": owner.number}
+
+
+@BUS("endpoint-daemon", Severity.ERROR, Needs.CONFIG)
+def _held(patient: Patient) -> Iterator[Values]:
+    """bus.listen {endpoint} is held by {holder}, which does not speak for {vehicle}
+
+    It is the daemon of another aircraft, or a router: the daemon of {file} cannot listen there, and ends.
+
+    Choose another endpoint in bus.listen, or end the other program, on the ground.
+
+    $ mkdaemon config explain bus.listen
+    """
+    # Endpoints of the file at which a daemon answers that does not speak for the vehicle of the file
+    report = patient.report
+    if patient.file is None or report.failure or report.daemons:
+        return
+    for endpoint in patient.cfg.bus.listen:
+        listener = listener_at(patient, endpoint)
+        if listener is not None and report.endpoint == client_endpoint(endpoint):
+            holder = owner_of(patient, listener) or "a program of another user"
+            yield {"endpoint": endpoint, "holder": holder, "vehicle": patient.cfg.vehicle.name, "file": patient.file}
+
+
+@BUS("second-daemon", Severity.ERROR)
+def _second(patient: Patient) -> Iterator[Values]:
+    """two daemons of one configuration run: processes {first} and {second}
+
+    Both answer for one vehicle, and only one has the line.
+
+    End the second one.
+
+    $ kill {second}
+    """
+    seen: dict[tuple[str, ...], Process] = {}
+    for process in patient.machine.processes:
+        if process.is_daemon:
+            first = seen.setdefault(_naming(process), process)
+            if first is not process:
+                yield {"first": first.number, "second": process.number}
+
+
+@BUS("vehicle-twice", Severity.ERROR, Needs.DAEMON)
+def _twice(patient: Patient) -> Iterator[Values]:
+    """{count} daemons at {endpoint} speak for {vehicle}
+
+    Each command reaches all of them: two aircraft take off.
+
+    Give each aircraft another vehicle.name.
+
+    $ mkdaemon config explain vehicle.name
+    """
+    report = patient.report
+    if report.daemons > 1:
+        yield {"count": report.daemons, "vehicle": patient.cfg.vehicle.name, "endpoint": report.endpoint}
+
+
+@BUS("bus", Severity.ERROR, Needs.DAEMON)
+def _silent(patient: Patient) -> Iterator[Values]:
+    """no answer over the bus at {endpoint}: {failure}
+
+    No client reaches the aircraft there.
+
+    Start what should answer there; over TLS set MK_ZENOH_FILE to a client's file; correct bus.connect.
+
+    $ mkctl status --connect {endpoint}
+    """
+    if patient.report.failure:
+        yield {"endpoint": patient.report.endpoint, "failure": patient.report.failure}
+
+
+@BUS("zenoh-version", Severity.WARNING, Needs.DAEMON)
+def _versions(patient: Patient) -> Iterator[Values]:
+    """the Zenoh router is {router}, and the library here {ours}
+
+    Releases of Zenoh are tested with themselves; others may lose messages, or not connect.
+
+    Install the router of this release on its machine.
+
+    $ pip install --upgrade eclipse-zenoh=={ours}
+    """
+    ours = patient.machine.installed_version("eclipse-zenoh") or ""
+    for version in patient.report.routers:
+        if release_of(version.lstrip("v"))[:2] != release_of(ours)[:2]:
+            yield {"router": version, "ours": ours}
+
+
+@BUS("open-bus", Severity.WARNING, Needs.CONFIG)
+def _open(patient: Patient) -> Iterator[Values]:
+    """{endpoints} lets every program in the network fly the aircraft
+
+    bus.allow_open says so.
+
+    Listen on 127.0.0.1, or give each client a certificate.
+
+    $ mkdaemon security new-ca --help
+    """
+    config = _zenoh_config(patient) if patient.cfg.bus.allow_open else None
+    if config is not None and (reachable := open_endpoints(config)):
+        yield {"endpoints": ", ".join(reachable)}
+
+
+@BUS("certificate", Severity.WARNING, Needs.CONFIG)
 def _certificates(patient: Patient) -> Iterator[Values]:
+    """the certificate {file} {found}
+
+    After that date no client can connect or reconnect; a flight in progress continues.
+
+    Issue it again.
+
+    $ mkdaemon security show
+    """
     machine = patient.machine
     embedded = _embedded_certificate(patient)
     if embedded is not None and (found := _expiry(embedded, machine.wall())):
@@ -160,102 +234,17 @@ def _certificates(patient: Patient) -> Iterator[Values]:
                 yield {"file": path, "found": found}
 
 
+@BUS("private-key", Severity.WARNING, Needs.CONFIG, is_safe=True)
 def _readable_keys(patient: Patient) -> Iterator[Values]:
+    """every user of this machine can read the private key {file}
+
+    Who has read it is who it belongs to.
+
+    Keep it to its owner.
+
+    $ chmod o-rwx {file}
+    """
     embedding = [patient.cfg.bus.zenoh_file] if _embedded_certificate(patient) is not None else []
     for path in filter(None, (*embedding, *_named_files(patient, _KEYS))):
         if path.is_file() and path.stat().st_mode & 0o004:
             yield {"file": path}
-
-
-BUS: Final = (
-    Check(
-        "endpoint",
-        Severity.ERROR,
-        what="bus.listen {endpoint} is taken by {holder}",
-        why="The daemon cannot listen there, and ends.",
-        fix="End that program, or choose another endpoint in bus.listen.",
-        command="kill {number}",
-        look=_taken,
-    ),
-    Check(
-        "endpoint-daemon",
-        Severity.ERROR,
-        what="bus.listen {endpoint} is held by {holder}, which does not speak for {vehicle}",
-        why="It is the daemon of another aircraft, or a router: the daemon of {file} cannot listen there, and ends.",
-        fix="Choose another endpoint in bus.listen, or end the other program, on the ground.",
-        command="mkdaemon config explain bus.listen",
-        look=_held,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "second-daemon",
-        Severity.ERROR,
-        what="two daemons of one configuration run: processes {first} and {second}",
-        why="Both answer for one vehicle, and only one has the line.",
-        fix="End the second one.",
-        command="kill {second}",
-        look=_second,
-    ),
-    Check(
-        "vehicle-twice",
-        Severity.ERROR,
-        what="{count} daemons at {endpoint} speak for {vehicle}",
-        why="Each command reaches all of them: two aircraft take off.",
-        fix="Give each aircraft another vehicle.name.",
-        command="mkdaemon config explain vehicle.name",
-        look=_twice,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "bus",
-        Severity.ERROR,
-        what="no answer over the bus at {endpoint}: {failure}",
-        why="No client reaches the aircraft there.",
-        fix="Start what should answer there; over TLS set MK_ZENOH_FILE to a client's file; correct bus.connect.",
-        command="mkctl status --connect {endpoint}",
-        look=_silent,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "zenoh-version",
-        Severity.WARNING,
-        what="the Zenoh router is {router}, and the library here {ours}",
-        why="Releases of Zenoh are tested with themselves; others may lose messages, or not connect.",
-        fix="Install the router of this release on its machine.",
-        command="pip install --upgrade eclipse-zenoh=={ours}",
-        look=_versions,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "open-bus",
-        Severity.WARNING,
-        what="{endpoints} lets every program in the network fly the aircraft",
-        why="bus.allow_open says so.",
-        fix="Listen on 127.0.0.1, or give each client a certificate.",
-        command="mkdaemon security new-ca --help",
-        look=_open,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "certificate",
-        Severity.WARNING,
-        what="the certificate {file} {found}",
-        why="After that date no client can connect or reconnect; a flight in progress continues.",
-        fix="Issue it again.",
-        command="mkdaemon security show",
-        look=_certificates,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "private-key",
-        Severity.WARNING,
-        what="every user of this machine can read the private key {file}",
-        why="Who has read it is who it belongs to.",
-        fix="Keep it to its owner.",
-        command="chmod o-rwx {file}",
-        look=_readable_keys,
-        is_safe=True,
-        needs=Needs.CONFIG,
-    ),
-)
-"""Checks of the bus."""

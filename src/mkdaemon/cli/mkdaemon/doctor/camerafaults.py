@@ -9,11 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.serialline import examined_ports, usb_device
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.vision import EyeState
+
+CAMERAS: Final = CheckPart("Cameras")
 
 OLD: Final = 365
 """After this time a lens may sit otherwise, for heat, knocks and a touched focus [days]."""
@@ -40,7 +42,34 @@ def _present(patient: Patient) -> Iterator[tuple[CameraSection, Path]]:
     return ((camera, device) for camera, device in devices(patient) if device.exists())
 
 
+def _of_size(output: str, camera: CameraSection) -> str:
+    """What v4l2-ctl says of the wanted size; of all sizes where none is wanted, or it is not among them."""
+    size = f"{camera.width}x{camera.height}"
+    parts = [part for part in re.split(r"Size: ", output) if part.startswith(f"Discrete {size}\n")]
+    return "".join(parts) or output
+
+
+def _calibrations(patient: Patient) -> Iterator[tuple[CameraSection, Any]]:
+    """Cameras and their camera files, of those that can be read; the others are mistakes of the configuration."""
+    with suppress(ConfigError, ImportError):
+        from mkdaemon.vision.camera.calibration_file import load_camera
+
+        for camera in patient.cfg.cameras:
+            if camera.calibration is not None:
+                with suppress(ConfigError):
+                    yield camera, load_camera(camera.calibration)
+
+
+@CAMERAS("camera-missing", Severity.ERROR, Needs.CONFIG)
 def _missing(patient: Patient) -> Iterator[Values]:
+    """camera {camera}: {device} does not exist
+
+    No flight against a target begins.
+
+    Plug it in, or correct its source; there is {there}.
+
+    $ v4l2-ctl --list-devices
+    """
     machine = patient.machine
     there = ", ".join(map(machine.shown, machine.find("dev/video*"))) or "nothing"
     for camera, device in devices(patient):
@@ -48,14 +77,32 @@ def _missing(patient: Patient) -> Iterator[Values]:
             yield {"camera": camera.name, "device": machine.shown(device), "there": there}
 
 
+@CAMERAS("camera-forbidden", Severity.ERROR, Needs.CONFIG)
 def _forbidden(patient: Patient) -> Iterator[Values]:
+    """{device} may not be opened by {user}
+
+    Only members of its group may open a camera.
+
+    Join the group, then log in again.
+
+    $ sudo usermod -aG {group} {user}
+    """
     machine = patient.machine
     for _, device in _present(patient):
         if not machine.may_use(device):
             yield {"device": machine.shown(device), "user": machine.user, "group": machine.group_of(device)}
 
 
+@CAMERAS("camera-busy", Severity.ERROR, Needs.CONFIG)
 def _busy(patient: Patient) -> Iterator[Values]:
+    """{device} is in use by {holder}
+
+    A camera gives its images to one program.
+
+    End that program.
+
+    $ kill {number}
+    """
     machine = patient.machine
     for _, device in _present(patient):
         for holder in machine.holders(device):
@@ -63,7 +110,16 @@ def _busy(patient: Patient) -> Iterator[Values]:
                 yield {"device": machine.shown(device), "holder": holder, "number": holder.number}
 
 
+@CAMERAS("camera-node", Severity.ERROR, Needs.CONFIG)
 def _without_images(patient: Patient) -> Iterator[Values]:
+    """camera {camera}: {device} gives no images
+
+    A camera has several devices, and only the first of them has images.
+
+    Name its first device.
+
+    $ v4l2-ctl --list-devices
+    """
     machine = patient.machine
     for camera, device in _present(patient):
         index = machine.read(f"/sys/class/video4linux/{device.resolve().name}/index")
@@ -71,7 +127,16 @@ def _without_images(patient: Patient) -> Iterator[Values]:
             yield {"camera": camera.name, "device": machine.shown(device)}
 
 
+@CAMERAS("camera-rate", Severity.WARNING, Needs.CONFIG)
 def _rate(patient: Patient) -> Iterator[Values]:
+    """camera {camera} is asked for {wanted} images a second, and gives {best} at most
+
+    Fewer images hold the aircraft less steadily.
+
+    Ask for what it can, or for smaller images; MJPG is faster than raw images.
+
+    $ v4l2-ctl --device {device} --list-formats-ext
+    """
     machine = patient.machine
     for camera, device in _present(patient):
         if camera.fps is None:
@@ -87,14 +152,16 @@ def _rate(patient: Patient) -> Iterator[Values]:
             }
 
 
-def _of_size(output: str, camera: CameraSection) -> str:
-    """What v4l2-ctl says of the wanted size; of all sizes where none is wanted, or it is not among them."""
-    size = f"{camera.width}x{camera.height}"
-    parts = [part for part in re.split(r"Size: ", output) if part.startswith(f"Discrete {size}\n")]
-    return "".join(parts) or output
-
-
+@CAMERAS("camera-slow", Severity.WARNING, Needs.DAEMON)
 def _slow(patient: Patient) -> Iterator[Values]:
+    """camera {camera} gives {fps} images a second, and {wanted} are wanted
+
+    It is dark and the camera exposes for long, its cable is slow, or another device takes the USB bus.
+
+    Add light, set exposure_ms, use another USB port.
+
+    $ mkctl watch 'vision/*/stats'
+    """
     wanted = {camera.name: camera.fps for camera in patient.cfg.cameras if camera.fps is not None}
     for eye in patient.report.eyes:
         rate = wanted.get(eye.camera)
@@ -102,30 +169,46 @@ def _slow(patient: Patient) -> Iterator[Values]:
             yield {"camera": eye.camera, "fps": f"{eye.fps:.0f}", "wanted": f"{rate:g}"}
 
 
+@CAMERAS("camera-state", Severity.ERROR, Needs.DAEMON)
 def _unfit(patient: Patient) -> Iterator[Values]:
+    """camera {camera} is {state}
+
+    {reason}
+
+    As it says; docs/cameras.md.
+
+    $ mkctl watch 'vision/*/stats'
+    """
     for eye in patient.report.eyes:
         if eye.state is not EyeState.OK:
             yield {"camera": eye.camera, "state": eye.state, "reason": eye.reason}
 
 
+@CAMERAS("calibration-none", Severity.WARNING, Needs.CONFIG)
 def _uncalibrated(patient: Patient) -> Iterator[Values]:
+    """camera {camera} has no calibration
+
+    Its tags are published, poses never.
+
+    Calibrate it, and name the file as its calibration.
+
+    $ mkdaemon calibrate camera --help
+    """
     for camera in patient.cfg.cameras:
         if camera.calibration is None:
             yield {"camera": camera.name}
 
 
-def _calibrations(patient: Patient) -> Iterator[tuple[CameraSection, Any]]:
-    """Cameras and their camera files, of those that can be read; the others are mistakes of the configuration."""
-    with suppress(ConfigError, ImportError):
-        from mkdaemon.vision.camera.calibration_file import load_camera
-
-        for camera in patient.cfg.cameras:
-            if camera.calibration is not None:
-                with suppress(ConfigError):
-                    yield camera, load_camera(camera.calibration)
-
-
+@CAMERAS("calibration-poor", Severity.WARNING, Needs.CONFIG)
 def _poor(patient: Patient) -> Iterator[Values]:
+    """the calibration {file} of camera {camera} is poor: {reason}
+
+    Heights and distances are off by as much as the focal length.
+
+    Calibrate again, with views turned to every side.
+
+    $ mkdaemon calibrate camera --help
+    """
     for camera, found in _calibrations(patient):
         record = found.calibration
         if record.forced:
@@ -139,7 +222,16 @@ def _poor(patient: Patient) -> Iterator[Values]:
         yield {"camera": camera.name, "file": camera.calibration, "reason": reason}
 
 
+@CAMERAS("calibration-old", Severity.ADVICE, Needs.CONFIG)
 def _old(patient: Patient) -> Iterator[Values]:
+    """the calibration {file} of camera {camera} is {days} days old
+
+    Knocks, heat and a touched focus change a lens.
+
+    Compare it with a measured distance, or calibrate again.
+
+    $ mkdaemon calibrate camera --help
+    """
     for camera, found in _calibrations(patient):
         with suppress(ValueError):
             made = datetime.fromisoformat(found.calibration.date).replace(tzinfo=UTC).timestamp()
@@ -148,7 +240,16 @@ def _old(patient: Patient) -> Iterator[Values]:
                 yield {"camera": camera.name, "file": camera.calibration, "days": f"{days:.0f}"}
 
 
+@CAMERAS("calibration-size", Severity.ERROR, Needs.CONFIG)
 def _other_shape(patient: Patient) -> Iterator[Values]:
+    """camera {camera} is asked for {wanted}, and {file} was made for {calibrated}
+
+    An image of another shape shows another part of the sensor: its calibration does not hold.
+
+    Ask for a size of that shape, or calibrate at the other one.
+
+    $ mkdaemon calibrate camera --help
+    """
     for camera, found in _calibrations(patient):
         lens = found.intrinsics
         if camera.width and camera.height and camera.width * lens.height != camera.height * lens.width:
@@ -160,7 +261,16 @@ def _other_shape(patient: Patient) -> Iterator[Values]:
             }
 
 
+@CAMERAS("usb-shared", Severity.WARNING, Needs.CONFIG)
 def _shared_bus(patient: Patient) -> Iterator[Values]:
+    """camera {camera} and {port} share USB bus {bus} of {speed} Mbit/s
+
+    Images take most of it, and bytes of the line come late or are lost.
+
+    Plug one of them into a port of another bus.
+
+    $ lsusb -t
+    """
     machine = patient.machine
     for camera, device in _present(patient):
         eye = usb_device(machine.at(f"/sys/class/video4linux/{device.resolve().name}/device"))
@@ -172,128 +282,3 @@ def _shared_bus(patient: Patient) -> Iterator[Values]:
             if speed.isdigit() and int(speed) <= HIGH_SPEED:
                 bus = machine.read(eye / "busnum")
                 yield {"camera": camera.name, "port": machine.shown(port), "bus": bus, "speed": speed}
-
-
-CAMERAS: Final = (
-    Check(
-        "camera-missing",
-        Severity.ERROR,
-        what="camera {camera}: {device} does not exist",
-        why="No flight against a target begins.",
-        fix="Plug it in, or correct its source; there is {there}.",
-        command="v4l2-ctl --list-devices",
-        look=_missing,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "camera-forbidden",
-        Severity.ERROR,
-        what="{device} may not be opened by {user}",
-        why="Only members of its group may open a camera.",
-        fix="Join the group, then log in again.",
-        command="sudo usermod -aG {group} {user}",
-        look=_forbidden,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "camera-busy",
-        Severity.ERROR,
-        what="{device} is in use by {holder}",
-        why="A camera gives its images to one program.",
-        fix="End that program.",
-        command="kill {number}",
-        look=_busy,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "camera-node",
-        Severity.ERROR,
-        what="camera {camera}: {device} gives no images",
-        why="A camera has several devices, and only the first of them has images.",
-        fix="Name its first device.",
-        command="v4l2-ctl --list-devices",
-        look=_without_images,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "camera-rate",
-        Severity.WARNING,
-        what="camera {camera} is asked for {wanted} images a second, and gives {best} at most",
-        why="Fewer images hold the aircraft less steadily.",
-        fix="Ask for what it can, or for smaller images; MJPG is faster than raw images.",
-        command="v4l2-ctl --device {device} --list-formats-ext",
-        look=_rate,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "camera-slow",
-        Severity.WARNING,
-        what="camera {camera} gives {fps} images a second, and {wanted} are wanted",
-        why="It is dark and the camera exposes for long, its cable is slow, or another device takes the USB bus.",
-        fix="Add light, set exposure_ms, use another USB port.",
-        command="mkctl watch 'vision/*/stats'",
-        look=_slow,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "camera-state",
-        Severity.ERROR,
-        what="camera {camera} is {state}",
-        why="{reason}",
-        fix="As it says; docs/cameras.md.",
-        command="mkctl watch 'vision/*/stats'",
-        look=_unfit,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "calibration-none",
-        Severity.WARNING,
-        what="camera {camera} has no calibration",
-        why="Its tags are published, poses never.",
-        fix="Calibrate it, and name the file as its calibration.",
-        command="mkdaemon calibrate camera --help",
-        look=_uncalibrated,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "calibration-poor",
-        Severity.WARNING,
-        what="the calibration {file} of camera {camera} is poor: {reason}",
-        why="Heights and distances are off by as much as the focal length.",
-        fix="Calibrate again, with views turned to every side.",
-        command="mkdaemon calibrate camera --help",
-        look=_poor,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "calibration-old",
-        Severity.ADVICE,
-        what="the calibration {file} of camera {camera} is {days} days old",
-        why="Knocks, heat and a touched focus change a lens.",
-        fix="Compare it with a measured distance, or calibrate again.",
-        command="mkdaemon calibrate camera --help",
-        look=_old,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "calibration-size",
-        Severity.ERROR,
-        what="camera {camera} is asked for {wanted}, and {file} was made for {calibrated}",
-        why="An image of another shape shows another part of the sensor: its calibration does not hold.",
-        fix="Ask for a size of that shape, or calibrate at the other one.",
-        command="mkdaemon calibrate camera --help",
-        look=_other_shape,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "usb-shared",
-        Severity.WARNING,
-        what="camera {camera} and {port} share USB bus {bus} of {speed} Mbit/s",
-        why="Images take most of it, and bytes of the line come late or are lost.",
-        fix="Plug one of them into a port of another bus.",
-        command="lsusb -t",
-        look=_shared_bus,
-        needs=Needs.CONFIG,
-    ),
-)
-"""Checks of cameras."""

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import StrEnum
 from functools import cached_property
+from inspect import getdoc
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,7 +72,7 @@ class Patient:
 Look = Callable[[Patient], Iterable[Values]]
 
 
-class Finding(NamedTuple):
+class Fault(NamedTuple):
     """One fault.
 
     Attributes:
@@ -94,31 +95,31 @@ class Finding(NamedTuple):
 
 
 class Check(NamedTuple):
-    """One row of the table.
+    """One check: what it finds, in words, and the function that looks.
 
     Attributes:
         name: of the check.
         severity: of what it finds.
+        needs: without what it sees nothing.
+        is_safe: `--fix` types the command: it ends no program and is undone by the next start, or by its opposite.
         what: what was found; words in braces come from `look`.
         why: why it matters.
-        fix: what to do.
+        fix: what to do; empty where the command says it.
         command: what to type; empty where nothing can be typed.
         look: yields the words for each fault; nothing on a healthy machine.
-        is_safe: `--fix` types the command: it ends no program and is undone by the next start, or by its opposite.
-        needs: without what it sees nothing.
     """
 
     name: str
     severity: Severity
+    needs: Needs
+    is_safe: bool
     what: str
     why: str
     fix: str
     command: str
     look: Look
-    is_safe: bool = False
-    needs: Needs = Needs.MACHINE
 
-    def examine(self, patient: Patient) -> Iterator[Finding]:
+    def examine(self, patient: Patient) -> Iterator[Fault]:
         """Every fault of this kind."""
         for values in self.look(patient):
             quoted = {
@@ -126,7 +127,7 @@ class Check(NamedTuple):
             }
             what, why, fix = (text.format_map(values) for text in (self.what, self.why, self.fix))
             command = _addressed(self.command.format_map(quoted), patient.cfg.vehicle.name)
-            yield Finding(self.name, self.severity, what, why, fix, command, self.is_safe)
+            yield Fault(self.name, self.severity, what, why, fix, command, self.is_safe)
 
     def described(self) -> Check:
         """The row for readers of a page: words in braces in capital letters."""
@@ -146,3 +147,39 @@ class _Capitals(dict[str, str]):
 
     def __missing__(self, name: str) -> str:
         return name.upper()
+
+
+class CheckPart:
+    """Checks of one thing, in the order in which it goes wrong.
+
+    Attributes:
+        title: what they look at.
+        checks: every one.
+    """
+
+    def __init__(self, title: str) -> None:
+        self.title = title
+        self.checks: list[Check] = []
+
+    def __call__(
+        self, name: str, severity: Severity, needs: Needs = Needs.MACHINE, *, is_safe: bool = False
+    ) -> Callable[[Look], Look]:
+        """Make a function a check.
+
+        Its docstring is what the doctor prints, with words in braces for the values that the function yields: what was
+        found, why it matters, what to do and, behind `$`, what to type.
+
+        Args:
+            name: of the check.
+            severity: of what it finds.
+            needs: without what it sees nothing.
+            is_safe: `--fix` types the command.
+        """
+
+        def add(look: Look) -> Look:
+            what, why, *rest = (" ".join(part.split()) for part in (getdoc(look) or name).split("\n\n"))
+            command = rest.pop().removeprefix("$ ") if rest and rest[-1].startswith("$ ") else ""
+            self.checks.append(Check(name, severity, needs, is_safe, what, why, " ".join(rest), command, look))
+            return look
+
+        return add

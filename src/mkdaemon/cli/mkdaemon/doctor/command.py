@@ -11,12 +11,12 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 from rich.text import Text
 
+from mkdaemon.cli import printing
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.cli.console import Console
-from mkdaemon.cli.mkdaemon.doctor.check import Finding, Needs, Severity
+from mkdaemon.cli.mkdaemon.doctor.check import Fault, Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS, Examined, examine
-from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK, EXIT_WARNING
 from mkdaemon.cli.terminal import on_one_line
 
@@ -28,7 +28,7 @@ def doctor(
     *,
     config: Annotated[Path | None, Parameter(name=["--config", "-c"])] = None,
     connect: str | None = None,
-    fix: Annotated[bool, Parameter(negative=())] = False,
+    fix: bool = False,
     as_json: AsJson = False,
 ) -> int:
     """Find what stands between this machine and an aircraft, and say what to type.
@@ -63,13 +63,13 @@ def run_doctor(
         seen = examine(replace(machine), config, connect=connect)
     if as_json:
         for finding in by_severity(seen.findings):
-            print(json_line(finding._asdict()))
+            print(printing.json_line(finding._asdict()))
     else:
         show(seen, Console())
     return {Severity.ERROR: EXIT_FAILURE, Severity.WARNING: EXIT_WARNING}.get(seen.worst() or Severity.ADVICE, EXIT_OK)
 
 
-def by_severity(findings: Iterable[Finding]) -> list[Finding]:
+def by_severity(findings: Iterable[Fault]) -> list[Fault]:
     """What matters most first."""
     return sorted(findings, key=lambda finding: list(Severity).index(finding.severity))
 
@@ -88,11 +88,9 @@ def show(seen: Examined, console: Console) -> None:
     console.print(Text("; ".join([f"{words or 'nothing found'} by {len(CHECKS)} checks", *unseen])), soft_wrap=True)
 
 
-def _mend(machine: Machine, finding: Finding, *, as_json: bool) -> None:
+def _mend(machine: Machine, finding: Fault, *, as_json: bool) -> None:
     """Type a safe command, and say so."""
     command = finding.command.replace("sudo ", "") if os.geteuid() == 0 else finding.command
     is_done = machine.run(["sh", "-c", command]).code == 0
-    if as_json:
-        print(json_line({"check": finding.check, "typed": command, "is_done": is_done}))
-    else:
-        print(f"{'typed' if is_done else 'FAILED'}: {on_one_line(command)}")
+    words = f"{'typed' if is_done else 'FAILED'}: {on_one_line(command)}"
+    printing.show({"check": finding.check, "typed": command, "is_done": is_done}, words, as_json=as_json)

@@ -9,12 +9,14 @@ from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Typed, Values
+from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Needs, Patient, Severity, Typed, Values
 from mkdaemon.cli.mkdaemon.service.units import MARK, unit_text
 from mkdaemon.cli.mkdaemon.service.units import UNITS as SERVICE_UNITS
 from mkdaemon.daemon.priority import CORES
 from mkdaemon.daemon.procedures import state_folder
 from mkdaemon.telemetry.preflight import LEAST_DISK
+
+COMPUTER: Final = CheckPart("The computer")
 
 BUSY: Final = 0.7
 """Load a core above which the machine counts as busy."""
@@ -33,10 +35,6 @@ TIME_SERVICES: Final = ("systemd-timesyn", "chronyd", "ntpd", "ntpd-rs", "ntp-da
 """Names of processes, as long as the kernel keeps them."""
 SKEW: Final = 0.2
 """Difference of two clocks from which stamps mislead [s]; docs/frames.md."""
-LIMITS: Final = "/etc/security/limits.d/60-mkdaemon.conf"
-"""Where a user is granted real-time rights; limits.conf(5)."""
-SYSCTL: Final = "/etc/sysctl.d/60-mkdaemon.conf"
-"""Where the kernel is told at every start; sysctl.d(5)."""
 UNITS: Final = "etc/systemd/system/mkdaemon*.service"
 _STARTS: Final = re.compile(r"(?m)^ExecStart=(\S+)/mk(?:daemon|ctl) ")
 _KERNEL: Final = "/proc/sys/kernel"
@@ -50,70 +48,6 @@ def _cores(patient: Patient) -> int:
         first, _, last = part.partition("-")
         count += int(last or first) - int(first) + 1
     return count
-
-
-def _load(patient: Patient) -> Iterator[Values]:
-    words, cores = patient.machine.read("/proc/loadavg").split(), _cores(patient)
-    if words and cores and float(words[0]) > BUSY * cores:
-        yield {"load": words[0], "cores": "1 core" if cores == 1 else f"{cores} cores"}
-
-
-def _few_cores(patient: Patient) -> Iterator[Values]:
-    if patient.cfg.cameras and 0 < _cores(patient) < CORES:
-        yield {}
-
-
-def _governor(patient: Patient) -> Iterator[Values]:
-    machine, slow = patient.machine, []
-    for core in machine.find("sys/devices/system/cpu/cpu[0-9]*/cpufreq"):
-        governor, driver = machine.read(core / "scaling_governor"), machine.read(core / "scaling_driver")
-        if governor and governor not in STEADY and driver not in HARDWARE_PACED:
-            slow.append((core.parent.name, governor, str(core / "scaling_governor")))
-    if slow:
-        cores, governors, files = zip(*slow, strict=True)
-        yield {"cores": ", ".join(cores), "governor": governors[0], "files": Typed(shlex.join(files))}
-
-
-def _ordinary_priority(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    rights = re.search(r"(?m)^CapEff:\s*([0-9a-f]+)", machine.read("/proc/self/status"))
-    limit = re.search(r"(?m)^Max realtime priority\s+(\d+|unlimited)", machine.read("/proc/self/limits"))
-    is_service = bool(machine.find(UNITS))
-    if limit is not None and limit[1] == "0" and not (rights and int(rights[1], 16) & NICE_RIGHT) and not is_service:
-        lines = rf"{machine.user} - rtprio 2\n{machine.user} - nice -10\n"
-        yield {"user": machine.user, "lines": lines}
-
-
-def _grouped(patient: Patient) -> Iterator[Values]:
-    if patient.machine.read(f"{_KERNEL}/sched_autogroup_enabled") == "1":
-        yield {}
-
-
-def _unbounded(patient: Patient) -> Iterator[Values]:
-    if patient.machine.read(f"{_KERNEL}/sched_rt_runtime_us") == "-1":
-        yield {}
-
-
-def _memory(patient: Patient) -> Iterator[Values]:
-    found = re.search(r"(?m)^MemAvailable:\s+(\d+) kB", patient.machine.read("/proc/meminfo"))
-    if found is not None and int(found[1]) / 1000 < LEAST_MEMORY_MB:
-        yield {"free": int(found[1]) // 1000}
-
-
-def _hot(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    for zone in machine.find("sys/class/thermal/thermal_zone*/temp"):
-        text = machine.read(zone)
-        if text.isdigit() and int(text) / 1000 >= HOT:
-            kind = machine.read(zone.parent / "type") or zone.parent.name
-            yield {"sensor": kind, "degrees": int(text) // 1000, "file": machine.shown(zone)}
-
-
-def _low_voltage(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    for alarm in machine.find("sys/class/hwmon/hwmon*/in0_lcrit_alarm"):
-        if machine.read(alarm) == "1":
-            yield {"file": machine.shown(alarm)}
 
 
 def _folders(patient: Patient) -> list[Path]:
@@ -136,53 +70,27 @@ def _disk(patient: Patient, least: float, enough: float) -> Iterator[Values]:
         yield {"folder": shown, "free": int(free / 1e6), "kept": patient.cfg.record.free_mb}
 
 
-def _disk_full(patient: Patient) -> Iterator[Values]:
-    return _disk(patient, 0.0, LEAST_DISK)
+def _fits(version: str, bound: str) -> bool:
+    """Whether a version is within a bound like `>=1.7.2` or `<2`."""
+    have, need = release_of(version), release_of(bound.lstrip("<>="))
+    return have < need if bound.startswith("<") else have >= need
 
 
-def _disk_short(patient: Patient) -> Iterator[Values]:
-    return _disk(patient, LEAST_DISK, patient.cfg.record.free_mb * 1e6)
+def release_of(version: str) -> tuple[int, ...]:
+    """The numbers of a version."""
+    return tuple(int(number) for number in re.findall(r"\d+", version.partition("-")[0].partition("+")[0]))
 
 
-def _unwritable(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    for folder in _folders(patient):
-        place = _existing(folder.absolute())
-        if not machine.may_use(place) and not machine.find(UNITS):
-            yield {"folder": machine.shown(folder), "user": machine.user}
-
-
-def _no_time_service(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    if machine.follows_server() is False and machine.running(*TIME_SERVICES) is None:
-        yield {}
-
-
-def _not_followed(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    service = machine.running(*TIME_SERVICES)
-    if machine.follows_server() is False and service is not None:
-        show = Typed("chronyc sources" if service.name == "chronyd" else "timedatectl timesync-status")
-        yield {"service": service, "show": show}
-
-
-def _clock_behind(patient: Patient) -> Iterator[Values]:
-    machine = patient.machine
-    behind = machine.installed_at - machine.wall()
-    if behind > 0:
-        yield {"days": f"{behind / 86400:.1f}"}
-
-
-def _skew(patient: Patient) -> Iterator[Values]:
-    clock = patient.report.clock
-    if clock is not None:
-        asked, answered = patient.report.between  # it answered between the two
-        skew = max(clock - answered, 0.0) + min(clock - asked, 0.0)
-        if abs(skew) > SKEW:
-            yield {"skew": f"{abs(skew):.1f}", "way": "ahead of" if skew > 0 else "behind"}
-
-
+@COMPUTER("packages", Severity.ERROR)
 def _packages(patient: Patient) -> Iterator[Values]:
+    """package {package} is {found}, and {wanted} is needed
+
+    The tests of mkdaemon passed with versions within these bounds alone.
+
+    Install it into the environment of mkdaemon.
+
+    $ pip install {spec}
+    """
     machine = patient.machine
     try:
         lines = requires("mkdaemon") or []
@@ -198,18 +106,269 @@ def _packages(patient: Patient) -> Iterator[Values]:
             yield {"package": name, "found": found or "missing", "wanted": wanted, "spec": f"{name}{wanted}"}
 
 
-def _fits(version: str, bound: str) -> bool:
-    """Whether a version is within a bound like `>=1.7.2` or `<2`."""
-    have, need = release_of(version), release_of(bound.lstrip("<>="))
-    return have < need if bound.startswith("<") else have >= need
+@COMPUTER("load", Severity.WARNING)
+def _load(patient: Patient) -> Iterator[Values]:
+    """the load is {load} on {cores}
+
+    Other programs keep the daemon waiting: a late loop is a late stick frame.
+
+    See which, and end them before a flight.
+
+    $ top -o %CPU
+    """
+    words, cores = patient.machine.read("/proc/loadavg").split(), _cores(patient)
+    if words and cores and float(words[0]) > BUSY * cores:
+        yield {"load": words[0], "cores": "1 core" if cores == 1 else f"{cores} cores"}
 
 
-def release_of(version: str) -> tuple[int, ...]:
-    """The numbers of a version."""
-    return tuple(int(number) for number in re.findall(r"\d+", version.partition("-")[0].partition("+")[0]))
+@COMPUTER("one-core", Severity.WARNING, Needs.CONFIG)
+def _few_cores(patient: Patient) -> Iterator[Values]:
+    """there is one core, and a camera
+
+    Looking at an image holds up the control loop.
+
+    Use a computer with two cores or more.
+    """
+    if patient.cfg.cameras and 0 < _cores(patient) < CORES:
+        yield {}
 
 
+@COMPUTER("governor", Severity.WARNING, is_safe=True)
+def _governor(patient: Patient) -> Iterator[Values]:
+    """under the governor {governor}: {cores}
+
+    Its clock rises only after there was work: the first frames and images after a pause are late.
+
+    Keep it fast.
+
+    $ echo performance | sudo tee {files}
+    """
+    machine, slow = patient.machine, []
+    for core in machine.find("sys/devices/system/cpu/cpu[0-9]*/cpufreq"):
+        governor, driver = machine.read(core / "scaling_governor"), machine.read(core / "scaling_driver")
+        if governor and governor not in STEADY and driver not in HARDWARE_PACED:
+            slow.append((core.parent.name, governor, str(core / "scaling_governor")))
+    if slow:
+        cores, governors, files = zip(*slow, strict=True)
+        yield {"cores": ", ".join(cores), "governor": governors[0], "files": Typed(shlex.join(files))}
+
+
+@COMPUTER("real-time", Severity.WARNING)
+def _ordinary_priority(patient: Patient) -> Iterator[Values]:
+    """{user} may not go before other programs
+
+    Beside a busy program the control loop and the guard come late. The service has the right already.
+
+    Grant it, then log in again.
+
+    $ printf {lines} | sudo tee /etc/security/limits.d/60-mkdaemon.conf
+    """
+    machine = patient.machine
+    rights = re.search(r"(?m)^CapEff:\s*([0-9a-f]+)", machine.read("/proc/self/status"))
+    limit = re.search(r"(?m)^Max realtime priority\s+(\d+|unlimited)", machine.read("/proc/self/limits"))
+    is_service = bool(machine.find(UNITS))
+    if limit is not None and limit[1] == "0" and not (rights and int(rights[1], 16) & NICE_RIGHT) and not is_service:
+        lines = rf"{machine.user} - rtprio 2\n{machine.user} - nice -10\n"
+        yield {"user": machine.user, "lines": lines}
+
+
+@COMPUTER("autogroup", Severity.ADVICE, is_safe=True)
+def _grouped(patient: Patient) -> Iterator[Values]:
+    """the kernel shares the processor by session
+
+    One busy terminal counts as much as the daemon; bytes of the line were late by 0.2 to 0.8 s beside one.
+
+    Switch it off; the same words in /etc/sysctl.d/60-mkdaemon.conf keep it off.
+
+    $ sudo sysctl -w kernel.sched_autogroup_enabled=0
+    """
+    if patient.machine.read(f"{_KERNEL}/sched_autogroup_enabled") == "1":
+        yield {}
+
+
+@COMPUTER("real-time-bound", Severity.WARNING, is_safe=True)
+def _unbounded(patient: Patient) -> Iterator[Values]:
+    """nothing bounds real-time programs
+
+    The kernel leaves them 100 % of a core: a loop that hangs takes the shell and the watchdog with it.
+
+    Leave 5 % to ordinary programs, the kernel's default.
+
+    $ sudo sysctl -w kernel.sched_rt_runtime_us=950000
+    """
+    if patient.machine.read(f"{_KERNEL}/sched_rt_runtime_us") == "-1":
+        yield {}
+
+
+@COMPUTER("memory", Severity.WARNING)
+def _memory(patient: Patient) -> Iterator[Values]:
+    """{free} MB of memory are free, less than 250
+
+    A system without memory stops the daemon for seconds, or ends it.
+
+    See which programs take it, and end them.
+
+    $ ps -e -o rss,pid,comm --sort=-rss | head
+    """
+    found = re.search(r"(?m)^MemAvailable:\s+(\d+) kB", patient.machine.read("/proc/meminfo"))
+    if found is not None and int(found[1]) / 1000 < LEAST_MEMORY_MB:
+        yield {"free": int(found[1]) // 1000}
+
+
+@COMPUTER("heat", Severity.WARNING)
+def _hot(patient: Patient) -> Iterator[Values]:
+    """{sensor} has {degrees} degrees Celsius
+
+    A hot processor slows down, and images come late.
+
+    Cool it, and look again.
+
+    $ cat {file}
+    """
+    machine = patient.machine
+    for zone in machine.find("sys/class/thermal/thermal_zone*/temp"):
+        text = machine.read(zone)
+        if text.isdigit() and int(text) / 1000 >= HOT:
+            kind = machine.read(zone.parent / "type") or zone.parent.name
+            yield {"sensor": kind, "degrees": int(text) // 1000, "file": machine.shown(zone)}
+
+
+@COMPUTER("voltage", Severity.ERROR)
+def _low_voltage(patient: Patient) -> Iterator[Values]:
+    """the computer's supply is too low
+
+    It slows down, loses USB devices or restarts in flight.
+
+    Use a regulator that gives 5 V under load, and a short, thick cable.
+
+    $ cat {file}
+    """
+    machine = patient.machine
+    for alarm in machine.find("sys/class/hwmon/hwmon*/in0_lcrit_alarm"):
+        if machine.read(alarm) == "1":
+            yield {"file": machine.shown(alarm)}
+
+
+@COMPUTER("disk-full", Severity.ERROR)
+def _disk_full(patient: Patient) -> Iterator[Values]:
+    """{free} MB are free in {folder}
+
+    Nothing can be recorded, and no flight against a target begins.
+
+    Find the largest folders, and delete what is not needed.
+
+    $ du -xh {folder} | sort -h | tail
+    """
+    return _disk(patient, 0.0, LEAST_DISK)
+
+
+@COMPUTER("disk-short", Severity.WARNING)
+def _disk_short(patient: Patient) -> Iterator[Values]:
+    """{free} MB are free in {folder}, and record.free_mb leaves {kept} to others
+
+    Old recordings are deleted, or nothing is recorded.
+
+    Make room, or set record.free_mb lower.
+
+    $ du -xh {folder} | sort -h | tail
+    """
+    return _disk(patient, LEAST_DISK, patient.cfg.record.free_mb * 1e6)
+
+
+@COMPUTER("folder", Severity.ERROR)
+def _unwritable(patient: Patient) -> Iterator[Values]:
+    """{user} may not write in {folder}
+
+    Recordings, and the notes that put an aircraft right after a sudden end, go there.
+
+    Make it the user's, or set vehicle.state_folder and record.folder.
+
+    $ sudo install -d -o {user} {folder}
+    """
+    machine = patient.machine
+    for folder in _folders(patient):
+        place = _existing(folder.absolute())
+        if not machine.may_use(place) and not machine.find(UNITS):
+            yield {"folder": machine.shown(folder), "user": machine.user}
+
+
+@COMPUTER("no-time-service", Severity.WARNING, is_safe=True)
+def _no_time_service(patient: Patient) -> Iterator[Values]:
+    """the clock follows no time server, and no program looks after it
+
+    Stamps of two machines cannot be compared.
+
+    Switch the system's own on, or install chrony.
+
+    $ sudo timedatectl set-ntp true
+    """
+    machine = patient.machine
+    if machine.follows_server() is False and machine.running(*TIME_SERVICES) is None:
+        yield {}
+
+
+@COMPUTER("clock-unset", Severity.WARNING)
+def _clock_behind(patient: Patient) -> Iterator[Values]:
+    """the clock is {days} days before the installation of this program
+
+    A computer without a battery for its clock starts in the past: recordings get wrong names, certificates are
+    not valid yet.
+
+    Let it follow a time server, or set it: sudo timedatectl set-time 'YYYY-MM-DD HH:MM'.
+
+    $ sudo timedatectl set-ntp true
+    """
+    machine = patient.machine
+    behind = machine.installed_at - machine.wall()
+    if behind > 0:
+        yield {"days": f"{behind / 86400:.1f}"}
+
+
+@COMPUTER("clock-free", Severity.WARNING)
+def _not_followed(patient: Patient) -> Iterator[Values]:
+    """{service} runs, and the clock does not follow a time server yet
+
+    It reaches none, or has just started.
+
+    See which servers it asks and whether they answer.
+
+    $ {show}
+    """
+    machine = patient.machine
+    service = machine.running(*TIME_SERVICES)
+    if machine.follows_server() is False and service is not None:
+        show = Typed("chronyc sources" if service.name == "chronyd" else "timedatectl timesync-status")
+        yield {"service": service, "show": show}
+
+
+@COMPUTER("clock-skew", Severity.WARNING, Needs.DAEMON)
+def _skew(patient: Patient) -> Iterator[Values]:
+    """the daemon's clock is {skew} s {way} this machine's
+
+    Stamps mislead: ages, recordings of two machines, images from another machine.
+
+    Let both follow a time server.
+
+    $ sudo timedatectl set-ntp true
+    """
+    clock = patient.report.clock
+    if clock is not None:
+        asked, answered = patient.report.between  # it answered between the two
+        skew = max(clock - answered, 0.0) + min(clock - asked, 0.0)
+        if abs(skew) > SKEW:
+            yield {"skew": f"{abs(skew):.1f}", "way": "ahead of" if skew > 0 else "behind"}
+
+
+@COMPUTER("service-failed", Severity.ERROR)
 def _failed_service(patient: Patient) -> Iterator[Values]:
+    """the service {service} has failed
+
+    No daemon controls the aircraft.
+
+    Its last words say why.
+
+    $ journalctl -u {service} -n 20 --no-pager
+    """
     machine = patient.machine
     if not machine.find(UNITS):
         return
@@ -218,195 +377,20 @@ def _failed_service(patient: Patient) -> Iterator[Values]:
         yield {"service": line.split()[0]}
 
 
+@COMPUTER("service-old", Severity.WARNING)
 def _old_units(patient: Patient) -> Iterator[Values]:
-    known = {unit.name: unit for unit in SERVICE_UNITS}
+    """{file} is of another release than this program
+
+    It may start with options that are gone, or without rights that are needed.
+
+    Write it again; then restart the service on the ground.
+
+    $ sudo {programs}/mkdaemon install-service --write
+    """
     for place in patient.machine.find(UNITS):
         text = patient.machine.read(place)
         started = _STARTS.search(text)
-        if place.name in known and started is not None:
-            wanted = unit_text(known[place.name], Path(started[1]))
+        if place.name in SERVICE_UNITS and started is not None:
+            wanted = unit_text(place.name, Path(started[1]))
             if text != wanted.strip() and text.startswith(MARK):
                 yield {"file": patient.machine.shown(place), "programs": started[1]}
-
-
-COMPUTER: Final = (
-    Check(
-        "packages",
-        Severity.ERROR,
-        what="package {package} is {found}, and {wanted} is needed",
-        why="The tests of mkdaemon passed with versions within these bounds alone.",
-        fix="Install it into the environment of mkdaemon.",
-        command="pip install {spec}",
-        look=_packages,
-    ),
-    Check(
-        "load",
-        Severity.WARNING,
-        what="the load is {load} on {cores}",
-        why="Other programs keep the daemon waiting: a late loop is a late stick frame.",
-        fix="See which, and end them before a flight.",
-        command="top -o %CPU",
-        look=_load,
-    ),
-    Check(
-        "one-core",
-        Severity.WARNING,
-        what="there is one core, and a camera",
-        why="Looking at an image holds up the control loop.",
-        fix="Use a computer with two cores or more.",
-        command="",
-        look=_few_cores,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "governor",
-        Severity.WARNING,
-        what="under the governor {governor}: {cores}",
-        why="Its clock rises only after there was work: the first frames and images after a pause are late.",
-        fix="Keep it fast.",
-        command="echo performance | sudo tee {files}",
-        look=_governor,
-        is_safe=True,
-    ),
-    Check(
-        "real-time",
-        Severity.WARNING,
-        what="{user} may not go before other programs",
-        why="Beside a busy program the control loop and the guard come late. The service has the right already.",
-        fix="Grant it, then log in again.",
-        command=f"printf {{lines}} | sudo tee {LIMITS}",
-        look=_ordinary_priority,
-    ),
-    Check(
-        "autogroup",
-        Severity.ADVICE,
-        what="the kernel shares the processor by session",
-        why="One busy terminal counts as much as the daemon; bytes of the line were late by 0.2 to 0.8 s beside one.",
-        fix="Switch it off; the same words in " + SYSCTL + " keep it off.",
-        command="sudo sysctl -w kernel.sched_autogroup_enabled=0",
-        look=_grouped,
-        is_safe=True,
-    ),
-    Check(
-        "real-time-bound",
-        Severity.WARNING,
-        what="nothing bounds real-time programs",
-        why="The kernel leaves them 100 % of a core: a loop that hangs takes the shell and the watchdog with it.",
-        fix="Leave 5 % to ordinary programs, the kernel's default.",
-        command="sudo sysctl -w kernel.sched_rt_runtime_us=950000",
-        look=_unbounded,
-        is_safe=True,
-    ),
-    Check(
-        "memory",
-        Severity.WARNING,
-        what=f"{{free}} MB of memory are free, less than {LEAST_MEMORY_MB}",
-        why="A system without memory stops the daemon for seconds, or ends it.",
-        fix="See which programs take it, and end them.",
-        command="ps -e -o rss,pid,comm --sort=-rss | head",
-        look=_memory,
-    ),
-    Check(
-        "heat",
-        Severity.WARNING,
-        what="{sensor} has {degrees} degrees Celsius",
-        why="A hot processor slows down, and images come late.",
-        fix="Cool it, and look again.",
-        command="cat {file}",
-        look=_hot,
-    ),
-    Check(
-        "voltage",
-        Severity.ERROR,
-        what="the computer's supply is too low",
-        why="It slows down, loses USB devices or restarts in flight.",
-        fix="Use a regulator that gives 5 V under load, and a short, thick cable.",
-        command="cat {file}",
-        look=_low_voltage,
-    ),
-    Check(
-        "disk-full",
-        Severity.ERROR,
-        what="{free} MB are free in {folder}",
-        why="Nothing can be recorded, and no flight against a target begins.",
-        fix="Find the largest folders, and delete what is not needed.",
-        command="du -xh {folder} | sort -h | tail",
-        look=_disk_full,
-    ),
-    Check(
-        "disk-short",
-        Severity.WARNING,
-        what="{free} MB are free in {folder}, and record.free_mb leaves {kept} to others",
-        why="Old recordings are deleted, or nothing is recorded.",
-        fix="Make room, or set record.free_mb lower.",
-        command="du -xh {folder} | sort -h | tail",
-        look=_disk_short,
-    ),
-    Check(
-        "folder",
-        Severity.ERROR,
-        what="{user} may not write in {folder}",
-        why="Recordings, and the notes that put an aircraft right after a sudden end, go there.",
-        fix="Make it the user's, or set vehicle.state_folder and record.folder.",
-        command="sudo install -d -o {user} {folder}",
-        look=_unwritable,
-    ),
-    Check(
-        "no-time-service",
-        Severity.WARNING,
-        what="the clock follows no time server, and no program looks after it",
-        why="Stamps of two machines cannot be compared.",
-        fix="Switch the system's own on, or install chrony.",
-        command="sudo timedatectl set-ntp true",
-        look=_no_time_service,
-        is_safe=True,
-    ),
-    Check(
-        "clock-unset",
-        Severity.WARNING,
-        what="the clock is {days} days before the installation of this program",
-        why="A computer without a battery for its clock starts in the past: recordings get wrong names, certificates "
-        "are not valid yet.",
-        fix="Let it follow a time server, or set it: sudo timedatectl set-time 'YYYY-MM-DD HH:MM'.",
-        command="sudo timedatectl set-ntp true",
-        look=_clock_behind,
-    ),
-    Check(
-        "clock-free",
-        Severity.WARNING,
-        what="{service} runs, and the clock does not follow a time server yet",
-        why="It reaches none, or has just started.",
-        fix="See which servers it asks and whether they answer.",
-        command="{show}",
-        look=_not_followed,
-    ),
-    Check(
-        "clock-skew",
-        Severity.WARNING,
-        what="the daemon's clock is {skew} s {way} this machine's",
-        why="Stamps mislead: ages, recordings of two machines, images from another machine.",
-        fix="Let both follow a time server.",
-        command="sudo timedatectl set-ntp true",
-        look=_skew,
-        needs=Needs.DAEMON,
-    ),
-    Check(
-        "service-failed",
-        Severity.ERROR,
-        what="the service {service} has failed",
-        why="No daemon controls the aircraft.",
-        fix="Its last words say why.",
-        command="journalctl -u {service} -n 20 --no-pager",
-        look=_failed_service,
-    ),
-    Check(
-        "service-old",
-        Severity.WARNING,
-        what="{file} is of another release than this program",
-        why="It may start with options that are gone, or without rights that are needed.",
-        fix="Write it again; then restart the service on the ground.",
-        command="sudo {programs}/mkdaemon install-service --write",
-        look=_old_units,
-    ),
-)
-"""Checks of the computer."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import DaemonReport, ask_daemon
-from mkdaemon.cli.systemcommands import Answered, run_command
+from mkdaemon.cli.systemcommands import CommandOutput, run_command
 from mkdaemon.clock import kernel_synchronised
 from mkdaemon.config.root import Config
 from mkdaemon.files import user_name
@@ -117,7 +117,7 @@ class Machine:
     """
 
     root: Path = Path("/")
-    run: Callable[[Sequence[str]], Answered] = run_command
+    run: Callable[[Sequence[str]], CommandOutput] = run_command
     may_use: Callable[[Path], bool] = may_use
     free_bytes: Callable[[Path], int | None] = free_bytes
     follows_server: Callable[[], bool | None] = kernel_synchronised

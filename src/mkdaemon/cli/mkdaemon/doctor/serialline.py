@@ -7,10 +7,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Needs, Patient, Severity, Values
 from mkdaemon.config.reader import samples_folder
 from mkdaemon.errors import ConfigError
 from mkdaemon.link.ports.port import DEFAULT_BAUD, parse_address
+
+SERIAL_LINE: Final = CheckPart("The serial line")
 
 FTDI_DELAY_MS: Final = 2
 """Longest latency timer that is good enough [ms]; the chip's default of 16 delays every frame by up to that."""
@@ -46,26 +48,68 @@ def _stable_names(patient: Patient) -> dict[Path, str]:
     return {link.resolve(): patient.machine.shown(link) for link in links}
 
 
+def usb_device(device: Path) -> Path | None:
+    """The USB device that a part of it in sysfs belongs to; None where it is no USB device."""
+    place = device.resolve()
+    return next((folder for folder in (place, *place.parents) if (folder / "idVendor").is_file()), None)
+
+
+@SERIAL_LINE("no-adapter", Severity.WARNING)
 def _without_adapter(patient: Patient) -> Iterator[Values]:
+    """no USB serial adapter is plugged in, and no port is configured
+
+    The daemon reaches an aircraft over one; the simulator needs none.
+
+    Plug in the radio or the cable, or fly the simulator.
+
+    $ mkdaemon demo
+    """
     if not patient.cfg.link.port and not adapters(patient):
         yield {}
 
 
+@SERIAL_LINE("port-missing", Severity.ERROR, Needs.CONFIG)
 def _missing(patient: Patient) -> Iterator[Values]:
+    """link.port {port} does not exist
+
+    The daemon ends at its start, or waits for ever.
+
+    Plug it in, or set link.port to what is there: {near}.
+
+    $ ls -l /dev/serial/by-id/
+    """
     wanted = wanted_port(patient)
     if wanted is not None and not wanted.exists():
         near = [*_stable_names(patient).values()] or [patient.machine.shown(port) for port in adapters(patient)]
         yield {"port": patient.machine.shown(wanted), "near": ", ".join(near) or "nothing"}
 
 
+@SERIAL_LINE("port-forbidden", Severity.ERROR)
 def _forbidden(patient: Patient) -> Iterator[Values]:
+    """{port} may not be opened by {user}
+
+    Only members of its group may open a serial port.
+
+    Join the group, then log in again.
+
+    $ sudo usermod -aG {group} {user}
+    """
     machine = patient.machine
     for port in examined_ports(patient):
         if not machine.may_use(port):
             yield {"port": machine.shown(port), "user": machine.user, "group": machine.group_of(port)}
 
 
+@SERIAL_LINE("port-busy", Severity.ERROR)
 def _busy(patient: Patient) -> Iterator[Values]:
+    """{port} is in use by {holder}
+
+    Two programs on one line take each other's bytes.
+
+    End that program.
+
+    $ kill {number}
+    """
     machine = patient.machine
     for port in examined_ports(patient):
         for holder in machine.holders(port):
@@ -73,7 +117,17 @@ def _busy(patient: Patient) -> Iterator[Values]:
                 yield {"port": machine.shown(port), "holder": holder, "number": holder.number}
 
 
+@SERIAL_LINE("port-console", Severity.ERROR)
 def _console(patient: Patient) -> Iterator[Values]:
+    """{port} is the system's console: {found}
+
+    The aircraft hears the system, and a login answers the aircraft.
+
+    Remove console= from the kernel's command line and the login from the port, then restart;
+    docs/operations.md, UARTs.
+
+    $ sudo systemctl disable --now serial-getty@{tty}
+    """
     machine = patient.machine
     kernel = machine.read("/proc/cmdline").split()
     for port in examined_ports(patient):
@@ -85,7 +139,16 @@ def _console(patient: Patient) -> Iterator[Values]:
             yield {"port": machine.shown(port), "tty": tty, "found": found}
 
 
+@SERIAL_LINE("port-name", Severity.ADVICE, Needs.CONFIG)
 def _unstable(patient: Patient) -> Iterator[Values]:
+    """link.port {port} is a name that changes
+
+    With a second adapter, or after replugging, it is another device.
+
+    Use the name below /dev/serial/by-id.
+
+    $ sed -i {edit} {file}
+    """
     wanted = wanted_port(patient)
     stable = None if wanted is None else _stable_names(patient).get(wanted)
     if wanted is not None and stable is not None and patient.file is not None:
@@ -96,7 +159,16 @@ def _unstable(patient: Patient) -> Iterator[Values]:
         }
 
 
+@SERIAL_LINE("ftdi-latency", Severity.WARNING, is_safe=True)
 def _slow_timer(patient: Patient) -> Iterator[Values]:
+    """{port} holds received bytes back for {delay} ms (FTDI latency timer)
+
+    Every answer of the board is late by up to that.
+
+    Set 1 ms; configs/udev/60-mkdaemon.rules does so whenever it is plugged in.
+
+    $ echo 1 | sudo tee {timer}
+    """
     machine = patient.machine
     for port in examined_ports(patient):
         timer = machine.at(f"/sys/class/tty/{port.resolve().name}/device/latency_timer")
@@ -105,7 +177,16 @@ def _slow_timer(patient: Patient) -> Iterator[Values]:
             yield {"port": machine.shown(port), "delay": text, "timer": timer}
 
 
+@SERIAL_LINE("usb-sleep", Severity.WARNING, is_safe=True)
 def _asleep(patient: Patient) -> Iterator[Values]:
+    """the adapter of {port} may be put to sleep to save power
+
+    It loses what arrives while it wakes up.
+
+    Keep it awake; take it out of the settings of TLP or powertop.
+
+    $ echo on | sudo tee {control}
+    """
     machine = patient.machine
     for port in examined_ports(patient):
         device = usb_device(machine.at(f"/sys/class/tty/{port.resolve().name}/device"))
@@ -113,7 +194,16 @@ def _asleep(patient: Patient) -> Iterator[Values]:
             yield {"port": machine.shown(port), "control": device / "power" / "control"}
 
 
+@SERIAL_LINE("adapter-driver", Severity.ERROR)
 def _without_driver(patient: Patient) -> Iterator[Values]:
+    """{adapter} is plugged in and no driver made a serial port of it
+
+    The kernel has no driver for its chip, or another program has taken it.
+
+    Load the driver; if nothing changes, look at brltty below, and at the end of `sudo dmesg`.
+
+    $ sudo modprobe {driver}
+    """
     machine = patient.machine
     for vendor in machine.find("sys/bus/usb/devices/*/idVendor"):
         driver = DRIVERS.get(machine.read(vendor))
@@ -123,7 +213,16 @@ def _without_driver(patient: Patient) -> Iterator[Values]:
             yield {"adapter": called, "driver": driver}
 
 
+@SERIAL_LINE("brltty", Severity.ERROR)
 def _brltty(patient: Patient) -> Iterator[Values]:
+    """brltty takes serial adapters for braille displays: {found}
+
+    A braille terminal takes the adapter away, and /dev/ttyUSB0 disappears when it is plugged in.
+
+    If braille is not needed, remove it.
+
+    $ sudo apt-get remove brltty
+    """
     machine = patient.machine
     process = machine.running("brltty")
     if process is not None:
@@ -132,145 +231,34 @@ def _brltty(patient: Patient) -> Iterator[Values]:
         yield {"found": f"{machine.shown(rules[0])} starts it"}
 
 
+@SERIAL_LINE("modem-manager", Severity.WARNING)
 def _modem_manager(patient: Patient) -> Iterator[Values]:
+    """ModemManager runs, and nothing keeps it off serial adapters
+
+    It sends AT commands to every new port: the aircraft hears them.
+
+    Install the udev rules.
+
+    $ sudo install -m 644 {rules} /etc/udev/rules.d/ && sudo udevadm control --reload && sudo udevadm trigger
+    --action=add --subsystem-match=tty
+    """
     machine = patient.machine
     has_rules = any(machine.at(f"/{folder}/{RULES}").exists() for folder in _RULE_FOLDERS)
     if machine.running("ModemManager") is not None and not has_rules:
         yield {"rules": samples_folder().resolve() / "udev" / RULES}
 
 
+@SERIAL_LINE("baud", Severity.WARNING, Needs.CONFIG)
 def _baud(patient: Patient) -> Iterator[Values]:
+    """link.baud is {baud}
+
+    MikroKopter boards speak 57600 baud; only a radio with another rate at this end needs another.
+
+    Set it to 57600.
+
+    $ sed -i {edit} {file}
+    """
     baud = patient.cfg.link.baud
     if baud != DEFAULT_BAUD and wanted_port(patient) is not None and patient.file is not None:
         edit = f"s/^baud *= *{baud}/baud = {DEFAULT_BAUD}/"
         yield {"baud": baud, "edit": edit, "file": patient.file}
-
-
-def usb_device(device: Path) -> Path | None:
-    """The USB device that a part of it in sysfs belongs to; None where it is no USB device."""
-    place = device.resolve()
-    return next((folder for folder in (place, *place.parents) if (folder / "idVendor").is_file()), None)
-
-
-_UDEV: Final = (
-    "sudo install -m 644 {rules} /etc/udev/rules.d/ && sudo udevadm control --reload && "
-    "sudo udevadm trigger --action=add --subsystem-match=tty"
-)
-
-SERIAL_LINE: Final = (
-    Check(
-        "no-adapter",
-        Severity.WARNING,
-        what="no USB serial adapter is plugged in, and no port is configured",
-        why="The daemon reaches an aircraft over one; the simulator needs none.",
-        fix="Plug in the radio or the cable, or fly the simulator.",
-        command="mkdaemon demo",
-        look=_without_adapter,
-    ),
-    Check(
-        "port-missing",
-        Severity.ERROR,
-        what="link.port {port} does not exist",
-        why="The daemon ends at its start, or waits for ever.",
-        fix="Plug it in, or set link.port to what is there: {near}.",
-        command="ls -l /dev/serial/by-id/",
-        look=_missing,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "port-forbidden",
-        Severity.ERROR,
-        what="{port} may not be opened by {user}",
-        why="Only members of its group may open a serial port.",
-        fix="Join the group, then log in again.",
-        command="sudo usermod -aG {group} {user}",
-        look=_forbidden,
-    ),
-    Check(
-        "port-busy",
-        Severity.ERROR,
-        what="{port} is in use by {holder}",
-        why="Two programs on one line take each other's bytes.",
-        fix="End that program.",
-        command="kill {number}",
-        look=_busy,
-    ),
-    Check(
-        "port-console",
-        Severity.ERROR,
-        what="{port} is the system's console: {found}",
-        why="The aircraft hears the system, and a login answers the aircraft.",
-        fix="Remove console= from the kernel's command line and the login from the port, then restart; "
-        "docs/operations.md, UARTs.",
-        command="sudo systemctl disable --now serial-getty@{tty}",
-        look=_console,
-    ),
-    Check(
-        "port-name",
-        Severity.ADVICE,
-        what="link.port {port} is a name that changes",
-        why="With a second adapter, or after replugging, it is another device.",
-        fix="Use the name below /dev/serial/by-id.",
-        command="sed -i {edit} {file}",
-        look=_unstable,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "ftdi-latency",
-        Severity.WARNING,
-        what="{port} holds received bytes back for {delay} ms (FTDI latency timer)",
-        why="Every answer of the board is late by up to that.",
-        fix="Set 1 ms; configs/udev/60-mkdaemon.rules does so whenever it is plugged in.",
-        command="echo 1 | sudo tee {timer}",
-        look=_slow_timer,
-        is_safe=True,
-    ),
-    Check(
-        "usb-sleep",
-        Severity.WARNING,
-        what="the adapter of {port} may be put to sleep to save power",
-        why="It loses what arrives while it wakes up.",
-        fix="Keep it awake; take it out of the settings of TLP or powertop.",
-        command="echo on | sudo tee {control}",
-        look=_asleep,
-        is_safe=True,
-    ),
-    Check(
-        "adapter-driver",
-        Severity.ERROR,
-        what="{adapter} is plugged in and no driver made a serial port of it",
-        why="The kernel has no driver for its chip, or another program has taken it.",
-        fix="Load the driver; if nothing changes, look at brltty below, and at the end of `sudo dmesg`.",
-        command="sudo modprobe {driver}",
-        look=_without_driver,
-    ),
-    Check(
-        "brltty",
-        Severity.ERROR,
-        what="brltty takes serial adapters for braille displays: {found}",
-        why="A braille terminal takes the adapter away, and /dev/ttyUSB0 disappears when it is plugged in.",
-        fix="If braille is not needed, remove it.",
-        command="sudo apt-get remove brltty",
-        look=_brltty,
-    ),
-    Check(
-        "modem-manager",
-        Severity.WARNING,
-        what="ModemManager runs, and nothing keeps it off serial adapters",
-        why="It sends AT commands to every new port: the aircraft hears them.",
-        fix="Install the udev rules.",
-        command=_UDEV,
-        look=_modem_manager,
-    ),
-    Check(
-        "baud",
-        Severity.WARNING,
-        what="link.baud is {baud}",
-        why=f"MikroKopter boards speak {DEFAULT_BAUD} baud; only a radio with another rate at this end needs another.",
-        fix=f"Set it to {DEFAULT_BAUD}.",
-        command="sed -i {edit} {file}",
-        look=_baud,
-        needs=Needs.CONFIG,
-    ),
-)
-"""Checks of the serial line."""

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from mkdaemon.cli.mkdaemon.doctor.aircraft import AIRCRAFT
 from mkdaemon.cli.mkdaemon.doctor.busline import BUS, listener_at, owner_of
 from mkdaemon.cli.mkdaemon.doctor.camerafaults import CAMERAS
-from mkdaemon.cli.mkdaemon.doctor.check import Check, Finding, Needs, Patient, Severity, Values
+from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Fault, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
@@ -19,9 +19,20 @@ from mkdaemon.config.root import Config
 from mkdaemon.daemon.runnable import mistakes
 from mkdaemon.errors import ConfigError
 
+CONFIGURATION: Final = CheckPart("The configuration")
 
+
+@CONFIGURATION("configuration", Severity.ERROR, Needs.CONFIG)
 def _mistakes(patient: Patient) -> Iterator[Values]:
-    """What `mkdaemon run` would refuse, in its words."""
+    """{mistake}
+
+    `mkdaemon run` refuses it.
+
+    Correct {file}.
+
+    $ mkdaemon config check {file}
+    """
+    # What `mkdaemon run` would refuse, in its words
     if patient.mistake:
         yield {"mistake": patient.mistake, "file": patient.file or "the environment"}
     if patient.mistake or patient.file is None:
@@ -33,37 +44,24 @@ def _mistakes(patient: Patient) -> Iterator[Values]:
         yield {"mistake": mistake, "file": patient.file}
 
 
+@CONFIGURATION("port-unset", Severity.ADVICE, Needs.CONFIG)
 def _no_port(patient: Patient) -> Iterator[Values]:
+    """{file} names no port
+
+    The daemon starts with --port alone.
+
+    Set link.port.
+
+    $ mkdaemon config explain link.port
+    """
     if patient.file is not None and not patient.mistake and not patient.cfg.link.port:
         yield {"file": patient.file}
 
 
-CONFIGURATION: Final = (
-    Check(
-        "configuration",
-        Severity.ERROR,
-        what="{mistake}",
-        why="`mkdaemon run` refuses it.",
-        fix="Correct {file}.",
-        command="mkdaemon config check {file}",
-        look=_mistakes,
-        needs=Needs.CONFIG,
-    ),
-    Check(
-        "port-unset",
-        Severity.ADVICE,
-        what="{file} names no port",
-        why="The daemon starts with --port alone.",
-        fix="Set link.port.",
-        command="mkdaemon config explain link.port",
-        look=_no_port,
-        needs=Needs.CONFIG,
-    ),
-)
-"""Checks of the configuration file."""
-
-CHECKS: Final = (*CONFIGURATION, *SERIAL_LINE, *COMPUTER, *BUS, *CAMERAS, *AIRCRAFT)
-"""Every check, in the order in which things go wrong; a further one is one row and its function."""
+PARTS: Final = (CONFIGURATION, SERIAL_LINE, COMPUTER, BUS, CAMERAS, AIRCRAFT)
+"""What is looked at, in the order in which things go wrong."""
+CHECKS: Final = tuple(check for part in PARTS for check in part.checks)
+"""Every check; a further one is one function."""
 
 
 class Examined(NamedTuple):
@@ -74,7 +72,7 @@ class Examined(NamedTuple):
         unseen: checks that could see nothing, by what they need.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[Fault, ...]
     unseen: dict[Needs, tuple[str, ...]]
 
     def worst(self) -> Severity | None:

@@ -22,12 +22,12 @@ from mkdaemon.errors import ConfigError
 
 def foxglove(
     *,
-    vehicle: Annotated[tuple[str, ...], Parameter(env_var="MK_VEHICLE", negative=())] = (DEFAULT_VEHICLE,),
+    vehicle: Annotated[tuple[str, ...], Parameter(env_var="MK_VEHICLE")] = (DEFAULT_VEHICLE,),
     connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT,
     zenoh_file: Annotated[Path | None, Parameter(env_var="MK_ZENOH_FILE")] = None,
     host: str = "127.0.0.1",
     port: int = 8765,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    json: bool = False,
 ) -> None:
     """Show vehicles to Foxglove and Lichtblick: a WebSocket server with the schemas they know, and every key as JSON.
 

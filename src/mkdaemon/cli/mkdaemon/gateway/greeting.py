@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from mkdaemon.cli.printing import json_line
+from mkdaemon.cli.printing import show
 
 
 def announce_serving(gateway: str, vehicles: Sequence[str], where: str, *, as_json: bool) -> None:
@@ -17,9 +17,6 @@ def announce_serving(gateway: str, vehicles: Sequence[str], where: str, *, as_js
         where: an address, several, or a namespace, in the words of the other system.
         as_json: as an object with `gateway`, `vehicles` and `where`.
     """
-    if as_json:
-        line = json_line({"gateway": gateway, "vehicles": list(vehicles), "where": where})
-    else:
-        line = f"{gateway} gateway: {', '.join(vehicles)} at {where}; Ctrl-C ends it"
-    print(line)
+    words = f"{gateway} gateway: {', '.join(vehicles)} at {where}; Ctrl-C ends it"
+    show({"gateway": gateway, "vehicles": list(vehicles), "where": where}, words, as_json=as_json)
     sys.stdout.flush()

@@ -21,7 +21,7 @@ def mavlink(
     link: Annotated[tuple[str, ...], Parameter(consume_multiple=False)] = (),
     system: int = 1,
     signing_key: Path | None = None,
-    allow_open: Annotated[bool, Parameter(negative=())] = False,
+    allow_open: bool = False,
     backups: Path | None = None,
     connection: Connection = HERE,
 ) -> None:

@@ -139,11 +139,9 @@ def load_authority(folder: Path) -> Pair:
         msg = f"{error.filename}: {error.strerror}: no authority is in {folder}; `mkdaemon security new-ca {folder}`"
         raise ConfigError(msg) from error
     except (ValueError, TypeError) as error:
-        msg = f"{folder}: ca.pem and ca.key are no certificate and its key: {error}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{folder}: ca.pem and ca.key are no certificate and its key: {error}") from error
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
-        msg = f"{folder}: ca.key is not the key of ca.pem"
-        raise ConfigError(msg)
+        raise ConfigError(f"{folder}: ca.key is not the key of ca.pem")
     return Pair(certificate, key)
 
 
@@ -166,8 +164,7 @@ def read_certificate(path: Path) -> x509.Certificate | None:
     try:
         text = read_text(path, limit=LONGEST_SETTINGS)
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"{path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
-        raise ConfigError(msg) from error
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from error
     try:
         if "-----BEGIN CERTIFICATE" in text:
             return x509.load_pem_x509_certificate(text.encode())

@@ -21,7 +21,7 @@ SERVERS: Final = (DAEMON, ROUTER)
 """Those that clients connect to."""
 
 
-class Rule(NamedTuple):
+class AccessRule(NamedTuple):
     """What some messages of some keys may do.
 
     Attributes:
@@ -41,10 +41,10 @@ _BOTH: Final = ("ingress", "egress")
 _PUBLISHED: Final = (*(f"mk/*/{root}/**" for root in roots(Use.PUBLISHED)), "mk/*/schema/**", "mk/*/alive")
 """A chunk with `@` in front is not matched by `**`; of our keys only the secret ones of setpoints and images have such,
 and the daemon adds them to every rule that speaks of the plain ones."""
-LOOK: Final = Rule("look", ("ingress",), ("query", "liveliness_query"), _PUBLISHED)
-HEAR: Final = Rule("hear", ("egress",), ("put", "delete", "reply", "liveliness_token"), _PUBLISHED)
+LOOK: Final = AccessRule("look", ("ingress",), ("query", "liveliness_query"), _PUBLISHED)
+HEAR: Final = AccessRule("hear", ("egress",), ("put", "delete", "reply", "liveliness_token"), _PUBLISHED)
 """Out of the daemon alone: nobody may put telemetry or a schema, or show the token of its life."""
-FLY: Final = Rule(
+FLY: Final = AccessRule(
     "fly",
     _BOTH,
     ("put", "query", "reply", "liveliness_token"),
@@ -54,12 +54,12 @@ FLY: Final = Rule(
         *("mk/*/sim/camera/*", "mk/*/camera/*"),
     ),
 )
-MARK: Final = Rule("mark", _BOTH, ("query", "reply"), ("mk/*/do/mark",))
-SUBSCRIBE: Final = Rule("subscribe", _BOTH, ("declare_subscriber", "declare_liveliness_subscriber"), ("mk/**",))
+MARK: Final = AccessRule("mark", _BOTH, ("query", "reply"), ("mk/*/do/mark",))
+SUBSCRIBE: Final = AccessRule("subscribe", _BOTH, ("declare_subscriber", "declare_liveliness_subscriber"), ("mk/**",))
 """What may be put decides what a subscriber hears, so everybody may subscribe to everything."""
-SERVE: Final = Rule("serve", ("egress",), ("declare_queryable",), ("mk/**",))
+SERVE: Final = AccessRule("serve", ("egress",), ("declare_queryable",), ("mk/**",))
 """Only the daemon answers queries: nobody else may claim to."""
-BE_DAEMON: Final = Rule(
+BE_DAEMON: Final = AccessRule(
     "be-daemon",
     _BOTH,
     (
@@ -69,7 +69,7 @@ BE_DAEMON: Final = Rule(
     ("mk/**",),
 )
 """Of a router alone: what is flown behind it."""
-HIDE: Final = Rule("hide", ("egress",), ("put",), ("mk/*/setpoint/*/*",))
+HIDE: Final = AccessRule("hide", ("egress",), ("put",), ("mk/*/setpoint/*/*",))
 """Of a router alone, and denied: below the secret number of a daemon nobody listens but that daemon."""
 
 
@@ -84,7 +84,7 @@ class Role(NamedTuple):
 
     name: str
     may: str
-    rules: tuple[Rule, ...]
+    rules: tuple[AccessRule, ...]
 
 
 ROLES: Final = (

@@ -47,7 +47,7 @@ def new_ca(
     folder: Path,
     *hosts: str,
     days: int = DAYS,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    force: bool = False,
 ) -> None:
     """Make an authority, and a file each for a daemon, a pilot, an observer and a recorder; it is all that they need.
 
@@ -77,8 +77,7 @@ def new_ca(
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        msg = f"{folder}: {error.strerror}"
-        raise MkError(msg) from error
+        raise MkError(f"{folder}: {error.strerror}") from error
     _save(folder / "ca.key", authority.key_pem, force=force)
     save(folder / "ca.pem", authority.certificate_pem, overwrite=force)
     for role, pair in pairs.items():
@@ -95,7 +94,7 @@ def issue(
     host: tuple[str, ...] = (),
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
     days: int = DAYS,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    force: bool = False,
 ) -> None:
     """Issue one more certificate; no daemon has to be started anew for it.
 
@@ -116,11 +115,9 @@ def issue(
     """
     require_count(days, "--days")
     if host and role not in SERVERS:
-        msg = f"--host: only a daemon or a router is reached at a host, and the role is {role}"
-        raise ConfigError(msg)
+        raise ConfigError(f"--host: only a daemon or a router is reached at a host, and the role is {role}")
     if _NAME.fullmatch(name) is None:
-        msg = f"{name!r}: a name has letters, digits, `.`, `_` and `-`, at most 64"
-        raise ConfigError(msg)
+        raise ConfigError(f"{name!r}: a name has letters, digits, `.`, `_` and `-`, at most 64")
     authority = load_authority(ca)
     hosts = (*HERE, *host) if role in SERVERS else ()
     pair = issue_certificate(authority, role, name, now=datetime.now(UTC), days=days, hosts=hosts)
@@ -158,8 +155,7 @@ def show(paths: tuple[Path, ...] = (Path("security"),), *, as_json: AsJson = Fal
         whose = f"{found.role} {found.name}".strip()
         print(on_one_line(f"{path}: {whose}{hosts}, {state}, SHA-256 {found.fingerprint[:16]}"))
     if not count:
-        msg = f"{', '.join(map(str, paths))}: no certificate; make some with `mkdaemon security new-ca`"
-        raise ConfigError(msg)
+        raise ConfigError(f"{', '.join(map(str, paths))}: no certificate; make some with `mkdaemon security new-ca`")
     return EXIT_FAILURE if ended else EXIT_OK
 
 

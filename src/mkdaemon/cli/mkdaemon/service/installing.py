@@ -7,14 +7,12 @@ import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final, Literal, NamedTuple
-
-from cyclopts import Parameter
+from typing import Final, Literal, NamedTuple
 
 from mkdaemon.cli.mkdaemon.gateway import GATEWAYS
-from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, UNITS, Unit, unit_text
+from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, flies, unit_text
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
-from mkdaemon.cli.systemcommands import NOT_FOUND, Answered, run_command
+from mkdaemon.cli.systemcommands import NOT_FOUND, CommandOutput, run_command
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.config.names import VEHICLE_NAME
 from mkdaemon.config.reader import samples_folder
@@ -31,7 +29,7 @@ HIDDEN: Final = (Path("/home"), Path("/root"), Path("/run/user"))
 """What `ProtectHome=yes` hides from a service."""
 
 
-class Step(NamedTuple):
+class InstallStep(NamedTuple):
     """One thing that was done.
 
     Attributes:
@@ -53,7 +51,7 @@ class Host:
     """
 
     root: Path = Path("/")
-    run: Callable[[Sequence[str]], Answered] = run_command
+    run: Callable[[Sequence[str]], CommandOutput] = run_command
 
     def at(self, path: Path) -> Path:
         """Where an absolute path lies."""
@@ -65,9 +63,9 @@ def install_service(
     vehicle: str | None = None,
     gateway: str = "mavlink",
     programs: Path | None = None,
-    write: Annotated[bool, Parameter(negative=())] = False,
-    remove: Annotated[bool, Parameter(negative=())] = False,
-    force: Annotated[bool, Parameter(negative=())] = False,
+    write: bool = False,
+    remove: bool = False,
+    force: bool = False,
 ) -> int:
     """Let systemd start the daemon, the ground recorder or a gateway; without --write it only shows what it would do.
 
@@ -92,8 +90,7 @@ def install_service(
         MkError: a file cannot be written; says how.
     """
     if write and remove:
-        msg = "--write and --remove: give one of them"
-        raise ConfigError(msg)
+        raise ConfigError("--write and --remove: give one of them")
     host = Host()
     chosen = plan(parts or ("daemon",), vehicle, gateway)
     folder = programs or programs_folder(host)
@@ -105,7 +102,7 @@ def install_service(
     elif write:
         steps = write_units(host, chosen, folder, force=force)
     else:
-        steps = map(Step, preview(host, chosen, folder))
+        steps = map(InstallStep, preview(host, chosen, folder))
     code = EXIT_OK
     for step in steps:
         print(on_one_line(step.words))
@@ -118,19 +115,19 @@ class Planned:
     """One unit to install.
 
     Attributes:
-        unit: the unit.
+        name: of the file.
         instance: what `systemctl` is told.
         settings: the file that it reads.
     """
 
-    unit: Unit
+    name: str
     instance: str
     settings: Path
 
     @property
     def path(self) -> Path:
         """Of its file."""
-        return Path("/etc/systemd/system") / self.unit.name
+        return Path("/etc/systemd/system") / self.name
 
 
 def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Planned]:
@@ -140,13 +137,10 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
         ConfigError: no vehicle, or no gateway, can be called so.
     """
     if vehicle is not None and re.fullmatch(VEHICLE_NAME, vehicle) is None:
-        msg = f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _"
-        raise ConfigError(msg)
+        raise ConfigError(f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _")
     names = [entry.name for entry in GATEWAYS]
     if "gateway" in parts and gateway not in names:
-        msg = f"--gateway {gateway!r}: there is {', '.join(names)}"
-        raise ConfigError(msg)
-    units = {unit.name: unit for unit in UNITS}
+        raise ConfigError(f"--gateway {gateway!r}: there is {', '.join(names)}")
     found = []
     for part in dict.fromkeys(parts):
         if part == "daemon":
@@ -155,7 +149,7 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
             name, instance, file = "-gateway@", f"-gateway@{gateway}", f"gateway-{gateway}.env"
         else:
             name, instance, file = "-recorder", "-recorder", "recorder.env"
-        found.append(Planned(units[f"mkdaemon{name}.service"], f"mkdaemon{instance}", SETTINGS / file))
+        found.append(Planned(f"mkdaemon{name}.service", f"mkdaemon{instance}", SETTINGS / file))
     return found
 
 
@@ -173,15 +167,15 @@ def programs_folder(host: Host) -> Path:
 def preview(host: Host, chosen: Sequence[Planned], programs: Path) -> Iterator[str]:
     """What would be written, and typed."""
     for planned in chosen:
-        state = _state(host.at(planned.path), unit_text(planned.unit, programs))
+        state = _state(host.at(planned.path), unit_text(planned.name, programs))
         yield f"# {planned.path} ({state})"
-        yield from unit_text(planned.unit, programs).splitlines()
+        yield from unit_text(planned.name, programs).splitlines()
     if _needs_rules(chosen):
         yield f"# /etc/udev/rules.d/{RULES} ({_state(host.at(_rules_path()), _rules_text())})"
     yield f"# nothing was written: sudo {programs}/mkdaemon install-service ... --write does"
 
 
-def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[Step]:
+def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force: bool = False) -> Iterator[InstallStep]:
     """Write units and rules, and tell systemd and udev.
 
     Raises:
@@ -191,23 +185,24 @@ def write_units(host: Host, chosen: Sequence[Planned], programs: Path, *, force:
     for planned in chosen:
         place = host.at(planned.path)
         if place.exists() and not place.read_text(encoding="utf-8").startswith(MARK) and not force:
-            msg = f"{planned.path} was written by hand: remove it, or overwrite it with --force"
-            raise ConfigError(msg)
+            raise ConfigError(f"{planned.path} was written by hand: remove it, or overwrite it with --force")
     for planned in chosen:
-        _write(host.at(planned.path), unit_text(planned.unit, programs))
-        yield Step(f"wrote {planned.path}")
+        _write(host.at(planned.path), unit_text(planned.name, programs))
+        yield InstallStep(f"wrote {planned.path}")
     if _needs_rules(chosen):
         _write(host.at(_rules_path()), _rules_text())
-        yield Step(f"wrote {_rules_path()}")
+        yield InstallStep(f"wrote {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
     for planned in chosen:
-        if planned.unit.flies and not host.at(planned.settings).exists():
-            yield Step(f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}")
-        yield Step(f"next: sudo systemctl enable --now {planned.instance}")
+        if flies(planned.name) and not host.at(planned.settings).exists():
+            yield InstallStep(
+                f"next: sudo install -d {SETTINGS} && sudo {programs}/mkdaemon config new {planned.settings}"
+            )
+        yield InstallStep(f"next: sudo systemctl enable --now {planned.instance}")
 
 
-def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
+def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[InstallStep]:
     """Stop what the units start, and remove them; a template stays while another instance is enabled.
 
     Raises:
@@ -216,33 +211,33 @@ def remove_units(host: Host, chosen: Sequence[Planned]) -> Iterator[Step]:
     for planned in chosen:
         place = host.at(planned.path)
         if not place.exists():
-            yield Step(f"{planned.path} is not there")
+            yield InstallStep(f"{planned.path} is not there")
             continue
         yield from _typed(host, "systemctl", "disable", "--now", planned.instance)
         others = [
             link.name
             for link in host.at(Path("/etc/systemd/system/multi-user.target.wants")).glob("mkdaemon*@*.service")
-            if "@" in planned.unit.name
-            and link.name.startswith(planned.unit.name.partition("@")[0] + "@")
+            if "@" in planned.name
+            and link.name.startswith(planned.name.partition("@")[0] + "@")
             and link.name != f"{planned.instance}.service"
         ]
         if others:
-            yield Step(f"{planned.path} stays: {', '.join(others)} is enabled")
+            yield InstallStep(f"{planned.path} stays: {', '.join(others)} is enabled")
             continue
         _remove(place)
-        yield Step(f"removed {planned.path}")
+        yield InstallStep(f"removed {planned.path}")
     rules = host.at(_rules_path())
     if _needs_rules(chosen) and not any(host.at(planned.path).exists() for planned in chosen) and rules.exists():
         _remove(rules)
-        yield Step(f"removed {_rules_path()}")
+        yield InstallStep(f"removed {_rules_path()}")
         yield from _typed(host, "udevadm", "control", "--reload")
     yield from _typed(host, "systemctl", "daemon-reload")
-    yield Step(f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)")
+    yield InstallStep(f"kept: {SETTINGS}, /var/lib/mkdaemon (configuration, recordings, notes)")
 
 
 def _needs_rules(chosen: Sequence[Planned]) -> bool:
     """Whether one of the units opens a serial line."""
-    return any(planned.unit.flies for planned in chosen)
+    return any(flies(planned.name) for planned in chosen)
 
 
 def _rules_path() -> Path:
@@ -284,10 +279,10 @@ def _refusal(place: Path, error: OSError) -> MkError:
     return MkError(f"{place}: {error.strerror}: run it with sudo")
 
 
-def _typed(host: Host, *words: str) -> Iterator[Step]:
+def _typed(host: Host, *words: str) -> Iterator[InstallStep]:
     """Run a command of the system; a machine without systemd or udev has none, and is told so."""
     answer = host.run(words)
     line = " ".join(words)
     is_done = answer.code == 0
     reason = "not installed" if answer.code == NOT_FOUND else f"exit code {answer.code}"
-    yield Step(f"typed {line}" if is_done else f"FAILED: {line} ({reason})", is_done)
+    yield InstallStep(f"typed {line}" if is_done else f"FAILED: {line} ({reason})", is_done)

@@ -1,14 +1,11 @@
-"""Faults of the gateway's own: each ends the one message that met it, and is counted and logged."""
+"""Faults of a gateway's own: each ends the one message or value that met it, and is counted and logged."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
-from typing import Final
 
 import structlog
-
-_log: Final = structlog.get_logger("gateway.mavlink")
 
 
 class Faults:
@@ -18,8 +15,14 @@ class Faults:
         count: faults since the start.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, gateway: str) -> None:
+        """Have met none.
+
+        Args:
+            gateway: name of it, for the log.
+        """
         self.count = 0
+        self._log = structlog.get_logger(f"gateway.{gateway}")
         self._logged: set[tuple[str, str]] = set()
 
     def note(self, what: str, error: Exception) -> None:
@@ -33,7 +36,7 @@ class Faults:
         kind = (what, type(error).__name__)
         if kind not in self._logged:
             self._logged.add(kind)
-            _log.error("dropped: a defect of the gateway", what=what, exc_info=error)
+            self._log.error("dropped: a defect of the gateway", what=what, exc_info=error)
 
     @contextmanager
     def contained(self, what: str) -> Iterator[None]:

@@ -1,0 +1,135 @@
+"""A value that a stranger puts, whole by its schema, ends the message that is made of it, never a gateway."""
+
+from __future__ import annotations
+
+import msgpack
+from foxglove import Context
+from foxglove.channel import Channel
+
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.client import Sample
+from mkdaemon.gateways.faults import Faults
+from mkdaemon.gateways.foxglove.exhibit import Exhibit
+from mkdaemon.gateways.foxglove.names import Names
+from mkdaemon.gateways.foxglove.topics import json_message
+from mkdaemon.gateways.ros2.gateway import Publishing
+from mkdaemon.gateways.ros2.messages import Scene
+from mkdaemon.gateways.ros2.parameters import Pace
+from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality
+from mkdaemon.reading import Reading
+from mkdaemon.reading.diagnoses import diagnoses_of
+from tests.gateways.mavlink.rig import ATTITUDE, Ears, beat, serving, virtually
+from tests.gateways.ros2 import samples
+from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
+from tests.gateways.strangers import strange
+
+COUNT = 400
+WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_copy(update={"width": 1 << 64})})
+"""No message has room for the width of this camera."""
+
+
+def sample_of(key, value):
+    return Sample(key, value.model_dump(mode="json", exclude={"pixels"}), encoding_of(type(value)))
+
+
+class Wire:
+    """A publisher that serialises, as rclpy does."""
+
+    def __init__(self, kind):
+        self.kind, self.count = kind, 0
+
+    def get_subscription_count(self):
+        return 1
+
+    def publish(self, message):
+        through_cdr(message, self.kind)
+        self.count += 1
+
+
+class Graph:
+    """A node whose publishers serialise."""
+
+    def __init__(self):
+        self.wires = {}
+
+    def publisher(self, name, kind, quality):
+        assert isinstance(quality, Quality)
+        return self.wires.setdefault(name, Wire(kind))
+
+
+def test_ros_goes_on_publishing():
+    graph, newest = Graph(), Newest()
+    publishing = Publishing(graph, TOPICS, Scene(BagTypes(), latest=newest.values, vehicle="mk1"), newest, Pace({}))
+
+    def take(key, value):
+        sample = sample_of(key, value)
+        sample.__dict__["value"] = value
+        publishing.take(sample)
+
+    for key, value in (("vision/down/setup", WIDE), *strange(COUNT)):
+        take(key, value)
+    assert publishing.faults.count > 0
+    before = graph.wires["imu"].count
+    take("state/attitude", samples.attitude())
+    assert graph.wires["imu"].count == before + 1
+
+
+async def test_foxglove_goes_on_showing(monkeypatch):
+    shown = []
+    monkeypatch.setattr(Channel, "log", lambda channel, message, **_: shown.append(channel.topic()))
+    exhibit = Exhibit(Context(), Names("mk1"), lambda now: None)
+    exhibit._add_camera("down")
+    try:
+        for number in exhibit.lines:
+            exhibit.subscribed(number, 1)
+        for key, value in (("vision/down/setup", WIDE), *strange(COUNT, seed=2)):
+            sample = sample_of(key, value)
+            sample.__dict__["value"] = value
+            exhibit._take(sample)
+        assert exhibit.faults.count > 0
+        shown.clear()
+        exhibit._take(sample_of("state/position", samples.position()))
+        assert {"/state/position", "/fix"} <= set(shown)
+    finally:
+        await exhibit.close()
+
+
+@virtually
+async def test_mavlink_goes_on_beating():
+    async with serving() as gateway:
+        ears = Ears(gateway)
+        for _, value in strange(COUNT, seed=3):
+            with gateway.faults.contained("a value"):
+                gateway.value_arrived(value)
+            before = len(ears.named("HEARTBEAT"))
+            gateway._beat_at = float("-inf")
+            gateway.tick()
+            assert len(ears.named("HEARTBEAT")) > before, value
+        ears.heard.clear()
+        await beat(ears, 1.0)
+        gateway.value_arrived(ATTITUDE)
+        assert ears.named("ATTITUDE")
+
+
+def test_every_screen_says_something_of_it():
+    reading = Reading()
+    for key, value in strange(COUNT, seed=4):
+        reading.take(key, value, 1000.0)
+        picture = reading.at(1000.5)
+        assert list(diagnoses_of(picture)) and picture.facts and picture.headline
+
+
+def test_what_json_has_not_makes_no_message():
+    for odd in (float("nan"), float("inf"), msgpack.Timestamp(1, 2)):
+        assert json_message({"a": [odd]}) is None
+    assert json_message({"text": "NaN, Infinity", "raw": b"\xff\xfe", "age": 1.0, "none": None}) == (
+        b'{"text":"NaN, Infinity","raw":"//4="}'
+    )
+
+
+def test_a_fault_is_logged_once_for_each_place_and_kind():
+    faults = Faults("test")
+    for _ in range(3):
+        with faults.contained("here"):
+            raise OverflowError
+    assert faults.count == 3 and faults._logged == {("here", "OverflowError")}
