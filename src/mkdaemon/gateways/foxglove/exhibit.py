@@ -7,7 +7,7 @@ given the last values at once, and nobody else is given them again.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -33,6 +33,7 @@ from mkdaemon.gateways.foxglove.topics import (
 from mkdaemon.gateways.keys import matches
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.base import Stamped
+from mkdaemon.telemetry.record import BusCounts
 
 LOOK_PERIOD: Final = 2.0
 """Between two looks for new keys, while somebody is subscribed to anything [s]."""
@@ -194,8 +195,8 @@ class Exhibit:
         if is_played:
             await self._is_watched.wait()
         while True:
-            for pattern in FOUND:
-                with suppress(MkError):  # a daemon that is busy is asked again
+            with suppress(MkError):  # a daemon that is busy is asked again
+                for pattern in FOUND if is_played else await self._unknown(client):
                     for suffix, sample in (await client.get_all(pattern)).items():
                         head, name, *_ = suffix.split("/")
                         if head == "vision":
@@ -204,6 +205,17 @@ class Exhibit:
                             self._add_key(suffix, sample.schema)
             await asyncio.sleep(LOOK_PERIOD)
             await self._is_watched.wait()
+
+    async def _unknown(self, client: Vehicle) -> Collection[str]:
+        """What the last values are asked for of: keys that the daemon has put and that are no channel yet.
+
+        Asked for every frame of the boards, daemon and gateway would be busy for some milliseconds, again and again.
+        """
+        counted = await client.get("bus/counts")
+        if counted is None or not isinstance(counts := counted.known, BusCounts):
+            return FOUND
+        found = (key for key in counts.counts if any(matches(pattern, key) for pattern in FOUND))
+        return [key for key in found if key not in self._known and key.split("/")[1] not in self._cameras]
 
     # -- what they are given --------------------------------------------------------------------------------------
 
