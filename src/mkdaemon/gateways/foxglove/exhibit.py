@@ -7,6 +7,7 @@ given the last values at once, and nobody else is given them again.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -282,8 +283,13 @@ def _moment(sample: Sample) -> tuple[str, float, int]:
     stamp = sample.fields.get("stamp")
     if not isinstance(stamp, dict):
         return "", 0.0, 0
-    wall = min(max(nanoseconds(float(stamp.get("wall", 0.0))), 0), LATEST)
-    return str(stamp.get("boot", "")), float(stamp.get("monotonic", 0.0)), wall
+    wall, monotonic = (_finite(stamp.get(name)) for name in ("wall", "monotonic"))
+    return str(stamp.get("boot", "")), monotonic, min(max(nanoseconds(wall), 0), LATEST)
+
+
+def _finite(number: object) -> float:
+    """A number of a stamp; zero for what is none, as strangers may put."""
+    return float(number) if isinstance(number, int | float) and math.isfinite(number) else 0.0
 
 
 def _message(convert: Conversion | None, sample: Sample) -> bytes | None:
