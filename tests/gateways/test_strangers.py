@@ -23,13 +23,14 @@ from mkdaemon.gateways.ros2.parameters import Pace
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
+from mkdaemon.reading.known import MOST_CAMERAS
 from mkdaemon.telemetry.state import Position
 from tests.gateways.mavlink.rig import ATTITUDE, Ears, beat, serving, virtually
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
 from tests.gateways.strangers import strange
 
-COUNT = 400
+COUNT = 200
 WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_copy(update={"width": 1 << 64})})
 """No message has room for the width of this camera."""
 
@@ -126,6 +127,19 @@ def test_every_screen_says_something_of_it():
         reading.take(key, value, 1000.0)
         picture = reading.at(1000.5)
         assert list(diagnoses_of(picture)) and picture.facts and picture.headline
+
+
+def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
+    graph, reading = Graph(), Reading()
+    publishing = Publishing(graph, TOPICS, Scene(BagTypes()), Newest(), Pace({}))
+    for number in range(200):
+        key, value = f"vision/c{number}/tags", samples.tags()
+        publishing.take(sample_of(key, value))
+        reading.take(key, value, 1000.0)
+    assert len([name for name in graph.wires if name.endswith("/tag_markers")]) == MOST_CAMERAS
+    assert len(reading.at(1000.0).cameras()) == MOST_CAMERAS
+    reading.take("state/position", samples.position(), 1000.0)
+    assert reading.at(1000.0).fact("place").number is not None
 
 
 def test_what_json_has_not_makes_no_message():
