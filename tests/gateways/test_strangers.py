@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import msgpack
 import pytest
 from foxglove import Context
@@ -11,7 +9,7 @@ from foxglove.channel import Channel
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
-from mkdaemon.client.export.values import Value
+from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.foxglove import recording
@@ -25,12 +23,14 @@ from mkdaemon.gateways.ros2.parameters import Pace
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
+from mkdaemon.reading.known import MOST_CAMERAS
+from mkdaemon.telemetry.state import Position
 from tests.gateways.mavlink.rig import ATTITUDE, Ears, beat, serving, virtually
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
 from tests.gateways.strangers import strange
 
-COUNT = 400
+COUNT = 200
 WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_copy(update={"width": 1 << 64})})
 """No message has room for the width of this camera."""
 
@@ -94,10 +94,11 @@ async def test_foxglove_goes_on_showing(monkeypatch):
             sample.__dict__["value"] = value
             exhibit._take(sample)
         assert exhibit.faults.count > 0
-        await asyncio.sleep(0)
+        for odd in ("x", [], None, True, float("nan"), float("inf"), -1e308, 1e308, 2**70):
+            for name in ("wall", "monotonic", "boot"):
+                exhibit._take(Sample("state/position", {"stamp": {name: odd}}, encoding_of(Position)))
         shown.clear()
         exhibit._take(sample_of("state/position", samples.position()))
-        await asyncio.sleep(0)
         assert {"/state/position", "/fix"} <= set(shown)
     finally:
         await exhibit.close()
@@ -128,6 +129,19 @@ def test_every_screen_says_something_of_it():
         assert list(diagnoses_of(picture)) and picture.facts and picture.headline
 
 
+def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
+    graph, reading = Graph(), Reading()
+    publishing = Publishing(graph, TOPICS, Scene(BagTypes()), Newest(), Pace({}))
+    for number in range(200):
+        key, value = f"vision/c{number}/tags", samples.tags()
+        publishing.take(sample_of(key, value))
+        reading.take(key, value, 1000.0)
+    assert len([name for name in graph.wires if name.endswith("/tag_markers")]) == MOST_CAMERAS
+    assert len(reading.at(1000.0).cameras()) == MOST_CAMERAS
+    reading.take("state/position", samples.position(), 1000.0)
+    assert reading.at(1000.0).fact("place").number is not None
+
+
 def test_what_json_has_not_makes_no_message():
     for odd in (float("nan"), float("inf"), msgpack.Timestamp(1, 2)):
         assert json_message({"a": [odd]}) is None
@@ -147,7 +161,7 @@ def test_a_fault_is_logged_once_for_each_place_and_kind():
 @pytest.mark.parametrize("write", [recording.write, bag.write])
 def test_an_export_names_the_value_that_no_message_can_hold(tmp_path, write):
     fields = WIDE.model_dump(mode="json")
-    value = Value("mk1", "vision/down/setup", 1.7e9, 5.0, fields, "CameraSetup.v1")
+    value = ExportedValue("mk1", "vision/down/setup", 1.7e9, 5.0, fields, "CameraSetup.v1")
     with pytest.raises(MkError, match=r"vision/down/setup of mk1 at 1700000000.000 fits in no message .*format csv"):
         write([value], tmp_path / "out", overwrite=False)
     assert list(tmp_path.iterdir()) == []

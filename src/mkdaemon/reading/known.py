@@ -44,6 +44,8 @@ EACH: Final = tuple(spec.pattern for spec in _STREAMS if any(fnmatchcase(spec.pa
 """The same keys as `KEYS`, each by itself."""
 EVENTS: Final = tuple(spec.suffix for spec in TABLE if spec.suffix.startswith("event/"))
 """Keys of events."""
+MOST_CAMERAS: Final = 16
+"""Cameras of one vehicle; values of further ones are left: strangers may put under any name."""
 SIGN_OF_LIFE: Final = fresh_for("health") or 0.0
 """A daemon whose newest value is older is silent [s]."""
 
@@ -116,11 +118,14 @@ class LastValues:
         before = self.last.get(new.key)
         if before is not None and new.at < before.at:
             return
+        if before is None and new.key.startswith("vision/"):
+            cameras = {*self.cameras, new.key.split("/")[1]}
+            if len(cameras) > MOST_CAMERAS:
+                return
+            self.cameras = tuple(sorted(cameras))
         self.last[new.key] = new
         if _is_stream(new.key):
             self.silent_from = max(self.silent_from, new.at + SIGN_OF_LIFE)
-        if before is None and new.key.startswith("vision/"):
-            self.cameras = tuple(sorted({*self.cameras, new.key.split("/")[1]}))
 
     def copy(self) -> LastValues:
         """The same now, whatever comes later."""

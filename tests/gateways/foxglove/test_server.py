@@ -22,11 +22,13 @@ from mkdaemon.client.player import Player, PlayPace, open_player_session
 from mkdaemon.client.playselection import PlaySelection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
+from mkdaemon.gateways.foxglove import exhibit
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
 from mkdaemon.record.entry import Kind
 from mkdaemon.record.reader import Recording
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.event import LogEvent
+from mkdaemon.telemetry.record import BusCounts
 from tests.gateways.foxglove.viewer import SUBPROTOCOL, complaints, viewing
 from tests.places import DATA
 from tests.view.page import flights
@@ -39,13 +41,14 @@ class Aircraft:
 
     def __init__(self, session, name):
         self.session, self.name = session, name
-        self.last = {}
+        self.last, self.asked = {}, []
 
     def put(self, suffix, value):
         self.last[suffix] = value
         self.session.put(f"mk/{self.name}/{suffix}", encode(value), encoding=encoding_of(type(value)))
 
     def answer(self, query):
+        self.asked.append(str(query.key_expr).removeprefix(f"mk/{self.name}/"))
         for suffix, value in self.last.items():
             whole = f"mk/{self.name}/{suffix}"
             if query.key_expr.intersects(whole):
@@ -99,6 +102,37 @@ async def test_only_what_somebody_looks_at_is_subscribed_on_the_bus():
             await viewer.subscribe("/link/health")
             await wait_until(lambda: uav.is_watched("link/health"))
         await wait_until(lambda: not uav.is_watched("**"))  # its connection is gone
+
+
+async def test_a_value_comes_once_however_many_channels_are_made_of_its_key():
+    async with flying("mk1") as (address, uav), viewing(address) as viewer:
+        await viewer.subscribe("/state/attitude")
+        await wait_until(lambda: uav.is_watched("state/attitude"))
+        await viewer.subscribe("/diagnostics", "/tf", "/scene")  # of state/*, which holds the key, too
+        await wait_until(lambda: uav.is_watched("state/gps"))
+        await asyncio.sleep(0.2)  # the narrow subscription ends behind the wide one
+        for number in range(20):
+            uav.put("state/attitude", flights.attitude(1.0 + number))
+        await wait_until(lambda: len(viewer.of("/state/attitude")) >= 20)
+        await asyncio.sleep(0.2)
+        assert [one["stamp"]["monotonic"] for one in viewer.of("/state/attitude")] == [1.0 + n for n in range(20)]
+
+
+async def test_keys_that_come_later_are_found_by_what_the_daemon_counts(monkeypatch):
+    monkeypatch.setattr(exhibit, "LOOK_PERIOD", 0.1)
+    async with flying("mk1") as (address, uav), viewing(address) as viewer:
+        uav.put("bus/counts", BusCounts(stamp=flights.stamp(1.0), counts={"state/attitude": 5}))
+        await viewer.subscribe("/state/attitude")
+        await wait_until(lambda: uav.asked.count("bus/counts") > 3)
+        uav.asked.clear()
+        uav.put("vision/down/setup", flights.setup(2.0))
+        uav.put("rx/nc/osd", flights.alive(2.0))
+        counts = {"state/attitude": 9, "vision/down/setup": 1, "rx/nc/osd": 1}
+        uav.put("bus/counts", BusCounts(stamp=flights.stamp(2.0), counts=counts))
+        await wait_until(lambda: {"/camera/down/image", "/rx/nc/osd"} <= viewer.channels.keys())
+        await wait_until(lambda: uav.asked.count("bus/counts") > 3)
+        asked = [key for key in uav.asked if key != "bus/counts"]
+        assert sorted(asked) == ["rx/nc/osd", "vision/down/setup"], "each is asked for once, and nothing else is"
 
 
 async def test_who_comes_is_given_the_last_values_and_nobody_else():

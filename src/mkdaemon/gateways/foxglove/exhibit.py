@@ -7,7 +7,8 @@ given the last values at once, and nobody else is given them again.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -33,6 +34,7 @@ from mkdaemon.gateways.foxglove.topics import (
 from mkdaemon.gateways.keys import matches
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.base import Stamped
+from mkdaemon.telemetry.record import BusCounts
 
 LOOK_PERIOD: Final = 2.0
 """Between two looks for new keys, while somebody is subscribed to anything [s]."""
@@ -194,8 +196,8 @@ class Exhibit:
         if is_played:
             await self._is_watched.wait()
         while True:
-            for pattern in FOUND:
-                with suppress(MkError):  # a daemon that is busy is asked again
+            with suppress(MkError):  # a daemon that is busy is asked again
+                for pattern in FOUND if is_played else await self._unknown(client):
                     for suffix, sample in (await client.get_all(pattern)).items():
                         head, name, *_ = suffix.split("/")
                         if head == "vision":
@@ -204,6 +206,17 @@ class Exhibit:
                             self._add_key(suffix, sample.schema)
             await asyncio.sleep(LOOK_PERIOD)
             await self._is_watched.wait()
+
+    async def _unknown(self, client: Vehicle) -> Collection[str]:
+        """What the last values are asked for of: keys that the daemon has put and that are no channel yet.
+
+        Asked for every frame of the boards, daemon and gateway would be busy for some milliseconds, again and again.
+        """
+        counted = await client.get("bus/counts")
+        if counted is None or not isinstance(counts := counted.known, BusCounts):
+            return FOUND
+        found = (key for key in counts.counts if any(matches(pattern, key) for pattern in FOUND))
+        return [key for key in found if key not in self._known and key.split("/")[1] not in self._cameras]
 
     # -- what they are given --------------------------------------------------------------------------------------
 
@@ -270,8 +283,13 @@ def _moment(sample: Sample) -> tuple[str, float, int]:
     stamp = sample.fields.get("stamp")
     if not isinstance(stamp, dict):
         return "", 0.0, 0
-    wall = min(max(nanoseconds(float(stamp.get("wall", 0.0))), 0), LATEST)
-    return str(stamp.get("boot", "")), float(stamp.get("monotonic", 0.0)), wall
+    wall, monotonic = (_finite(stamp.get(name)) for name in ("wall", "monotonic"))
+    return str(stamp.get("boot", "")), monotonic, min(max(nanoseconds(wall), 0), LATEST)
+
+
+def _finite(number: object) -> float:
+    """A number of a stamp; zero for what is none, as strangers may put."""
+    return float(number) if isinstance(number, int | float) and math.isfinite(number) else 0.0
 
 
 def _message(convert: Conversion | None, sample: Sample) -> bytes | None:

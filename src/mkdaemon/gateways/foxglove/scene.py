@@ -56,7 +56,7 @@ PATH_PERIOD: Final = 0.5
 ELLIPSE_PERIOD: Final = 0.05
 """Between two ellipsoids [s]."""
 GOAL_LIFE: Final = 1.0
-"""A goal is not shown any longer when nobody has told it for so long [s]."""
+"""A goal disappears this time after its last value [s]."""
 LIFT: Final = 0.0005
 """A layer of print lies so far above the one below it, so that they do not flicker [m]."""
 CIRCLE: Final = 48

@@ -17,9 +17,9 @@ from mkdaemon.telemetry.vision import CameraSetup, VisionPose
 PLACE_KEYS: Final = ("control/estimate", "vision/*/pose", "state/attitude", "state/position")
 """Keys that say where the aircraft is."""
 OLD: Final = 1.0
-"""A camera's pose counts by itself once the flight core has said nothing for so long [s]."""
+"""A camera's pose counts by itself after this silence of the flight core [s]."""
 LOST: Final = 5.0
-"""GPS counts once no target has been seen for so long [s]."""
+"""GPS counts after this time without a target [s]."""
 
 
 class Whereabouts:

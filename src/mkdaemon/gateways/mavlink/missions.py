@@ -36,11 +36,11 @@ MESSAGES: Final = frozenset(
     }
 )
 AGAIN: Final = 0.7
-"""An item that does not come is asked for again after so long [s]."""
+"""Time after which a missing item is requested again [s]."""
 STORING: Final = 1.2
-"""The last item is asked for again so often while the board stores the list [s], so that its sender goes on waiting."""
+"""Period of requests for the last item while the board stores the list [s]: its sender keeps waiting."""
 ATTEMPTS: Final = 5
-"""An item is asked for so often."""
+"""Requests for one item."""
 MOST_ITEMS: Final = 1000
 """Items of an upload; no NaviCtrl holds more than 254 points."""
 _FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})

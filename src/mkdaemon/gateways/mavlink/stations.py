@@ -12,9 +12,9 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.telemetry import TABLE
 
 SILENCE: Final = 2.5
-"""A station whose heartbeat has been missing for so long is gone [s]; it sends one a second."""
+"""A station is gone this time after its last heartbeat [s]; it sends one a second."""
 FORGOTTEN: Final = 30.0
-"""A station that has been silent for so long is not sent streams any more [s]."""
+"""Streams to a station end this time after its last message [s]."""
 _MOST_PROGRAMS: Final = 16
 """Programs, by system and component, behind one address; a further one waits until one of them is silent."""
 _EARLY: Final = 0.2
@@ -90,7 +90,7 @@ class Station:
         return True
 
     def forget(self) -> None:
-        """Nobody is there any more; the next message begins anew."""
+        """Forget every program behind the address."""
         self._received.clear()
         self._beaten.clear()
         self.wish_for.clear()

@@ -19,7 +19,7 @@ PIECE: Final = 50
 _LONGEST: Final = 400
 """Bytes of a text; what is longer ends in dots."""
 AGAIN: Final = 3.0
-"""The same text is not said again for so long [s]."""
+"""Time in which the same text is not repeated [s]."""
 _REMEMBERED: Final = 64
 READ: Final = ("event/failsafe", "event/mode", "event/log", "event/mission")
 """Keys of the events that are told."""

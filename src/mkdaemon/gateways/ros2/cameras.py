@@ -16,7 +16,7 @@ from mkdaemon.telemetry.vision import CameraSetup, Tags, TagSighting
 POLYGON: Final = 3
 """Kind of an ImageMarker: a closed line."""
 SHOWN_FOR: Final = 1
-"""A marker that nothing renews goes after so long [s]."""
+"""Lifetime of a marker that is not renewed [s]."""
 _IDEAL: Final = ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
 """Corners of a tag in the order of apriltag_msgs, from bottom left counter-clockwise, in the plane of the tag."""
 

@@ -32,9 +32,9 @@ BUTTONS: Final = (
 TWIST: Final = "geometry_msgs/msg/Twist"
 TWIST_STAMPED: Final = "geometry_msgs/msg/TwistStamped"
 SILENCE: Final = 1.0
-"""A topic whose commands have ended must be silent for so long before it counts again [s]."""
+"""Silence of a topic after its commands ended, before it counts again [s]."""
 GONE: Final = 0.9
-"""A topic that says nothing for so long is not flown any more [s]; docs/safety.md, as a gamepad."""
+"""A topic is not flown any more after this silence [s]; docs/safety.md, as a gamepad."""
 
 
 def pad_facts(axes: Sequence[str], buttons: Sequence[str]) -> PadFacts:

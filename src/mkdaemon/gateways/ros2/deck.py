@@ -21,9 +21,9 @@ from mkdaemon.gateways.ros2.commands import CommandStream
 PERIOD: Final = 0.02
 """Between two looks while something is flown, or a pad is there [s]."""
 PAD_GONE: Final = 3.0
-"""A pad not heard for so long is forgotten [s]; its sticks are neutral after 0.25 s, and let go of after 0.9 s."""
+"""A pad is forgotten after this silence [s]; its sticks are neutral after 0.25 s, and let go of after 0.9 s."""
 PROOF: Final = 0.2
-"""A hold that has been flown for so long has begun [s]."""
+"""A hold has begun once it has been flown for this time [s]."""
 PAD: Final = "joy"
 HOLD: Final = "hold"
 

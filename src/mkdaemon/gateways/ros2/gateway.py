@@ -39,6 +39,7 @@ from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings,
 from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
 from mkdaemon.reading.diagnoses import Diagnosis, Level
+from mkdaemon.reading.known import MOST_CAMERAS
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
@@ -112,6 +113,7 @@ class Publishing:
         self._node, self._rows, self._scene, self._pace = node, rows, scene, pace
         self._publishers: dict[str, Any] = {}
         self._outlets: dict[str, list[Outlet]] = {}
+        self._cameras: set[str] = set()
         for row in rows:
             if "*" not in row.key:
                 self._publisher(row, row.name)
@@ -123,6 +125,8 @@ class Publishing:
             sample: as it came.
             is_last: a last value from before the start: only who gets one late anyway gets it.
         """
+        if not self._is_known(sample.suffix):
+            return
         outlets = self._outlets_of(sample.suffix)
         wanted = [outlet for outlet in outlets if outlet.is_wanted]
         if is_last:
@@ -141,6 +145,14 @@ class Publishing:
                     outlet.publish(value, self._scene)
         if keeps:
             self.newest.keep(sample.suffix, value)
+
+    def _is_known(self, suffix: str) -> bool:
+        """Whether a key is of a camera that has its publishers, or of none."""
+        head, _, rest = suffix.partition("/")
+        name = rest.partition("/")[0]
+        if head == "vision" and len(self._cameras) < MOST_CAMERAS:
+            self._cameras.add(name)
+        return head != "vision" or name in self._cameras
 
     def _outlets_of(self, suffix: str) -> list[Outlet]:
         outlets = self._outlets.get(suffix)

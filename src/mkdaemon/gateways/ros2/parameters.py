@@ -112,7 +112,7 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
 
 
 class Pace:
-    """Lets so many values of each topic through that its rate is kept; by their stamps, so nothing waits.
+    """Limits the rate of each topic, by the stamps of its values, so nothing waits.
 
     Attributes:
         rates: by the topic's word [Hz]; 0 for all.
