@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import msgpack
+import pytest
 from foxglove import Context
 from foxglove.channel import Channel
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
+from mkdaemon.client.export.values import Value
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.faults import Faults
+from mkdaemon.gateways.foxglove import recording
 from mkdaemon.gateways.foxglove.exhibit import Exhibit
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.topics import json_message
+from mkdaemon.gateways.ros2 import bag
 from mkdaemon.gateways.ros2.gateway import Publishing
 from mkdaemon.gateways.ros2.messages import Scene
 from mkdaemon.gateways.ros2.parameters import Pace
@@ -87,8 +94,10 @@ async def test_foxglove_goes_on_showing(monkeypatch):
             sample.__dict__["value"] = value
             exhibit._take(sample)
         assert exhibit.faults.count > 0
+        await asyncio.sleep(0)
         shown.clear()
         exhibit._take(sample_of("state/position", samples.position()))
+        await asyncio.sleep(0)
         assert {"/state/position", "/fix"} <= set(shown)
     finally:
         await exhibit.close()
@@ -133,3 +142,12 @@ def test_a_fault_is_logged_once_for_each_place_and_kind():
         with faults.contained("here"):
             raise OverflowError
     assert faults.count == 3 and faults._logged == {("here", "OverflowError")}
+
+
+@pytest.mark.parametrize("write", [recording.write, bag.write])
+def test_an_export_names_the_value_that_no_message_can_hold(tmp_path, write):
+    fields = WIDE.model_dump(mode="json")
+    value = Value("mk1", "vision/down/setup", 1.7e9, 5.0, fields, "CameraSetup.v1")
+    with pytest.raises(MkError, match=r"vision/down/setup of mk1 at 1700000000.000 fits in no message .*format csv"):
+        write([value], tmp_path / "out", overwrite=False)
+    assert list(tmp_path.iterdir()) == []

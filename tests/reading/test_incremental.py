@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
-from mkdaemon.reading.known import KEYS, Grounds, Held, Knowledge
+from mkdaemon.reading.known import KEYS, Grounds, Knowledge, LastValues
 from tests.reading.situations import SITUATIONS
 from tools.top_picture import KNOWN
 
@@ -33,7 +33,7 @@ def steps(draw):
     return [*found, (now, None, None)]
 
 
-def said(picture):
+def content(picture):
     """Everything that a picture says; its parts in another order than they are looked at by `diagnoses_of`."""
     parts = list(diagnoses_of(picture))
     return picture.alarms, picture.headline, picture.tone, picture.offers, picture.causes, parts, picture.facts
@@ -51,11 +51,11 @@ def test_any_order_of_values_and_times_gives_the_picture_that_is_made_from_nothi
         afresh = Reading()
         for one in taken:
             afresh.take(*one)
-        expected = said(afresh.at(now))
-        assert said(reading.at(now)) == expected
+        expected = content(afresh.at(now))
+        assert content(reading.at(now)) == expected
         pictures.append((reading.at(now), expected))
     for picture, expected in pictures:  # a picture stays as it was, whatever came after it
-        assert said(picture) == expected
+        assert content(picture) == expected
 
 
 def looked(reading, now, look):
@@ -109,7 +109,7 @@ def test_a_new_value_a_new_camera_and_a_moment_before_make_a_look_again():
 
 
 def test_a_look_that_fails_leaves_nothing_behind():
-    known = Knowledge(Held(), 0.0)
+    known = Knowledge(LastValues(), 0.0)
     with pytest.raises(ZeroDivisionError):
         known.remembered("bad", lambda _: 1 / 0)
     known.age(reading_of().at(0.0).last("health", object))
@@ -120,7 +120,7 @@ def test_a_look_that_fails_leaves_nothing_behind():
 def test_every_key_of_the_table_is_looked_at_through_what_notes_it():
     """Facts, alarms and numbers read the last values by no other way: otherwise a change would not be seen."""
     reading = reading_of()
-    said(reading.at(1000.0))
+    content(reading.at(1000.0))
     grounds = [grounds for grounds, _ in reading.at(1000.0).held.looks.values()]
     read = {key for each in grounds for key in each.values}
     assert {"health", "control/status", "link/health", "state/battery", "vision/down/stats"} <= read

@@ -1,4 +1,4 @@
-"""What keeps a flood of one client from costing another its lease.
+"""Limits that keep a flood of one client from costing another its lease.
 
 What is too long is dropped inside Zenoh, before Python sees it, and so are setpoints of strangers (`setpointroot`) and
 what they put to keys of the daemon. The rest is bounded here, on Zenoh's threads, and counted. Zenoh's own limit of a
@@ -156,7 +156,7 @@ class Silencer(Budget):
 
 
 class QueryBudgets:
-    """How many commands of each kind are taken."""
+    """Budgets of commands by kind."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._budgets = {kind: Budget(rate, clock) for kind, rate in QUERY_RATES.items()}

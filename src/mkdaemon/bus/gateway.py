@@ -165,7 +165,7 @@ class Bus:
         self._published.put(suffix, value, schema)
 
     def counts(self) -> dict[str, int]:
-        """How many values were published since the start, by key without `mk/<vehicle>/`."""
+        """Number of values published since the start, by key without `mk/<vehicle>/`."""
         return self._published.counts()
 
     async def wait_until_watched(self) -> None:
@@ -255,7 +255,7 @@ class Bus:
             take(Arrived(time.monotonic(), payload, b"", None, sample.source_info))
 
     def take_shed(self) -> dict[str, int]:
-        """How much of what was shed since the last call, because it was too much."""
+        """Numbers of samples dropped by flood limits since the last call, by kind."""
         return self._shed.take()
 
     def watch_client(self, name: str | None, watcher: Watcher) -> None:

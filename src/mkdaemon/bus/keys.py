@@ -247,6 +247,6 @@ def roots(use: Use) -> tuple[str, ...]:
 
 @lru_cache(maxsize=512)  # strangers name keys too
 def fresh_for(suffix: str) -> float | None:
-    """How old the last value of a key may be and still be the present one [s]; see `KeySpec.fresh`."""
+    """Largest age of a present value of a key [s]; see `KeySpec.fresh`."""
     spec = find(suffix)
     return None if spec is None else spec.fresh

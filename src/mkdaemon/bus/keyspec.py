@@ -1,4 +1,4 @@
-"""What the table of keys says about a key."""
+"""A row of the table of keys."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"}
 
 
 class Use(StrEnum):
-    """How a key is used."""
+    """Use of a key."""
 
     PUBLISHED = "published"
     """The daemon puts it; a query answers with the last value and its `age`."""

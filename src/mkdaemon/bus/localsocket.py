@@ -1,4 +1,4 @@
-"""Where the daemon's Unix socket lies, the way in that needs no Zenoh, and what is said over it.
+"""The daemon's Unix socket, an entry without Zenoh: its path and its protocol.
 
 One request a connection: a line `VERB` or `VERB TEXT`, at most `REQUEST_BYTES` long. One answer: a `CommandResult` as a
 line of JSON. The verbs are those of `VERBS`; they do, and refuse, the same as `do/<verb>`.

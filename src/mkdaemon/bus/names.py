@@ -19,7 +19,7 @@ def key(vehicle: str, suffix: str, root: str = ROOT) -> str:
 
 
 def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
-    """What follows `<root>/<vehicle>/` in a key.
+    """The part after `<root>/<vehicle>/` of a key.
 
     Raises:
         ValueError: the key belongs to another vehicle.
@@ -32,7 +32,7 @@ def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
 
 
 def received_suffix(vehicle: str, whole: str, root: str = ROOT) -> str | None:
-    """What follows `<root>/<vehicle>/` in the key of something that arrived.
+    """The part after `<root>/<vehicle>/` of a received key.
 
     Returns:
         None if it names no key of this vehicle: programs may put to a wildcard, `mk/**`, and it arrives as such.

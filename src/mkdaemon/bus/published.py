@@ -1,4 +1,4 @@
-"""What is published: put, recorded, counted, and remembered as the key's last value."""
+"""Publishes values: put, recorded, counted, and kept as the key's last value."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PublishedValues:
         publisher.put(payload, encoding=encoding)
 
     def counts(self) -> dict[str, int]:
-        """How many values were put, by key."""
+        """Number of published values, by key."""
         return dict(self._counts)
 
     def answer_last(self, query: zenoh.Query) -> None:

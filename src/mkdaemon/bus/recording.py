@@ -1,4 +1,4 @@
-"""What the bus shows to a recorder."""
+"""The bus as a recorder sees it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class BusRecorder(Protocol):
 
 
 class NoRecorder:
-    """Where nothing is recorded."""
+    """Recorder that records nothing."""
 
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take no notice."""
@@ -62,7 +62,7 @@ class NoRecorder:
 
 
 def recorded_taker(recorder: BusRecorder, suffix: str, encoding: str, take: Taker) -> Callable[[Arrived], None]:
-    """What hands the setpoints of a key to a recorder and then to `take`, and its refusals to the recorder again.
+    """Pass the setpoints of a key to a recorder and then to `take`, and its refusals to the recorder.
 
     Args:
         recorder: hears of them.

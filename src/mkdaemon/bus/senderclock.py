@@ -1,4 +1,4 @@
-"""When a setpoint was sent, by the daemon's clock: its age counts from there, and not from when it was read.
+"""Converts a setpoint's send time to the daemon's clock: its age counts from then, not from its arrival.
 
 A client that sends more than this machine reads leaves a queue in the kernel: what is read last was sent seconds ago,
 and would be flown after the client's death. The clock of the sender may be of another machine, so nothing is known of
@@ -26,7 +26,7 @@ class SenderClock:
         self._lock = threading.Lock()
 
     def sent(self, epoch: int, stamp: float, arrived: float) -> float:
-        """When a setpoint was sent, by our clock [s]; never after it arrived.
+        """Send time of a setpoint, by our clock [s]; never after its arrival.
 
         Args:
             epoch: of the lease whose holder signed it; another one has another clock.

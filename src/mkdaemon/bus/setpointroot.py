@@ -1,4 +1,4 @@
-"""Where setpoints arrive: below a root that only holders of a lease know.
+"""The root of setpoint keys, known only to holders of a lease.
 
 Each sample of a key with a subscriber in Python costs the interpreter, on one of the two threads on which Zenoh
 receives from every connection. Two strangers that put 300,000 setpoints a second between them held up the pilot's for

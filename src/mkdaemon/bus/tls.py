@@ -1,4 +1,4 @@
-"""Why a TLS connection does not come about: Zenoh only says that there is none."""
+"""Finds why a TLS connection fails: Zenoh only reports that there is none."""
 
 from __future__ import annotations
 

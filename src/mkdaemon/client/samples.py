@@ -75,7 +75,7 @@ def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
             value = msgpack.unpackb(raw)
         elif "json" in encoding:
             value = json.loads(raw)
-    return value if isinstance(value, dict) and all(isinstance(name, str) for name in value) else {"value": value}
+    return value if isinstance(value, dict) and set(map(type, value)) <= {str} else {"value": value}
 
 
 @lru_cache(maxsize=512)

@@ -84,7 +84,7 @@ class SettingsVerbs(Asking):
 
         Args:
             sets: What to write.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             dry_run: Read and compare only; needs no `confirm`.
             on_progress: called with every step.
 
@@ -111,7 +111,7 @@ class SettingsVerbs(Asking):
 
         Args:
             values: New values by name; potis as `poti1`, bits as a list of names.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             slot: Number of the set; None for the active one.
             dry_run: Read and compare only; needs no `confirm`.
             on_progress: called with every step.
@@ -137,7 +137,7 @@ class SettingsVerbs(Asking):
 
         Args:
             action: `retry`: try at once; `discard` (needs `confirm`): forget every note, because you know what is live.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             on_progress: called with every step.
 
         Raises:
@@ -226,7 +226,7 @@ class RouteVerbs(Asking):
         """Make the list ready to be flown by the pilot's GPS switch, in flight.
 
         Args:
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             on_progress: called with every step.
 
         Raises:
@@ -240,7 +240,7 @@ class RouteVerbs(Asking):
         With the GPS switch at coming home the aircraft flies home.
 
         Args:
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             on_progress: called with every step.
 
         Raises:
@@ -269,7 +269,7 @@ class NaviVerbs(Asking):
         Args:
             position: East, north and up of home [m]. Up is flown only with height control; else the pilot's throttle
                 holds it.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             heading_deg: Compass heading to turn to [deg]; None keeps the heading.
             radius: The place counts as reached within this distance [m]; GPS is good for 2 to 3 m.
             hold: Time to stay there [s]; then a NaviCtrl 0.24 flies home.
@@ -310,7 +310,7 @@ class MixerVerbs(Asking):
         Args:
             name: At most twelve ASCII characters.
             motors: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             on_progress: called with every step.
 
         Raises:
@@ -353,7 +353,7 @@ class MotorControllersVerbs(Asking):
 
         Args:
             motor: Which one.
-            confirm: Must be true: what is written decides how the aircraft flies.
+            confirm: Must be true: the values change how the aircraft flies.
             pwm_scaling: Limits the largest PWM; None keeps it, as for all items.
             current_limit: [A]
             temperature_limit: [degC]

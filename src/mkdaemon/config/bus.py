@@ -10,7 +10,7 @@ from mkdaemon.config.base import Section
 
 
 class BusConfig(Section):
-    """Where the daemon meets its clients."""
+    """The Zenoh bus between daemon and clients."""
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     """Zenoh endpoints to listen on. What the network reaches and asks for no client certificate (docs/security.md) and

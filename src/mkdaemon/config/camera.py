@@ -36,7 +36,7 @@ def read_image_secret(path: Path) -> str:
 
 
 class MountSection(Section):
-    """How a camera sits on the vehicle."""
+    """Mounting of a camera on the vehicle."""
 
     position_flu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Optical centre in the body frame: forward, left, up [m].

@@ -46,7 +46,7 @@ class ChannelsSection(Section):
 
 
 class ButtonsSection(Section):
-    """What presses do. An axis is a button with `+` or `-` behind its name, for example "ABS_HAT0X-", "ABS_Z+"."""
+    """Functions of buttons. An axis is a button with `+` or `-` behind its name, for example "ABS_HAT0X-", "ABS_Z+"."""
 
     enable: Press
     """The enable button: nothing is sent unless it is held; releasing it releases the aircraft."""
@@ -79,7 +79,7 @@ class ButtonsSection(Section):
 
 
 class AxisSection(Section):
-    """How a stick feels."""
+    """Response of a stick."""
 
     rate: float = Field(default=30.0, gt=0, le=127)
     """Full deflection [stick]; the limiter of the daemon still applies."""
@@ -92,7 +92,7 @@ class AxisSection(Section):
 
 
 class ThrustSection(Section):
-    """What the thrust stick asks for [stick from the centre]: lowest, hover and highest at its low, middle and top."""
+    """Throttle by the thrust stick [stick from the centre]: lowest, hover and highest at its low, middle and top."""
 
     lowest: float = Field(default=-100.0, ge=-127, le=127)
     """Stick at its lowest."""

@@ -1,4 +1,4 @@
-"""Where the mapping files of gamepads are."""
+"""Finds the mapping files of gamepads."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mkdaemon.files import user_folder
 
 
 def own_folder() -> Path:
-    """Where the mappings are that were learned on this machine; they go before those of mkdaemon."""
+    """Folder of the mappings learned on this machine; they precede those of mkdaemon."""
     return user_folder("XDG_CONFIG_HOME") / "gamepads"
 
 
 def shipped_folder() -> Path:
-    """Where the mappings are that come with mkdaemon; see `samples_folder`."""
+    """Folder of mkdaemon's own mappings; see `samples_folder`."""
     installed = samples_folder() / "gamepads"
     return installed if installed.is_dir() else Path("configs") / "gamepads"
 

@@ -123,18 +123,18 @@ def is_list(annotation: Any) -> bool:
 
 
 def heading_of(model: type[BaseModel], section: str) -> str:
-    """How a section is written: a table, or one of a list of tables."""
+    """Heading of a section: a table, or one of a list of tables."""
     return f"[[{section}]]" if is_list(section_at(model, section).annotation) else f"[{section}]"
 
 
 def about_section(model: type[BaseModel], section: str) -> str:
-    """What a section is for."""
+    """Purpose of a section."""
     part = section_model(section_at(model, section).annotation)
     return "" if part is None else " ".join((part.__doc__ or "").split())
 
 
 def limits_of(field: dict[str, Any]) -> str:
-    """What values a field of a JSON schema may have, in words; empty where any."""
+    """Allowed values of a field of a JSON schema, in words; empty for any."""
     words = []
     for part in (field, *field.get("anyOf", ())):
         words += [f"{sign} {part[limit]:g}" for limit, sign in _LIMITS.items() if limit in part]

@@ -38,7 +38,7 @@ class Layered(NamedTuple):
     origins: Mapping[str, str]
 
     def origin(self, dotted: str) -> str:
-        """Where the value of a key comes from."""
+        """Source of a key's value."""
         return self.origins.get(dotted, DEFAULT)
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in one line: file, line, key, what is needed, the nearest valid key."""
+"""Mistakes of a configuration, one line each: file, line, key, what is needed, the nearest valid key."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a name may look like."""
+"""Patterns of valid names."""
 
 from __future__ import annotations
 

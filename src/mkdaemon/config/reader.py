@@ -83,7 +83,7 @@ def validated(
 
 
 def samples_folder() -> Path:
-    """Where the sample configurations are: in the source tree that this module is read from, or installed beside it."""
+    """Folder of the sample configurations: in the source tree of this module, or installed beside the package."""
     tree = Path(__file__).parents[3] / "configs"
     return tree if tree.is_dir() else Path(sysconfig.get_path("data")) / "share" / "mkdaemon" / "configs"
 

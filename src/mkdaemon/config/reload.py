@@ -1,4 +1,4 @@
-"""What a running daemon takes up of a file that was changed, and what needs a restart."""
+"""Changes of a configuration file that a running daemon applies, and those that need a restart."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class Reload(NamedTuple):
-    """What becomes of a changed configuration.
+    """Result of a changed configuration.
 
     Attributes:
         cfg: the running one with all that can be taken up.

@@ -18,7 +18,7 @@ from mkdaemon.config.vision import VisionSection
 
 
 class DaemonSections(Section):
-    """What the daemon reads of a file: every section may be left out, every key has a documented default."""
+    """Sections of a file that the daemon reads: each may be left out, every key has a documented default."""
 
     vehicle: VehicleConfig = VehicleConfig()
     """Which aircraft this is."""

@@ -1,1 +1,1 @@
-"""What decides how the aircraft moves, pure: authority and the final limiter."""
+"""The flight core: authority, manoeuvres and the output limiter. Pure."""

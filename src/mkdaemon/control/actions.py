@@ -1,4 +1,4 @@
-"""What the flight core wants done: small frozen values that the daemon carries out in order."""
+"""Actions of the flight core: small frozen values that the daemon carries out in order."""
 
 from __future__ import annotations
 

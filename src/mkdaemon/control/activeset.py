@@ -1,4 +1,4 @@
-"""What the active parameter set of the FlightCtrl says about a flight, as far as checks before it need to know."""
+"""Facts of the FlightCtrl's active parameter set that the checks before a flight need."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ OPEN_ABOVE: Final = 128
 
 
 class GateKind(Enum):
-    """What ExternalControl of the active set is."""
+    """Kind of value of ExternalControl in the active set."""
 
     UNKNOWN = auto()
     """It cannot be read here; the pilot's own check decides."""

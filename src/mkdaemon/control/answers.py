@@ -238,7 +238,7 @@ class AnswerWatch:
         return self._gate is not None and not self._gate[0] and now - self._gate[1] <= GATE_FRESH
 
     def missing_words(self, now: float) -> str:
-        """Why the sticks do not act, as far as it is known now [s]; empty where they may."""
+        """Known reason why the sticks do not act, at a time [s]; empty if they may."""
         if self.is_gate_shut(now):
             return "the board reports the gate shut"
         return "its tilt does not follow them" if self.is_missing else ""

@@ -18,7 +18,7 @@ from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.manoeuvre import Step
 from mkdaemon.control.modes import IN_FLIGHT, READY, Conditions, Reaction, Row, Trigger, find_row
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import LeaseGrant, LeaseState, Outcome, Phase, Progress
+from mkdaemon.telemetry.control import NEVER_TAKEN, LeaseGrant, LeaseState, Outcome, Phase, Progress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey
@@ -187,7 +187,7 @@ class Authority:
         self._pending: ReleaseOrder | None = None
         self._may_begin = False
         self.phase = Phase.FREE
-        self.reason = "no lease was requested yet"
+        self.reason = NEVER_TAKEN
         self.aborts = 0
         self.progress: Progress | None = None
         self.outcome: Outcome | None = None

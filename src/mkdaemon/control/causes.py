@@ -1,4 +1,4 @@
-"""Why a flight by the target has no pose: the chain of causes, from what ends the flight down to its root. Pure.
+"""Causes for a missing pose in a flight by the target: the chain from the effect down to the root. Pure.
 
 Each link of the chain is looked for by itself; what is not known is left out.
 """
@@ -17,7 +17,7 @@ ATTITUDE_OVERDUE: Final = 0.4
 
 
 def causes(facts: VehicleFacts, *, pose_age: float, attitude_age: float | None, now: float) -> tuple[Cause, ...]:
-    """Why there is no pose, the effect first.
+    """Causes for a missing pose, the effect first.
 
     Args:
         facts: what is known of the cameras and the line.

@@ -306,7 +306,7 @@ class FlightCore:
 
     @property
     def phase(self) -> Phase:
-        """Where authority stands."""
+        """Phase of control."""
         return self._authority.phase
 
     @property

@@ -115,7 +115,7 @@ class StateValue(Event):
 
 @dataclass(frozen=True, slots=True)
 class MotorsReported(Event):
-    """What a message says about the motors."""
+    """The motors' state from a message."""
 
     are_running: bool
 
@@ -153,7 +153,7 @@ class SightRefused(Event):
 
 @dataclass(frozen=True, slots=True)
 class EyeStats(Event):
-    """What a camera says of itself."""
+    """State of a camera."""
 
     stats: VisionStats
 
@@ -171,7 +171,7 @@ class FreeDisk(Event):
 
 @dataclass(frozen=True, slots=True)
 class CellsKnown(Event):
-    """How many cells the battery has, as configured or remembered."""
+    """Number of the battery's cells, configured or remembered."""
 
     cells: int
 
@@ -201,7 +201,7 @@ class ActiveSetRead(Event):
 
 @dataclass(frozen=True, slots=True)
 class LineChanged(Event):
-    """What the link can take now is another than before."""
+    """The link accepts something else than before."""
 
     line: ControlLine
 
@@ -270,7 +270,7 @@ class Released(Event):
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What the flight core answers to an event.
+    """Answer of the flight core to an event.
 
     Attributes:
         refusal: why what was asked for was refused; None where it was not.

@@ -58,7 +58,7 @@ class Flown:
     # -- at the door ----------------------------------------------------------------------------------------------
 
     def change(self, setpoint: Setpoint, phase: Phase) -> tuple[NewManoeuvre, Concern | None] | None:
-        """What a setpoint asks of admission: what begins, and after what; None where it flies on as it was admitted.
+        """The beginning that a setpoint needs from admission; None if it continues as admitted.
 
         Raises:
             CommandRejectedError: `no_guidance`: it cannot be followed.
@@ -78,7 +78,7 @@ class Flown:
 
     @property
     def concern(self) -> Concern | None:
-        """What is flown, as admission knows it; None before the first setpoint."""
+        """The present manoeuvre for admission; None before the first setpoint."""
         if self.current is None:
             return None
         return Concern.ATTITUDE if isinstance(self.current, Level) else Concern(self.current.kind)

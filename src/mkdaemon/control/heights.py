@@ -1,4 +1,4 @@
-"""What the barometer says of the heights that cameras show, in the words of a refusal and of a warning. Pure.
+"""Refusal and warning if the barometer contradicts the heights of the cameras. Pure.
 
 The comparison is the cameras' own (`vision/<camera>/stats`, docs/vision.md, "Self-calibration").
 """

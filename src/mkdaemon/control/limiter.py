@@ -46,7 +46,7 @@ class StickCounts(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StickRange:
-    """What one layout of external control can carry.
+    """Range of one layout of external control.
 
     Attributes:
         tilt: largest pitch, roll and yaw [stick].

@@ -15,7 +15,7 @@ from mkdaemon.telemetry.control import Phase
 
 
 class Trigger(StrEnum):
-    """What can happen to authority."""
+    """Events of authority."""
 
     TICK = "tick"
     """Time has passed, or a setpoint has arrived: the stream is judged."""
@@ -54,7 +54,7 @@ class Trigger(StrEnum):
 
 
 class Reaction(StrEnum):
-    """What a transition sends."""
+    """Output of a transition."""
 
     NOTHING = "nothing"
     """No stick frame."""
@@ -72,7 +72,7 @@ class Reaction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What the guards of rows look at.
+    """Facts that the guards of rows use.
 
     Attributes:
         is_held: a client holds the lease.

@@ -38,7 +38,7 @@ ALIKE: Final = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """What the comparison found.
+    """Result of the comparison.
 
     Attributes:
         lag: error of the images' time stamps, positive if they are too late [s].

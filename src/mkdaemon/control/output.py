@@ -52,7 +52,7 @@ class StickOutput:
 
     @property
     def next_step(self) -> float:
-        """When the boards can take the next frame, and `control.rate` allows one [s]."""
+        """Earliest time of the next frame, by the boards and by `control.rate` [s]."""
         return max(self._made_at + self.step, self._due_at - AHEAD / self._cfg.rate)
 
     def engage(self, sticks: Sticks, now: float) -> None:

@@ -1,4 +1,4 @@
-"""When the flight core ticks: at once after news, in time to repeat a setpoint, just after a deadline.
+"""Times of the flight core's ticks: at once after news, in time to repeat a setpoint, just after a deadline.
 
 A flight by images is the other way round: an image is answered at once, and between two the core ticks at its own rate,
 whenever setpoints come. What is streamed there hardly changes, and what an image shows is late enough. The last tick

@@ -1,4 +1,4 @@
-"""What the pilot's hands do, by phase, manoeuvre and stage: one table, published in `control/status`. Pure.
+"""The pilot's task by phase, manoeuvre and stage: one table, published in `control/status`. Pure.
 
 Stock firmware takes the smaller of the pilot's throttle and ours, so his stick is the lid of every flight:
 docs/flying.md, "Who controls the throttle". docs/modes.md shows the table.
@@ -15,10 +15,10 @@ from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.telemetry.control import Phase, Progress
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
 
-LID: Final = "holds the throttle a quarter above hover, the other sticks centred, a finger at the gate"
-"""Of nearly every flight of the machine."""
-CAPPED: Final = "raises the throttle above hover, now: it caps the machine's and the aircraft sinks"
-"""In flight while his throttle is the smaller one."""
+LID: Final = "holds the throttle a quarter above hover, the other sticks centred, ready to shut the gate"
+"""In nearly every automatic flight."""
+CAPPED: Final = "raises the throttle above hover, now: the smaller throttle counts, and the aircraft sinks"
+"""In flight while the pilot's throttle is the smaller one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ def _flying(kind: str, stage: str, words: str) -> Hands:
 
 _LANDING: Final = LandSetpoint.suffix.removeprefix("setpoint/")
 _STANDS: Final = "pulls the throttle down, stops the motors, then shuts the gate"
-_BY_HAND: Final = f"{LID}; nothing holds the place"
+_BY_HAND: Final = f"{LID}; the position is not held"
 HANDS: Final = (
     Hands(Phase.FREE, "", "", "flies"),
     Hands(
@@ -57,14 +57,14 @@ HANDS: Final = (
     _flying(
         TakeOffSetpoint.suffix,
         TakeOffPhase.IDLE.value,
-        "raises the throttle to a quarter above hover within 3 s: nothing moves while the machine's is the smaller",
+        "raises the throttle to a quarter above hover within 3 s; nothing moves yet",
     ),
     _flying(LandSetpoint.suffix, LandingPhase.DOWN.value, _STANDS),
     _flying(LandSetpoint.suffix, "", "holds the throttle a quarter above hover until the feet stand, then down"),
     _flying(StickSetpoint.suffix, "", _BY_HAND),
     _flying(AttitudeSetpoint.suffix, "", _BY_HAND),
     Hands(Phase.FLYING, "", "", LID),
-    Hands(Phase.STALE, "", "", "shuts the gate and flies, unless the machine goes on at once"),
+    Hands(Phase.STALE, "", "", "shuts the gate and flies, unless the setpoints resume at once"),
     Hands(
         Phase.UNANSWERED,
         "",
@@ -84,7 +84,7 @@ _LOW_THROTTLE: Final = frozenset({TakeOffPhase.IDLE.value, LandingPhase.DOWN.val
 
 
 def pilots_hands(phase: Phase, progress: Progress | None, *, is_capped: bool) -> str:
-    """What the pilot does now, after "the pilot".
+    """The pilot's present task, after "the pilot".
 
     Args:
         phase: of authority.

@@ -1,4 +1,4 @@
-"""What the flight core reports about itself, and how often: phases, status, refused setpoints, frames not sent."""
+"""Reports of the flight core and their rates: phases, status, refused setpoints, frames not sent."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ class Reports:
         lease = authority.lease(now)
         progress = authority.progress
         lid = self._output.lid.pilots_throttle if authority.phase in IN_FLIGHT else None
-        sinks = "the aircraft sinks, whatever is asked for, until he raises it above hover"
+        sinks = "the aircraft sinks until the pilot raises it above hover"
         self._warn_once("lid", "" if lid is None else f"the pilot's throttle ({lid:+.0f}) caps ours: {sinks}")
         news = (
             authority.phase,

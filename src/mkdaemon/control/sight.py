@@ -105,7 +105,7 @@ class Sight:
 
     @property
     def attitude_age(self) -> float:
-        """How old an attitude is when it arrives, as far as is known [s]."""
+        """Estimated age of an attitude at its arrival [s]."""
         return self._known_model().attitude_age
 
     def _known_model(self) -> AircraftModel:

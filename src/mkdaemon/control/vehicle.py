@@ -1,4 +1,4 @@
-"""What is known about the vehicle and how old that knowledge is: motors, flight, pilot, link, poses."""
+"""Newest values of the vehicle with their ages: motors, flight, pilot, link, poses."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class VehicleFacts:
 
     @property
     def eyes(self) -> tuple[VisionStats, ...]:
-        """What each camera last said of itself."""
+        """Latest state of each camera."""
         return tuple(self._eyes.values())
 
     @property
@@ -110,7 +110,7 @@ class VehicleFacts:
         return self._known_cells is None and self.certain_cells is None and self.cells is not None
 
     def limit_line(self, line: ControlLine) -> ControlLine:
-        """What the line can take, as far as the FlightCtrl can be there to obey."""
+        """What the line accepts, if the FlightCtrl is present."""
         return ControlLine(obstacle=Obstacle.READ_ONLY, reason=FC_LOST) if self.is_fc_lost else line
 
     def motors_running(self, now: float, within: float = FRESH) -> bool | None:
@@ -134,7 +134,7 @@ class VehicleFacts:
         return value if isinstance(value, kind) and now - at <= FRESH else None
 
     def throttle_in_use(self, low_cell: float | None = None) -> ThrottleReport | None:
-        """What the FlightCtrl last said of its throttle; None where it does not.
+        """Latest throttle report of the FlightCtrl; None without one.
 
         Above the voltage of its low-battery warning the FlightCtrl takes throttle back as the voltage is higher.
 

@@ -19,7 +19,7 @@ _SHOWN: Final = 16
 
 
 class Outlet(Protocol):
-    """Where values are published: `mkdaemon.bus.gateway.Bus` in earnest."""
+    """Publisher of values: `mkdaemon.bus.gateway.Bus` in the daemon."""
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Put a value under a key; see `Bus.publish`."""
@@ -33,7 +33,7 @@ class Audit:
         self._clock = clock
 
     def report(self, report: Report, at: float) -> None:
-        """What the flight core reports at a time [s; monotonic]."""
+        """Publish a report of the flight core at a time [s; monotonic]."""
         match report:
             case ReportCommand():
                 self.command(report.key, report.fields, report.result, at)

@@ -71,7 +71,7 @@ class BlackBox:
 
     @property
     def bus_recorder(self) -> BusRecorder:
-        """What the bus shows everything to."""
+        """Recorder of the bus."""
         return NoRecorder() if self.tap is None else self.tap
 
     @asynccontextmanager
@@ -92,7 +92,7 @@ class BlackBox:
             self.tap.notice(Notice.STOP)
 
     def image_recorder(self, cfg: RecordedImages) -> RecordImage:
-        """What takes the images of the cameras."""
+        """Recorder of the cameras' images."""
         if self.tap is None:
             return lambda image, attitude: None
         self._images = ImageRecorder(cfg, self.tap, self._clock)
@@ -106,7 +106,7 @@ class BlackBox:
             self._images.reconfigure(cfg.images)
 
     def recorded(self, answer: Answer) -> Answer:
-        """What answers requests of the Unix socket, and records them."""
+        """Return a function that answers requests of the Unix socket and records them."""
         tap = self.tap
         if tap is None:
             return answer
@@ -135,7 +135,7 @@ class BlackBox:
             await asyncio.sleep(PERIOD)
 
     def status(self) -> RecordStatus:
-        """What the recorder does now."""
+        """State of the recorder."""
         stamp = self._clock.stamp()
         if self._thread is None:
             return RecordStatus(
@@ -202,7 +202,7 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
 
 
 def limits_of(cfg: RecordConfig) -> Limits:
-    """How much room recordings may take."""
+    """Limits of the room for recordings."""
     from mkdaemon.record.folder import Limits
 
     return Limits(
@@ -215,7 +215,7 @@ def limits_of(cfg: RecordConfig) -> Limits:
 
 
 def recording_folder(cfg: Config) -> Path | None:
-    """Where the recordings of a vehicle are; None where nothing is recorded."""
+    """Folder of a vehicle's recordings; None without recording."""
     if not cfg.record.enabled:
         return None
     return cfg.record.folder or state_folder(cfg.vehicle) / "recordings"

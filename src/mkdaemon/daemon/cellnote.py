@@ -1,4 +1,4 @@
-"""How many cells the aircraft's battery has: configured, or remembered from a battery that showed it beyond doubt.
+"""Number of the battery's cells: configured, or remembered from a battery that showed it beyond doubt.
 
 One small file, `<state folder>/battery.json`. A FlightCtrl counts the cells by the voltage alone, and takes a battery
 of four cells that rests at 12.8 V for one of three.
@@ -27,7 +27,7 @@ _LONGEST: Final = 256
 
 
 class CellNote(BaseModel):
-    """What the file holds; anything else is refused."""
+    """Content of the file; anything else is refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

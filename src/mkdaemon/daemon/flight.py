@@ -80,7 +80,7 @@ class FlightControl:
 
     @property
     def phase(self) -> Phase:
-        """Where authority stands."""
+        """Phase of control."""
         return self._core.phase
 
     # -- what the bus brings --------------------------------------------------------------------------------------

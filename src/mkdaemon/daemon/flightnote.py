@@ -39,7 +39,7 @@ _ReleaseNumbers = tuple[_U8, _U8, _U8]
 
 
 class FlightNote(BaseModel):
-    """What stands in the file; anything else is refused."""
+    """Content of the file; anything else is refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -77,7 +77,7 @@ class FlightNote(BaseModel):
         )
 
     def memory(self, clock: Clock) -> FlightMemory:
-        """What was known."""
+        """The remembered flight."""
         releases = {Board.NC: Release(*self.navictrl), Board.FC: Release(*self.flightctrl)}
         evidence = Evidence(
             releases=MappingProxyType(releases),

@@ -193,7 +193,7 @@ class GuardProcess:
 
 
 class LastWord:
-    """What a program that has to end at once still says to the aircraft where no guard does.
+    """The release by a program that must end at once without a guard.
 
     Hears of one line what a guard hears, and hands it on to the guard.
 

@@ -1,4 +1,4 @@
-"""How long the path to a client is: a number that the daemon gives away comes back with the request for the lease."""
+"""Delay of the path to a client: a number from the daemon comes back with the request for the lease."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Releases:
         self._waiters: list[asyncio.Future[ReleaseResult | None]] = []
 
     def next_end(self) -> asyncio.Future[ReleaseResult | None]:
-        """How the next release ends; None where it has no end in `RELEASE_TIMEOUT`."""
+        """Outcome of the next release; None if it does not end within `RELEASE_TIMEOUT`."""
         end: asyncio.Future[ReleaseResult | None] = asyncio.get_running_loop().create_future()
         self._waiters.append(end)
         return end

@@ -1,4 +1,4 @@
-"""What the daemon itself can be asked for: `do/<verb>`."""
+"""Requests to the daemon itself: `do/<verb>`."""
 
 from __future__ import annotations
 

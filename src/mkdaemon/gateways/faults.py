@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Awaitable, Iterator
 from contextlib import contextmanager
 
 import structlog
+
+from mkdaemon.errors import MkError
 
 
 class Faults:
@@ -59,3 +62,24 @@ class Faults:
         """
         with self.contained(what):
             await work
+
+
+@contextmanager
+def expressible(suffix: str, vehicle: str, wall: float) -> Iterator[None]:
+    """Name a recorded value that no message of another program can hold, where an export would fail inside.
+
+    Args:
+        suffix: of the key of the value.
+        vehicle: whose it is.
+        wall: its time [s; Unix time].
+
+    Raises:
+        MkError: it fails; another `MkError` is raised as it is.
+    """
+    try:
+        yield
+    except MkError:
+        raise
+    except (ArithmeticError, TypeError, ValueError, RuntimeError, struct.error) as error:
+        msg = f"{suffix} of {vehicle} at {wall:.3f} fits in no message ({error}); --format csv takes every value"
+        raise MkError(msg) from error

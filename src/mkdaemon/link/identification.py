@@ -57,7 +57,7 @@ class Identification:
         self.is_other = False
 
     def port_lost(self) -> None:
-        """What is at the port next may be another aircraft."""
+        """Expect that the port may return with another aircraft."""
         self._is_lost = True
         self.doubt = None
 

@@ -38,7 +38,7 @@ MotorsRunning = Callable[[float, float], bool | None]
 
 
 class Opener(Protocol):
-    """What opens a port; `open_port` in earnest, something else in tests."""
+    """Opens a port; `open_port` in the daemon, another function in tests."""
 
     def __call__(self, url: str, *, baud: int) -> Awaitable[Port]:
         """Open; raises what `open_port` raises."""
@@ -125,7 +125,7 @@ class Link:
 
     @property
     def dialect(self) -> Dialect:
-        """How to speak to this aircraft, as far as it has shown itself."""
+        """Dialect of this aircraft, as far as identified."""
         return self._dialogue.dialect
 
     @property
@@ -219,7 +219,7 @@ class Link:
         await self._converse(msg, board, patience=None, retries=0, purpose=Purpose.REQUEST)
 
     def control_line(self) -> ControlLine:
-        """What the line can take from the flight core now."""
+        """What the line accepts from the flight core now."""
         return self._dialogue.control_line(self._clock.now())
 
     def send_setpoint(self, build: BuildSetpoint, *, deadline: float) -> SetpointFate:
@@ -267,7 +267,7 @@ class Link:
 
     @property
     def doubt(self) -> CommandRejectedError | None:
-        """Why nothing but questions is written to a port that came back; None while the aircraft is known."""
+        """Reason why only questions are written to a port that came back; None while the aircraft is known."""
         return self._identification.doubt
 
     def accept_aircraft(self) -> None:
@@ -285,7 +285,7 @@ class Link:
 
     @property
     def proof(self) -> Proof | None:
-        """Who sent the latest version reply; None where the wire has led elsewhere since."""
+        """Board of the latest version reply; None if the line was redirected since."""
         return self._dialogue.peers.proof
 
     def is_proven(self, board: Board) -> bool:
@@ -303,11 +303,11 @@ class Link:
 
     @property
     def flight_memory(self) -> FlightMemory | None:
-        """What a later process would have to know of the flight under way; None on the ground."""
+        """Facts of the present flight that a restarted daemon needs; None on the ground."""
         return self._dialogue.identity.flight.memory
 
     def offered_memory(self) -> FlightMemory | None:
-        """What a client may confirm now, because its FlightCtrl cannot be asked in flight; None for nothing."""
+        """Remembered FlightCtrl for a client to confirm, as it cannot be identified in flight; None without one."""
         return self._dialogue.identity.flight.offer(self._clock.now())
 
     def confirm_memory(self) -> FlightMemory:
@@ -323,7 +323,7 @@ class Link:
 
     @property
     def released_at(self) -> float:
-        """When a release was confirmed last [s; monotonic]; minus infinity for never."""
+        """Time of the last confirmed release [s; monotonic]; minus infinity for never."""
         return self._dialogue.steering.released_at
 
     # -- what discovery uses --------------------------------------------------------------------------------------

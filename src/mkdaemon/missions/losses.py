@@ -1,4 +1,4 @@
-"""What a file format does not keep of a mission: found by reading back what was written."""
+"""Losses of a mission in a file format, found by reading back the written file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every mission file reader shares: the place a mistake is at, and the draft it returns."""
+"""Common parts of mission file readers: the place of a mistake, and the returned draft."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ _BY_FORM: Final[dict[ControlForm | None, ControlLayout]] = {ControlForm.LONG: "v
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How to speak to the aircraft on the line.
+    """Layouts in use with the aircraft on the line.
 
     Attributes:
         fc_release: release of the FlightCtrl; None while unknown.

@@ -12,7 +12,7 @@ from mkdaemon.protocol.fields import WireEnum
 
 
 class ErrorCode(WireEnum):
-    """What the NaviCtrl complains about."""
+    """Error codes of the NaviCtrl."""
 
     NONE = 0
     FC_INCOMPATIBLE = 1

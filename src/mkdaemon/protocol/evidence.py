@@ -1,4 +1,4 @@
-"""What the boards have shown of themselves, gathered message by message. Pure."""
+"""Evidence about the boards, gathered message by message. Pure."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Foreign(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What the boards have shown of themselves.
+    """Evidence about the boards.
 
     Attributes:
         releases: release each board named in its version reply.

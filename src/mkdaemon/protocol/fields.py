@@ -52,7 +52,7 @@ def _divisor(scale: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WireField:
-    """How one field stands in a packed little-endian structure.
+    """One field of a packed little-endian structure.
 
     Attributes:
         code: `struct` letter of one item; `s` for characters.

@@ -11,7 +11,7 @@ from mkdaemon.protocol.fields import WireEnum
 
 
 class PositionStatus(WireEnum):
-    """What a position is worth."""
+    """Validity of a position."""
 
     INVALID = 0
     NEW = 1  # NEWDATA
@@ -19,7 +19,7 @@ class PositionStatus(WireEnum):
 
 
 class PointType(WireEnum):
-    """What a point of a route is."""
+    """Type of a point of a route."""
 
     WAYPOINT = 0  # WP
     POINT_OF_INTEREST = 1  # POI
@@ -29,7 +29,7 @@ class PointType(WireEnum):
 
 
 class PointEvent(IntFlag):
-    """What happens at a point besides holding it."""
+    """Event at a point, besides holding it."""
 
     NONE = 0
     CAMERA_PITCH = 0x01  # the camera follows in pitch
@@ -217,7 +217,7 @@ class NaviParameterId(WireEnum):
 
 
 class MotorControllerStatus(WireEnum):
-    """How access to a motor controller's configuration ended."""
+    """Result of an access to a motor controller's configuration."""
 
     SUCCESS = 0
     MOTORS_RUNNING = 1  # MOTOR_RUNNING

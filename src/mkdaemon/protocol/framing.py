@@ -40,7 +40,7 @@ _ADDRESS_BASE: Final = 0x61
 
 
 class DropReason(StrEnum):
-    """Why bytes did not get through as a frame."""
+    """Reason for which bytes were dropped."""
 
     TEXT = "text"
     """Plain text outside any frame: boot banners, debug prints, escape sequences."""

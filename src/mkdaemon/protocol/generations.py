@@ -29,7 +29,7 @@ class Release(NamedTuple):
 
 
 class DeadMan(Enum):
-    """How long a FlightCtrl holds the last external control, and what refreshes it."""
+    """The FlightCtrl's dead-man timer: its length, and the frames that refresh it."""
 
     ANY_COMMAND_0S5 = "any_command_0s5"
     """Oldest: about 0.5 s after the last serial command of any kind."""
@@ -67,7 +67,7 @@ _REFRESHERS: Final[dict[DeadMan, frozenset[str] | None]] = {
 
 @dataclass(frozen=True, slots=True)
 class FcGeneration:
-    """What the releases from one FlightCtrl release to another have in common.
+    """Common properties of a range of FlightCtrl releases.
 
     Attributes:
         since: first release (major, minor).
@@ -146,7 +146,7 @@ FC_GENERATIONS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class NcGeneration:
-    """What the releases from one NaviCtrl release to another have in common.
+    """Common properties of a range of NaviCtrl releases.
 
     Attributes:
         since: first release (major, minor).

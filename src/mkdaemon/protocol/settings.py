@@ -25,7 +25,7 @@ _FIRST_POTI: Final = 248
 
 
 class Place(NamedTuple):
-    """Where a parameter stands in a set."""
+    """Place of a parameter in a set."""
 
     parameter: Parameter
     offset: int
@@ -153,7 +153,7 @@ class ParameterSet:
 
     @property
     def reason(self) -> str | None:
-        """Why only raw bytes are known of it; None where the names are."""
+        """Reason why only its raw bytes are known; None if its names are."""
         layout = layout_of(self.revision)
         if layout is None:
             return f"parameter revision {self.revision} is not known: raw bytes only"

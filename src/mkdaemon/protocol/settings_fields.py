@@ -1,4 +1,4 @@
-"""How a parameter of the FlightCtrl's parameter sets is declared."""
+"""Declaration of one parameter of the FlightCtrl's parameter sets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import Enum
 
 
 class Kind(Enum):
-    """How a parameter is read."""
+    """Interpretation of a parameter's bytes."""
 
     NUMBER = "number"
     POTI = "number or poti"

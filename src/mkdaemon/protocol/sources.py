@@ -1,4 +1,4 @@
-"""Where the layout of a message comes from; docs/firmware-notes.md, "Sources", explains each."""
+"""Sources of the messages' layouts; docs/firmware-notes.md, "Sources", explains each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the table knows about one message and layout."""
+"""The table's entry for one message and layout."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mkdaemon.telemetry.danger import Danger
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """How a request is asked.
+    """Time-out and attempts of a request.
 
     Attributes:
         timeout: wait for the first answer [s]; every retry waits 1.5 times longer than the one before.
@@ -146,6 +146,6 @@ class MessageSpec:
 
     @property
     def test(self) -> Callable[[bytes], bool] | None:
-        """How to tell from the contents of a payload of the right length whether it is this layout; None: it is."""
+        """Recognises this layout by the content of a payload of the right length; None: the length suffices."""
         marker = self.marker
         return (lambda payload: payload[0] in marker) if marker else self.recognise

@@ -32,7 +32,7 @@ class Decoded(NamedTuple):
 
     @property
     def board(self) -> Board | None:
-        """Who sent the frame or was addressed; None where there is no frame, or no board has its address."""
+        """Sender or addressee of the frame; None without a frame, or if no board has its address."""
         return None if self.frame is None else board_at(self.frame.address)
 
 

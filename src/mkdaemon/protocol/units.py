@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 
 class Unit(NamedTuple):
-    """What one count of a wire field is worth.
+    """Value of one count of a wire field.
 
     Attributes:
         wire: the unit of one count, in words.

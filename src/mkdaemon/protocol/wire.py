@@ -110,7 +110,7 @@ MESSAGES: Final[dict[tuple[Board, str, str], type[WireMessage]]] = {}
 
 
 class Facts(TypedDict, total=False):
-    """What may be said of any message; see `MessageSpec`.
+    """Optional properties of a message; see `MessageSpec`.
 
     `name` and `key` follow from the class name where they are left out; `since` as one release holds for all boards.
     """

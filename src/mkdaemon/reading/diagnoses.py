@@ -61,16 +61,39 @@ class Diagnosis(NamedTuple):
     values: Mapping[str, object]
 
 
-def diagnoses_of(picture: Picture) -> Iterator[Diagnosis]:
+class PartState(NamedTuple):
+    """How one part is, without its numbers.
+
+    Attributes:
+        name: of the part.
+        level: how bad it is.
+        message: why, one sentence.
+        key: of its numbers; empty for the verdict.
+    """
+
+    name: str
+    level: Level
+    message: str
+    key: str
+
+
+def states_of(picture: Picture) -> Iterator[PartState]:
     """The verdict, then every part."""
-    others = {f"alarm.{place}": alarm.text for place, alarm in enumerate(picture.alarms[1:], 1)}
-    yield Diagnosis(VERDICT, LEVELS[picture.tone], picture.headline, others)
+    yield PartState(VERDICT, LEVELS[picture.tone], picture.headline, "")
     eyes = {f"eye-{camera}": f"vision/{camera}/stats" for camera in picture.cameras()}
     for word, key in (PARTS | eyes).items():
         fact = picture.fact(word)
         level = Level.STALE if fact.is_stale else LEVELS[fact.tone]
-        values = picture.remembered(f"numbers of {key}", partial(_numbers, key))
-        yield Diagnosis(word if word in PARTS else fact.name, level, fact.aged, values)
+        yield PartState(word if word in PARTS else fact.name, level, fact.aged, key)
+
+
+def diagnoses_of(picture: Picture) -> Iterator[Diagnosis]:
+    """The same with their numbers; the verdict with the other alarms."""
+    others = {f"alarm.{place}": alarm.text for place, alarm in enumerate(picture.alarms[1:], 1)}
+    for state in states_of(picture):
+        key = state.key
+        values = picture.remembered(f"numbers of {key}", partial(_numbers, key)) if key else others
+        yield Diagnosis(state.name, state.level, state.message, values)
 
 
 def _numbers(key: str, known: Knowledge) -> Mapping[str, object]:

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from mkdaemon.bus.keys import fresh_for
 from mkdaemon.reading.known import Knowledge, Known
 from mkdaemon.spelling import on_one_line
-from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus, Phase
+from mkdaemon.telemetry.control import NEVER_TAKEN, ControlError, ControlEstimate, ControlStatus, Phase
 from mkdaemon.telemetry.link import FATES, LinkHealth, LinkState
 from mkdaemon.telemetry.record import RecordStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
@@ -27,8 +27,6 @@ WEAK_CELL: Final = 3.5
 """A lithium cell below this has less than a tenth left, less under load [V]."""
 EMPTY_CELL: Final = 3.0
 """A lithium cell below this is damaged [V]."""
-NEVER_TAKEN: Final = "nobody has taken the lease"
-"""The daemon's reason before the first lease, which says what the words of the phase say."""
 SIGHT: Final = fresh_for("vision/<camera>/pose") or 0.0
 """A target whose last pose is older is not in sight [s]."""
 DEAD_RECKONING: Final = fresh_for("control/estimate") or 0.0
@@ -418,7 +416,7 @@ _Found = tuple[Known[Any], Wording] | None
 """The value that a row stands on, and what it says; None where there is none."""
 
 
-class Row(NamedTuple):
+class FactRow(NamedTuple):
     """A row of the table.
 
     Attributes:
@@ -431,7 +429,7 @@ class Row(NamedTuple):
     name: str
     look: Callable[[Knowledge], _Found]
 
-    def said(self, known: Knowledge) -> tuple[Fact, Known[Any] | None]:
+    def look_at(self, known: Knowledge) -> tuple[Fact, Known[Any] | None]:
         """The fact without its age, and the value whose age it is. A stale value is never good."""
         found, name = self.look(known), on_one_line(self.name)
         if found is None:
@@ -469,44 +467,44 @@ def _flown(known: Knowledge) -> _Found:
 
 
 _ROWS: Final = (
-    Row("vehicle", "vehicle", _last("health", VehicleHealth, _vehicle)),
-    Row("control", "control", _last("control/status", ControlStatus, _control)),
-    Row("manoeuvre", "manoeuvre", _last("control/status", ControlStatus, _manoeuvre)),
-    Row("hands", "pilot's hands", _last("control/status", ControlStatus, _hands)),
-    Row("flight", "flight", _flown),
-    Row("height", "height", _height),
-    Row("battery", "battery", _last("state/battery", Battery, _battery)),
-    Row("pose", "last pose", _pose),
-    Row("position", "position", _last("control/estimate", ControlEstimate, _estimate)),
-    Row("error", "from the goal", _last("control/error", ControlError, _error)),
-    Row("attitude", "attitude", _last("state/attitude", Attitude, _attitude)),
-    Row("speed", "speed", _last("state/velocity", Velocity, _velocity)),
-    Row("place", "place", _last("state/position", Position, _place)),
-    Row("link", "link", _line(_link)),
-    Row("port", "port", _line(_port)),
-    Row("latency", "round trip", _last("link/health", LinkHealth, _latency)),
-    Row("streams", "streams", _last("link/health", LinkHealth, _streams)),
-    *(Row(name, title, _last("link/health", LinkHealth, _fates(title))) for name, title in FATES.items()),
-    Row("receiver", "receiver", _last("state/pilot", Pilot, _receiver)),
-    Row("gps", "GPS", _last("state/gps", Gps, _gps)),
-    Row("firmware", "firmware", _last("health", VehicleHealth, _firmware)),
-    Row("recording", "recording", _last("record/status", RecordStatus, _recording)),
+    FactRow("vehicle", "vehicle", _last("health", VehicleHealth, _vehicle)),
+    FactRow("control", "control", _last("control/status", ControlStatus, _control)),
+    FactRow("manoeuvre", "manoeuvre", _last("control/status", ControlStatus, _manoeuvre)),
+    FactRow("hands", "pilot's hands", _last("control/status", ControlStatus, _hands)),
+    FactRow("flight", "flight", _flown),
+    FactRow("height", "height", _height),
+    FactRow("battery", "battery", _last("state/battery", Battery, _battery)),
+    FactRow("pose", "last pose", _pose),
+    FactRow("position", "position", _last("control/estimate", ControlEstimate, _estimate)),
+    FactRow("error", "from the goal", _last("control/error", ControlError, _error)),
+    FactRow("attitude", "attitude", _last("state/attitude", Attitude, _attitude)),
+    FactRow("speed", "speed", _last("state/velocity", Velocity, _velocity)),
+    FactRow("place", "place", _last("state/position", Position, _place)),
+    FactRow("link", "link", _line(_link)),
+    FactRow("port", "port", _line(_port)),
+    FactRow("latency", "round trip", _last("link/health", LinkHealth, _latency)),
+    FactRow("streams", "streams", _last("link/health", LinkHealth, _streams)),
+    *(FactRow(name, title, _last("link/health", LinkHealth, _fates(title))) for name, title in FATES.items()),
+    FactRow("receiver", "receiver", _last("state/pilot", Pilot, _receiver)),
+    FactRow("gps", "GPS", _last("state/gps", Gps, _gps)),
+    FactRow("firmware", "firmware", _last("health", VehicleHealth, _firmware)),
+    FactRow("recording", "recording", _last("record/status", RecordStatus, _recording)),
 )
 
 
 @lru_cache(maxsize=64)
-def rows_of(cameras: tuple[str, ...]) -> Mapping[str, Row]:
+def rows_of(cameras: tuple[str, ...]) -> Mapping[str, FactRow]:
     """The rows of the table by their words, then two for each camera; one where there is none."""
     rows = [*_ROWS]
     if not cameras:
-        rows.append(Row("eyes", "eyes", lambda _: None))
+        rows.append(FactRow("eyes", "eyes", lambda _: None))
     for camera in cameras:
-        rows.append(Row(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye)))
-        rows.append(Row(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera)))
+        rows.append(FactRow(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye)))
+        rows.append(FactRow(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera)))
     return {row.id: row for row in rows}
 
 
-def fact_of(row: Row, known: Knowledge) -> Fact:
+def fact_of(row: FactRow, known: Knowledge) -> Fact:
     """What a row says now."""
-    fact, value = known.remembered(row.id, row.said)
+    fact, value = known.remembered(row.id, row.look_at)
     return fact if value is None else Fact(*fact[:7], known.age(value), fact.is_stale)

@@ -96,7 +96,7 @@ class Grounds:
 
 
 @dataclass(slots=True)
-class Held:
+class LastValues:
     """What is kept of the values of a vehicle.
 
     Attributes:
@@ -122,9 +122,9 @@ class Held:
         if before is None and new.key.startswith("vision/"):
             self.cameras = tuple(sorted({*self.cameras, new.key.split("/")[1]}))
 
-    def copy(self) -> Held:
+    def copy(self) -> LastValues:
         """The same now, whatever comes later."""
-        return Held(dict(self.last), self.cameras, self.silent_from, self.looks)
+        return LastValues(dict(self.last), self.cameras, self.silent_from, self.looks)
 
 
 class Knowledge:
@@ -138,7 +138,7 @@ class Knowledge:
         now: the moment, on the clock of the reader [s].
     """
 
-    def __init__(self, held: Held, now: float) -> None:
+    def __init__(self, held: LastValues, now: float) -> None:
         """Look at values.
 
         Args:

@@ -9,7 +9,7 @@ from typing import Final
 from mkdaemon.bus.keys import fresh_for
 from mkdaemon.reading.alarms import Alarm, alarms_of, is_known
 from mkdaemon.reading.facts import Fact, fact_of, holder_of, phase_words, rows_of
-from mkdaemon.reading.known import Held, Knowledge, Known
+from mkdaemon.reading.known import Knowledge, Known, LastValues
 from mkdaemon.spelling import on_one_line
 from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlStatus, Phase
@@ -46,7 +46,7 @@ _MEANINGS: Final = {
 class Picture(Knowledge):
     """What is known at a moment. Each part is made when it is asked for, of what has changed since the last picture."""
 
-    def __init__(self, held: Held, now: float, absence: str = "") -> None:
+    def __init__(self, held: LastValues, now: float, absence: str = "") -> None:
         """Look at last values.
 
         Args:
@@ -128,7 +128,7 @@ class Reading:
 
     def __init__(self) -> None:
         """Know nothing."""
-        self._held = Held()
+        self._held = LastValues()
 
     def take(self, key: str, value: object, now: float) -> None:
         """Keep a value; one that is older than what is known is left, and an event.
@@ -143,7 +143,7 @@ class Reading:
 
     def forget(self) -> None:
         """Know nothing again."""
-        self._held = Held()
+        self._held = LastValues()
 
     def at(self, now: float, absence: str = "") -> Picture:
         """The picture of a moment.

@@ -1,4 +1,4 @@
-"""What was lost on the way to a recorder: the daemon says once a second how many values it has put under each key.
+"""Counts losses on the way to a recorder: once a second the daemon publishes the number of values of each key.
 
 Values of one daemon arrive in the order in which it put them: between two of its counts as many must have come as it
 counted.

@@ -32,7 +32,7 @@ LATEST: Final = 9_000_000_000 * NANOSECONDS
 
 
 class Kind(StrEnum):
-    """What an entry is."""
+    """Kind of an entry."""
 
     SAMPLE = "sample"
     """A value that was published; marks are samples of `event/mark`."""
@@ -59,7 +59,7 @@ class Kind(StrEnum):
 
 
 class Congestion(StrEnum):
-    """What happens to a sample for which a receiver has no room."""
+    """Treatment of a sample for which a receiver has no room."""
 
     DROP = "drop"
     BLOCK = "block"
@@ -67,7 +67,7 @@ class Congestion(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """How a sample was put on the bus.
+    """Quality of service of a sample.
 
     Attributes:
         congestion: what happens when a receiver is too slow.
@@ -192,7 +192,7 @@ NOTICES: Final = "notice/"
 
 
 class Notice(StrEnum):
-    """What a notice is about; its payload is a msgpack map, or nothing."""
+    """Subject of a notice; its payload is a msgpack map, or empty."""
 
     LAYOUTS = "layouts"
     """By which layouts frames are decoded from now on: `layouts`, rows of board, command letter and layout."""

@@ -19,7 +19,7 @@ _NAME: Final = re.compile(r"(?P<name>.+-\d{8}T\d{6}Z)-(?P<part>\d{3,})\.mcap")
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How much room recordings may take.
+    """Limits of the room for recordings.
 
     Attributes:
         file_bytes: a file is ended when it is so large.
@@ -68,7 +68,7 @@ def recordings_of(folder: Path, prefix: str) -> list[Path]:
 
 
 def free_space(folder: Path) -> int:
-    """How much an ordinary user may still write there [bytes].
+    """Space that an ordinary user may still write there [bytes].
 
     Raises:
         OSError: there is no such folder.
@@ -128,7 +128,7 @@ class RecordingFolder:
         return recordings_of(self.path, self._prefix)
 
     def free_bytes(self) -> int:
-        """How much is free on its disk [bytes].
+        """Free space of its disk [bytes].
 
         Raises:
             OSError: there is no such folder.

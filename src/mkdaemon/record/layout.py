@@ -1,4 +1,4 @@
-"""What the channels and the metadata of a recording say: the format, apart from MCAP's own records.
+"""Channels and metadata of a recording: the format beside MCAP's own records.
 
 A change that old readers would misunderstand gets a new `FORMAT`; a field may be added without.
 """
@@ -29,7 +29,7 @@ VIEW: Final = "view"
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What a file says about itself.
+    """Description of a file by itself.
 
     Attributes:
         recorder: `blackbox`, `ground`, or the tool that made the file.
@@ -130,7 +130,7 @@ def needs_envelope(entry: Entry) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ChannelFacts:
-    """What is the same for all entries of one channel.
+    """Facts common to all entries of one channel.
 
     Attributes:
         kind: of its entries.

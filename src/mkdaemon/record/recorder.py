@@ -58,7 +58,7 @@ class OutputFile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecorderReport:
-    """What a recorder does now.
+    """State of a recorder.
 
     Attributes:
         state: what it does.

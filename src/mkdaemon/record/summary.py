@@ -1,4 +1,4 @@
-"""What a recording holds, in figures, and who sent what; `glance` tells what can be known without reading it."""
+"""Figures and senders of a recording; `glance` reads only its beginning and end."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Stamped(Telemetry):
     """A value that is true of one moment."""
 
     stamp: Stamp
-    """The moment, on both clocks."""
+    """Time of the value, on both clocks."""
 
 
 class Command(Described):

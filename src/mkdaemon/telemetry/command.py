@@ -46,18 +46,18 @@ class LeaseRequest(Command):
     action: Literal["take", "renew", "release", "show", "probe"]
     """What to do; `probe` answers with an `echo` for the `take` that follows."""
     echo: str = Field(default="", max_length=32)
-    """Of the answer to `probe`: from it the daemon knows how long the way to this client is."""
+    """From the answer to `probe`: the daemon measures the path delay of this client by it."""
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
     """Name of the client; also the last chunk of its liveliness token `mk/<vehicle>/client/<holder>`. Empty: the daemon
     chooses one."""
     epoch: int | None = None
     """The lease to renew or give back."""
     secret: str = Field(default="", max_length=64)
-    """What the answer to `take` said; renewing and giving back need it."""
+    """From the answer to `take`; needed to renew and return the lease."""
     ttl: float | None = Field(default=None, ge=0.5, le=60)
     """Time the lease lives without renewal or setpoints, if shorter than configured [s]."""
     force: bool = False
-    """Take it although another client holds it; that client's setpoints end at once."""
+    """Take the lease from another holder; its setpoints end at once."""
     use_remembered: bool = False
     """Confirms that a FlightCtrl that cannot be asked in flight is the one before the daemon started or the port was
     opened; the refusal `remembered_only` says which."""

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
-from typing import Self
+from typing import Final, Self
 
 from mkdaemon.telemetry.base import Stamped, Telemetry
 from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class Trait(Enum):
-    """What can be true of a phase."""
+    """Properties of a phase."""
 
     IN_FLIGHT = auto()
     """Stick frames are sent."""
@@ -20,8 +20,12 @@ class Trait(Enum):
     """An abort changes what is flown."""
 
 
+NEVER_TAKEN: Final = "no lease was requested yet"
+"""Reason before the first lease: it says no more than the words of the phase."""
+
+
 class Phase(StrEnum):
-    """Where authority stands; the ladder of docs/safety.md. This is the one table of phases.
+    """Phase of control; the ladder of docs/safety.md. This is the only table of phases.
 
     Attributes:
         words: shown for it; `{holder}` is the holder of the lease.
@@ -81,7 +85,7 @@ class Phase(StrEnum):
 
 
 class Obstacle(StrEnum):
-    """Why the link takes no stick frame now; the values are tokens of refusals."""
+    """Reason for which the link takes no stick frame now; the values are tokens of refusals."""
 
     LINK_DOWN = "link_down"
     """The port is not open."""
@@ -98,7 +102,7 @@ class Obstacle(StrEnum):
 
 
 class Outcome(StrEnum):
-    """How a manoeuvre has ended by itself."""
+    """Outcome of a manoeuvre that ended by itself."""
 
     LANDED = "landed"
     """The feet stand on the target."""
@@ -117,7 +121,7 @@ class Outcome(StrEnum):
 
 
 class CauseKind(StrEnum):
-    """What can keep a flight from going on. This is the one table of causes.
+    """Causes that prevent a flight from continuing. This is the only table of causes.
 
     Attributes:
         words: shown for it; `{seconds}`, `{count}`, `{of}` and `{detail}` are those of `Cause`.
@@ -178,7 +182,7 @@ def trouble_words(causes: Sequence[Cause], releases_in: float | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ControlLine:
-    """What the link can take from the flight core.
+    """What the link accepts from the flight core.
 
     Attributes:
         layout: layout of external control this aircraft reads; None where it must not be steered.
@@ -194,7 +198,7 @@ class ControlLine:
 
 
 class ReleaseOutcome(ToneEnum):
-    """How a release ended. This is the one table of outcomes of a release."""
+    """Outcome of a release. This is the only table of them."""
 
     CONFIRMED = "confirmed", "released, and the FlightCtrl confirmed it", Tone.OK
     """The board confirmed five frames."""
@@ -217,7 +221,7 @@ class ReleaseOutcome(ToneEnum):
 
 
 class ReleaseReport(Telemetry):
-    """How a release went: the answer to `do/release`."""
+    """Report of a release: the answer to `do/release`."""
 
     status: ReleaseOutcome
     """How it ended."""
@@ -236,7 +240,7 @@ class ReleaseReport(Telemetry):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What is flown, and how far it is.
+    """The present manoeuvre and its progress.
 
     Attributes:
         manoeuvre: kind of the setpoint, the last word of its key.
@@ -253,7 +257,7 @@ class LeaseState(Telemetry):
     """The lease, as answered by `do/lease` and shown in `control/status`."""
 
     holder: str
-    """The present lease."""
+    """Name of the client that holds the lease."""
     epoch: int
     """Every lease has its own; setpoints of any other are refused."""
     ttl: float
@@ -289,9 +293,9 @@ class StatusValue(Telemetry):
     """Authority and what it does."""
 
     phase: Phase
-    """Where authority stands."""
+    """Phase of control; docs/modes.md."""
     reason: str
-    """Why it stands there, one sentence."""
+    """Reason of the phase, one sentence."""
     causes: tuple[Cause, ...] = ()
     """Why there is no pose, in a flight by the target: the effect first, the root last; empty while there is one."""
     trouble: str = ""
@@ -321,15 +325,15 @@ class StatusValue(Telemetry):
     manoeuvre: str | None = None
     """Kind of the setpoint whose sticks are sent, for example `takeoff`; null while none are."""
     stage: str = ""
-    """Where a take-off or a landing stands, in words."""
+    """Stage of a take-off or landing, in words."""
     is_done: bool = False
-    """What the setpoint asks for is reached, and held."""
+    """The setpoint is reached and held."""
     outcome: Outcome | None = None
     """How the last manoeuvre of the newest lease ended by itself; null while it has not."""
     poses_refused: int = 0
     """Invalid poses since the start: not finite, from the future, too old; the log names them."""
     hands: str = ""
-    """What the pilot does now, one sentence about him; docs/flying.md."""
+    """The pilot's task now, one sentence; docs/flying.md."""
     pilots_throttle: float | None = None
     """The pilot's throttle while it is lower than ours, so that it counts [stick from the centre]: he must raise it;
     null while it is not, and where the board does not report its throttle."""
@@ -389,7 +393,7 @@ class ControlEstimate(Stamped, EstimateValue):
 
 
 class ErrorValue(Telemetry):
-    """How far the aircraft is from where it is to be: estimate less goal."""
+    """Distance of the aircraft from its goal: estimate minus goal."""
 
     manoeuvre: str
     """Kind of the setpoint."""
@@ -408,7 +412,7 @@ class ControlError(Stamped, ErrorValue):
 
 
 class ControlFence(Stamped):
-    """Where autonomous flight ends: setpoints outside are moved to its surface: `control/fence`."""
+    """Limits of autonomous flight; setpoints outside are moved to the surface: `control/fence`."""
 
     radius: float
     """Largest horizontal distance from the middle of the target [m]."""
@@ -488,6 +492,6 @@ class ControlOutput(Stamped):
     throttle: int
     """More lift positive [stick from the centre]."""
     limited: bool
-    """Whether the limiter changed what was asked for."""
+    """Whether the limiter changed the wanted sticks."""
     wanted: tuple[float, float, float, float] | None = None
     """Pitch, roll, yaw and throttle asked for, before the limiter [stick]."""

@@ -1,4 +1,4 @@
-"""What harm a request can do, and what must hold before it is sent: a column of the message's declaration.
+"""Dangers of requests, and the conditions for sending them: a column of the message's declaration.
 
 `protocol` declares it, `control.admission` decides by it; the two never see each other, so the type lives below both.
 Source of the rules: docs/safety.md, "The output limiter"; docs/protocol.md, "Danger".
@@ -10,7 +10,7 @@ from enum import StrEnum
 
 
 class Confirm(StrEnum):
-    """When a request must carry `confirm`."""
+    """Cases in which a request must carry `confirm`."""
 
     NO = "no"
     IN_FLIGHT = "in flight"
@@ -30,7 +30,7 @@ class Switch(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Danger:
-    """Why a request is dangerous and what it must meet.
+    """The danger of a request, and its conditions.
 
     Attributes:
         effect: the harm it can do, as the end of a sentence.

@@ -1,4 +1,4 @@
-"""What was asked, decided and noticed: the audit trail under `event/`."""
+"""The audit trail under `event/`: requests, decisions, observations."""
 
 from typing import Any
 

@@ -14,7 +14,7 @@ class CameraFrame(Stamped):
     """One grey image: `vision/<camera>/image`, and any key a camera's `zenoh:` source names."""
 
     camera: str = ""
-    """Who took it."""
+    """Name of the camera."""
     sequence: int = Field(default=0, ge=0)
     """Counts the camera's images; a gap is a lost image."""
     width: int = Field(gt=0, le=16384)

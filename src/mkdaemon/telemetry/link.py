@@ -1,4 +1,4 @@
-"""What the link says about itself: state, health and traffic."""
+"""The link's own values: state, health and traffic."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -49,9 +49,9 @@ class LinkState(Stamped):
     """State of the line, with the reason and since when."""
 
     condition: LinkCondition
-    """The one word."""
+    """State of the link."""
     reason: str
-    """One sentence: what was seen, and what to do where something can be done."""
+    """One sentence: what was observed, and what to do about it."""
     since: Stamp
     """When this condition began."""
     port: str
@@ -59,7 +59,7 @@ class LinkState(Stamped):
     baud: int
     """Line rate in use [baud]."""
     hears_board: bool
-    """Right frames arrive, as `condition` says."""
+    """Valid frames arrive, as `condition` says."""
     board_hears_us: bool
     """`condition` says so, and a reply or confirmation within the last half second answers something we sent."""
     boards: tuple[str, ...] = ()
@@ -75,7 +75,7 @@ class LinkState(Stamped):
 
 
 class Why(StrEnum):
-    """Why a frame stayed unanswered, as far as is known: the counts of `Fates` that together are `unanswered`."""
+    """Known reasons of an unanswered frame: the counts of `Fates` that together are `unanswered`."""
 
     LOST = "lost"
     REPLACED = "replaced"
@@ -84,7 +84,7 @@ class Why(StrEnum):
 
 
 class Fates(Telemetry):
-    """What became of everything of one kind that was sent, since the start.
+    """Outcomes of all sent frames of one kind, since the start.
 
     `sent` is `answered` + `late` + `unanswered` + `waiting` + `silent`. `unanswered` is `lost` + `replaced` + `outage`
     + `withdrawn`: why it is thought to have stayed without an answer. Nothing is left out.
@@ -101,7 +101,7 @@ class Fates(Telemetry):
     waiting: int = 0
     """Sent a moment ago: the answer can still come in time."""
     silent: int = 0
-    """Sent where no answer is due: a NaviCtrl 0.24 confirms no stick frame, some requests have no reply."""
+    """Sent without an expected answer: a NaviCtrl 0.24 confirms no stick frame, some requests have no reply."""
     lost: int = 0
     """Unanswered while the line worked: the frame or its answer was lost, or the board did not take it."""
     replaced: int = 0
@@ -124,7 +124,7 @@ class Fates(Telemetry):
         return ", ".join(parts)
 
     def since(self, before: "Fates") -> "Fates":
-        """What became of the frames that were sent after an earlier count."""
+        """Outcomes of the frames sent after an earlier count."""
         return Fates(**{name: count - getattr(before, name) for name, count in self})
 
 
@@ -132,7 +132,7 @@ class RoundTripStats(Telemetry):
     """Answered and unanswered probes over the moving window."""
 
     sent: int = 0
-    """Probes of the window whose fate is known."""
+    """Probes of the window whose outcome is known."""
     lost: int = 0
     """Of those, not answered in time, whatever the reason."""
     replaced: int = 0
@@ -140,7 +140,7 @@ class RoundTripStats(Telemetry):
     loss_percent: float = 0.0
     """100 * lost / sent."""
     sent_total: int = 0
-    """Probes whose fate is known, since the start."""
+    """Probes whose outcome is known, since the start."""
     lost_total: int = 0
     """Of those, not answered in time, whatever the reason."""
     last_ms: float | None = None
@@ -160,7 +160,7 @@ class RoundTripStats(Telemetry):
 
 
 class KindHealth(Telemetry):
-    """How one kind of frame arrives, against what was asked."""
+    """Arrival of one kind of frame, against the requested rate."""
 
     key: str
     """The message, as in Zenoh keys: osd, attitude, debug, ..."""
@@ -182,17 +182,17 @@ class LinkHealth(Stamped):
     """Everything measured about the line; published at 5 Hz and at once when the condition changes."""
 
     state: LinkState
-    """The verdict these numbers lead to."""
+    """State of the link that follows from these numbers."""
     echo: RoundTripStats
     """Link test frames: `z` on a NaviCtrl, version requests on a FlightCtrl, which has no link test."""
     confirm: RoundTripStats
     """External control frames and their confirmations (`B`): the control path."""
     link_tests: Fates = Fates()
-    """What became of every link test."""
+    """Outcomes of the link tests."""
     requests: Fates = Fates()
-    """What became of every request, each attempt counted."""
+    """Outcomes of the requests, each attempt counted."""
     stick_frames: Fates = Fates()
-    """What became of every external control frame."""
+    """Outcomes of the external control frames."""
     heard_age: float | None = None
     """Time since the latest right frame [s]; None before the first."""
     answer_age: float | None = None
@@ -204,11 +204,11 @@ class LinkHealth(Stamped):
     backlog_bytes: int = 0
     """Bytes the port has not taken yet."""
     kinds: tuple[KindHealth, ...] = ()
-    """Every kind of frame heard or asked for."""
+    """Every kind of frame received or requested."""
 
     @property
     def fates(self) -> dict[str, Fates]:
-        """What became of everything that was sent, by what it was; nothing where none of it was sent."""
+        """Outcomes of all sent frames by kind; kinds that were never sent are left out."""
         found = {title: getattr(self, name) for name, title in FATES.items()}
         return {title: fates for title, fates in found.items() if fates.sent}
 
@@ -220,7 +220,7 @@ FATES: Final = {
 
 
 def fates_of(health: Mapping[str, object]) -> dict[str, Fates]:
-    """What became of everything that was sent, by what it was; nothing where none of it was sent.
+    """Outcomes of all sent frames by kind; kinds that were never sent are left out.
 
     Args:
         health: fields of a `link/health`. Counts that it lacks, as from an older daemon, and what is no count are 0.
@@ -238,14 +238,14 @@ _COUNTS: Final = frozenset(Fates.model_fields)
 
 
 class LinkTraffic(Stamped):
-    """What crossed the line, and how much of it is planned."""
+    """Traffic of the line, and its planned share."""
 
     rx_bytes: int
     """Bytes received since the start."""
     tx_bytes: int
     """Bytes sent since the start."""
     rx_frames: int
-    """Right frames received since the start."""
+    """Valid frames received since the start."""
     tx_frames: int
     """Frames sent since the start."""
     rx_share: float

@@ -18,7 +18,7 @@ AUTOMATIC_CAMERA = 255
 
 
 class PointKind(StrEnum):
-    """What a point is for."""
+    """Purpose of a point."""
 
     WAYPOINT = "waypoint"
     """Fly here."""
@@ -106,7 +106,7 @@ class Mission(Described):
 
 
 class MissionEvent(Stamped):
-    """What became of the waypoint list: `event/mission`."""
+    """Change of the waypoint list: `event/mission`."""
 
     action: str
     """`uploaded` or `cleared`, and read back; `incomplete`: an upload or clearing broke off, do not fly the list;
@@ -170,7 +170,7 @@ class WaypointsReadRequest(ProcedureRequest):
 
 
 class WaypointList(Telemetry):
-    """What the NaviCtrl holds: the answer to `do/waypoints_read`."""
+    """The NaviCtrl's list: the answer to `do/waypoints_read`."""
 
     points: tuple[MissionPoint, ...]
     """The points in the order they are flown."""
@@ -186,7 +186,7 @@ class WaypointsVerifyRequest(ProcedureRequest):
 
 
 class WaypointsComparison(Telemetry):
-    """Where the NaviCtrl's list is another one: the answer to `do/waypoints_verify`."""
+    """Differences of the NaviCtrl's list: the answer to `do/waypoints_verify`."""
 
     digest: str
     """SHA-256 of the list asked about, in hexadecimal."""

@@ -1,4 +1,4 @@
-"""What the NaviCtrl flies by its own position control: a target, a route, the way home; and how it is asked to."""
+"""Flights of the NaviCtrl's own position control: a target, a route, the way home; and their requests."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -13,7 +13,7 @@ _Metres = Annotated[float, Field(ge=-5_000.0, le=5_000.0)]
 
 
 class NaviStage(StrEnum):
-    """Where the NaviCtrl's own flight stands."""
+    """Stage of the NaviCtrl's own flight."""
 
     GROUND = "ground"
     """The aircraft does not fly."""
@@ -41,7 +41,7 @@ class NaviFlight(Telemetry):
     stage: NaviStage
     """Where it stands."""
     hands: str
-    """What the pilot does now, one sentence."""
+    """The pilot's task now, one sentence."""
     waypoint: int
     """Waypoint on the way to, or first to be flown to, from 1; 0 for none."""
     waypoints: int
@@ -55,7 +55,7 @@ class NaviFlight(Telemetry):
     is_route_done: bool
     """The last waypoint of the list was reached."""
     is_home: bool
-    """It flies or stays within 5 m of home, sent there by the switch or by the end of the list."""
+    """It flies to home or stays within 5 m of it, by the switch or at the end of the list."""
 
 
 class ControlNavi(Stamped, NaviFlight):

@@ -1,4 +1,4 @@
-"""What a player of recordings says about itself."""
+"""State of a player of recordings."""
 
 from enum import StrEnum
 
@@ -21,7 +21,7 @@ class PlayState(StrEnum):
 
 
 class PlayStatus(Telemetry):
-    """How far a recording is: `replay/status/<vehicle>`, twice a second and at the end."""
+    """Position in a recording: `replay/status/<vehicle>`, twice a second and at the end."""
 
     file: str
     """The recording."""
@@ -44,7 +44,7 @@ class PlayStatus(Telemetry):
 
 
 class PlayAction(StrEnum):
-    """What a player is asked to do."""
+    """Command to a player."""
 
     PAUSE = "pause"
     GO_ON = "go_on"

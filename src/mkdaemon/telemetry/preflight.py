@@ -1,4 +1,4 @@
-"""What must be true before a flight, what was found, and what to do about it."""
+"""Checks before a flight: condition, result, remedy."""
 
 from enum import StrEnum
 from typing import Final
@@ -10,7 +10,7 @@ LEAST_DISK: Final = 200e6
 
 
 class Blocks(StrEnum):
-    """What a finding that stands prevents."""
+    """What a failed check prevents."""
 
     LEASE = "lease"
     """The lease is refused."""
@@ -21,7 +21,7 @@ class Blocks(StrEnum):
 
 
 class CheckState(StrEnum):
-    """What a check found."""
+    """Result of a check."""
 
     PASSED = "passed"
     """All is well."""

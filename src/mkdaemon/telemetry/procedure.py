@@ -12,7 +12,7 @@ from mkdaemon.telemetry.base import Command, Stamped, Telemetry
 
 
 class ProcedureState(StrEnum):
-    """Where a procedure stands."""
+    """State of a procedure."""
 
     RUNNING = "running"
     """It is under way."""
@@ -25,12 +25,12 @@ class ProcedureState(StrEnum):
 
 
 class ProcedureProgress(Stamped):
-    """How far a procedure is: `event/progress`, with every step of it."""
+    """Progress of a procedure: `event/progress`, at every step."""
 
     id: str
     """Of this run; `do/cancel` takes it."""
     verb: str
-    """What was asked for, `settings_backup`; `recovery` where the daemon itself began it."""
+    """The request, for example `settings_backup`; `recovery` if the daemon started it."""
     holder: str
     """The client that asked."""
     state: ProcedureState
@@ -46,7 +46,7 @@ class ProcedureProgress(Stamped):
 
 
 class ProcedureRequest(Command):
-    """What every request of a procedure may carry."""
+    """Fields of every request of a procedure."""
 
     holder: str = Field(default="", max_length=64, pattern=r"^[A-Za-z0-9._-]*$")
     """Name of the client."""
@@ -63,10 +63,10 @@ class ProcedureRequest(Command):
 
 
 class ConfirmedRequest(ProcedureRequest):
-    """What every request that writes to a board must carry."""
+    """Fields of every request that writes to a board."""
 
     confirm: bool = False
-    """Must be true: what is written decides how the aircraft flies."""
+    """Must be true: the values change how the aircraft flies."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -75,7 +75,7 @@ class ConfirmedRequest(ProcedureRequest):
 
 
 class InFlightRequest(ProcedureRequest):
-    """What every request may carry that can be obeyed in flight."""
+    """Fields of every request that is possible in flight."""
 
     in_flight: bool = False
     """Allow it with running motors, or while their state is unknown: it takes effect at once."""
@@ -94,7 +94,7 @@ class CancelRequest(Command):
 
 
 class Cancelled(Telemetry):
-    """What was ended: the answer to `do/cancel`."""
+    """The cancelled procedure: the answer to `do/cancel`."""
 
     id: str
     """Of the run."""

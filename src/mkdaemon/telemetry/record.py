@@ -1,4 +1,4 @@
-"""What the daemon's recorder does, and the marks that people set in recordings."""
+"""State of the daemon's recorder, and marks in recordings."""
 
 from pydantic import Field
 
@@ -7,7 +7,7 @@ from mkdaemon.telemetry.tone import Tone, ToneEnum
 
 
 class RecorderState(ToneEnum):
-    """What a recorder does. This is the one table of these states."""
+    """State of a recorder. This is the only table of these states."""
 
     OFF = "off", "NOT RECORDING", Tone.NOTE
     """The configuration says that nothing is recorded, or a recording plays."""
@@ -25,7 +25,7 @@ class RecordStatus(Stamped):
     state: RecorderState
     """What it does."""
     reason: str
-    """Why it does not record, one sentence; empty where it does."""
+    """Why it does not record, one sentence; empty while it records."""
     file: str
     """The file that is being written; empty for none."""
     file_bytes: int
@@ -39,13 +39,13 @@ class RecordStatus(Stamped):
     lost: int
     """Not written since the daemon's start: the disk was too slow, full or failed."""
     queue_bytes: int
-    """What waits to be written."""
+    """Bytes that wait to be written."""
     queue_limit_bytes: int
-    """What may wait; beyond it entries are lost."""
+    """Limit of waiting bytes; beyond it entries are lost."""
 
 
 class BusCounts(Stamped):
-    """How many values the daemon has put since its start, by key: `bus/counts`, at 1 Hz.
+    """Number of values published since the daemon's start, by key: `bus/counts`, at 1 Hz.
 
     A subscriber that counts what it received between two of these knows what it lost.
     """
@@ -69,4 +69,4 @@ class MarkEvent(Stamped):
     text: str
     """What happened."""
     holder: str
-    """Who said so."""
+    """The client that said it."""

@@ -1,4 +1,4 @@
-"""Why a command is refused: every refusal of the whole program, declared once with its reason and its fix.
+"""Every refusal of the whole program, declared once with its reason and its fix.
 
 A client can know them all: docs/keys.md shows this table, and a test walks it.
 """

@@ -1,4 +1,4 @@
-"""What flights say about a camera file and a target file, part of `vision/<camera>/stats`. It changes nothing.
+"""Self-calibration: flights compared with a camera and a target file, part of `vision/<camera>/stats`. Changes nothing.
 
 A difference is the truth minus the file. It counts once it is several of its standard deviations; before, it is what
 was assumed.
@@ -34,7 +34,7 @@ class SelfCalibration(Telemetry):
     target: str
     """Name of the target they come from."""
     looks: int
-    """Images that were looked at."""
+    """Images used."""
     mounting_deg: tuple[float, float, float]
     """Turn of the camera from the mount believed, about body forward, left, up [deg]; a constant error of the
     vehicle's own attitude is in it. Only yaw motion of the vehicle tells it from a tilted target: until then the
@@ -42,9 +42,9 @@ class SelfCalibration(Telemetry):
     mounting_sd_deg: tuple[float, float, float]
     """[deg]."""
     mount_believed_deg: tuple[float, float, float]
-    """`mount.rpy_deg` the daemon flies with [deg]."""
+    """`mount.rpy_deg` in use [deg]."""
     mount_rpy_deg: tuple[float, float, float]
-    """The same with the turns that are known to a degree [deg]."""
+    """The same, corrected by the turns that are known to a degree [deg]."""
     focal_percent: float
     """Of the focal length [%]."""
     focal_sd_percent: float
@@ -62,7 +62,7 @@ class SelfCalibration(Telemetry):
     height_percent: float
     """Error of height changes measured by vision, against the barometer [%]."""
     height_sd_percent: float
-    """[%]; what a barometer wanders makes it large in one flight."""
+    """[%]; large in a single flight because of the barometer's drift."""
     height_covered: float
     """Between the lowest and the highest height that was compared [m]."""
     height_odds: float = 0.0

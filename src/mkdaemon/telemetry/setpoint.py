@@ -1,4 +1,4 @@
-"""What clients stream to fly: setpoints, each with the lease it stands on, a sequence number and a time to live."""
+"""Setpoints that clients stream, each with its lease, a sequence number and a time to live."""
 
 import math
 from enum import StrEnum
@@ -10,7 +10,7 @@ from mkdaemon.telemetry.base import Command
 
 
 class Setpoint(Command):
-    """What every setpoint carries. Its age counts from when it was sent, if its proof says when, else from arrival.
+    """Fields of every setpoint. Its age counts from the send time, if its signature carries one, else from arrival.
 
     Attributes:
         suffix: key it is streamed to, without `mk/<vehicle>/`.
@@ -37,7 +37,7 @@ class Setpoint(Command):
 
 
 class TargetSetpoint(Setpoint):
-    """What is flown by a target."""
+    """A setpoint relative to a target."""
 
     target: str = Field(default="", max_length=100)
     """Name of the target; empty for the one in sight, which is refused where there are two."""

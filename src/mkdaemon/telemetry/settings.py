@@ -62,7 +62,7 @@ class SettingsCompareRequest(ProcedureRequest):
 
 
 class SettingsComparison(Telemetry):
-    """What a FlightCtrl holds beside what was asked about: the answer to `do/settings_compare`."""
+    """The FlightCtrl's sets beside the given ones: the answer to `do/settings_compare`."""
 
     firmware: str
     """Its release."""
@@ -105,7 +105,7 @@ class SettingsWriteRequest(ConfirmedRequest):
 
 
 class SettingsRestoration(Telemetry):
-    """What was found and written: the answer to `do/settings_restore` and `do/settings_write`."""
+    """Sets found and written: the answer to `do/settings_restore` and `do/settings_write`."""
 
     firmware: str
     """Release of the FlightCtrl."""

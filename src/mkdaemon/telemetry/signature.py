@@ -45,7 +45,7 @@ def stamped_proof(secret: str, suffix: str, payload: bytes, sent: float) -> byte
 
 
 def stamp_of(proof: bytes) -> float | None:
-    """When a setpoint was sent, by its sender's clock [s]; None where its attachment has no stamp."""
+    """Send time of a setpoint, by its sender's clock [s]; None if its attachment has no stamp."""
     stamp = proof[SIGNATURE_BYTES:]
     return int.from_bytes(stamp) / _NS if len(stamp) == STAMP_BYTES else None
 
@@ -62,7 +62,7 @@ def private_key(secret: str, key: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """What came with a payload.
+    """Signature and stamp of a payload.
 
     Attributes:
         suffix: key it came to.

@@ -1,4 +1,4 @@
-"""What the simulator says about itself: the true state and the faults that run. Never read by flight code."""
+"""The simulator's own values: the true state and the active faults. Never read by flight code."""
 
 from enum import StrEnum
 
@@ -44,7 +44,7 @@ class SimTruth(Stamped):
 
 
 class ScenePose(Telemetry):
-    """Where another simulator's aircraft is: what `mkdaemon sim --scene-only` renders; a `SimTruth` is one."""
+    """Pose of another simulator's aircraft, which `mkdaemon sim --scene-only` renders; a `SimTruth` is one."""
 
     t: float
     """Simulated time [s]; moves the target, and paces the images; may restart."""
@@ -81,7 +81,7 @@ class SimFaults(Stamped):
 
 
 class FaultAction(StrEnum):
-    """What to do with a fault."""
+    """Action on a fault."""
 
     START = "start"
     STOP = "stop"

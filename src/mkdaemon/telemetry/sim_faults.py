@@ -6,7 +6,7 @@ from typing import Final
 
 
 class Reader(StrEnum):
-    """Who acts on a fault."""
+    """The part of the simulator that acts on a fault."""
 
     WORLD = "world"
     BOARDS = "boards"

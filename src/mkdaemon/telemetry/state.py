@@ -12,14 +12,14 @@ Vector3 = tuple[float, float, float]
 
 
 class StateValue(Stamped):
-    """When its frame's last byte arrived, and from where."""
+    """Arrival of the frame's last byte, and its source."""
 
     source: str
     """Board and message, for example `nc/osd`."""
 
 
 class AngleScale(StrEnum):
-    """What a board makes of an angle that its sticks ask for; docs/control.md, "The attitude loop"."""
+    """Reported angle over the commanded one; docs/control.md, "The attitude loop"."""
 
     STICKS = "sticks"
     """It reports that angle: a NaviCtrl."""
@@ -43,7 +43,7 @@ class Attitude(StateValue):
 
 
 class Position(StateValue):
-    """Where it is: `state/position`. Published only while the GPS position is valid."""
+    """Position of the aircraft: `state/position`. Published only while the GPS position is valid."""
 
     latitude_deg: float
     """WGS-84 [deg]."""
@@ -67,14 +67,14 @@ class Position(StateValue):
 
 
 class Altitude(StateValue):
-    """How high by the barometer: `state/altitude`. It needs no GPS; not published while the FlightCtrl is not heard."""
+    """Height by the barometer: `state/altitude`. It needs no GPS; not published without frames of the FlightCtrl."""
 
     above_start: float
     """Above the point of calibration [m], in the board's steps of 5 or 10 cm."""
 
 
 class Velocity(StateValue):
-    """How fast: `state/velocity`. Published only while the GPS position is valid."""
+    """Velocity: `state/velocity`. Published only while the GPS position is valid."""
 
     velocity_enu: Vector3
     """By GPS: east, north, up [m/s]."""
@@ -100,7 +100,7 @@ class Battery(StateValue):
 
 
 class GpsFix(StrEnum):
-    """What the board says of its position."""
+    """Validity of the board's position."""
 
     NONE = "none"
     VALID = "valid"
@@ -120,7 +120,7 @@ class Gps(StateValue):
 
 
 class GpsMode(StrEnum):
-    """What the NaviCtrl's position control does."""
+    """Mode of the NaviCtrl's position control."""
 
     FREE = "free"
     HOLD = "hold"
@@ -134,7 +134,7 @@ class GpsMode(StrEnum):
 
 
 class Flight(StateValue):
-    """What the aircraft is doing: `state/flight`."""
+    """State of the flight: `state/flight`."""
 
     motors_running: bool | None
     """At least one motor turns by the FlightCtrl's will; null while the NaviCtrl does not hear the FlightCtrl, whose
@@ -194,7 +194,7 @@ class Flight(StateValue):
 
 
 class Pilot(StateValue):
-    """What reaches the aircraft from the pilot: `state/pilot`."""
+    """The pilot's signals as received: `state/pilot`."""
 
     rc_quality: float
     """Receiver quality, 0..1; the FlightCtrl flies below 0.5 only in an emergency."""

@@ -1,10 +1,10 @@
-"""How a command ends, as its reply says it."""
+"""Results of a command, as in its reply."""
 
 from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a command ended."""
+    """Result of a command."""
 
     ACCEPTED = "accepted"
     DENIED = "denied"

@@ -1,11 +1,11 @@
-"""How good a state is."""
+"""Rating of a state."""
 
 from enum import StrEnum
 from typing import Self
 
 
 class Tone(StrEnum):
-    """How good a state is, for every display of it."""
+    """Rating of a state, for every display of it."""
 
     NOTE = "note"
     """A fact, neither good nor bad."""

@@ -7,11 +7,11 @@ class VehicleHealth(Stamped):
     """The vehicle's own signs of life: `health`, at 1 Hz and on every change."""
 
     is_alive: bool
-    """A board is heard: the link is up, degraded or one-way."""
+    """Frames of a board arrive: the link is up, degraded or one-way."""
     reason: str
-    """Why not, or what speaks for it, one sentence."""
+    """Reason, one sentence."""
     boards: tuple[str, ...]
-    """Boards heard since the line was opened."""
+    """Boards that sent a frame since the line was opened."""
     firmware: dict[str, str]
     """Release of each board that answered a version request."""
     read_only: str | None

@@ -1,4 +1,4 @@
-"""What the cameras see: tags, poses, quality of vision, and the tree of frames.
+"""Vision: tags, poses, quality, and the tree of frames.
 
 Camera axes are right, down, forward; body is forward, left, up; a target has x to the right and y to the top of its
 print and z out of the paper. Stamps of what was seen are of the exposure's middle.
@@ -25,7 +25,7 @@ class Seen(Stamped):
     sequence: int
     """Number of the image; a gap is a lost image."""
     stamped_by: str
-    """Who knew the middle of the exposure: `driver`, `header` or `arrival`."""
+    """Source of the stamp of mid exposure: `driver`, `header` or `arrival`."""
 
 
 class TagSighting(Telemetry):
@@ -53,7 +53,7 @@ class Tags(Seen):
 
 
 class VisionPose(Seen):
-    """Where the vehicle is against a target: `vision/<camera>/pose`, one value a target and image."""
+    """Pose of the vehicle relative to a target: `vision/<camera>/pose`, one value a target and image."""
 
     target: str
     """Name of the target."""
@@ -96,7 +96,7 @@ class VisionPose(Seen):
 
 
 class PoseRefusal(StrEnum):
-    """Why a measured pose is not published."""
+    """Reason for which a measured pose is not published."""
 
     NO_FIT = "no_fit"
     """No fit came to an end near its start."""
@@ -140,7 +140,7 @@ class PoseRefused(Seen):
 
 
 class Alarm(StrEnum):
-    """What is wrong with a camera's images, its calibration or its target's file."""
+    """Fault of a camera's images, its calibration or its target's file."""
 
     WRONG_SIZE = "wrong_size"
     WRONG_KIND = "wrong_kind"
@@ -168,7 +168,7 @@ class Alarm(StrEnum):
 
 
 class AttitudeLoss(StrEnum):
-    """Why the vehicle's attitude was not used."""
+    """Reason for which the vehicle's attitude was not used."""
 
     NOT_A_NUMBER = "not_a_number"
     """A sample's time or angle is not finite; counted in samples, the others in images."""
@@ -202,7 +202,7 @@ class EyeState(ToneEnum):
 
 
 class Exposure(Telemetry):
-    """What we tell a camera about its exposure, and what its images were like."""
+    """Exposure commanded to a camera, and the brightness of its images."""
 
     exposure_ms: float
     """Shutter time [ms]."""
@@ -217,16 +217,16 @@ class Exposure(Telemetry):
 
 
 class VisionStats(Stamped):
-    """How well a camera and its detector work: `vision/<camera>/stats`, once a second and on change."""
+    """Quality of a camera and its detector: `vision/<camera>/stats`, once a second and on change."""
 
     camera: str
     """Name of the camera."""
     state: EyeState
-    """Ready, or the first thing in the way."""
+    """`ok`, or the first fault; docs/vision.md."""
     reason: str
     """One sentence with what to do; empty when ready."""
     alarms: dict[Alarm, str]
-    """What else is wrong with the images, each with what to do."""
+    """Further faults of the images, each with a remedy."""
     source: str
     """Where images come from."""
     width: int
@@ -236,23 +236,23 @@ class VisionStats(Stamped):
     fps: float
     """Images a second from the camera [Hz]."""
     processed: int
-    """Images looked at."""
+    """Images processed."""
     dropped: int
-    """Images a newer one replaced before they were looked at."""
+    """Images replaced by a newer one before they were processed."""
     lost: int
-    """Images lost before they reached us, by the source's own count."""
+    """Images lost on the way, as counted by the source."""
     damaged: int
-    """Images refused because they were damaged, or no images."""
+    """Damaged or unreadable images."""
     reopened: int
     """How often the camera had to be opened again."""
     faults: int
     """Images that made the detector fail."""
     restarts: int
-    """How often the thread that looks had to be started again."""
+    """Restarts of the vision thread."""
     posed: float
     """Share of the images of the last seconds that gave a pose, 0 to 1."""
     refused: dict[str, int]
-    """Measured poses that were not believed, by reason, since the start; the reasons are in docs/vision.md."""
+    """Refused poses by reason, since the start; docs/vision.md lists the reasons."""
     attitude_lost: dict[AttitudeLoss, int] = Field(default_factory=dict)
     """How often the vehicle's attitude was not used, by reason, since the start."""
     detect_p50_ms: float
@@ -264,9 +264,9 @@ class VisionStats(Stamped):
     latency_p99_ms: float
     """99th percentile [ms]."""
     settings_refused: tuple[str, ...]
-    """Settings the camera's driver did not take."""
+    """Settings that the camera's driver refused."""
     selfcal: tuple[SelfCalibration, ...] = ()
-    """What the flight says about camera file and target files, one for each target seen."""
+    """Self-calibration against camera file and target files, one for each target seen."""
     exposure: Exposure | None = None
     """Exposure and gain that we choose (`exposure_ms = "target"`); none where the camera or its driver does."""
 
@@ -296,7 +296,7 @@ class TargetShape(Telemetry):
 
 
 class LensShape(Telemetry):
-    """How a calibrated camera projects: what camera files have under `[intrinsics]`."""
+    """Projection of a calibrated camera: `[intrinsics]` of a camera file."""
 
     width: int
     """Of the images [px]."""
@@ -317,7 +317,7 @@ class LensShape(Telemetry):
 
 
 class CameraSetup(Stamped):
-    """What a camera is, and what it looks for, from its files: `vision/<camera>/setup`."""
+    """Properties and targets of a camera, from its files: `vision/<camera>/setup`."""
 
     camera: str
     """Name of the camera."""
@@ -328,7 +328,7 @@ class CameraSetup(Stamped):
     quaternion_flu_from_cam: Quaternion | None
     """Its rotation in the body frame (w, x, y, z); null as above."""
     targets: tuple[TargetShape, ...]
-    """What it looks for."""
+    """Names of its targets."""
 
 
 class Transform(Stamped):

@@ -17,7 +17,7 @@ Array32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What is known of some unknowns.
+    """Estimate of some unknowns.
 
     Attributes:
         mean: of each `(k,)`.

@@ -32,7 +32,7 @@ def of(value: Any, unit: str, meaning: str, source: str) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class CertaintyLimits:
-    """How uncertain a published pose may be."""
+    """Largest uncertainty of a published pose."""
 
     deviations: float = of(4.0, "deviations", "of a published pose beside an attitude are not wrong", "one in 16,000")
     blind_deviations: float = of(5.5, "deviations", "without: 0.9 degrees", BLIND)
@@ -78,7 +78,7 @@ class HealthLimits:
 
 @dataclass(frozen=True, slots=True)
 class SelfCalLimits:
-    """When an image counts, and when a difference is reported."""
+    """Conditions for the use of an image, and for the report of a difference."""
 
     period: float = of(0.09, "s", "between images that are looked at", "cost: 1.2 ms each")
     settled: float = of(0.0065, "share", "deviation of a focal length that little more will move", MEASURED)
@@ -94,7 +94,7 @@ SELFCAL: Final = SelfCalLimits()
 
 @dataclass(frozen=True, slots=True)
 class ExposureLimits:
-    """What is wanted of an image, and how fast settings move."""
+    """Wanted brightness of an image, and speed of the settings."""
 
     contrast: float = of(20.0, "noises", "between black and white cells", "decoded from 5, docs/cameras.md")
     white: float = of(150.0, "grey", "of white cells: room for the sun and for noise", "chosen: half of 300")

@@ -152,7 +152,7 @@ class CameraPipeline:
             return []
 
     def look_again(self, image: CameraImage, exposure: ExposureControl | None) -> list[tuple[str, Telemetry]]:
-        """What no stick frame waits for: the checks of the files, the exposure, the image for people to look at."""
+        """Work after the pose: checks of the files, exposure, the published image. No stick frame waits for it."""
         self.check_files()
         if exposure is not None:
             outlines = outlines_of(self._result, self._tagmap, self._projection)
@@ -246,7 +246,7 @@ class CameraPipeline:
         return transform("body", camera_frame(self.cfg.name), at.flu_from_cam, at.position_flu, stamp, static=True)
 
     def setup(self, stamp: Stamp) -> CameraSetup:
-        """What the camera is and looks for, from its files."""
+        """Properties and targets of the camera, from its files."""
         return setup_of(self.cfg.name, self._intrinsics, self._mounting, self._tagmap, stamp)
 
     def report(self, stream: StreamStatus, stamp: Stamp) -> list[tuple[str, Telemetry]]:
@@ -301,7 +301,7 @@ class CameraPipeline:
         return EyeState.OK, ""
 
     def alarms(self, stream: StreamStatus) -> dict[Alarm, str]:
-        """What is wrong with the images, the camera file or a target file, each with what to do."""
+        """Faults of the images, the camera file or a target file, each with a remedy."""
         raised = [*self._result.alarms]
         raised += [Alarm.TARGET_MISMATCH] if self._check.contradicted else []
         raised += [Alarm.DAMAGED] if stream.damage else []
@@ -423,7 +423,7 @@ def outlines_of(result: VisionResult, tagmap: TagMap, projection: Projection | N
 def setup_of(
     camera: str, intrinsics: Intrinsics | None, mounting: Mounting | None, tagmap: TagMap, stamp: Stamp
 ) -> CameraSetup:
-    """What a camera is and looks for; no lens without a calibration, no place without a mounting."""
+    """Properties and targets of a camera; no lens without a calibration, no place without a mounting."""
     lens = None
     if intrinsics is not None:
         lens = LensShape(**intrinsics.model_dump(), distortion=intrinsics.distortion.tolist())

@@ -1,4 +1,4 @@
-"""Why a picture shows no tag, or more than it should: what a person does about it. Pure."""
+"""Hints for a still image that shows no tag, or too many: causes and remedies. Pure."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class _Eye(NamedTuple):
 
 
 def camera_mistakes(cameras: Sequence[CameraSection], vision: VisionSection, clock: Clock) -> Iterator[ConfigError]:
-    """What is wrong with cameras, their files and their targets; no camera is opened."""
+    """Mistakes of cameras, their files and their targets; no camera is opened."""
     checks: list[Callable[[], object]] = [partial(_require_names, cameras)]
     for cfg in cameras:
         checks += [partial(source_of, cfg), partial(CameraPipeline, cfg, vision, clock)]

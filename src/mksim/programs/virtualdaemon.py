@@ -33,7 +33,7 @@ def virtual_clock(*, wall: float = WALL, slept: Callable[[], float] = lambda: 0.
 
     Args:
         wall: Unix time at which the loop's time is zero [s].
-        slept: how long the computer has slept so far [s].
+        slept: total time the computer was suspended [s].
     """
     loop = asyncio.get_running_loop()
     return Clock(

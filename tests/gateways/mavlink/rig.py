@@ -10,7 +10,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as mavlink
 
 from lab.control.boardfaults import NORMAL
-from mkdaemon.gateways.activeset import STORED
+from mkdaemon.gateways.boardset import STORED
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering

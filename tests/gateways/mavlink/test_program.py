@@ -12,7 +12,7 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.gateways.activeset import backups_folder
+from mkdaemon.gateways.boardset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS
 from mkdaemon.gateways.mavlink.program import options_from, serve
 from tests.gateways.mavlink.rig import FakeVehicle

@@ -1,4 +1,4 @@
-"""What may begin: the lease, each kind of manoeuvre, a request to a board, a procedure, and what the NaviCtrl flies.
+"""What admission decides about: the lease, each kind of manoeuvre, board requests, procedures, the NaviCtrl's flights.
 
 A beginning carries what is asked for, as plain facts. What else counts stands in `Situation`.
 """
@@ -15,7 +15,7 @@ from mkdaemon.telemetry.setpoint import Setpoint, SetpointFrame
 
 
 class Concern(StrEnum):
-    """What can begin; a row of the table says which of these it concerns."""
+    """Kinds of beginnings; a row of the table names those that it concerns."""
 
     LEASE = "lease"
     STICK = "stick"

@@ -41,7 +41,7 @@ def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
 
 @NEED_ROWS.row("estimate", _IN_SIGHT, "no camera has seen a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS)
 def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Who lands has no estimate once he stands, and goes on landing."""
+    """Without an estimate no manoeuvre by the target; a landing that stands has none, and continues."""
     if now.flown is wanted.concern or now.entry is not None:
         return passed()
     return stands(refuse(Token.NO_ESTIMATE, name=f"setpoint/{wanted.concern}"))
@@ -210,7 +210,7 @@ def near(now: Situation, wanted: NewManoeuvre) -> Verdict:
     rule=Rule.ENTRY,
 )
 def certain(now: Situation, wanted: NewManoeuvre) -> Verdict:
-    """Its position must be known, until the next image comes: by two a second it is not."""
+    """The position must stay certain until the next image: with two images a second it does not."""
     entry = now.entry
     if entry is None or entry.sd <= now.cfg.autopilot.entry_sd:
         return passed()

@@ -16,7 +16,7 @@ from mkdaemon.telemetry.refusals import Token
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a row found.
+    """Result of a row.
 
     Attributes:
         state: in one word.
@@ -45,12 +45,12 @@ def stands(refusal: CommandRejectedError) -> Verdict:
 
 
 def when(refusal: CommandRejectedError | None) -> Verdict:
-    """What a row finds that has nothing to say where it does not refuse."""
+    """Result of a row that only refuses: passed without words otherwise."""
     return passed() if refusal is None else stands(refusal)
 
 
 class Rule(StrEnum):
-    """When a row that stands refuses.
+    """Rule by which a failed row refuses.
 
     Attributes:
         meaning: in words, for the documentation.
@@ -115,7 +115,7 @@ class Row:
 
     @property
     def blocks(self) -> Blocks:
-        """What it prevents, as `mkctl preflight` shows it."""
+        """What the row prevents, as `mkctl preflight` shows it."""
         if self.rule is Rule.ADVICE:
             return Blocks.NOTHING
         return Blocks.LEASE if Concern.LEASE in self.concerns else Blocks.AUTONOMY

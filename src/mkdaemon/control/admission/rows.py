@@ -72,7 +72,7 @@ def waits_for(beginning: NewManoeuvre, situation: Situation) -> str:
 
 
 def findings(situation: Situation) -> tuple[Finding, ...]:
-    """What every check before a flight finds, as `mkctl preflight` shows it."""
+    """Results of every check before a flight, as `mkctl preflight` shows them."""
     return tuple(_shown(row, row.look(situation, None)) for row in ROWS if row.is_shown)
 
 

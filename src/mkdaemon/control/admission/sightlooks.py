@@ -89,7 +89,7 @@ def heights(now: Situation) -> Verdict:
     Token.IMAGES_LATE,
 )
 def lateness(now: Situation) -> Verdict:
-    """How old images are when they have been looked at."""
+    """Age of images after processing."""
     if not now.eyes:
         return unknown("no camera of this daemon; poses may come from elsewhere")
     eyes = [stats for stats in now.eyes if now.now - stats.stamp.monotonic <= EYES_FRESH and stats.processed]
@@ -103,7 +103,7 @@ def lateness(now: Situation) -> Verdict:
 
 @SIGHT_ROWS.check("target", BY_TARGET, "never; it says when the target was last in sight")
 def target(now: Situation) -> Verdict:
-    """When the target was last in sight."""
+    """Time since the target was last in sight."""
     age = now.target_age
     if age is None:
         return unknown("none was seen; from the ground that says nothing, in the air autonomous flight waits for it")

@@ -34,7 +34,7 @@ class OwedSet:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What keeps the boards busy.
+    """Work that keeps the boards busy.
 
     Attributes:
         running: the procedure under way; None for none.
@@ -57,7 +57,7 @@ NO_WORK = Work()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """What the estimate says of the aircraft, for the conditions under which a flight by the target begins.
+    """The estimate's values for the entry conditions of a flight by the target.
 
     Attributes:
         target: name of the target that is followed.
@@ -163,7 +163,7 @@ class Situation:
 
     @property
     def grounded(self) -> str:
-        """Why the aircraft does not fly, by what the boards say, in words; empty where it may."""
+        """Reason why the aircraft does not fly, by the boards' reports; empty if it may fly."""
         if self.motors_running is False:
             return "its motors stand still"
         is_down = self.flight is not None and self.flight.is_flying is False

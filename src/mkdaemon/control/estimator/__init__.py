@@ -1,1 +1,1 @@
-"""Where the aircraft is, how it moves, and what pushes it: an estimate over late, noisy and missing measurements."""
+"""Estimator of position, motion and disturbance, from late, noisy and missing measurements."""

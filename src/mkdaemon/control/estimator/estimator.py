@@ -247,7 +247,7 @@ class Estimator:
 
     @property
     def seen_at(self) -> float:
-        """When the newest image that was used was taken [s]."""
+        """Capture time of the newest image that was used [s]."""
         return self._seen_at
 
     @property
@@ -487,7 +487,7 @@ class Estimator:
 
     @property
     def throttle_cap(self) -> float | None:
-        """What the pilot's stick lets through of our throttle [count of 254]; None where it lets through all."""
+        """Limit of our throttle by the pilot's stick [count of 254]; None without a limit."""
         return None if self._last_command is None else self._last_command.use.cap
 
     def recentre_hover(self, rate: float, asked: float) -> None:

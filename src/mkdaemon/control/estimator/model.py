@@ -69,7 +69,7 @@ H, S, F, E = range(4)
 
 
 class Gap(Enum):
-    """Why a parameter set gives no model."""
+    """Reason for which a parameter set gives no model."""
 
     UNREAD = auto()
     """The set could not be read, its layout is not known, or it has no such parameter."""

@@ -100,7 +100,7 @@ class StickResponse:
 
     @property
     def gain(self) -> float:
-        """What to fly with: the measured gain, or 1 where that may be the boards' scale, or explains too little."""
+        """Gain for the flight: the measured one, or 1 if the boards' scale may explain it, or the evidence is weak."""
         change = math.log(self.measured)
         if not self._is_clear:
             return 1.0

@@ -1,4 +1,4 @@
-"""What the estimator takes and gives: stick frames, views of a target, the estimate; and which views are none."""
+"""Inputs and outputs of the estimator: stick frames, views of a target, the estimate; and the faults of a view."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def upright(tilt: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ThrottleUse:
-    """What the FlightCtrl makes of our throttle.
+    """Use of our throttle by the FlightCtrl.
 
     Attributes:
         cap: it flies with no more than this, because the pilot's stick is lower than ours [count of 254]; None where
@@ -73,7 +73,7 @@ class StickCommand:
 
     @property
     def acting_gas(self) -> float:
-        """What the motors get [count of 254]."""
+        """Throttle at the motors [count of 254]."""
         return self.gas if self.use.cap is None else min(self.gas, self.use.cap)
 
 
@@ -146,7 +146,7 @@ class TargetView:
 
 
 class ViewFault(Enum):
-    """Why a view of a target is none; the value is what is shown."""
+    """Fault of a view; the value is the text shown."""
 
     NOT_FINITE = "it has numbers that are not finite"
     TOO_FAR = "it shows the target farther away, or knows it worse, than any camera does"

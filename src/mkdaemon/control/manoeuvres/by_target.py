@@ -1,4 +1,4 @@
-"""What manoeuvres against a target have in common: estimate, reference, and the ladder while it is out of sight.
+"""Common base of manoeuvres by a target: estimate, reference, and the ladder while it is out of sight.
 
 Out of sight the aircraft first holds its place by dead reckoning. Then it searches: it rises, so that the camera sees
 more of the ground, and returns over the place where the target was seen last. It does so while the estimate shows it
@@ -174,13 +174,13 @@ def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, estimate: Estimate
 
 
 def resting_place(autopilot: Autopilot) -> Array:
-    """Where an aircraft that is to stay comes to rest (3,) [m]."""
+    """Position at which a hold comes to rest (3,) [m]."""
     level, height = autopilot.reference, autopilot.height
     return np.array([*(level.position + BRAKING * level.velocity), *(height.position + BRAKING * height.velocity)])
 
 
 def error_value(kind: str, goal: Goal, estimate: Estimate) -> ErrorValue:
-    """How far the aircraft is from where it is to be."""
+    """Distance of the aircraft from its goal."""
     error = estimate.position - goal.position
     yaw = None if goal.yaw is None else math.remainder(estimate.yaw - goal.yaw, math.tau)
     return ErrorValue(

@@ -87,7 +87,7 @@ def _cushion(height: float) -> float:
 
 
 class LandingPhase(StrEnum):
-    """Where a landing stands."""
+    """Phase of a landing."""
 
     APPROACH = "approach"
     """Over the target, waiting until it is inside the cone."""

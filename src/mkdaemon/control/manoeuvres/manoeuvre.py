@@ -1,4 +1,4 @@
-"""What a manoeuvre is: an object that turns setpoints of one kind into sticks, from its beginning to its end.
+"""Base class of manoeuvres: a manoeuvre turns setpoints of one kind into sticks, from start to end.
 
 What it remembers (place, reference, stage) belongs to it and ends with it.
 """
@@ -57,7 +57,7 @@ def ended(outcome: Outcome, **words: object) -> End:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What a manoeuvre wants now.
+    """Output of a manoeuvre in one tick.
 
     Attributes:
         sticks: before the limiter [stick; FLU].

@@ -43,7 +43,7 @@ from arriving for ever."""
 
 
 class TakeOffPhase(StrEnum):
-    """Where a take-off stands; the value is what is shown."""
+    """Phase of a take-off; the value is the text shown."""
 
     IDLE = "idle: the pilot raises his throttle"
     """Lowest throttle; on stock firmware nothing moves while ours is the smaller one."""

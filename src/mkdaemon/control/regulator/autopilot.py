@@ -57,7 +57,7 @@ YAW_MOST: Final = 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """Where to go, in the frame of the target.
+    """Goal in the frame of the target.
 
     Attributes:
         position: (3,) [m].

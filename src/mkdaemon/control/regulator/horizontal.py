@@ -29,7 +29,7 @@ STEP: Final = 0.02
 
 @dataclass(frozen=True, slots=True)
 class HorizontalCosts:
-    """What the regulator weighs against what.
+    """Weights of the regulator's cost.
 
     Attributes:
         position: [1/m2].

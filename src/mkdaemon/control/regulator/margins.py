@@ -1,4 +1,4 @@
-"""How far the aircraft may differ from its model, and whether the loop with its configured limits is safe on it.
+"""Margins of the loop: tolerated differences from the model, and whether the configured limits are safe.
 
 Everything linear about the loop is in its margins. Limits of tilt, sticks, their rates of change and the control rate
 are not linear: with a value that is too small the aircraft swings or drifts away, though every eigenvalue is stable. So
@@ -54,7 +54,7 @@ _AT_REST: Final = np.zeros(4)
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """How far from its goal the model is at the end.
+    """Distance of the model from its goal at the end.
 
     Attributes:
         level: largest horizontal distance along one axis [m].

@@ -1,4 +1,4 @@
-"""What keeps the boards busy, and the question whether something may begin meanwhile; admission decides."""
+"""Work that keeps the boards busy, and requests meanwhile; admission decides about them."""
 
 from __future__ import annotations
 

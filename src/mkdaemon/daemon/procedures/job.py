@@ -166,12 +166,12 @@ class JobObserver:
 
 
 def state_of(error: Exception) -> ProcedureState:
-    """How a procedure ended that raised this."""
+    """State of a procedure that ended with this error."""
     return ProcedureState.REFUSED if isinstance(error, CommandRejectedError) else ProcedureState.FAILED
 
 
 def refusal_for(verb: str, error: Exception, link: Link) -> CommandRejectedError:
-    """What to answer for an error that ended a procedure."""
+    """Refusal for an error that ended a procedure."""
     match error:
         case CommandRejectedError():
             return error

@@ -1,4 +1,4 @@
-"""What survives the daemon's death: which parameter set has to be live, noted before anything may change that.
+"""The journal on disk: the parameter set that must be live, noted before any request that may change it.
 
 One small file a procedure, `<state folder>/live-set-<id>.json`, written whole and flushed before the first request that
 loads another set, removed when the live set is proven.
@@ -55,7 +55,7 @@ class Note(BaseModel):
 
     @property
     def wanted(self) -> LiveSet:
-        """What has to be live."""
+        """The set that must be live."""
         return LiveSet(self.firmware, self.active, self.live, self.writing)
 
 

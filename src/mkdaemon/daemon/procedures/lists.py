@@ -1,4 +1,4 @@
-"""What becomes of the waypoint list: published as events, and noted while an upload may leave it half written."""
+"""Events of the waypoint list, and a note while an upload may leave it half written."""
 
 from __future__ import annotations
 

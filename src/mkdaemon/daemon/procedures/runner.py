@@ -81,7 +81,7 @@ class ProcedureRunner:
 
     @property
     def verbs(self) -> dict[str, Callable[[Payload], Awaitable[CommandResult]]]:
-        """What can be asked for under `do/`, each with what answers it."""
+        """Requests under `do/`, each with its handler."""
         return {
             **{verb: partial(self._answer, verb, spec) for verb, spec in PROCEDURES.items()},
             "labels": self._answer_labels,

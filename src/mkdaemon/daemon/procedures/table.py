@@ -108,7 +108,7 @@ PROCEDURES: Final[Mapping[str, ProcedureSpec]] = {
 
 
 def request_model(verb: str) -> type[ProcedureRequest]:
-    """What a client sends for a procedure.
+    """Request model of a procedure.
 
     Raises:
         ValueError: the table of keys has no such verb, or another kind of request for it.

@@ -14,7 +14,7 @@ from foxglove import Schema
 
 from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.reading import Reading
-from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, Level, diagnoses_of, diagnosis_of
+from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, Level, diagnoses_of, diagnosis_of, states_of
 from mkdaemon.reading.known import KEYS as PICTURED
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.base import Stamped
@@ -73,12 +73,13 @@ class Diagnostics:
         self._reading.take(suffix, value, at)
         if suffix not in PARTS.values() and not suffix.endswith("/stats"):
             return None
-        lines = [line for line in diagnoses_of(self._reading.at(at)) if line.values or line.name == VERDICT]
+        picture = self._reading.at(at)
         # What has to change to be shown at once: the level, and the message without its numbers.
-        gists = {line.name: (line.level, _NUMBER.sub("", line.message)) for line in lines}
+        gists = {one.name: (one.level, _NUMBER.sub("", one.message)) for one in states_of(picture)}
         if gists == self._gists and 0.0 <= at - self._shown < PERIOD:
             return None
         self._gists, self._shown = gists, at
+        lines = (line for line in diagnoses_of(picture) if line.values or line.name == VERDICT)
         return _message(self._names, value, lines)
 
 

@@ -16,6 +16,7 @@ from mcap.writer import Writer
 from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
 from mkdaemon.files import saving
+from mkdaemon.gateways.faults import expressible
 from mkdaemon.gateways.foxglove.names import LATEST, Names
 from mkdaemon.gateways.foxglove.topics import (
     CAMERA,
@@ -49,7 +50,8 @@ class _Aircraft:
             self._lines[value.suffix] = self._lines_of(value)
         count, at = 0, min(max(nanoseconds(value.wall), 0), LATEST)
         for channel, convert in self._lines[value.suffix]:
-            message = json_message(value.fields) if convert is None else convert(value.suffix, value.stamped)
+            with expressible(value.suffix, value.vehicle, value.wall):
+                message = json_message(value.fields) if convert is None else convert(value.suffix, value.stamped)
             if message is not None:
                 self._writer.add_message(channel, log_time=at, data=message, publish_time=at)
                 count += 1

@@ -153,7 +153,7 @@ class Gateway:
             self.announce(*text)
         kind = type(value)
         for name, row in TABLE.items():
-            if row.source is kind:
+            if row.of is kind and not row.is_by_clock:
                 self._send(name, now)
 
     def _announce_verdict(self) -> None:
@@ -200,7 +200,7 @@ class Gateway:
         """Send what the clock sends."""
         now = self.picture.now = self._now()
         for name, row in TABLE.items():
-            if row.source is None:
+            if row.is_by_clock:
                 self._send(name, now)
         mode = self._mode()
         if now - self._beat_at < BEAT and mode is self._beaten:  # QGroundControl waits 1.3 s for a new mode

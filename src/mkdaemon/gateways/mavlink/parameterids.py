@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Final, NamedTuple
 
-from mkdaemon.gateways.activeset import numbers_of
+from mkdaemon.gateways.boardset import numbers_of
 from mkdaemon.protocol.settings import ParameterSet, Value, known_revisions, layout_of
 
 NEWEST: Final = max(known_revisions())

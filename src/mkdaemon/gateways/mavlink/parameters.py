@@ -16,7 +16,7 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.activeset import ActiveSet
+from mkdaemon.gateways.boardset import GatewaySettings
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.modes import Numbering
@@ -66,7 +66,7 @@ class ParameterServer:
             notify: tells a ground station why.
             now: the clock [s].
         """
-        self._set, self._notify, self._now = ActiveSet(uav, lambda: backups), notify, now
+        self._set, self._notify, self._now = GatewaySettings(uav, lambda: backups), notify, now
         self.take_off_height = TAKE_OFF_HEIGHT
         self._read_at = -math.inf
         self._reading: asyncio.Task[None] | None = None

@@ -33,6 +33,7 @@ class Picture:
         self._boot, self._ahead = "", -math.inf
         self._home: tuple[float | None, float | None] = (None, None)
         self._reading = Reading()
+        self._known: Known | None = None
 
     def take(self, value: object, at: float, age: float = 0.0) -> None:
         """Keep a value.
@@ -47,6 +48,7 @@ class Picture:
         if stamp is not None and age == 0.0:
             self._compare_clocks(stamp, at)
         self._reading.take(key_of(value), value, at - age)
+        self._known = None
         if isinstance(value, Position):
             self._take_home(value)
 
@@ -84,7 +86,9 @@ class Picture:
     @property
     def known(self) -> Known:
         """What is known now."""
-        return self._reading.at(self.now)
+        if self._known is None or self._known.now != self.now:
+            self._known = self._reading.at(self.now)
+        return self._known
 
     def get(self, kind: type[_Value], *, is_old: bool = False) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.

@@ -14,7 +14,7 @@ import structlog
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.foreignfiles import read_text
-from mkdaemon.gateways.activeset import backups_folder
+from mkdaemon.gateways.boardset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import Gateway, Options

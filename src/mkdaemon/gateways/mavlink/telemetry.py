@@ -49,14 +49,21 @@ class MessageRow(NamedTuple):
     """A message that is sent by itself.
 
     Attributes:
-        make: makes it; None while it cannot be said.
-        source: kind of the value with which it is sent; None for one that is sent by the clock.
+        message: makes it of the newest value of its kind; None while it cannot be said.
+        of: kind of that value; None for a message that is always sent.
         rate: unless a ground station asks for another one [Hz]; 0 for none. None is faster than its source.
+        is_by_clock: it is sent by the clock, not with its value.
     """
 
-    make: Callable[[Picture], Message | None]
-    source: type[Any] | None
+    message: Callable[[Any, Picture], Message | None]
+    of: type[Any] | None
     rate: float
+    is_by_clock: bool = False
+
+    def make(self, picture: Picture) -> Message | None:
+        """The message; None while it cannot be said."""
+        now = None if self.of is None else picture.get(self.of)
+        return None if now is None and self.of is not None else self.message(now, picture)
 
 
 def boot_ms(stamp: Stamp) -> int:
@@ -69,29 +76,22 @@ def boot_us(stamp: Stamp) -> int:
     return int(stamp.monotonic * 1e6)
 
 
-def attitude(picture: Picture) -> Message | None:
+def attitude(now: Attitude, picture: Picture) -> Message | None:
     """ATTITUDE; rates are not reported."""
-    now = picture.get(Attitude)
-    if now is None:
-        return None
     yaw = compass_from_yaw(now.yaw)
     return mavlink.MAVLink_attitude_message(boot_ms(now.stamp), now.roll, -now.pitch, yaw, NAN, NAN, NAN)
 
 
-def attitude_quaternion(picture: Picture) -> Message | None:
+def attitude_quaternion(now: Attitude, picture: Picture) -> Message | None:
     """ATTITUDE_QUATERNION; rates are not reported."""
-    now = picture.get(Attitude)
-    if now is None:
-        return None
     turned = ned_from_frd(now.quaternion)
     return mavlink.MAVLink_attitude_quaternion_message(boot_ms(now.stamp), *turned, NAN, NAN, NAN)
 
 
-def global_position(picture: Picture) -> Message | None:
+def global_position(now: Position, picture: Picture) -> Message | None:
     """GLOBAL_POSITION_INT: only while the GPS position is valid and its altitude known."""
-    now, speed = picture.get(Position), picture.get(Velocity)
-    above_sea = picture.above_sea
-    if now is None or speed is None or above_sea is None or now.altitude_above_start is None:
+    speed, above_sea = picture.get(Velocity), picture.above_sea
+    if speed is None or above_sea is None or now.altitude_above_start is None:
         return None
     turn = picture.get(Attitude)
     north, east, down = (_clipped(100 * part, -32767, 32767) for part in ned_from_enu(speed.velocity_enu))
@@ -108,11 +108,8 @@ def global_position(picture: Picture) -> Message | None:
     )
 
 
-def gps_raw(picture: Picture) -> Message | None:
+def gps_raw(now: Gps, picture: Picture) -> Message | None:
     """GPS_RAW_INT: fix 3D where the board calls its position valid; a MikroKopter tells no precision."""
-    now = picture.get(Gps)
-    if now is None:
-        return None
     place, speed = picture.get(Position), picture.get(Velocity)
     is_valid = now.fix is GpsFix.VALID and place is not None
     latitude = longitude = altitude = 0
@@ -133,11 +130,8 @@ def gps_raw(picture: Picture) -> Message | None:
     )
 
 
-def vfr_hud(picture: Picture) -> Message | None:
+def vfr_hud(turn: Attitude, picture: Picture) -> Message | None:
     """VFR_HUD: no air speed is measured; the throttle is that of the FlightCtrl where it is reported."""
-    turn = picture.get(Attitude)
-    if turn is None:
-        return None
     speed, above_sea, pilot = picture.get(Velocity), picture.above_sea, picture.get(Pilot)
     throttle = None if pilot is None else _first(pilot.throttle_in_use, pilot.throttle)
     return mavlink.MAVLink_vfr_hud_message(
@@ -150,11 +144,9 @@ def vfr_hud(picture: Picture) -> Message | None:
     )
 
 
-def altitude(picture: Picture) -> Message | None:
+def altitude(now: Altitude, picture: Picture) -> Message | None:
     """ALTITUDE: above the start by barometer; local is above the target."""
-    now, above_sea, estimate = picture.get(Altitude), picture.above_sea, picture.get(ControlEstimate)
-    if now is None:
-        return None
+    above_sea, estimate = picture.above_sea, picture.get(ControlEstimate)
     pose = picture.get(VisionPose)
     local = NAN if pose is None else pose.position_target[2]
     return mavlink.MAVLink_altitude_message(
@@ -168,11 +160,8 @@ def altitude(picture: Picture) -> Message | None:
     )
 
 
-def battery_status(picture: Picture) -> Message | None:
+def battery_status(now: Battery, picture: Picture) -> Message | None:
     """BATTERY_STATUS: the whole voltage in cell 0; no remaining charge is estimated."""
-    now = picture.get(Battery)
-    if now is None:
-        return None
     state = mavlink.MAV_BATTERY_CHARGE_STATE_UNDEFINED
     if now.is_low is not None:
         state = mavlink.MAV_BATTERY_CHARGE_STATE_LOW if now.is_low else mavlink.MAV_BATTERY_CHARGE_STATE_OK
@@ -191,11 +180,8 @@ def battery_status(picture: Picture) -> Message | None:
     )
 
 
-def rc_channels(picture: Picture) -> Message | None:
+def rc_channels(now: Pilot, picture: Picture) -> Message | None:
     """RC_CHANNELS in the order roll, pitch, throttle, yaw; where the board reports no sticks only the quality."""
-    now = picture.get(Pilot)
-    if now is None:
-        return None
     channels = [UINT16_UNKNOWN] * 18
     count = 0
     if now.sticks is not None and now.throttle is not None:
@@ -208,12 +194,9 @@ def rc_channels(picture: Picture) -> Message | None:
     return mavlink.MAVLink_rc_channels_message(boot_ms(now.stamp), count, *channels, quality)
 
 
-def home_position(picture: Picture) -> Message | None:
+def home_position(now: Position, picture: Picture) -> Message | None:
     """HOME_POSITION, where home and its altitude are known; the local frame is another one, so its parts are NaN."""
-    now = picture.get(Position)
-    if now is None or now.home_latitude_deg is None or now.home_longitude_deg is None:
-        return None
-    if picture.ground is None:
+    if now.home_latitude_deg is None or now.home_longitude_deg is None or picture.ground is None:
         return None
     return mavlink.MAVLink_home_position_message(
         degrees_e7(now.home_latitude_deg),
@@ -226,7 +209,7 @@ def home_position(picture: Picture) -> Message | None:
     )
 
 
-def extended_state(picture: Picture) -> Message | None:
+def extended_state(_: None, picture: Picture) -> Message | None:
     """EXTENDED_SYS_STATE: where the aircraft is between ground and air."""
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, landed_state(picture))
 
@@ -246,20 +229,14 @@ def landed_state(picture: Picture) -> int:
     return int(mavlink.MAV_LANDED_STATE_IN_AIR if flight.is_flying else mavlink.MAV_LANDED_STATE_ON_GROUND)
 
 
-def local_position(picture: Picture) -> Message | None:
+def local_position(now: ControlEstimate, picture: Picture) -> Message | None:
     """LOCAL_POSITION_NED in the frame of the target, while it is flown: before that no velocity is estimated."""
-    now = picture.get(ControlEstimate)
-    if now is None:
-        return None
     place, speed = ned_from_enu(now.position), ned_from_enu(now.velocity)
     return mavlink.MAVLink_local_position_ned_message(boot_ms(now.stamp), *place, *speed)
 
 
-def odometry(picture: Picture) -> Message | None:
+def odometry(now: VisionPose, picture: Picture) -> Message | None:
     """ODOMETRY of the tag in sight: pose by the camera; velocity by the estimate while it is flown, else NaN."""
-    now = picture.get(VisionPose)
-    if now is None:
-        return None
     turned = ned_from_frd(now.quaternion_target_from_flu)
     estimate = picture.get(ControlEstimate)
     speed = (NAN, NAN, NAN)
@@ -313,11 +290,8 @@ def pose_covariance(pose: VisionPose) -> list[float]:
     return [float(value) for value in found[np.triu_indices(6)]]
 
 
-def landing_target(picture: Picture) -> Message | None:
+def landing_target(now: VisionPose, picture: Picture) -> Message | None:
     """LANDING_TARGET of the tag in sight, in the body's frame; angles as the camera measured them."""
-    now = picture.get(VisionPose)
-    if now is None:
-        return None
     right, down, ahead = now.position_cam
     distance = math.sqrt(sum(part * part for part in now.position_flu))
     return mavlink.MAVLink_landing_target_message(
@@ -347,11 +321,8 @@ def _size(setup: CameraSetup | None, name: str, distance: float) -> tuple[float,
     return 0.0, 0.0
 
 
-def system_time(picture: Picture) -> Message | None:
+def system_time(now: ControlStatus, picture: Picture) -> Message | None:
     """SYSTEM_TIME: both clocks of the daemon, by its newest value."""
-    now = picture.get(ControlStatus)
-    if now is None:
-        return None
     return mavlink.MAVLink_system_time_message(int(now.stamp.wall * 1e6), boot_ms(now.stamp))
 
 
@@ -364,7 +335,7 @@ _CONTROL = (
 )
 
 
-def system_status(picture: Picture) -> Message | None:
+def system_status(_: None, picture: Picture) -> Message | None:
     """SYS_STATUS: a sensor is present once its value came, and healthy while the value is fresh and good.
 
     errors_comm counts what was sent to the boards and not answered; errors_count1 to 3 are its link tests, requests and
@@ -441,19 +412,19 @@ def _first(*values: float | None) -> float | None:
 
 
 TABLE: Final[dict[str, MessageRow]] = {
-    "SYS_STATUS": MessageRow(system_status, None, 1.0),
-    "SYSTEM_TIME": MessageRow(system_time, None, 1.0),
+    "SYS_STATUS": MessageRow(system_status, None, 1.0, is_by_clock=True),
+    "SYSTEM_TIME": MessageRow(system_time, ControlStatus, 1.0, is_by_clock=True),
     "ATTITUDE": MessageRow(attitude, Attitude, 25.0),
     "ATTITUDE_QUATERNION": MessageRow(attitude_quaternion, Attitude, 10.0),
     "LOCAL_POSITION_NED": MessageRow(local_position, ControlEstimate, 25.0),
     "GLOBAL_POSITION_INT": MessageRow(global_position, Position, 5.0),
     "GPS_RAW_INT": MessageRow(gps_raw, Gps, 5.0),
-    "VFR_HUD": MessageRow(vfr_hud, None, 4.0),
+    "VFR_HUD": MessageRow(vfr_hud, Attitude, 4.0, is_by_clock=True),
     "ALTITUDE": MessageRow(altitude, Altitude, 5.0),
     "BATTERY_STATUS": MessageRow(battery_status, Battery, 1.0),
     "RC_CHANNELS": MessageRow(rc_channels, Pilot, 5.0),
-    "HOME_POSITION": MessageRow(home_position, None, 0.5),
-    "EXTENDED_SYS_STATE": MessageRow(extended_state, None, 2.0),
+    "HOME_POSITION": MessageRow(home_position, Position, 0.5, is_by_clock=True),
+    "EXTENDED_SYS_STATE": MessageRow(extended_state, None, 2.0, is_by_clock=True),
     "LANDING_TARGET": MessageRow(landing_target, VisionPose, 15.0),
     "ODOMETRY": MessageRow(odometry, VisionPose, 30.0),
 }

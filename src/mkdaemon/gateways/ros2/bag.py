@@ -16,6 +16,7 @@ import numpy as np
 from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.client.rosmessages import LAST_SECOND
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.faults import expressible
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import Frames, Scene, name_part
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Topic
@@ -158,13 +159,15 @@ def _fill(writer: Any, types: BagTypes, values: Iterable[ExportedValue]) -> int:
         if value.vehicle not in fleet:
             prefix = f"{name_part(value.vehicle)}/" if fleet else ""
             fleet[value.vehicle] = _Aircraft(value.vehicle, types, Frames(prefix))
-        for name, kind, quality, message in fleet[value.vehicle].messages(value):
-            if name not in connections:
-                connections[name] = writer.add_connection(
-                    name, kind, typestore=types.store, offered_qos_profiles=(_offered(quality),)
-                )
-            writer.write(connections[name], nanoseconds(value.wall), types.store.serialize_cdr(message, kind))
-            count += 1
+        with expressible(value.suffix, value.vehicle, value.wall):
+            for name, kind, quality, message in fleet[value.vehicle].messages(value):
+                raw = types.store.serialize_cdr(message, kind)
+                if name not in connections:
+                    connections[name] = writer.add_connection(
+                        name, kind, typestore=types.store, offered_qos_profiles=(_offered(quality),)
+                    )
+                writer.write(connections[name], nanoseconds(value.wall), raw)
+                count += 1
     return count
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.activeset import ActiveSet, backups_folder, numbers_of
+from mkdaemon.gateways.boardset import GatewaySettings, backups_folder, numbers_of
 
 PREFIX: Final = "settings."
 Declare = Callable[[str, Any, str], None]
@@ -29,7 +29,7 @@ class BoardSettings:
             uav: the vehicle.
             declare: makes parameters.
         """
-        self._set, self._declare = ActiveSet(uav, partial(backups_folder, "ros2")), declare
+        self._set, self._declare = GatewaySettings(uav, partial(backups_folder, "ros2")), declare
 
     async def pull(self) -> int:
         """Read the active set; how many parameters it has.

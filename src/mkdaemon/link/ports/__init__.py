@@ -1,1 +1,1 @@
-"""What bytes come through: serial lines, TCP, recordings."""
+"""Ports: serial lines, TCP, recordings."""

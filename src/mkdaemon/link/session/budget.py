@@ -1,4 +1,4 @@
-"""What the line can carry: shares, refusals with the arithmetic, and the best mix of streams. Pure.
+"""Budget of the line: shares, refusals with the arithmetic, and the best mix of streams. Pure.
 
 Source: docs/firmware-notes, "Losses": O + D + C, all at 50 ms (84 % of the line), is the highest mix where everything
 gets through; above it, the kinds a NaviCtrl sends last starve.
@@ -35,7 +35,7 @@ _WORTH: Final = {"attitude": 4.0, "osd": 3.0, "debug": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What will be asked of the line.
+    """Planned use of the line.
 
     Attributes:
         streams: interval by key [s].

@@ -264,7 +264,7 @@ class Dialogue:
         return SetpointQueued(entry.number)
 
     def control_line(self, now: float) -> ControlLine:
-        """What the line can take from the flight core now; the one place that answers."""
+        """What the line accepts from the flight core now; the only place that decides it."""
         layout, obstacle = self.dialect.extern_control_layout, self.steering.obstacle(now)
         reason = self.health.verdict.reason if layout is not None else self.dialect.read_only_reason or ""
         if not self.is_open or self.identity.was_gap(self.health.verdict, now):
@@ -290,7 +290,7 @@ class Dialogue:
         return self.streams.start(self.rules, self.demand)
 
     def demand(self, streams: dict[str, float]) -> budget.Demand:
-        """What the line must carry with these streams [s]."""
+        """Load of the line with these streams [s]."""
         period = self.scheduler.setpoint_period
         return budget.Demand(
             streams,
@@ -356,7 +356,7 @@ class Dialogue:
 
     @property
     def dialect(self) -> Dialect:
-        """How to speak to this aircraft."""
+        """Dialect of this aircraft."""
         return self.peers.dialect
 
     def condition_changed(self, before: Verdict, now: float) -> bool:

@@ -1,4 +1,4 @@
-"""What happened on the line in the moving window: frames by kind, damaged bytes, probes and their answers. Pure."""
+"""Evidence of the moving window: frames by kind, damaged bytes, probes and their answers. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What crosses the port: bytes in, frames out, and the verdicts that end it.
+"""Exchange with the port: bytes in, frames out, and the errors that end it.
 
 Frame in: bytes, `FrameDecoder.feed`, `MessageDecoder.decode`, `Dialogue.frame_received`, `LinkSink.received`: a
 straight line without a queue. Frame out: `Dialogue.poll` gives what may be written now; a timer asks again in time.
@@ -112,7 +112,7 @@ class StickQueue:
         return self._behind is None
 
     def forget(self) -> None:
-        """What waited was thrown away, or the port was lost."""
+        """Waiting frames were discarded, or the port was lost."""
         self._behind = None
 
 

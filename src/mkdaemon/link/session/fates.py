@@ -1,4 +1,4 @@
-"""What became of everything that wants an answer: one tally for link tests, one for requests, one for stick frames."""
+"""Outcomes of everything that needs an answer: link tests, requests, stick frames."""
 
 from __future__ import annotations
 

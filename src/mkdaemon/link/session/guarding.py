@@ -1,4 +1,4 @@
-"""What the guard hears of a line: the port, the frames, and when the aircraft is released.
+"""Reports to the guard: the port, the frames, and the release of the aircraft.
 
 The guard is a separate process (`mkdaemon.guard`); this module only reports to it, from the place where bytes are
 written, so that its heartbeat is the control path itself.
@@ -18,7 +18,7 @@ from mkdaemon.protocol.wire import WireMessage
 
 
 class LineGuard(Protocol):
-    """What hears about one line; `mkdaemon.daemon.guard.GuardProcess` in earnest."""
+    """Receiver of one line's reports; `mkdaemon.daemon.guard.GuardProcess` in the daemon."""
 
     def port_opened(self, descriptor: int) -> None:
         """Take the descriptor of the open port."""

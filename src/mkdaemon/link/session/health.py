@@ -1,4 +1,4 @@
-"""What is true about the line: weighs all that happens on it, and claims nothing else. Pure; driven with `now`.
+"""State of the line, from all that happens on it. Pure; driven with `now`.
 
 Evidence is kept per direction. *We hear them*: a right frame within `SILENCE_TIME`. *They hear us*: a reply or a
 confirmation to something we sent. Absence counts only where something was to be expected: a stream that was asked
@@ -269,7 +269,7 @@ class HealthMonitor:
 
     @property
     def two_way_proof(self) -> float:
-        """When both directions were last proven [s; monotonic]; minus infinity for never."""
+        """Time at which both directions were last proven [s; monotonic]; minus infinity for never."""
         return min(self._received_at, self._answered)
 
     def judge(self, now: float) -> bool:

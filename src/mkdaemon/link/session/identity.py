@@ -1,4 +1,4 @@
-"""Who the boards are: learnt from what they say, forgotten with every sign that they may be others. Pure.
+"""Identity of the boards: learned from their frames, and dropped at every sign of other boards. Pure.
 
 Such signs are text that a board prints while it boots, a long silence, a NaviCtrl that lost its FlightCtrl, and time in
 which this program did not run. A FlightCtrl prints 628 characters while it boots, in stages over 4.7 s, keeps the first

@@ -54,7 +54,7 @@ class Fix:
     longitude: float
 
     def distance(self, other: Fix) -> float:
-        """How far apart two positions are [m]; exact only where that is little."""
+        """Distance between two positions [m]; exact only if small."""
         east, north, _ = enu_from_geodetic(other.latitude, other.longitude, 0.0, (self.latitude, self.longitude, 0.0))
         return math.hypot(east, north)
 
@@ -76,7 +76,7 @@ def read_fix(message: WireMessage, now: float) -> Fix | None:
 
 @dataclass(slots=True)
 class KnownAircraft:
-    """What the aircraft on the line has shown of itself, over every opening of the port.
+    """Identity of the aircraft on the line, kept over every opening of the port.
 
     Attributes:
         versions: what each board said of its firmware.

@@ -1,4 +1,4 @@
-"""What is kept of the boards while they fly, because a FlightCtrl behind a NaviCtrl cannot be asked in flight. Pure.
+"""Memory of the boards in flight, because a FlightCtrl behind a NaviCtrl cannot be identified in flight. Pure.
 
 What is known of the boards dies with a gap in telemetry, with boot text, with a lost FlightCtrl and with the port. In
 flight it comes back only where telemetry proves that it is the same aircraft in the same flight: the same NaviCtrl
@@ -34,7 +34,7 @@ MOST_CHARGE: Final = 40.0
 
 
 class FlightState(Enum):
-    """What one look shows."""
+    """One observation of the flight."""
 
     FC_LOST = auto()
     """The NaviCtrl does not hear its FlightCtrl."""
@@ -142,7 +142,7 @@ class FlightMemory:
 
 
 class Change(Enum):
-    """What a look at the flight changes."""
+    """Change by an observation of the flight."""
 
     NOTHING = auto()
     FLIGHTCTRL_LOST = auto()
@@ -189,7 +189,7 @@ class KnownFlight:
             self.memory = replace(self.memory, sighting=replace(seen, at=seen.at - seconds))
 
     def offer(self, now: float) -> FlightMemory | None:
-        """What a client may confirm now; None for nothing."""
+        """What a client may confirm now; None without an offer."""
         is_proven = self._proven_at is not None and now - self._proven_at <= FRESH
         return self.memory if is_proven and self._peers.dialect.extern_control is None else None
 

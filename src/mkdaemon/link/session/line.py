@@ -1,4 +1,4 @@
-"""How long characters take on the wire, and how close frames may follow each other: pure arithmetic.
+"""Times of characters on the wire, and the least distance of frames: pure arithmetic.
 
 Source of every figure: docs/firmware-notes, "Timing" and "Losses", measured on genuine firmware.
 """
@@ -26,7 +26,7 @@ RESYNC: Final = b"\r\r"
 
 @dataclass(frozen=True, slots=True)
 class LineRules:
-    """What the line and the boards on it can take.
+    """Limits of the line and of its boards.
 
     Attributes:
         baud: line rate [baud].

@@ -66,7 +66,7 @@ class Peers:
         self.forget()
 
     def forget(self) -> None:
-        """What the boards said of themselves may be true of other boards: they must say it again.
+        """Forget the boards' identities: others may be there, so they are asked again.
 
         Another aircraft may hang on the same cable, or a board may have been replaced behind the same NaviCtrl.
         """

@@ -160,7 +160,7 @@ class ReleasePlan:
             self.outcome = ReleaseOutcome.CONFIRMED
 
     def expect_no_confirmation(self) -> None:
-        """What could confirm is out of reach from now on, as when a redirection ends."""
+        """No confirmation can arrive any more, for example after a redirection."""
         self.confirms = False
 
     def next_time(self) -> float:
@@ -168,5 +168,5 @@ class ReleasePlan:
         return self._next if self.outcome in {None, ReleaseOutcome.UNCONFIRMED} else math.inf
 
     def result(self) -> ReleaseResult:
-        """How it went."""
+        """Its outcome."""
         return ReleaseResult(self.outcome or ReleaseOutcome.UNCONFIRMED, self._sent, self._confirmed, self.reason)

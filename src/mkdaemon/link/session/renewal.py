@@ -1,4 +1,4 @@
-"""How often subscriptions are renewed, so that they do not run out: from what is measured of the line. Pure.
+"""Renewal interval of subscriptions, so that they do not expire: from the measured losses. Pure.
 
 A board drops its streams when it has heard no stream request for `TIME_TO_LIVE`. Renewals are lost like every other
 request, and not independently: interference lasts, so the request after a lost one is lost more often than others. Two

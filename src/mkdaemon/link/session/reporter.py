@@ -108,7 +108,7 @@ class Reporter:
         )
 
     def traffic(self, now: float) -> LinkTraffic:
-        """What crossed the line."""
+        """Traffic of the line."""
         dialogue = self._dialogue
         counters = dialogue.counters
         self._bytes.append((now, counters.rx_bytes, counters.tx_bytes))

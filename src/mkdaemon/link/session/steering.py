@@ -164,7 +164,7 @@ class Steering:
         return self.plan is not None and self.plan.is_running
 
     def obstacle(self, now: float) -> Obstacle | None:
-        """Why a release prevents stick frames; None if none does."""
+        """Reason why a release prevents stick frames; None if none does."""
         if self.is_releasing:
             return Obstacle.RELEASING
         return Obstacle.UNCONFIRMED if self._scheduler.holds_back(_LETTER, now) else None

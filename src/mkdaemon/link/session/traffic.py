@@ -1,4 +1,4 @@
-"""What crosses the line, stamped: the values that the link passes to its listeners."""
+"""Traffic of the line with time stamps: the values that the link passes to its listeners."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 
 
 class Purpose(IntEnum):
-    """Why a frame is sent; a smaller number goes first."""
+    """Purpose of a sent frame; a smaller number goes first."""
 
     RELEASE = 0
     """Releases the aircraft."""
@@ -163,7 +163,7 @@ class LineTap(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ReleaseResult:
-    """How a release went.
+    """Outcome of a release.
 
     Attributes:
         status: `confirmed` (five `B` seen), `not_observable` (sent, no `B` can come here), `unconfirmed` (a `B` could

@@ -98,12 +98,12 @@ class WriteMotorController(_Configuration, _Request):
 
 @answer(Board.FC, "W", firmware="FC 0.80 and later", source=Source.FC_SEND)
 class MotorControllerWritten(_Ack):
-    """How storing a motor controller's configuration ended."""
+    """Result of storing a motor controller's configuration."""
 
 
 @answer(Board.BL, "?", firmware="FC built as redundant slave; address 11 + motor", source=Source.FC_SEND)
 class RedundancyStatus(WireMessage):
-    """What a motor controller tells a redundant FlightCtrl; internal, only ever overheard."""
+    """State of a motor controller for a redundant FlightCtrl; internal to the boards, only received."""
 
     bits: Annotated[RedundancyBits, U8(mk="BitState", enum=RedundancyBits)]
     current: Annotated[int, U8(mk="Current", unit=DECIAMPERE)]
@@ -125,7 +125,7 @@ class RedundancyStatus(WireMessage):
     ),
 )
 class RedundancySetpoints(WireMessage):
-    """What a redundant FlightCtrl tells motor controllers; internal, only ever overheard."""
+    """Set points of a redundant FlightCtrl for motor controllers; internal to the boards, only received."""
 
     request: Annotated[int, U8(mk="request")]
     """Flags; bit 7: motor test."""

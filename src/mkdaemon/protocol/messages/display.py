@@ -1,4 +1,4 @@
-"""What a board shows a person: its 4 x 20 menu and the labels of its debug channels.
+"""A board's display: its 4 x 20 menu and the labels of its debug channels.
 
 Source: docs/protocol.md, "Common commands".
 """

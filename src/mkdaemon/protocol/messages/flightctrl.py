@@ -255,7 +255,7 @@ class Beep(WireMessage):
 
     @property
     def deaf_time(self) -> float:
-        """How long the board hears nothing [s]; 2.16 s measured for twice 500 ms. Nothing but power-off ends it."""
+        """Time in which the board is deaf [s]; 2.16 s measured for twice 500 ms. Nothing but power-off ends it."""
         return 0.084 + 2 * self.duration * self.count * 1.038e-3
 
 

@@ -31,7 +31,7 @@ _FIRMWARE = "NC 2.14 and later, with the 3-byte request"
 
 
 class OsdSet(WireMessage):
-    """What every data set begins with."""
+    """Common head of every data set."""
 
     index: Annotated[int, U8(mk="Index")]
     """Number of the data set."""

@@ -112,7 +112,7 @@ class WriteSettings(WireMessage):
 
 @answer(Board.FC, "S", firmware="FC", source=Source.FC_SEND)
 class SettingsWritten(WireMessage):
-    """How storing a parameter set ended."""
+    """Result of storing a parameter set."""
 
     index: Annotated[int, U8(mk="Index")]
     """The active set; 0: refused."""
@@ -169,7 +169,7 @@ class MixerRequest(WireMessage):
 
 @answer(Board.FC, "N", firmware="FC 0.73 and later", source=Source.FC_SEND)
 class Mixer(_MixerTable):
-    """How throttle and sticks drive each motor."""
+    """Shares of throttle and sticks for each motor."""
 
 
 @request(
@@ -190,7 +190,7 @@ class WriteMixer(_MixerTable):
 
 @answer(Board.FC, "M", firmware="FC 0.73 and later", source=Source.FC_SEND)
 class MixerWritten(WireMessage):
-    """How storing a mixer ended."""
+    """Result of storing a mixer."""
 
     stored: Annotated[int, U8(mk="Ack")]
     """1 stored, 0 wrong revision."""

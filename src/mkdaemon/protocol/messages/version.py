@@ -69,7 +69,7 @@ def _is_classic(payload: bytes) -> bool:
 
 
 class VersionReply(WireMessage):
-    """What every version reply begins with."""
+    """Common head of every version reply."""
 
     major: Annotated[int, U8(mk="SWMajor")]
     minor: Annotated[int, U8(mk="SWMinor")]

@@ -181,7 +181,7 @@ class WriteWaypointOld(_PointOld):
 
 @answer(Board.NC, "W", firmware="NC", source=Source.NC_SEND)
 class WaypointWritten(WireMessage):
-    """How storing a point ended."""
+    """Result of storing a point."""
 
     index: Annotated[int, U8(mk="Index")]
     """The stored one; 0 means cleared AND refused: only the list's state tells them apart."""

@@ -44,7 +44,7 @@ _CLAMPED = 8
 
 
 class Recovered(Enum):
-    """How a live set was recovered."""
+    """Way in which a live set was recovered."""
 
     LOADED = "loaded"
     """The FlightCtrl had it stored and has loaded it."""
@@ -75,7 +75,7 @@ class FoundSets:
     is_at_risk: bool = False
 
     def live_set(self, writing: Mapping[int, bytes]) -> LiveSet:
-        """What must be live in the end."""
+        """The set that must be live at the end."""
         return LiveSet(self.version.release, self.active, self.live, writing)
 
 

@@ -46,7 +46,7 @@ _LIST_2X: Final = 254
 
 @dataclass(frozen=True, slots=True)
 class PointFormat:
-    """How one NaviCtrl release writes points.
+    """Format of points of one NaviCtrl release.
 
     Attributes:
         release: of the NaviCtrl.

@@ -31,7 +31,7 @@ SWITCH_2X: Final = (
 
 
 def switch_words(form: PointFormat) -> str:
-    """What the pilot's GPS switch does with a list that is ready to be flown."""
+    """Effect of the pilot's GPS switch on a list that is ready."""
     return SWITCH_024 if form.release < ACTIVATES_IN_FLIGHT else SWITCH_2X
 
 

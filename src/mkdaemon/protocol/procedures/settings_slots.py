@@ -40,7 +40,7 @@ class Backup:
 
 @dataclass(frozen=True, slots=True)
 class Restoration:
-    """What a restore found, wrote and left.
+    """Result of a restore: sets found, written, unchanged.
 
     Attributes:
         version: what the FlightCtrl said of itself.

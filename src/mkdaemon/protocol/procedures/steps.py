@@ -48,7 +48,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the procedure is, for a person to see.
+    """Progress of the procedure for displays.
 
     Attributes:
         done: finished parts.
@@ -105,7 +105,7 @@ Procedure = Generator[Step, WireMessage | None, _Result]
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long to insist on one answer.
+    """Time-outs and repeats for one answer.
 
     Attributes:
         attempts: how often a request is sent before giving up.

@@ -40,7 +40,7 @@ _CLEAR_ROUNDS, _ROUNDS, _REFUSALS = 4, 8, 3
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where the board's list is not the mission.
+    """Difference between the board's list and the mission.
 
     Attributes:
         number: point, counted from 1.

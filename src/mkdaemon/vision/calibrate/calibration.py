@@ -1,4 +1,4 @@
-"""What is in a camera file, with uncertainties: lens and tone curve by views of a board, line time by a lamp."""
+"""Content of a camera file, with uncertainties: lens and tone curve by views of a board, line time by a lamp."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ NONE: Final = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationResult:
-    """What a calibration found and how well it is known.
+    """Result of a calibration with uncertainties.
 
     Attributes:
         rms_px: reprojection error over all points [px].
@@ -76,7 +76,7 @@ class CalibrationResult:
         return max(self.sd["cx"], self.sd["cy"])
 
     def faults(self) -> list[str]:
-        """Why this result should not be used; empty when it is good."""
+        """Reasons not to use this result; empty if it is good."""
         found = []
         if not self.rms_px < MAX_RMS_PX:
             found.append(

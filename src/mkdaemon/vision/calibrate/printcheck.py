@@ -116,7 +116,7 @@ def check_print(
 
 
 def softness(pixels: Grey, found: Detection) -> float | None:
-    """How soft the edges of a tag are, as a share of a cell [1]; None where none shows, or cells are too small."""
+    """Width of a tag's edges as a share of a cell [1]; None if none is visible, or cells are too small."""
     tag = single(1.0, found.tag_id, family=found.family).tags[0]
     sides, blur = _sides(pixels, tag, found.corners)
     cell = found.side_px / tag.family.size_cells

@@ -52,7 +52,7 @@ STILL_PX = 1.5
 
 @dataclass(frozen=True, slots=True)
 class ViewReport:
-    """What became of one image: its name, whether it counts as a view, and how much it shows, or why it does not."""
+    """Result of one image: its name, whether it counts as a view, its coverage, or the reason against it."""
 
     name: str
     is_taken: bool
@@ -135,13 +135,13 @@ class Views:
         return not any(_is_near(old, view, NOVEL_SHARE * view.size[0]) for old in self.taken)
 
     def missing(self) -> list[str]:
-        """What to show next, most useful first; empty when the views will do."""
+        """Views still needed, most useful first; empty if the views suffice."""
         more = MIN_VIEWS - len(self.taken)
         wanted = [words for name, words in _WANTED.items() if self._points[name] < POINTS_PER_PART]
         return wanted + ([f"{more} more views from anywhere"] if more > 0 else [])
 
     def share(self) -> float:
-        """How much of what is wanted has been seen, 0 to 1."""
+        """Share of the needed views, 0 to 1."""
         return 1.0 - len(self.missing()) / (len(_WANTED) + 1)
 
 

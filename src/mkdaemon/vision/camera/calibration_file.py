@@ -99,7 +99,7 @@ def mount_rotation(mount: MountSection) -> Array:
 
 
 class CalibrationRecord(Section):
-    """Where the intrinsics come from and how good they are."""
+    """Source and quality of the intrinsics."""
 
     date: str = ""
     """Day of the calibration, ISO 8601."""

@@ -53,7 +53,7 @@ class StampClock:
         self._believed = False
 
     def stamp(self, driver: float | None, arrived: float) -> tuple[float, str]:
-        """When an image was taken [s; monotonic], and who knew: the `driver` [s; any clock], or its `arrival`."""
+        """Capture time of an image [s; monotonic], and its source: the `driver` [s; any clock], or its `arrival`."""
         taken = self._on_our_clock(driver, arrived) if driver is not None and 0.0 < driver < math.inf else None
         return (arrived if taken is None else taken) - self._latency, "arrival" if taken is None else "driver"
 
@@ -87,7 +87,7 @@ class StampClock:
 
 
 class StreamStatus(NamedTuple):
-    """What is known about a camera now; what is not described here is in `VisionStats` by the same name.
+    """State of a camera; fields not described here are in `VisionStats` by the same name.
 
     Attributes:
         images: that came.

@@ -30,7 +30,7 @@ _INSTEAD: Final = "calibrate it with mkdaemon calibrate camera"
 
 
 class Figures(NamedTuple):
-    """What a calibration of another program says.
+    """Figures of another program's calibration.
 
     Attributes:
         name: of the camera.

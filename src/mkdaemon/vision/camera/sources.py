@@ -1,4 +1,4 @@
-"""Where images come from: a driver, a network stream, a clip, a folder, a Zenoh key. One interface for all.
+"""Sources of images: a driver, a network stream, a clip, a folder, a Zenoh key. One interface for all.
 
 OpenCV leaves damaged blocks of motion JPEG in the image, and scales an image of another size to the first: its bytes
 are taken as they come. Other codecs are left to OpenCV: such a camera has to keep its size.

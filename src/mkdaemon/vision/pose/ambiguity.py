@@ -1,4 +1,4 @@
-"""What one image says for a pose against its mirror image, which explains a plane nearly as well."""
+"""Evidence of one image for a pose against its mirror image, which fits a plane nearly as well."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def facts(points: int, shared: float) -> float:
 
 
 def evidence(first: Pose, second: Pose) -> float:
-    """What an image adds to the log odds of a fit against one that it likes less, zero to `decided` [nats]."""
+    """Contribution of an image to the log odds of a fit against a worse one, zero to `decided` [nats]."""
     odds = log_odds(first, second)
     odds = odds if _is_explained(first, second) else (odds - LIMITS.ambiguity.silent) / CAUTION
     return min(max(odds, 0.0), LIMITS.ambiguity.decided)

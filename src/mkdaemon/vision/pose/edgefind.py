@@ -127,7 +127,7 @@ class FoundEdges:
 
     @property
     def toned(self) -> Array:
-        """What a tone curve shifts each by over what it shifts all, as their blur `(n,)`."""
+        """Shift of each edge by a tone curve over the common shift, by their blur `(n,)`."""
         blur = _blur_of(self.widths / HALF_WIDTH)
         return np.asarray(blur / blur.mean())
 
@@ -214,7 +214,7 @@ def _sides(profile: Array32, along: Array, reach: Array) -> Array:
 
 
 def kinds_of(found: Bools, upright: Bools) -> list[Numbers]:
-    """What was found of each of the two ways that edges run; all, where one has too few."""
+    """Edges of each of the two directions; all together, if one has too few."""
     every = found.nonzero()[0]
     kinds = ((found & kind).nonzero()[0] for kind in (upright, ~upright))
     return [kind if len(kind) >= LEAST_OF_A_KIND else every for kind in kinds]

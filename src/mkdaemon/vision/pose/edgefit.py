@@ -106,7 +106,7 @@ class EdgeStep:
 
     @property
     def moved_px(self) -> float:
-        """How far the step moves edges [px], by the mean square: one along a side of the tag shifts half of them."""
+        """Movement of the edges by the step [px], by the mean square; a shift along a side moves half of them."""
         carried = self.unknowns.carried
         shifts = self.change[:carried] @ self.unknowns.rows[:carried]
         return sqrt(float(shifts @ shifts) / len(shifts))
@@ -198,7 +198,7 @@ def _inside(size: Array, kinds: Sequence[Numbers]) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class EdgeEvidence:
-    """What the edges say about a fitted pose.
+    """Evidence of the edges about a fitted pose.
 
     Two questions tell a right pose from one that follows the rim of something lying on the print: do the edges agree
     whose cells are seen, and does the pose stay where it is when any one straight line of edges is taken away? A rim is

@@ -103,7 +103,7 @@ class Samples:
 
 
 def seen_across(pixels: Array) -> tuple[Array, Array]:
-    """How edges and their cells run in the image, from where `EdgeModel.stepped` is seen `(3 n, 2)` [px].
+    """Directions of edges and cells in the image, from the image of `EdgeModel.stepped` `(3 n, 2)` [px].
 
     The normal of an edge in the image is not the image of its normal on the print: in a steep view onto a corner these
     are 40 degrees apart.

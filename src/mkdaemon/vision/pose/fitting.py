@@ -168,7 +168,7 @@ class TargetFitter:
         return (int(x0), int(y0), int(x1), int(y1)) if min(x1 - x0, y1 - y0) >= LIMITS.search.min_window_px else None
 
     def carried(self, before: Grey, now: Grey, last: Pose) -> Pose | None:
-        """Where a camera that only turned sees the target, by where its whole image is found again; none if it is not.
+        """Predict the pose by matching the target's image, assuming pure rotation; None without a match.
 
         `last` is its pose in the image `before` `(h, w)`.
         """

@@ -33,7 +33,7 @@ said 0.39 of it and less, right ones below a highlight, a board and leaves 0.46 
 
 @dataclass(frozen=True, slots=True)
 class CellEvidence:
-    """What the cells of a target say for a pose, against something else than the target [nats].
+    """Evidence of a target's cells for a pose, against anything but the target [nats].
 
     Attributes:
         odds: of the tag that says most for it: another one may be hidden; zero if there is no evidence.
@@ -91,7 +91,7 @@ class CellReader:
         self._asked = np.array([self._is_of, of_code], dtype=np.intp)
 
     def evidence(self, pixels: Grey, pose: Pose) -> CellEvidence:
-        """What the image says about where a pose puts the target: its cells, or all pixels of a fit to grey values.
+        """Evidence of the image for a pose: its cells, or all pixels of a fit to grey values.
 
         Edges that agree say what share of the cells is in view. Of n pixels and the likeness L grey values say
         n / 2 ln(1 / (1 - L^2)), the `log_odds` of an even print. A motion that no camera has speaks against it.
@@ -170,7 +170,7 @@ def _odds(shown: float) -> tuple[float, float]:
 
 
 def fit_refusal(pose: Pose, cfg: TrackerSection) -> PoseRefusal | None:
-    """What is wrong with a fit by itself; none when nothing is."""
+    """Fault of a fit by itself; None without one."""
     # Four corners that neither edges nor grey values confirm vouch for nothing.
     signs = (
         (pose.source == "corners", PoseRefusal.NO_FIT),

@@ -72,7 +72,7 @@ def clarity(residual: Array, value: Array) -> Array:
 
 
 def shared_by(residual: Array, windows: Sequence[Bools], least: float = 0.0) -> tuple[float, float]:
-    """What neighbours share of the residuals of a fit; over several prints the mean of their pixels.
+    """Correlation of neighbouring residuals of a fit; over several prints the mean of their pixels.
 
     Demosaicing, denoising and what the model lacks are shared; the noise of a sensor is not. Where the correlation
     falls by r from a pixel to the next, the variance of a mean is (1 + r) / (1 - r) times that of independent pixels,
@@ -139,7 +139,7 @@ TOE_GAIN: Final = 1.0 / float(np.log1p(1.0 / TOE))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """What one print says: the model of its grey values is I = gain . columns.
+    """Equations of one print: the model of its grey values is I = gain . columns.
 
     Attributes:
         at: model and image at its pixels.
@@ -159,7 +159,7 @@ class Part:
 
     @property
     def contrast(self) -> Array:
-        """What a change of the print changes in the grey values `(n,)`."""
+        """Change of the grey values by a change of the print `(n,)`."""
         white, _, _, _, second, third, toe = self.gain[:7].tolist()
         value = self.at.value
         # With the columns of `lit_print`: d/dv of v(1-v) is 1 - 2v, of v(1-v)(1-2v) it is 1 - 6v + 6v^2, and of the toe
@@ -305,7 +305,7 @@ def matched(parts: Sequence[Part], residual: Array) -> float:
 
 
 def of_all(rows: Sequence[Array]) -> Array:
-    """What the pixels of all prints have `(n,)` or `(k, n)`, one print after the other."""
+    """Values of the pixels of all prints `(n,)` or `(k, n)`, one print after the other."""
     return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=-1)
 
 

@@ -40,7 +40,7 @@ FLOOR_ANGLE = np.radians(0.1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Where a target is, seen from the camera.
+    """Pose of a target in the camera's axes.
 
     Attributes:
         rotation: camera from target `(3, 3)`.
@@ -134,7 +134,7 @@ def turn(rotation: Array, by: Array) -> Array:
 
 
 def calibration_sd(pose: Pose) -> tuple[float, float, float]:
-    """What a calibration does not know, the same in all images: sd along the sight [m], across it [m], angle [rad]."""
+    """Uncertainty of the calibration, common to all images: sd along the sight [m], across it [m], angle [rad]."""
     distance = pose.range_m
     return FLOOR_RANGE * distance, FLOOR_LATERAL * distance, float(FLOOR_ANGLE)
 

@@ -107,12 +107,12 @@ class Sheet:
         return heights
 
     def terms(self, points: Array) -> Array:
-        """What the place of points `(n, 3)` on the bent print is made of `(7, n)`: their heights, then cubes [m^3]."""
+        """Terms of the place of points `(n, 3)` on the bent print `(7, n)`: their heights, then cubes [m^3]."""
         x, y = ((points - self._origin) @ self._axes).T
         return np.concatenate([self.heights(x, y), np.stack([x**3, x * x * y, x * y * y, y**3])])
 
     def bent(self, points: Array, terms: Array, rise: Array) -> Array:
-        """Where points `(n, 3)` [m; target] of the flat print, with their terms, lie on one with a rise `(3,)`."""
+        """Places of points `(n, 3)` [m; target] of the flat print, with their terms, on a print with a rise `(3,)`."""
         # (a x^2 + b x y + c y^2) (a x + b y / 2, b x / 2 + c y), sorted by x^3, x^2 y, x y^2, y^3.
         a, b, c = rise * self._scale
         along_x = [a * a, 1.5 * a * b, a * c + b * b / 2, b * c / 2]
@@ -175,7 +175,7 @@ def principal(covariance: Array) -> tuple[float, float, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Footprint:
-    """What a pixel sees of a plane.
+    """Area of a plane that a pixel covers.
 
     Attributes:
         narrow: variance of the round part, with the pixel [px^2].
@@ -273,7 +273,7 @@ class PrintTexture:
         return self._levels[number]
 
     def at(self, place: Array, footprint: Footprint) -> tuple[Array, float]:
-        """What is seen at places of the print `(2, n)` [cells from the middle], through the blur of a level.
+        """Grey values at places of the print `(2, n)` [cells from the middle], with the blur of a level.
 
         Returns:
             Value, slopes by x and y, second derivatives by xx, xy, yy `(6, n)`, and these by where in a streak they
@@ -378,7 +378,7 @@ class PrintModel:
         return PrintSamples(value, steep, by_spread, by_point, arm, place, image_row, grey, left, top, used)
 
     def offset(self, pixels: Grey, start: Pose) -> Array | None:
-        """How far the print is beside its place `(2,)` [px]; zero where it is near, none where it is not found.
+        """Offset of the print from its place `(2,)` [px]; zero if it is near, None if it is not found.
 
         Source: normalised cross-correlation; J. P. Lewis, "Fast normalized cross-correlation", 1995.
         """
@@ -401,7 +401,7 @@ class PrintModel:
         return np.array([float(column + x0 - left), float(row + y0 - top)])
 
     def depth(self, rotation: Array, position: Array) -> float:
-        """How far the middle of the print is along the optical axis [m]."""
+        """Distance of the print's middle along the optical axis [m]."""
         return float((rotation @ self.tag.position + position)[2])
 
     def _seen(self, place: Array, plane: Array, spread: Array) -> tuple[Array, Array, Array, Array]:

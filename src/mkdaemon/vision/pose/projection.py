@@ -26,7 +26,7 @@ NEAR_M: Final = 0.02
 
 
 class Lens:
-    """How a lens bends directions d = (x, y) at unit depth: to d R(t) / r + 2 (p . d) d + r^2 p, with r = |d|.
+    """Projection of a lens: directions d = (x, y) at unit depth go to d R(t) / r + 2 (p . d) d + r^2 p, with r = |d|.
 
     R(t) = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) is the radius in the image of t, which is r for a pinhole and the
     angle from the axis, atan r, for a fisheye; p = (p2, p1) is zero there. Sources: Brown, Photogrammetric Engineering
@@ -129,7 +129,7 @@ class Projection:
         return self._rows * self.shutter.line_time
 
     def row_times(self, rows: Array) -> Array:
-        """When rows `(n,)` of an image are exposed, after the middle one `(n,)` [s]."""
+        """Exposure times of rows `(n,)` of an image, after the middle one `(n,)` [s]."""
         return np.asarray((rows - (self.intrinsics.height - 1) / 2) * self.line_time, np.float64)
 
     def exposed(self, points: Array, motion: Array | None) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ class Shutter:
 
     @property
     def words(self) -> str:
-        """What is known, for the text of an alarm."""
+        """The estimate, for the text of an alarm."""
         if self._images < FEWEST:
             return f"unknown (0 to {1e6 * LONGEST:.0f} us) until a large target was seen in motion"
         line_time, sd = self.estimate
@@ -85,7 +85,7 @@ class Shutter:
         return sqrt(self._mean**2 + self._variance)
 
     def motion(self, known: Estimate) -> Estimate:
-        """What is known of the motion times the line time over the nominal one."""
+        """Estimate of the motion times the line time over the nominal one."""
         covariance = self.scale**2 * known.covariance + self._variance * np.diag(known.mean**2)
         return Estimate(self._mean * known.mean, covariance)
 

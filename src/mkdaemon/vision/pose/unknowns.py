@@ -120,7 +120,7 @@ class Unknowns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """Where a fit is.
+    """State of a fit.
 
     Attributes:
         rotation: camera from target `(3, 3)`.
@@ -151,7 +151,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
-    """What is known about the direction of a target's normal.
+    """Prior of the direction of a target's normal.
 
     Attributes:
         up: vertical `(3,)` [camera].
@@ -163,7 +163,7 @@ class Level:
 
 
 class Prior:
-    """What is known before an image of the unknowns that all fits have.
+    """Prior of the unknowns that all fits have.
 
     Args:
         start: of the fit; may know motion and bend.
@@ -188,7 +188,7 @@ class Prior:
         self.bend: Estimate | None = None if sheet is None else start.known_bend or sheet.prior
 
     def begin(self, blur_px: float = 0.0) -> State:
-        """Where the fit begins, with a round point spread of some deviation."""
+        """Start of the fit, with a round point spread of some deviation."""
         at_start = np.zeros(MOTIONS) if self.start.motion is None else self.start.motion
         motion = None if self._motion is None else at_start
         rise = None if self.bend is None else (self.start.bend or self.bend).mean
@@ -251,7 +251,7 @@ class Prior:
         return pose, bend
 
     def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> Estimate | None:
-        """What the image alone says about the motion, where that tells a line time; see `measured`.
+        """Motion by the image alone, if it determines a line time; see `measured`.
 
         The prior of the fit, W and m0, is taken out of its result, C and m: C^-1 - W, and C^-1 m - W m0.
         """
@@ -265,12 +265,12 @@ class Prior:
 
 
 def motion_before(pose: Pose, shutter: Shutter) -> Estimate:
-    """What is known of the motion of a pose before its image is looked at."""
+    """Prior of the motion of a pose."""
     return shutter.motion(pose.known_motion or ANY_MOTION)
 
 
 def motion_cost(pose: Pose, shutter: Shutter) -> float:
-    """What the motion that a fit found costs, by what was known of it [nats]."""
+    """Cost of a fitted motion by its prior [nats]."""
     if pose.motion is None:
         return 0.0
     known = motion_before(pose, shutter)

@@ -128,7 +128,7 @@ class Belief:
 
 
 class CameraFilter(Belief):
-    """What is constant, or nearly so, about one camera and one target.
+    """Filter of the constant unknowns of one camera and one target.
 
     The unknowns: `UNKNOWNS`; the logarithm of each unknown size, and of what melting makes of small cells; the bend of
     a print that bends.
@@ -313,7 +313,7 @@ class HeightFilter(Belief):
 
 
 class TargetWatch:
-    """What one target says about a camera; see `SelfCheck`."""
+    """Self-calibration of a camera by one target; see `SelfCheck`."""
 
     def __init__(self, target: Target, camera: Camera, attitude_sd: float) -> None:
         self.target = target
@@ -335,7 +335,7 @@ class TargetWatch:
             self._filter.image_seen(time, evidence, enu_from_flu)
 
     def contradictions(self) -> Iterator[tuple[Alarm, str]]:
-        """What contradicts the camera file or the target file, each with both numbers."""
+        """Contradictions to the camera file or the target file, each with both numbers."""
         k, name = self._camera.intrinsics, self.target.name
         scales = [(LENS_AT, "focal length", k.fx, "px in the camera file", "px by the images: calibrate again")]
         for n, (tag, against) in enumerate(self._filter.sized, SIZES_AT):

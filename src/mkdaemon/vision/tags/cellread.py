@@ -106,7 +106,7 @@ def carry(homography: Array, points: Array) -> Array:
 
 
 def rim_steps(pixels: Grey, homography: Array, n: int, depth: float) -> Array:
-    """How much brighter paper is than ink along the sides of a black square `(4, 2 * n)`, `depth` cells away [grey]."""
+    """Contrast of paper and ink along the sides of a black square `(4, 2 * n)`, `depth` cells away [grey]."""
     paper, ink = sample(pixels, carry(homography, _rims(n, depth))).reshape(2, 4, -1)
     return np.asarray(paper - ink)
 

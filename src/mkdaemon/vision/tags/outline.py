@@ -97,7 +97,7 @@ class Lines:
     shares: Array
 
     def corners(self) -> Array:
-        """Where each line meets each one that may follow it clockwise `(n, n, 2)` [px]; NaN where none may."""
+        """Intersections of each line with those that may follow it clockwise `(n, n, 2)` [px]; NaN for the others."""
         x, y = self.ways.T
         sines = x[:, None] * y - y[:, None] * x
         # The outline runs over the blob's own pixels: its edge is half a pixel farther out.

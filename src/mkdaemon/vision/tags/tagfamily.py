@@ -32,7 +32,7 @@ QUIET_ZONE_CELLS = 1
 
 @dataclass(frozen=True, slots=True)
 class TagFamily:
-    """What the code of one family looks like.
+    """Geometry of the codes of one family.
 
     Attributes:
         name: AprilTag's name, for example `tag36h11`.
@@ -80,7 +80,7 @@ _LIBRARY: Final[Any] = pyapriltags.Detector(families="").libc
 
 
 def to_rim(n: int) -> npt.NDArray[np.intp]:
-    """How many cells lie between each of `(n, n)` and the rim."""
+    """Number of cells between each of `(n, n)` and the rim."""
     away = np.minimum(np.arange(n), np.arange(n)[::-1])
     return np.minimum.outer(away, away)
 
@@ -104,7 +104,7 @@ def find_family(name: str) -> TagFamily:
 
 
 def size_words(family: TagFamily) -> str:
-    """What of a print of this family is measured."""
+    """Words for the measured side of a print of this family."""
     return "side of the white square inside the black ring" if family.is_inverted else "side of the black square"
 
 

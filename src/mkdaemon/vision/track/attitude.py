@@ -43,7 +43,7 @@ class AttitudeSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
-    """How a camera sits on the vehicle.
+    """Mounting of a camera on the vehicle.
 
     Attributes:
         flu_from_cam: `(3, 3)`, camera axes RDF.
@@ -132,7 +132,7 @@ class AttitudeHistory:
         return _rotation(min(near, key=lambda s: abs(s.time - time))) if near else None
 
     def turning_at(self, time: float) -> Turning | None:
-        """How the vehicle turns at a time [s] between two samples [FLU]; none between distant ones."""
+        """Turn rate of the vehicle at a time [s] between two samples [FLU]; None between distant ones."""
         beside = self._beside(time)
         if len(beside) < 2 or beside[1].time - beside[0].time > FARTHEST_SAMPLES:
             return None
@@ -194,7 +194,7 @@ def turn_between(start: Array, end: Array) -> Array:
 
 
 def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
-    """What is known of a pose's normal, as `corrected` takes it.
+    """Prior of a pose's normal, as `corrected` takes it.
 
     How two angles across it move with the pose `(2, 6)`, those to the expected one `(2,)` and their covariance [rad].
     """

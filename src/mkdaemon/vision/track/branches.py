@@ -235,7 +235,7 @@ class Branches:
 
 
 def places(poses: Sequence[Pose], caution: float | None = None) -> tuple[Array, Array]:
-    """Where poses put the lens `(m, 3)` [m; target], and covariances `(m, 3, 3)`, `caution` times those of poses."""
+    """Positions of the lens by poses `(m, 3)` [m; target], and covariances `(m, 3, 3)`, `caution` times the poses'."""
     centre, spread = np.empty((len(poses), 3)), np.empty((len(poses), 3, 3))
     for k, pose in enumerate(poses):
         factor = CAUTION * shared_doubt(pose) if caution is None else caution

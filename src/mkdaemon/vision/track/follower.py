@@ -188,7 +188,7 @@ class Track:
 
 
 def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> Estimate:
-    """What is known about the motion of a camera while an image is read.
+    """Prior of the camera's motion while an image is read.
 
     Args:
         place: of the target `(3,)` [m; RDF].
@@ -221,7 +221,7 @@ class LearnedBend:
         self._time = -np.inf
 
     def at(self, time: float) -> Estimate | None:
-        """What is known at a time; none for a target that does not bend."""
+        """Estimate at a time; None for a target that does not bend."""
         if self._prior is None or self._last is None:
             return None
         kept = exp(-max(time - self._time, 0.0) / LASTS)

@@ -29,7 +29,7 @@ Decision = Literal["unique", "image", "attitude", "track"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What is thought of the fits of one image.
+    """Verdict on the fits of one image.
 
     Attributes:
         pose: to go on following the target with, or that contradicts the attitude; none when a gate stopped it.

@@ -1,4 +1,4 @@
-"""How a target that should lie level really lies by the vehicle's attitude, which may be off: two slow pairs of angles.
+"""Estimates the tilt of a target that should lie level, and an error of the vehicle's attitude: two pairs of angles.
 
 A deck that is tilted lies so in the world; an attitude that is biased, or a mounting, is off in the vehicle. An image
 measures their sum, the target's normal by the attitude; when the vehicle's heading turns, the error turns with it and

@@ -45,7 +45,7 @@ def numbers_of(layout: Layout) -> Iterator[tuple[str, Parameter, int | None]]:
             yield name, place.parameter, place.length if kind is Kind.LIST else None
 
 
-class ActiveSet:
+class GatewaySettings:
     """Reads and writes the active set.
 
     Attributes:
