@@ -7,7 +7,7 @@ from dataclasses import replace
 import msgpack
 import pytest
 
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.events import (
     DUE,
@@ -69,7 +69,7 @@ REFUSED |= {"decode_age": 0.4, "has_attitude": False}
 
 def events():
     asked = LeaseRequest(action="take", holder="pilot")
-    found = ActiveSet(Gate(GateKind.CHANNEL, 251, 7), "Sport", emergency_throttle=None)
+    found = KnownSet(Gate(GateKind.CHANNEL, 251, 7), "Sport", emergency_throttle=None)
     return [
         SetpointAccepted(STICKS, 7),
         SetpointUnsigned(PositionSetpoint(epoch=1, sequence=2, ttl=0.2, frame="pad", position=(0.0, 1.0, 2.0))),

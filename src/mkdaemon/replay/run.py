@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.actions import Release, SendSticks
+from mkdaemon.control.actions import ReleaseAircraft, SendSticks
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import Board, Direction
@@ -173,7 +173,7 @@ class _Replay:
                     number = self._number(place)
                     if number is not None:
                         self._deck.publish_output(action, number, now)
-                case Release():
+                case ReleaseAircraft():
                     pass  # the line did it then; `Released` comes
                 case _:
                     self._deck.publish(action, now)
