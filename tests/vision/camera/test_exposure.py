@@ -20,7 +20,7 @@ from mkdaemon.vision.camera.exposure import (
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, ImageSource, NewestSlot, Shot
 from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -117,7 +117,7 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
     assert control.setting.exposure == pytest.approx(settled.exposure, rel=0.35)
 
 
-class Told(Source):
+class Told(ImageSource):
     """A camera that gives images and remembers what it was told."""
 
     reach = REACH

@@ -11,7 +11,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Prior, Unknown, Unknowns
+from mkdaemon.vision.pose.unknowns import Prior, UnknownRow, Unknowns
 from mksim.scene.light import Conditions
 from mksim.scene.shadows import LeafShadow
 from tests.vision.views import VGA, View, angle_deg, place, shipped
@@ -33,7 +33,7 @@ def step(
     samples = Samples(np.arange(count), flat, flat, ones, 30.0 * ones, upright)
     sure, free = ones if trust is None else trust, ones if room is None else room
     edges = FoundEdges(offsets, np.ones(count, dtype=bool), width * ones, sure, free)
-    unknowns = Unknowns([Unknown("place", jacobian[:, :3].T), Unknown("rest", jacobian[:, 3:].T)])
+    unknowns = Unknowns([UnknownRow("place", jacobian[:, :3].T), UnknownRow("rest", jacobian[:, 3:].T)])
     return EdgeStep(unknowns, samples, edges, 1.0)
 
 

@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, load
 from mksim.scene.light import Conditions, Glare
@@ -177,7 +177,7 @@ def test_level_holds_the_tilt():
     view = View(target, place(3.0, 0.3))
     off = turn(view.rotation, 0.05 * np.cross(view.rotation[:, 2], [1.0, 0, 0]))
     start = Pose(off, view.position, np.eye(6), "edges", 0, 0.0)
-    wrong_up = Level(off[:, 2], np.radians(0.001))
+    wrong_up = TargetLevel(off[:, 2], np.radians(0.001))
     held = EdgeFit(target, PROJECTION).fit(view.pixels, start, level=wrong_up)
     free = EdgeFit(target, PROJECTION).fit(view.pixels, start)
     assert held is not None

@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, ImageSight
 from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
 from mksim.scene.light import Conditions
 from mksim.scene.motion import Platform
@@ -250,7 +250,7 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
     assert found is not None
     judge, before = follower.followers[0].judge, follower.followers[0].track.branches
-    seen = Sight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
+    seen = ImageSight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
     assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
     helped = judge.judge_with_attitude(seen, vague, before)
