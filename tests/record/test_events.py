@@ -39,7 +39,7 @@ from mkdaemon.control.events import (
     SightRefused,
 )
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.events import DERIVED, TICK, pack_event, suffix_of, unpack_event
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
@@ -58,7 +58,7 @@ ERROR = refuse(Token.NOT_LEASED)
 def recorded(suffix, model):
     """A value of the recording over a target."""
     for entry in Recording(DATA / "recordings" / "fc_over_target.mcap").entries():
-        if entry.kind is Kind.SAMPLE and entry.suffix == suffix:
+        if entry.kind is EntryKind.SAMPLE and entry.suffix == suffix:
             return model.model_validate(msgpack.unpackb(entry.payload))
     raise AssertionError(suffix)
 

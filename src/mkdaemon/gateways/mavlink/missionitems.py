@@ -16,7 +16,7 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
-from mkdaemon.missions.source import AltitudeReference, Place
+from mkdaemon.missions.source import AltitudeReference, FilePlace
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _PLAIN: Final = {
@@ -31,7 +31,7 @@ _NOT_GIVEN: Final = 0x7FFF_FFFF
 """A coordinate that is not given."""
 
 
-class _Nth(Place):
+class _Nth(FilePlace):
     """Which item something is about, for messages."""
 
     def __str__(self) -> str:
@@ -140,7 +140,7 @@ def _unsupported(item: Item, number: int) -> str:
     return f"item {number}: command {item.command} cannot be flown"
 
 
-def _places(count: int, first: int) -> Iterable[Place]:
+def _places(count: int, first: int) -> Iterable[FilePlace]:
     return (_Nth("item", number) for number in range(first, first + count))
 
 
