@@ -28,7 +28,7 @@ from mkdaemon.protocol.messages import (
     SettingsSelected,
     SettingsWritten,
 )
-from mksim.boards.aircraft import Aircraft
+from mksim.boards.aircraft import SimulatedAircraft
 from mksim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
 from mksim.boards.flightctrl_replies import press_keys, start_next_frame
 from mksim.boards.flightctrl_state import BL_READ, BL_WRITE, FcBoard
@@ -350,7 +350,7 @@ class FlightCtrl(FcBoard):
     def __init__(
         self,
         generation: FcGeneration,
-        aircraft: Aircraft,
+        aircraft: SimulatedAircraft,
         *,
         seed: int,
         gas_law: GasLaw = GasLaw.STOCK,

@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.follower import LearnedBend
 from mksim.scene.curl import Curl
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.01)
@@ -26,11 +26,11 @@ RISE = 0.01
 PROJECTION = Projection(VGA)
 
 
-def curled(axis: float) -> tuple[Conditions, np.ndarray]:
+def curled(axis: float) -> tuple[LightConditions, np.ndarray]:
     """A print bent about an axis, its middle up by 1 % of the side, and the rise that is."""
     across = np.array([-np.sin(axis), np.cos(axis)])
     rise = -RISE * np.array([across[0] ** 2, 2 * across[0] * across[1], across[1] ** 2])
-    return Conditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
+    return LightConditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
 
 
 def start_of(view: View) -> Pose:
@@ -131,7 +131,7 @@ def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
     """Whatever step a fit ends with: what was known of the bend is weighed once."""
     known = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3))
     for k in range(8):
-        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), Conditions(noise_sd=6.0))
+        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), LightConditions(noise_sd=6.0))
         found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, replace(start_of(view), known_bend=known))
         if found is not None and found.bend is not None:
             spread = np.linalg.eigvalsh(found.bend.covariance)

@@ -12,7 +12,7 @@ from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Prior, UnknownRow, Unknowns
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.shadows import LeafShadow
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
@@ -142,7 +142,7 @@ def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:
     rng = np.random.default_rng(8)
     nees, turned = [], []
     for k in range(0, 24, 2):
-        sky = Conditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
+        sky = LightConditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
         view = View(target, place(3.5 + k / 24, 0.05 + 0.01 * k, around=0.9 * k, roll=0.7 * k), sky)
         start = turn(view.rotation, np.radians(0.7) * rng.standard_normal(3))
         found = fit.fit(view.pixels, Pose(start, view.position, np.eye(6), "corners", 8, 0.1))

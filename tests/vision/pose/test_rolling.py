@@ -20,7 +20,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_jacobian, motion_of
 from mkdaemon.vision.pose.unknowns import Prior, TargetLevel, Unknowns
 from mkdaemon.vision.tags.cellread import Detection
-from mksim.scene.light import CLEAN, Conditions
+from mksim.scene.light import CLEAN, LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView, view_towards
@@ -187,7 +187,7 @@ def test_a_far_fit_under_a_rolling_shutter_passes_a_rise_of_its_cost(seed: int) 
     climbing = np.array([0.0, 0.0, rng.uniform(-4.0, 4.0)])
     view = CameraView(GLOBAL, at_rest.enu_from_cam, eye, velocity_enu=climbing, rate_cam=rate, line_time=LINE_TIME)
     rotation, position = cam_from_target(PAD, view)
-    pixels = SCENE.render(view, Conditions())
+    pixels = SCENE.render(view, LightConditions())
     expected = np.array([*(rate + 0.12 * rng.standard_normal(3)), 0.0])
     known = UnknownsEstimate(expected, np.diag([0.12, 0.12, 0.12, 4.0]) ** 2)
     ends = []
@@ -220,7 +220,7 @@ def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(s
     axis = np.cross(rotation[:, 2], toward)
     mirrored = turn(rotation, axis / np.linalg.norm(axis) * 2.0 * np.arccos(rotation[:, 2] @ toward))
     start = Pose(mirrored, position, np.eye(6), "corners", 4, 0.1)
-    found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, Conditions()), start)
+    found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, LightConditions()), start)
     assert found is not None
     off = error_of(found.rotation, found.position, rotation, position)
     error = np.array([*off.xyz, *off.rpy])
