@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, TypeVar
 
-from mkdaemon.reading import Picture as Known
+from mkdaemon.reading import LinkPicture as Known
 from mkdaemon.reading import Reading
 from mkdaemon.reading.known import KEYS, key_of
 from mkdaemon.stamp import Stamp
@@ -18,7 +18,7 @@ READ: Final = (*KEYS, "control/navi", "vision/*/setup")
 """Keys that are watched, without events; the last values are asked for at the start."""
 
 
-class Picture:
+class LinkPicture:
     """The newest values by their kind; what is older than its key allows is not shown.
 
     Attributes:
