@@ -12,7 +12,7 @@ from typing import Final
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ControlStateV1, ControlStateV2, ControlStateV3
 from mksim.boards.aircraft import Transmitter
-from mksim.boards.generations import SLOW_TICK, FcGeneration
+from mksim.boards.generations import SLOW_TICK, FcFirmware
 from mksim.config import GasLaw
 
 FULL: Final = 127
@@ -49,7 +49,7 @@ class ExternalControl:
         expired: how often the dead-man cleared a valid control.
     """
 
-    def __init__(self, generation: FcGeneration, gas_law: GasLaw) -> None:
+    def __init__(self, generation: FcFirmware, gas_law: GasLaw) -> None:
         self._generation = generation
         self._gas_law = gas_law
         self._ticks = 0

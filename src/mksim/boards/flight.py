@@ -11,7 +11,7 @@ from typing import Final
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
 from mksim.boards.aircraft import SimulatedAircraft, Transmitter
 from mksim.boards.external import FULL, RC_LOST, ExternalControl, ExternalSticks
-from mksim.boards.generations import SLOW_TICK, FcGeneration
+from mksim.boards.generations import SLOW_TICK, FcFirmware
 from mksim.boards.gestures import Gesture, GestureReader, chosen_set
 from mksim.boards.parameters import Parameters
 from mksim.physics.motors import GasChain
@@ -70,7 +70,7 @@ class SimulatedFlight:
     """
 
     def __init__(
-        self, generation: FcGeneration, external: ExternalControl, aircraft: SimulatedAircraft, *, calibrated: bool
+        self, generation: FcFirmware, external: ExternalControl, aircraft: SimulatedAircraft, *, calibrated: bool
     ) -> None:
         self._generation = generation
         self._external = external

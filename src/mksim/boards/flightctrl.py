@@ -41,7 +41,7 @@ from mksim.boards.generations import (
     SERIAL_PASSES,
     SHORT_PASS,
     SLOW_TICK,
-    FcGeneration,
+    FcFirmware,
 )
 from mksim.boards.gestures import Gesture
 from mksim.boards.parameters import SETS, clamp_written, parameter_size
@@ -349,7 +349,7 @@ class FlightCtrl(FcBoard):
 
     def __init__(
         self,
-        generation: FcGeneration,
+        generation: FcFirmware,
         aircraft: SimulatedAircraft,
         *,
         seed: int,

@@ -20,7 +20,7 @@ from mksim.boards.display import MenuPages
 from mksim.boards.eeprom import BL_SIZE, MOTORS, Eeprom, bl_checksum
 from mksim.boards.external import ExternalControl
 from mksim.boards.flight import SimulatedFlight
-from mksim.boards.generations import FC_MS, SHORT_PASS, FcGeneration
+from mksim.boards.generations import FC_MS, SHORT_PASS, FcFirmware
 from mksim.boards.line import FC_CHAR, BoardPort
 from mksim.boards.parameters import Parameters
 from mksim.boards.reception import FcReceiver
@@ -192,7 +192,7 @@ class FcBoard(BoardPort):
 
     def __init__(
         self,
-        generation: FcGeneration,
+        generation: FcFirmware,
         aircraft: SimulatedAircraft,
         *,
         gas_law: GasLaw = GasLaw.STOCK,

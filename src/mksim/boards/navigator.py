@@ -14,7 +14,7 @@ from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mksim.boards.external import RC_LOST
 from mksim.boards.flightctrl_state import FcBoard
-from mksim.boards.generations import NcGeneration
+from mksim.boards.generations import NcFirmware
 from mksim.boards.waypoints import PointList, distance_and_bearing
 from mksim.physics.sensors import GpsReport
 
@@ -63,7 +63,7 @@ class Navigator:
         is_overridden: the pilot moves pitch or roll.
     """
 
-    def __init__(self, generation: NcGeneration, flight: FcBoard, now: float) -> None:
+    def __init__(self, generation: NcFirmware, flight: FcBoard, now: float) -> None:
         """Begin without a fix, a home or a route."""
         self.flight = flight
         self._generation = generation
