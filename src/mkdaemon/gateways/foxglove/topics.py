@@ -86,7 +86,7 @@ TOPICS: Final[tuple[FoxgloveTopic, ...]] = (
     _typed("/tf", (*PLACE_KEYS, _SETUP), fg.FrameTransforms, FrameTree),
     _typed("/pose", PLACE_KEYS, fg.PoseInFrame, Poses),
     _typed("/fix", ("state/position",), fg.LocationFix, _each(messages.location_fix)),
-    _typed("/home", ("state/position",), fg.LocationFix, messages.Home),
+    _typed("/home", ("state/position",), fg.LocationFix, messages.HomeAnnouncer),
     _typed("/log", ("event/*",), fg.Log, _each(messages.log_line)),
     FoxgloveTopic(
         *("/diagnostics", diagnostics.KEYS, "json", diagnostics.schema),
