@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, TypeVar
 
-from mkdaemon.reading import LinkPicture as Known
+from mkdaemon.reading import Picture as Known
 from mkdaemon.reading import Reading
 from mkdaemon.reading.known import KEYS, key_of
 from mkdaemon.stamp import Stamp
