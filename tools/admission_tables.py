@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final
 
 from mkdaemon.control.admission.beginnings import BY_TARGET, MANOEUVRES, Concern
-from mkdaemon.control.admission.row import Row, Rule
+from mkdaemon.control.admission.row import AdmissionRow, Rule
 from mkdaemon.control.admission.rows import ROWS
 from tools.markdown import table
 
@@ -21,7 +21,7 @@ _TOGETHER: Final[Mapping[tuple[Concern, ...], str]] = {
 """Concerns that have a name together."""
 
 
-def _is_of_flight(row: Row) -> bool:
+def _is_of_flight(row: AdmissionRow) -> bool:
     return any(concern in MANOEUVRES for concern in row.concerns)
 
 
@@ -41,7 +41,7 @@ def _rules() -> Iterator[str]:
     return table(("rule", "meaning"), ((rule.value, rule.meaning) for rule in Rule))
 
 
-def _lines(rows: Iterable[Row]) -> Iterator[str]:
+def _lines(rows: Iterable[AdmissionRow]) -> Iterator[str]:
     """A table of rows, and below it what to do about each refusal; in one table the lines were 400 characters long."""
     rows = tuple(rows)
     head = ("row", "concerns", "stands when", "then it", "refusal")
@@ -52,11 +52,11 @@ def _lines(rows: Iterable[Row]) -> Iterator[str]:
         yield from table(("refusal", "what to do"), ((f"`{token.value}`", token.fix) for token in tokens))
 
 
-def _concerns(row: Row) -> str:
+def _concerns(row: AdmissionRow) -> str:
     return _TOGETHER.get(row.concerns) or ", ".join(concern.value for concern in row.concerns)
 
 
-def _refusals(row: Row) -> str:
+def _refusals(row: AdmissionRow) -> str:
     return "" if row.rule is Rule.WAITS else ", ".join(f"`{token.value}`" for token in row.tokens)
 
 

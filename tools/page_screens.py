@@ -23,7 +23,7 @@ from mkdaemon.cli.mkctl.status import render
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.protocol.settings_file import SettingsFile
 from mkdaemon.reading import Reading, key_spec
-from mkdaemon.record.entry import Kind, unpacked
+from mkdaemon.record.entry import EntryKind, unpacked
 from mkdaemon.record.reader import Recording
 from mksim.boards.parameters import factory_set
 from tools.screensvg import screen_svg
@@ -74,7 +74,9 @@ def faults_picture(_root: Path) -> str:
 def _status(recording: str, key: str, word: str) -> str:
     """The screen just before a recorded value says this word under this key."""
     reading, now = Reading(), 0.0
-    for entry in Recording(ROOT / _RECORDINGS / f"{recording}.mcap").entries(lambda facts: facts.kind is Kind.SAMPLE):
+    for entry in Recording(ROOT / _RECORDINGS / f"{recording}.mcap").entries(
+        lambda facts: facts.kind is EntryKind.SAMPLE
+    ):
         fields, spec = unpacked(entry.payload), key_spec(entry.suffix)
         now = entry.received
         if entry.suffix == key and word in fields.values():

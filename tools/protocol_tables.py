@@ -10,7 +10,7 @@ from mkdaemon.protocol import flags
 from mkdaemon.protocol.errorcodes import ErrorCode, describe_error, error_since
 from mkdaemon.protocol.generations import FC_GENERATIONS, NC_GENERATIONS
 from mkdaemon.protocol.settings import known_revisions, layout_of
-from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.protocol.settings_fields import ParameterKind
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS
 from mkdaemon.protocol.wire import MESSAGES
 from mkdaemon.telemetry.danger import Confirm, Danger
@@ -166,7 +166,7 @@ def settings_tables() -> Iterator[str]:
     yield from table(("parameter", "firmware", "revisions", "bytes", "kind", "unit", "meaning"), rows)
     yield ""
     for item in PARAMETERS:
-        if item.kind is Kind.BITS:
+        if item.kind is ParameterKind.BITS:
             bits = (
                 f"`{bit.mask:#04x}` {bit.name} ({bit.mk}{_bit_span(bit.since, bit.until, last)})" for bit in item.bits
             )

@@ -22,7 +22,7 @@ from lab.campaign import Campaign, CampaignError, Ending, Row
 from lab.control.coreworld import HAPPENINGS, HOVER, LONGEST_STEP, Happening, World, settle
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
-from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, Release, SendSticks
+from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReleaseAircraft, SendSticks
 from mkdaemon.control.admission.beginnings import MANOEUVRES, Concern
 from mkdaemon.control.admission.row import Rule
 from mkdaemon.control.admission.rows import ROWS
@@ -181,7 +181,7 @@ class Judge:
             match action:
                 case SendSticks():
                     frame = action
-                case Release():
+                case ReleaseAircraft():
                     is_released = True
                 case PublishStatus():
                     self._status = action

@@ -11,7 +11,7 @@ from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD, FIRST_HOVER, Rig, believed_model
 from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control.actions import Action, PublishEstimate, SendSticks
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.values import GAS_CENTRE, TargetView
 from mkdaemon.control.events import (
@@ -113,7 +113,7 @@ class CoreRig(Rig):
         goal = self._flight.goal(at)
         if not self._epoch:
             request = LeaseRequest(action="take", holder=CLIENT)
-            found = ActiveSet(Gate(GateKind.CHANNEL))
+            found = KnownSet(Gate(GateKind.CHANNEL))
             granted = self.core.feed(LeaseAsked(request, SECRET, found), at).lease
             assert granted is not None
             self._epoch = granted.epoch

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import Action, Release, SendSticks
-from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
+from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
+from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.model import GRAVITY, AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.estimator.values import GAS_CENTRE
@@ -91,9 +91,7 @@ LATENCY: Final = 0.06
 """From an exposure to its pose [s]."""
 PADS: Final = {"pad": (0.0, 0.0), "mat": (1.5, 0.0)}
 """Targets, and where they lie [m]."""
-GOOD_SET: Final = ActiveSet(
-    Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2
-)
+GOOD_SET: Final = KnownSet(Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2)
 """An active set that allows everything."""
 
 
@@ -304,7 +302,7 @@ class World:
                 self.number = self.number % 255 + 1
                 self.feed(FrameSent(self.number))
                 self.feed(FrameConfirmed(self.number))
-            elif isinstance(action, Release):
+            elif isinstance(action, ReleaseAircraft):
                 self.toy.sent, self.releasing_until = None, self.now + rng.choice((0.05, 0.2, 0.2, 1.5))
 
     # -- the client -----------------------------------------------------------------------------------------------
@@ -561,11 +559,11 @@ STRANGERS: Final = frozenset({Token.NOT_LEASED, Token.WRONG_EPOCH, Token.NOT_HOL
 """Refusals of setpoints that are no sign of life of the holder."""
 BAD_SETS: Final = (
     UNREAD,
-    ActiveSet(Gate(GateKind.CONSTANT, 100), "shut"),
-    ActiveSet(Gate(GateKind.CONSTANT, 255), "constant"),
-    ActiveSet(Gate(GateKind.CHANNEL, 255, altitude_channel=6), "both"),
-    ActiveSet(Gate(GateKind.CHANNEL, 255), "height", has_height_control=True),
-    ActiveSet(Gate(GateKind.CHANNEL, 255), "climbs", emergency_throttle=130, emergency_time=90),
+    KnownSet(Gate(GateKind.CONSTANT, 100), "shut"),
+    KnownSet(Gate(GateKind.CONSTANT, 255), "constant"),
+    KnownSet(Gate(GateKind.CHANNEL, 255, altitude_channel=6), "both"),
+    KnownSet(Gate(GateKind.CHANNEL, 255), "height", has_height_control=True),
+    KnownSet(Gate(GateKind.CHANNEL, 255), "climbs", emergency_throttle=130, emergency_time=90),
 )
 """Active sets with something in the way."""
 HAPPENINGS: Final[dict[Callable[[World, random.Random], None], float]] = {

@@ -19,8 +19,8 @@ from lab.control.corerig import CLIENT, SECRET, CoreRig, link_state, pose_of
 from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD
 from lab.control.trouble import Trouble
-from mkdaemon.control.actions import Release, ReportMode, SendSticks
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.actions import ReleaseAircraft, ReportMode, SendSticks
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import LeaseAsked, LinkVerdict, PoseSeen, Released, SetpointAccepted
 from mkdaemon.control.limiter import StickCounts
@@ -112,7 +112,7 @@ class FaultRig(CoreRig):
     def take(self, holder: str, at: float, *, force: bool = False) -> str:
         """Let a client ask for the lease; empty, or why it was refused."""
         request = LeaseRequest(action="take", holder=holder, force=force)
-        found = ActiveSet(Gate(GateKind.CHANNEL))
+        found = KnownSet(Gate(GateKind.CHANNEL))
         reply = self.core.feed(LeaseAsked(request, SECRET, found), at)
         if reply.refusal is not None:
             return reply.refusal.token
@@ -191,7 +191,7 @@ class FaultRig(CoreRig):
                         self._check(action, at)
                         if at >= self.trouble.uplink_dead:
                             self._send(action.counts, at)
-                    case Release():
+                    case ReleaseAircraft():
                         self._released(action, at)
                     case ReportMode():
                         self.outcome.phases.append(action.after)
@@ -201,7 +201,7 @@ class FaultRig(CoreRig):
                         pass
         self._at(at + LOOK, self._run_core)
 
-    def _released(self, action: Release, at: float) -> None:
+    def _released(self, action: ReleaseAircraft, at: float) -> None:
         if self.outcome.engaged and math.isinf(self.outcome.released):
             outcome = self.outcome
             outcome.released, outcome.reason = at, action.reason

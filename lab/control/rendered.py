@@ -10,7 +10,7 @@ from lab.places import ROOT
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.control.actions import Release
+from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.events import PoseSeen
 from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.telemetry.setpoint import LandSetpoint, Setpoint
@@ -87,6 +87,6 @@ class RenderedLandingRig(RenderedRig):
 
     def _is_over(self, at: float) -> bool:
         """Whether the core let go: the landing is done where the aircraft stands then."""
-        is_released = any(isinstance(action, Release) for _, action in self.actions[-3:])
+        is_released = any(isinstance(action, ReleaseAircraft) for _, action in self.actions[-3:])
         self.record.stands = is_released and self._world.truth.on_ground
         return is_released

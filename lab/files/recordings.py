@@ -15,7 +15,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from mkdaemon.record.layout import MAGIC, SESSION
-from mkdaemon.record.scan import Chunk, Record, Scanner, read_channel, records_in
+from mkdaemon.record.scan import Record, ScannedChunk, Scanner, read_channel, records_in
 from mkdaemon.record.writer import ChunkBuilder, packed
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
@@ -37,21 +37,21 @@ _MANY: Final = 65_534
 def spoil_recording(chance: random.Random, content: bytes) -> bytes:
     """A recording in which one thing, or many of a kind, are not as a recorder writes them."""
     parts = list(Scanner(io.BytesIO(content), len(content)).records())
-    spoil: Callable[[random.Random, list[Record | Chunk]], bytes] = chance.choice(
+    spoil: Callable[[random.Random, list[Record | ScannedChunk]], bytes] = chance.choice(
         (_values, _values, _values, _times, _channels, _sessions, _chunks, _order, _raw, _raw)
     )
     return spoil(chance, parts)
 
 
-def _file(parts: Sequence[Record | Chunk]) -> bytes:
+def _file(parts: Sequence[Record | ScannedChunk]) -> bytes:
     """The file of some records, as one that was not finished."""
-    return MAGIC + b"".join(_packed(part) for part in parts if isinstance(part, Chunk) or part.opcode in _KEPT)
+    return MAGIC + b"".join(_packed(part) for part in parts if isinstance(part, ScannedChunk) or part.opcode in _KEPT)
 
 
 _KEPT: Final = frozenset({Opcode.HEADER, Opcode.METADATA})
 
 
-def _packed(part: Record | Chunk) -> bytes:
+def _packed(part: Record | ScannedChunk) -> bytes:
     if isinstance(part, Record):
         return struct.pack("<BQ", part.opcode, len(part.content)) + part.content
     return rebuilt(list(records_in(part.content())))
@@ -69,11 +69,11 @@ def rebuilt(found: list[Record]) -> bytes:
     return builder.end()
 
 
-def _edited(parts: list[Record | Chunk], edit: Callable[[Record], Record | None], opcode: int) -> bytes:
+def _edited(parts: list[Record | ScannedChunk], edit: Callable[[Record], Record | None], opcode: int) -> bytes:
     """The file with some records of its chunks changed."""
     made: list[bytes] = []
     for part in parts:
-        if isinstance(part, Chunk):
+        if isinstance(part, ScannedChunk):
             inside = [edit(one) if one.opcode == opcode else one for one in records_in(part.content())]
             made.append(rebuilt([one for one in inside if one is not None]))
         elif part.opcode in _KEPT:
@@ -85,7 +85,7 @@ def _share(chance: random.Random) -> float:
     return chance.choice((0.002, 0.02, 0.2, 1.0))
 
 
-def _values(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _values(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Parts of values become others of other types."""
     share = _share(chance)
 
@@ -121,7 +121,7 @@ def _wrong(chance: random.Random, value: Any) -> Any:
     return chance.choice(VALUES)
 
 
-def _raw(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _raw(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Bytes of messages change, or are random, or nest deep."""
     share = _share(chance)
 
@@ -143,7 +143,7 @@ def _raw(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
     return _edited(parts, edit, Opcode.MESSAGE)
 
 
-def _times(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _times(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Times of messages are far away, or before everything."""
     share = _share(chance)
 
@@ -160,7 +160,7 @@ def _times(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
     return _edited(parts, edit, Opcode.MESSAGE)
 
 
-def _channels(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _channels(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Channels say other keys, kinds, clocks; or there are as many as can be, or none."""
     share = _share(chance)
     if chance.random() < 0.1:
@@ -185,7 +185,7 @@ def _channels(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
     return _edited(parts, edit, Opcode.CHANNEL)
 
 
-def _sessions(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _sessions(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """What the file says about itself is something else."""
     fields = {
         **dict.fromkeys(("recorder", "name", "program", "host", "boot", "vehicle"), "blackbox"),
@@ -197,22 +197,22 @@ def _sessions(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
     for _ in range(chance.choice((1, 3))):
         fields[chance.choice(list(fields))] = chance.choice((*KEYS, *NUMBERS, "{", "[" * 100_000, '{"vehicle": 1}'))
     metadata = packed(records.Metadata(SESSION, fields))
-    kept = [part for part in parts if isinstance(part, Chunk)]
+    kept = [part for part in parts if isinstance(part, ScannedChunk)]
     return _file([Record(Opcode.METADATA, metadata[9:]), *kept])
 
 
-def _order(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _order(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Chunks in another order, twice, or some of them gone."""
-    chunks = [part for part in parts if isinstance(part, Chunk)]
+    chunks = [part for part in parts if isinstance(part, ScannedChunk)]
     heads = [part for part in parts if isinstance(part, Record)]
     chosen = chance.choices(chunks, k=chance.choice((1, len(chunks), 3 * len(chunks) + 1)))
     return _file([*heads, *chosen])
 
 
-def _chunks(chance: random.Random, parts: list[Record | Chunk]) -> bytes:
+def _chunks(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
     """Giants: very many channels, a chunk of very many messages, a chunk of nothing but zeros, chunks in chunks."""
     heads = [part for part in parts if isinstance(part, Record)]
-    first = next(part for part in parts if isinstance(part, Chunk))
+    first = next(part for part in parts if isinstance(part, ScannedChunk))
     inside = list(records_in(first.content()))
     channels = [one for one in inside if one.opcode == Opcode.CHANNEL]
     return _file(heads) + chance.choice((_many_channels, _many_messages, _zeros, _nested, _overlapping))(channels)

@@ -25,7 +25,7 @@ from mkdaemon.bus.names import ROOT
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Kind, unpacked
+from mkdaemon.record.entry import EntryKind, unpacked
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.top.fleetboard import KEYS, FleetBoard
@@ -296,13 +296,13 @@ def _read_black_box(files: list[Path], begin: float, end: float, findings: CutFi
     setpoints: list[float] = []
     releases: list[float] = []
     for entry in (entry for path in files for entry in Recording(path).entries()):
-        if entry.kind is Kind.SAMPLE and entry.suffix == WATCHED:
+        if entry.kind is EntryKind.SAMPLE and entry.suffix == WATCHED:
             values.append(entry.received)
-        elif entry.kind is Kind.SETPOINT and entry.received < end:
+        elif entry.kind is EntryKind.SETPOINT and entry.received < end:
             setpoints.append(entry.received)
-        elif entry.kind is Kind.PORT_WRITTEN and entry.issuer == "release" and entry.received > begin:
+        elif entry.kind is EntryKind.PORT_WRITTEN and entry.issuer == "release" and entry.received > begin:
             releases.append(entry.received)
-        elif entry.suffix == "event/failsafe" and entry.kind is Kind.SAMPLE and begin < entry.received < end:
+        elif entry.suffix == "event/failsafe" and entry.kind is EntryKind.SAMPLE and begin < entry.received < end:
             event = unpacked(entry.payload)
             if event.get("action") == "release" and not findings.reason:
                 findings.reason = str(event.get("reason"))
@@ -319,7 +319,7 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
     key = f"{ROOT}/{CUT}/{WATCHED}"
     for path in files:
         summary = summarise(path)
-        if (found := summary.keys.get((Kind.SAMPLE, key))) is not None:
+        if (found := summary.keys.get((EntryKind.SAMPLE, key))) is not None:
             findings.ground_gap = max(findings.ground_gap, found.longest_gap)
         for one, lost in summary.missed.items():
             if one.startswith(f"{ROOT}/{CUT}/"):

@@ -8,10 +8,10 @@ from lab.hil.chip import Chip
 from lab.hil.world import GenuineWorld
 from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
-from mksim.physics.airframe import Ground
+from mksim.physics.airframe import GroundContact
 from mksim.physics.pilot import DelayedProgram
 from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
-from mksim.radio import Channel
+from mksim.radio import RadioChannel
 from mksim.supervision import Supervision
 
 ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
@@ -32,7 +32,7 @@ class GenuineAircraft:
         config: SimConfig,
         *,
         start: StartState | None = None,
-        ground: Ground | None = None,
+        ground: GroundContact | None = None,
         voltage: float | None = None,
         has_compass: bool = True,
     ) -> None:
@@ -51,8 +51,8 @@ class GenuineAircraft:
         self.world = GenuineWorld(
             config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=has_compass
         )
-        self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
         plan = Supervision(
             lambda: self.world.is_controlled,
             take_off=config.pilot_plan is PilotPlan.SUPERVISE,

@@ -9,7 +9,7 @@ import math
 import struct
 from typing import Final
 
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 
 WEEK: Final = 2421
 """GPS week of the flight, June 2026."""
@@ -22,7 +22,7 @@ NAV: Final = 0x01
 SOLUTION, POSITION, VELOCITY = 0x06, 0x02, 0x12
 
 
-def report(fix: GpsFix) -> bytes:
+def report(fix: GpsReport) -> bytes:
     """The messages of one report, as they follow each other on the line."""
     time = MONDAY_NOON_MS + round(fix.at * 1000)
     east, north, up = (round(part * 100.0) for part in fix.velocity_enu)

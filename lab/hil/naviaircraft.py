@@ -15,7 +15,7 @@ from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.line import HOST_CHAR
 from mksim.config import SimConfig
 from mksim.physics.world import World
-from mksim.radio import Channel
+from mksim.radio import RadioChannel
 
 SLICE: Final = 1e-3
 """The two boards run in turn, so long each [s]."""
@@ -56,8 +56,8 @@ class NaviAircraft:
         self.board = NaviBoard(firmware)
         self.master = SimulatedMaster(self.flight, self.flight.generation.release)
         self._surroundings = Surroundings(self.world)
-        self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
 
     def write(self, data: bytes, at: float) -> None:
         """Send bytes to the board at `at` [s]; they take their time on the line."""

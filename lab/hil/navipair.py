@@ -15,10 +15,10 @@ from lab.hil.navipeer import Surroundings
 from lab.hil.world import GenuineWorld
 from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
-from mksim.physics.airframe import Ground
+from mksim.physics.airframe import GroundContact
 from mksim.physics.pilot import DelayedProgram
 from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
-from mksim.radio import Channel
+from mksim.radio import RadioChannel
 from mksim.supervision import Supervision
 
 ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
@@ -66,7 +66,7 @@ class NaviPair:
         *,
         voltage: float,
         start: StartState | None = None,
-        ground: Ground | None = None,
+        ground: GroundContact | None = None,
     ) -> None:
         """Set everything up; both boards are switched on at time zero.
 
@@ -94,8 +94,8 @@ class NaviPair:
         )
         self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
         self.world.join(self.board)
-        self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
 
     def write(self, data: bytes, at: float) -> None:
         """Send bytes to the board at `at` [s]; they take their time on the line."""

@@ -13,7 +13,7 @@ from typing import Final
 from lab.hil.chip import Chip
 from lab.hil.memory import control_of
 from mksim.config import FlightConfig
-from mksim.physics.airframe import GRAVITY, Ground
+from mksim.physics.airframe import GRAVITY, GroundContact
 from mksim.physics.motors import HOVER_CELL_V, MAX_COUNT
 from mksim.physics.pilot import STICK_LIMIT
 from mksim.physics.world import DT, SLOW_STEPS, StartState, StickInput, World
@@ -62,7 +62,7 @@ class GenuineWorld(World):
         *,
         seed: int,
         start: StartState | None = None,
-        ground: Ground | None = None,
+        ground: GroundContact | None = None,
         voltage: float | None = None,
         has_compass: bool = True,
     ) -> None:

@@ -19,7 +19,7 @@ from typing import Final
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mksim.config import SimConfig
 from mksim.physics.world import World
-from mksim.radio import Channel
+from mksim.radio import RadioChannel
 from mksim.runtime import Runtime
 from mksim.simulation import Simulation
 
@@ -79,7 +79,7 @@ class Witness(Simulation):
                         self.trips.append((asked, now))
         return arrived
 
-    def channels(self) -> tuple[Channel, Channel]:
+    def channels(self) -> tuple[RadioChannel, RadioChannel]:
         """Both directions of the line."""
         return self._to_board, self._to_host
 

@@ -19,7 +19,7 @@ from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import TimeBase
-from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
+from mkdaemon.record.folder import RawFile, RecordingFolder, RoomLimits
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
@@ -105,7 +105,7 @@ def slow_disk(seconds: float) -> dict[str, Any]:
     tap = Tap(queue, clock, "lab", base)
     first_loss: float | None = None
     with tempfile.TemporaryDirectory() as name:
-        limits = Limits(10**9, 3600.0, 10**9, 1, may_delete=False)
+        limits = RoomLimits(10**9, 3600.0, 10**9, 1, may_delete=False)
         session = Session.begin("blackbox", "lab", base)
         folder = RecordingFolder(Path(name), "lab", limits)
         thread = RecorderThread(Recorder(queue, folder, session, open_file=_SlowFile))

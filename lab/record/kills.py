@@ -26,7 +26,7 @@ from mcap.stream_reader import StreamReader
 
 from lab.rigs.processes import VEHICLE, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
 from mksim.config import PilotPlan, SimConfig
@@ -175,7 +175,7 @@ def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: floa
         for entry in recording.entries():
             entries += 1
             newest = max(newest, entry.received)
-            if entry.kind is Kind.SAMPLE and entry.key == f"mk/{VEHICLE}/{FRAMES}":
+            if entry.kind is EntryKind.SAMPLE and entry.key == f"mk/{VEHICLE}/{FRAMES}":
                 stamps.add(msgpack.unpackb(entry.payload)["stamp"]["monotonic"])
         gaps += recording.report.lost
         is_readable = is_readable and _streams(path) and _recovers(path, folder / "recovered.mcap")

@@ -14,7 +14,7 @@ from lab.record.writing import BASE, SESSION, made_values
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.clock import Clock
 from mkdaemon.daemon.priority import SWITCH
-from mkdaemon.record.folder import Limits, RecordingFolder
+from mkdaemon.record.folder import RecordingFolder, RoomLimits
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.recorder import Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
@@ -53,7 +53,7 @@ async def _measure(turns: int) -> dict[str, Any]:
 
 
 async def _segment(folder: Path, name: str, turn: int, values: Sequence[tuple[str, bytes, str]]) -> list[float]:
-    limits = Limits(10**9, 3600.0, 10**9, 1, may_delete=False)
+    limits = RoomLimits(10**9, 3600.0, 10**9, 1, may_delete=False)
     queue, clock = EntryQueue(32_000_000), Clock()
     recorder = Recorder(
         queue,

@@ -22,7 +22,7 @@ from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wa
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.link.session.evidence import percentile
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, EntryKind
 from mkdaemon.record.reader import Recording
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
@@ -110,7 +110,7 @@ def _only_file(folder: Path) -> Path:
 
 
 def _values(path: Path) -> list[Entry]:
-    return list(Recording(path).entries(lambda facts: facts.kind is Kind.SAMPLE))
+    return list(Recording(path).entries(lambda facts: facts.kind is EntryKind.SAMPLE))
 
 
 def compare(first: Path, second: Path) -> dict[str, Any]:
@@ -142,4 +142,4 @@ def _of_key(entries: Sequence[Entry], suffix: str) -> list[tuple[bytes, str]]:
 
 
 def _setpoints(path: Path) -> int:
-    return sum(1 for _ in Recording(path).entries(lambda facts: facts.kind is Kind.SETPOINT))
+    return sum(1 for _ in Recording(path).entries(lambda facts: facts.kind is EntryKind.SETPOINT))

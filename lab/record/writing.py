@@ -15,7 +15,7 @@ from mcap.writer import Writer
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.clock import Clock
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
@@ -100,7 +100,7 @@ SESSION: Final = Session("blackbox", "lab-20260101T000000Z", 0, "lab", "here", B
 
 def _entry(number: int, suffix: str, payload: bytes, encoding: str) -> Entry:
     at = 1000.0 + number / A_SECOND
-    return Entry(Kind.SAMPLE, f"mk/mk1/{suffix}", payload, encoding, at, 1.79e9 + at, BASE, number // 3 + 1)
+    return Entry(EntryKind.SAMPLE, f"mk/mk1/{suffix}", payload, encoding, at, 1.79e9 + at, BASE, number // 3 + 1)
 
 
 def _content(entries: list[Entry], view: JsonView | None = None) -> bytes:

@@ -73,7 +73,7 @@ class WatchedSimulation(Simulation):
     def __init__(self, config: SimConfig) -> None:
         bench = GroundedAircraft()
         bench.pilot.gate = GATE_OPEN
-        # The boards need of a world what `boards.aircraft.Aircraft` says, and that one has.
+        # The boards need of a world what `boards.aircraft.SimulatedAircraft` says, and that one has.
         super().__init__(config, cast("World", bench))
         self.held: list[Held] = []
         self.applied: list[Held] = []

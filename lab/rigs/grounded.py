@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from mksim.faults import Faults
+from mksim.faults import RunningFaults
 from mksim.physics.attitude_loop import AttitudeGains
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 from mksim.physics.world import DT, StickInput
 
 TILT_LAG = 0.25
 """With which the tilt follows the sticks [s]; docs/control.md, "The attitude loop"."""
 RAD_PER_COUNT = math.radians(0.451)
 """Tilt of a stick count with the factory's set Easy [rad]."""
-FIX = GpsFix(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
+FIX = GpsReport(530712345, 87912345, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Readings:
     compass_deg: float = 0.0
     baro_height: float = 0.0
     vertical_speed: float = 0.0
-    gps: GpsFix = FIX
+    gps: GpsReport = FIX
     battery_voltage: float = 12.5
     battery_current: float = 0.4
     battery_used_mah: float = 0.0
@@ -62,7 +62,7 @@ class GroundedAircraft:
 
     def __init__(self, sensors: Readings | None = None, pilot: Transmitter | None = None) -> None:
         self.now = 0.0
-        self.faults = Faults()
+        self.faults = RunningFaults()
         self.sensors = sensors or Readings()
         self.pilot = pilot or Transmitter()
         self.gains: AttitudeGains | None = None

@@ -22,7 +22,7 @@ from lab.vision.weather import SKIES, Change, Sky
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
@@ -50,24 +50,24 @@ SKIN, LEATHER = 0.45, 0.07
 """Reflectance of a hand and of a shoe."""
 
 
-def _fog(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _fog(rng: np.random.Generator, _side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     """6 to 12 m of visibility: at 4.5 m 5 to 23 % of the contrast are left."""
     fog = Fog(float(rng.uniform(6.0, 12.0)))
     return lambda _view, fair: replace(fair, fog=fog)
 
 
-def _rain(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _rain(rng: np.random.Generator, _side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     drops = Drops(int(rng.integers(1 << 30)))
     return lambda _view, fair: replace(fair, drops=drops)
 
 
-def _propellers(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _propellers(rng: np.random.Generator, _side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     rate, first, second = rng.uniform(70.0, 100.0), rng.uniform(0.0, pi), rng.uniform(0.0, pi)
     blades = Propellers(float(rate), (float(first), float(second)))
     return lambda _view, fair: replace(fair, propellers=blades)
 
 
-def _lamps(rng: np.random.Generator, _side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _lamps(rng: np.random.Generator, _side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     """Lamps that are dimmed by switching them, 150 to 300 times a second."""
     flicker = Flicker(float(rng.uniform(150.0, 300.0)), 0.8, float(rng.uniform(0.0, 2 * pi)))
     return lambda _view, fair: replace(fair, flicker=flicker)
@@ -80,7 +80,7 @@ def _analog(noise: float, disturbed: float) -> Change:
 
 def _over_a_side(
     rng: np.random.Generator, outlines: Sequence[Array], shade: float, side: float
-) -> Callable[[CameraView, Conditions], Conditions]:
+) -> Callable[[CameraView, LightConditions], LightConditions]:
     """Something that lies over one side of the target and goes to and fro by a tenth of it.
 
     Args:
@@ -93,7 +93,7 @@ def _over_a_side(
     lean, reach = rng.normal(0.0, 0.2), rng.uniform(0.2, 0.5)
     turn, leaning = (np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (quarter, lean))
 
-    def change(view: CameraView, fair: Conditions) -> Conditions:
+    def change(view: CameraView, fair: LightConditions) -> LightConditions:
         tip = -side * (0.5 - reach - 0.05 * np.sin(2 * pi * 0.4 * view.time + phase))
         placed = [(outline @ leaning.T + (along, tip)) @ turn.T for outline in outlines]
         covers = tuple(Cover(tuple((float(x), float(y)) for x, y in outline), shade) for outline in placed)
@@ -107,7 +107,7 @@ def _ellipse(middle: tuple[float, float], half: tuple[float, float]) -> Array:
     return np.column_stack([np.cos(angles), np.sin(angles)]) * half + middle
 
 
-def _hand(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _hand(rng: np.random.Generator, side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     """Four fingers, thumb and palm; their tips lie at the origin."""
     tips = ((-0.03, -0.01), (-0.01, 0.0), (0.01, -0.003), (0.03, -0.02))
     fingers = [_ellipse((x, y - 0.045), (0.009, 0.045)) for x, y in tips]
@@ -115,7 +115,7 @@ def _hand(rng: np.random.Generator, side: float) -> Callable[[CameraView, Condit
     return _over_a_side(rng, hand, SKIN, side)
 
 
-def _foot(rng: np.random.Generator, side: float) -> Callable[[CameraView, Conditions], Conditions]:
+def _foot(rng: np.random.Generator, side: float) -> Callable[[CameraView, LightConditions], LightConditions]:
     """A shoe of 0.29 m; its toe lies at the origin."""
     shoe = [_ellipse((0.0, -0.07), (0.05, 0.07)), _ellipse((0.0, -0.2), (0.042, 0.09))]
     return _over_a_side(rng, shoe, LEATHER, side)
@@ -147,7 +147,7 @@ class _Met:
         """The view on a frame that shakes at its own rate."""
         return replace(view, vibration_hz=FRAME_HZ)
 
-    def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
+    def conditions(self, view: CameraView, fair: LightConditions) -> LightConditions:
         """Of the image of `view`."""
         return self._change(view, fair)
 

@@ -17,7 +17,7 @@ from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flig
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
-from mksim.scene.light import Conditions, Glare
+from mksim.scene.light import Glare, LightConditions
 
 Array = npt.NDArray[np.float64]
 
@@ -173,10 +173,10 @@ def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[
     return {"images_each": parts[0].images, "distance": 2.0, **_by_first_argument(parts, rows)}
 
 
-def draws(side: float) -> dict[str, Callable[[np.random.Generator], Conditions]]:
+def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditions]]:
     """What light, lens and things lying about do, by name."""
-    base = Conditions()
-    draws: dict[str, Callable[[np.random.Generator], Conditions]] = {"none": lambda _: base}
+    base = LightConditions()
+    draws: dict[str, Callable[[np.random.Generator], LightConditions]] = {"none": lambda _: base}
     for percent in (5, 10, 20, 30):
         draws[f"side_cut_{percent}"] = lambda rng, p=percent: replace(base, covers=(band(rng, side, p / 100),))  # type: ignore[misc]
     for percent in (5, 10, 20, 30):

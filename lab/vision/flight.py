@@ -16,7 +16,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
 from mksim.scene.ground import GroundKind
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView
@@ -38,7 +38,7 @@ ATTITUDE_BIAS_DEG = 0.5
 """Mounting error of roll and pitch that stays for a flight, standard deviation [deg]."""
 GROUNDS: tuple[GroundKind, ...] = ("asphalt", "grass", "tiles", "clutter")
 LEVEL = Platform()
-FAIR = Conditions()
+FAIR = LightConditions()
 VIBRATION_HZ = 120.0
 """Of a multirotor's frame: a motor at 7200 revolutions a minute."""
 
@@ -56,7 +56,7 @@ class Device:
             by 60 degrees/s, and no shutter sees where it will be.
     """
 
-    conditions: Conditions = FAIR
+    conditions: LightConditions = FAIR
     exposure_time: float = 0.004
     line_time: float = 0.0
     vibration: float = 0.0
@@ -72,7 +72,7 @@ class Weather(Protocol):
     def exposed(self, view: CameraView) -> CameraView:
         """The view with the shutter time of this image."""
 
-    def conditions(self, view: CameraView, fair: Conditions) -> Conditions:
+    def conditions(self, view: CameraView, fair: LightConditions) -> LightConditions:
         """Conditions of the image of `view`, from those of the camera in fair weather."""
 
     def image_seen(self, pixels: npt.NDArray[np.uint8]) -> None:

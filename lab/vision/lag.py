@@ -28,7 +28,7 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera
-from mkdaemon.vision.camera.image import Shot, Source
+from mkdaemon.vision.camera.image import ImageSource, Shot
 from mkdaemon.vision.pipeline import STATS_EVERY
 from mkdaemon.vision.track.attitude import AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
@@ -73,7 +73,7 @@ def _fast_loop() -> Callable[[], asyncio.AbstractEventLoop] | None:
     return uvloop.new_event_loop
 
 
-class Film(Source):
+class Film(ImageSource):
     """A camera that shows a flight forwards and backwards at its own rate, while it plays.
 
     Args:

@@ -16,7 +16,7 @@ from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.electrons import PhotonSensor
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.view import CameraView
 
 SECONDS: Final = 3.0
@@ -50,7 +50,7 @@ class NightCamera:
         """The view with the shutter time that acts."""
         return replace(view, exposure_time=self.setting.exposure)
 
-    def conditions(self, _view: CameraView, fair: Conditions) -> Conditions:
+    def conditions(self, _view: CameraView, fair: LightConditions) -> LightConditions:
         """Brightness and noise of the setting that acts."""
         return SENSOR.conditions(fair, self._lux, self.setting.exposure, self.setting.gain)
 

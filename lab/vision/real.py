@@ -26,7 +26,7 @@ from mkdaemon.vision.tags.detector import find_codes
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 
 Array = npt.NDArray[np.float64]
@@ -41,9 +41,11 @@ READOUT: Final = 0.030
 VIBRATION: Final = radians(1.0)
 RESPONSE: Final = 0.03
 """Of a multirotor's frame to what shakes it [s]."""
-TONE: Final = Conditions(processing=Processing(gamma=2.2))
-WEBCAM: Final = Conditions(processing=Processing(mosaic=True, denoise=6.0, gamma=2.2, sharpening=0.8), jpeg_quality=85)
-DARK: Final = Conditions(exposure=0.15, noise_sd=2.5, processing=Processing(mosaic=True, denoise=4.0, gamma=2.2))
+TONE: Final = LightConditions(processing=Processing(gamma=2.2))
+WEBCAM: Final = LightConditions(
+    processing=Processing(mosaic=True, denoise=6.0, gamma=2.2, sharpening=0.8), jpeg_quality=85
+)
+DARK: Final = LightConditions(exposure=0.15, noise_sd=2.5, processing=Processing(mosaic=True, denoise=4.0, gamma=2.2))
 LINE_TIME: Final = READOUT / VGA.height
 DEVICES: Final = {
     "ideal": Device(response=RESPONSE),

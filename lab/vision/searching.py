@@ -20,7 +20,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 
 Grey = npt.NDArray[np.uint8]
 
@@ -46,7 +46,7 @@ def _pictures(width: int, height: int, grounds: int, seed: int) -> list[Grey]:
     """Images of ground alone, one of each kind."""
     size = (width, height) if width <= RENDERED[0] else RENDERED
     studio = Studio(target_named("nested"), seed, intrinsics=_lens(*size))
-    nothing = Conditions(target_in_view=False)
+    nothing = LightConditions(target_in_view=False)
     pictures = [studio.shoot(2.5, 0.2, nothing).image.pixels for _ in range(grounds)]
     if size == (width, height):
         return pictures

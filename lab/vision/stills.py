@@ -24,7 +24,7 @@ from mkdaemon.vision.tags.tagmap import TagMap, Target, load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker, VisionResult
 from mksim.scene.ground import Ground, GroundKind
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView
@@ -122,7 +122,7 @@ class Studio:
         self,
         distance: float,
         tilt: float,
-        conditions: Conditions | None = None,
+        conditions: LightConditions | None = None,
         *,
         off: float = 0.12,
         lens: Intrinsics | None = None,

@@ -16,7 +16,7 @@ from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.truth import PHOTOGRAPHS
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
-from mksim.scene.light import Conditions, Glare, Shadow
+from mksim.scene.light import Glare, LightConditions, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
@@ -70,11 +70,11 @@ def view(rng: np.random.Generator) -> CameraView:
     )
 
 
-def conditions(rng: np.random.Generator) -> Conditions:
+def conditions(rng: np.random.Generator) -> LightConditions:
     """Light, lens and sensor of a bad day; shadow and glare fall on the ground near the middle."""
     where = rng.uniform(-1.0, 1.0, (2, 2))
     shaded, shines, blurs, graded, coded = rng.uniform(size=5) < (0.35, 0.25, 0.1, 0.15, 0.15)
-    return Conditions(
+    return LightConditions(
         exposure=float(rng.uniform(0.3, 1.4)),
         noise_sd=float(rng.choice([1.5, 4.0, 15.0])),
         shadow=Shadow(

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from mksim.scene.light import Conditions, Cover, Glare, Shadow
+from mksim.scene.light import Cover, Glare, LightConditions, Shadow
 
 Array = npt.NDArray[np.float64]
 
 TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
 
 
-Plan = list[tuple[float, float, str, Conditions, float]]
+Plan = list[tuple[float, float, str, LightConditions, float]]
 """Begin and end [s], name, conditions and exposure time [s] of troubles."""
 
 
@@ -31,8 +31,8 @@ def plan_troubles(rng: np.random.Generator, seconds: float, side: float) -> Plan
     return plan
 
 
-def _trouble(name: str, rng: np.random.Generator, side: float) -> tuple[Conditions, float]:
-    base, shutter = Conditions(), 0.004
+def _trouble(name: str, rng: np.random.Generator, side: float) -> tuple[LightConditions, float]:
+    base, shutter = LightConditions(), 0.004
     if name == "band":
         return replace(base, covers=(band(rng, side, float(rng.uniform(0.05, 0.3))),)), shutter
     if name == "patches":

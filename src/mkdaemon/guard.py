@@ -181,7 +181,7 @@ class Guard:
         return (self._release[(self.release_sent - 1) % len(self._release)],)
 
 
-class Line:
+class PortLine:
     """A port's descriptor, written to past everything that could hold a program up."""
 
     def __init__(self) -> None:
@@ -243,7 +243,7 @@ def serve(channel: socket.socket, report: Path | None) -> None:
         channel: packets from and to the daemon.
         report: where to write what was done, for the next daemon to read; None for nowhere.
     """
-    guard, line = Guard(), Line()
+    guard, line = Guard(), PortLine()
     poll = select.poll()
     poll.register(channel, select.POLLIN)
     while not guard.is_over:
@@ -263,7 +263,7 @@ def serve(channel: socket.socket, report: Path | None) -> None:
         _write_report(f"{guard.neutral_sent} neutral and {guard.release_sent} release frames sent", report)
 
 
-def _listen(channel: socket.socket, guard: Guard, line: Line, poll: select.poll) -> bool:
+def _listen(channel: socket.socket, guard: Guard, line: PortLine, poll: select.poll) -> bool:
     """Take a packet; returns whether there may be another."""
     descriptors = array.array("i")
     try:

@@ -22,7 +22,7 @@ class ActiveFault:
     ends: float
 
 
-class Faults:
+class RunningFaults:
     """The faults running now.
 
     Attributes:

@@ -83,7 +83,7 @@ class Air:
         return -self._scale * math.log(1.0 - self._rng.random() * reach)
 
 
-class Channel:
+class RadioChannel:
     """Carries bytes one way.
 
     Attributes:

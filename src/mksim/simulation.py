@@ -11,9 +11,9 @@ from mksim.boards.line import HOST_CHAR
 from mksim.boards.navictrl import NaviCtrl
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.hand_flight import CircleFlight, HandFlight
-from mksim.physics.pilot import DelayedProgram, Program
+from mksim.physics.pilot import DelayedProgram, PilotProgram
 from mksim.physics.world import World
-from mksim.radio import Channel
+from mksim.radio import RadioChannel
 from mksim.supervision import Supervision
 
 
@@ -54,8 +54,8 @@ class Simulation:
             generation = NC_GENERATIONS[config.nc]
             self.navigation = NaviCtrl(generation, self.flight, seed=config.seed, loop_time=config.nc_loop)
         self.port: NaviCtrl | FlightCtrl = self.navigation or self.flight
-        self._to_board = Channel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = Channel(config.radio.to_host, f"{config.seed} to host")
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
         self._config = config
         self._delayed: DelayedProgram | None
         self._give_plan(config.pilot_wait)
@@ -82,7 +82,7 @@ class Simulation:
         self._delayed = None if program is None else DelayedProgram(program, wait_time)
         self.world.pilot.program = self._delayed
 
-    def _plan(self, plan: PilotPlan) -> Program | None:
+    def _plan(self, plan: PilotPlan) -> PilotProgram | None:
         if plan is PilotPlan.CIRCLE:
             return CircleFlight()
         if plan is PilotPlan.HOVER:

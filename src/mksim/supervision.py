@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from mksim.physics.hand_flight import HandFlight, Phase
-from mksim.physics.pilot import STICK_LIMIT, FlightView, Pilot
+from mksim.physics.hand_flight import HandFlight, HandPhase
+from mksim.physics.pilot import STICK_LIMIT, FlightView, SimulatedPilot
 
 CEILING_GAS: Final = 15.0
 """Gas stick while a machine flies: a quarter more thrust than hover (about -2) to climb with."""
@@ -59,7 +59,7 @@ class Supervision:
             self.flight = HandFlight.starting()
         self.take_overs = 0
 
-    def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def fly(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
         if self._is_external():
             self._rest_sticks(pilot, view, now)
@@ -75,9 +75,9 @@ class Supervision:
             return "rests the sticks while a machine flies, and takes over at its release"
         if self.flight is None:
             return "waits for a machine to start the motors and take off"
-        if self.flight.phase is Phase.FLY:
+        if self.flight.phase is HandPhase.FLY:
             return "hovers by hand and waits for a machine: `mkctl stick`, `goto`, `land`"
-        is_ready = self.flight.phase is Phase.DONE and not self.flight.is_over
+        is_ready = self.flight.phase is HandPhase.DONE and not self.flight.is_over
         return f"{self.flight.doing}{' and waits for a machine: `mkctl take-off`, `fly`' if is_ready else ''}"
 
     @property
@@ -85,9 +85,9 @@ class Supervision:
         """The motors are stopped; see `Program`."""
         return self.flight is not None and self.flight.is_over
 
-    def _rest_sticks(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def _rest_sticks(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Rest the sticks, unless the pilot is still busy taking off, landing or starting motors."""
-        is_ready = {Phase.FLY} if self.take_overs else {Phase.FLY, Phase.DONE}
+        is_ready = {HandPhase.FLY} if self.take_overs else {HandPhase.FLY, HandPhase.DONE}
         if self.flight is not None and self.flight.phase not in is_ready:
             return
         if not self._machine_flies:

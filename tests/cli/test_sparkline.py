@@ -8,7 +8,7 @@ from mkdaemon.cli.mkctl.health import render
 from mkdaemon.cli.mkctl.log import trend
 from mkdaemon.cli.mkctl.record import Rate
 from mkdaemon.cli.sparkline import sparkline
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.summary import Activity, KeySummary
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.link import LinkHealth
@@ -53,7 +53,10 @@ def test_an_entry_before_the_beginning_counts_at_the_beginning():
 
 
 def test_few_entries_are_only_marked():
-    few, many = KeySummary(Kind.SAMPLE, "k", Activity(0), count=2), KeySummary(Kind.SAMPLE, "k", Activity(0), count=500)
+    few, many = (
+        KeySummary(EntryKind.SAMPLE, "k", Activity(0), count=2),
+        KeySummary(EntryKind.SAMPLE, "k", Activity(0), count=500),
+    )
     for one in (few, many):
         one.activity.take(0)
         one.activity.take(12 * NANOSECONDS)

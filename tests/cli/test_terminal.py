@@ -20,7 +20,7 @@ from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.mkdaemon.logs import spell_values
 from mkdaemon.cli.program import run
 from mkdaemon.cli.terminal import drawing_stream, guarded_streams, on_one_line, spelled
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.telemetry.event import LogEvent
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
@@ -140,11 +140,11 @@ def recording(tmp_path):
             stamp = {"monotonic": 1.0, "wall": 2.0, "boot": "a", "synchronised": True}
             payload = msgpack.packb({"stamp": stamp, "text": EVIL, EVIL: EVIL})
             writer.add(sample(number, key)._replace(payload=payload))
-        query = sample(4, "mk/mk1/do/lease", kind=Kind.QUERY)
+        query = sample(4, "mk/mk1/do/lease", kind=EntryKind.QUERY)
         writer.add(query._replace(payload=msgpack.packb({"holder": EVIL}), source=EVIL, exchange=1))
-        writer.add(sample(5, "mk/mk1/setpoint/stick", kind=Kind.SETPOINT)._replace(source=EVIL))
+        writer.add(sample(5, "mk/mk1/setpoint/stick", kind=EntryKind.SETPOINT)._replace(source=EVIL))
         refusal = msgpack.packb({"key": "setpoint/stick", "sequence": 5, "token": EVIL})
-        writer.add(sample(6, "mk/mk1/notice/setpoint_refused", kind=Kind.NOTICE)._replace(payload=refusal))
+        writer.add(sample(6, "mk/mk1/notice/setpoint_refused", kind=EntryKind.NOTICE)._replace(payload=refusal))
         writer.finish()
     return path
 

@@ -20,8 +20,8 @@ from mkdaemon.client.groundrecorder import GroundPlan, GroundTap, record_ground
 from mkdaemon.client.samples import known_schema
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError
-from mkdaemon.record.entry import Congestion, Kind, Qos, TimeBase
-from mkdaemon.record.folder import Limits
+from mkdaemon.record.entry import Congestion, EntryKind, Qos, TimeBase
+from mkdaemon.record.folder import RoomLimits
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
 from mkdaemon.stamp import Stamp
@@ -29,7 +29,7 @@ from mkdaemon.telemetry.record import BusCounts
 from tests.bus.support import bus_config, client, free_endpoint
 from tests.bus.test_gateway import BATTERY
 
-LIMITS = Limits(10**9, 3600.0, 10**9, 1, may_delete=False)
+LIMITS = RoomLimits(10**9, 3600.0, 10**9, 1, may_delete=False)
 
 
 def entries_in(folder):
@@ -105,7 +105,7 @@ async def test_everything_of_all_vehicles_is_recorded_from_the_moment_they_are_t
     battery = next(entry for entry in entries if entry.suffix == "state/battery")
     assert (battery.published, battery.encoding) == (2.0, "application/msgpack;mk.Battery.v1")
     assert msgpack.unpackb(battery.payload) == BATTERY.model_dump()
-    stick = next(entry for entry in entries if entry.kind is Kind.SETPOINT)
+    stick = next(entry for entry in entries if entry.kind is EntryKind.SETPOINT)
     assert (stick.attachment, stick.qos) == (b"s" * 32, Qos(Congestion.BLOCK, 1, express=True))
     (path,) = tmp_path.glob("ground-*.mcap")
     report = Recording(path)

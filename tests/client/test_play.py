@@ -17,7 +17,7 @@ from mkdaemon.client.player import FASTEST, Player, PlayPace, open_player_sessio
 from mkdaemon.client.playselection import Lateness, PlayKey, PlaySelection, check_name, play_key
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.play import PlayState
@@ -30,7 +30,7 @@ STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
 
 def samples():
-    return Recording(STICKS).entries(lambda facts: facts.kind is Kind.SAMPLE)
+    return Recording(STICKS).entries(lambda facts: facts.kind is EntryKind.SAMPLE)
 
 
 class Listed:

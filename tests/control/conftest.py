@@ -18,5 +18,5 @@ def _missing(words: object, key: str) -> NoReturn:
 def no_refusal_lacks_a_word() -> Iterator[None]:
     """In flight a word that is missing is shown by its name; in a test it is a fault."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sentences.Words, "__missing__", _missing)
+        patch.setattr(sentences.KnownWords, "__missing__", _missing)
         yield

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import Release, SendSticks
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.actions import ReleaseAircraft, SendSticks
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.events import (
     LeaseAsked,
@@ -111,7 +111,7 @@ class Driver:
         secret = f"secret {self.leases}"
         reply = self.core.feed(LeaseAsked(request, secret), self.now)
         if reply.must_read_set:
-            reply = self.core.feed(LeaseAsked(request, secret, ActiveSet(gate)), self.now)
+            reply = self.core.feed(LeaseAsked(request, secret, KnownSet(gate)), self.now)
         if reply.refusal is not None:
             raise reply.refusal
         return reply.lease
@@ -168,4 +168,4 @@ class Driver:
 
     @property
     def releases(self):
-        return self.of(Release)
+        return self.of(ReleaseAircraft)

@@ -12,7 +12,7 @@ import pytest
 
 from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishEstimate, PublishStatus, Release, ReportMode, SendSticks
+from mkdaemon.control.actions import PublishEstimate, PublishStatus, ReleaseAircraft, ReportMode, SendSticks
 from mkdaemon.control.events import SetpointAccepted
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
@@ -116,7 +116,7 @@ def test_an_attitude_that_is_too_old_gives_neutral_sticks_and_then_a_release_nev
     rig.fly()
     ttl, after = rig.cfg.limiter.setpoint_ttl, rig.cfg.lease.release_after
     assert {c.pitch for c in rig.counts(4.0 + ttl + 0.03, 4.0 + after)} == {0}
-    released = next(at for at, action in rig.actions if isinstance(action, Release))
+    released = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     assert released == pytest.approx(4.0 + after, abs=0.1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, Lease, ReleaseOrder
+from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, HeldLease, ReleaseOrder
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.manoeuvre import Step, ended
 from mkdaemon.control.modes import Trigger
@@ -23,7 +23,7 @@ def setpoint(sequence=1, *, epoch=7, ttl=0.3):
 
 
 def lease(**fields):
-    return Lease("alice", 7, "secret", 5.0, **{"sign_of_life": 10.0, "since": 10.0, "arrived": 10.0} | fields)
+    return HeldLease("alice", 7, "secret", 5.0, **{"sign_of_life": 10.0, "since": 10.0, "arrived": 10.0} | fields)
 
 
 @pytest.mark.parametrize(("now", "left"), [(10.0, 5.0), (12.0, 3.0), (15.0, 0.0), (16.0, 0.0)])

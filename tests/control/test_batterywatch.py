@@ -8,7 +8,7 @@ import pytest
 
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishStatus, Release, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.events import AbortAsked, StateValue
 from mkdaemon.control.flightwatch import LASTING, RECOVERED, BatteryWatch
@@ -120,7 +120,7 @@ class RunsEmpty(CoreRig):
         self.core.feed(StateValue(battery(voltage, is_low=voltage < 12.8, at=at)), at)
 
     def _is_over(self, at):
-        return super()._is_over(at) or bool(self.of(Release))
+        return super()._is_over(at) or bool(self.of(ReleaseAircraft))
 
     def of(self, kind):
         return [(at, action) for at, action in self.actions if isinstance(action, kind)]
@@ -137,7 +137,7 @@ def test_over_its_target_it_lands_there_whatever_is_streamed():
     assert (failsafe.action, failsafe.reason) == ("land", landing.reason)
     [(warned, _)] = rig.of(Warn)
     assert warned == pytest.approx(RunsEmpty.drop_at, abs=0.4)
-    [(released, release)] = rig.of(Release)
+    [(released, release)] = rig.of(ReleaseAircraft)
     assert release.reason == "landed on pad"
     place = next(place for at, place in zip(record.times, record.positions, strict=True) if at >= released - 0.1)
     assert place == pytest.approx([0.0, 0.0, 0.1], abs=0.1)
@@ -149,7 +149,7 @@ def test_who_aborts_that_landing_holds_and_is_not_landed_again():
     rig._at(7.0, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="not here")), 0.0))
     rig.fly()
     assert rig.core.phase is Phase.ABORTED
-    assert not rig.of(Release)
+    assert not rig.of(ReleaseAircraft)
 
 
 @pytest.mark.parametrize(("voltage", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])

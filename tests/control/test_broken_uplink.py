@@ -11,7 +11,7 @@ from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from lab.rigs.confirmingboard import ConfirmingBoard
-from mkdaemon.control.actions import PublishStatus, Release
+from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
 from mkdaemon.control.answers import PAUSE, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.telemetry.control import Phase
@@ -62,7 +62,7 @@ def step(wind, length, seed):
 def test_a_broken_uplink_is_no_aircraft_that_does_not_obey(length, seed):
     rig = step(WindClass.LIGHT, length, seed)
     assert rig.record.lost == ""
-    assert not [action for _, action in rig.actions if isinstance(action, Release)]
+    assert not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
     assert Phase.UNANSWERED not in rig.phases()
     assert rig.farthest < 1.6
 
@@ -78,7 +78,7 @@ def test_sticks_that_did_not_arrive_are_not_believed_to_act(seed):
     rig = Stepping(setting)
     rig.broken = (STEP + 0.15, STEP + 0.85)
     record = rig.fly()
-    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, Release)]
+    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
     assert max(rig.beside) < 0.3
 
 
@@ -94,7 +94,7 @@ def test_an_uplink_that_heals_while_the_downlink_is_silent_gets_no_correction_tw
     breaks = STEP + begins
     rig.broken, rig.silent = (breaks, breaks + 0.32), (breaks + 0.32, breaks + 0.72)
     record = rig.fly()
-    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, Release)]
+    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
     assert rig.farthest < 1.2
 
 

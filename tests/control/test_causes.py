@@ -10,7 +10,7 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishStatus, Release, Warn
+from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, Warn
 from mkdaemon.control.causes import ATTITUDE_OVERDUE, causes
 from mkdaemon.control.events import SightRefused
 from mkdaemon.control.vehicle import VehicleMemory
@@ -94,7 +94,7 @@ def flown():
 
 
 def test_the_release_names_its_causes(flown):
-    release = next(action for _, action in flown.actions if isinstance(action, Release))
+    release = next(action for _, action in flown.actions if isinstance(action, ReleaseAircraft))
     assert release.reason.startswith("no image of pad for 3.0 s; tag in view, ")
     assert "poses refused off_course" in release.reason
 

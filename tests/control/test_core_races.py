@@ -6,7 +6,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from mkdaemon.control.actions import Release, ReportMode, SendSticks
+from mkdaemon.control.actions import ReleaseAircraft, ReportMode, SendSticks
 from mkdaemon.control.events import ClientGone, LineChanged, LinkVerdict
 from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.errors import CommandRejectedError
@@ -83,7 +83,7 @@ class Race(RuleBasedStateMachine):
                     assert (action.counts.pitch, action.counts.roll, action.counts.yaw) == (0, 0, 0)
                 assert action.deadline > at
                 self.last_frame = at
-            case Release():
+            case ReleaseAircraft():
                 assert not self.is_releasing, "one release at a time"
                 self.is_releasing = True
             case ReportMode():

@@ -11,7 +11,7 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishError, PublishStatus, Release, SendSticks
+from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, SendSticks
 from mkdaemon.control.events import AbortAsked, MotorsReported
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
@@ -60,7 +60,7 @@ class Plan(CoreRig):
         return list(dict.fromkeys((s.manoeuvre, s.stage, s.is_done) for s in shown))
 
     def release_reason(self):
-        return next(action.reason for _, action in self.actions if isinstance(action, Release))
+        return next(action.reason for _, action in self.actions if isinstance(action, ReleaseAircraft))
 
 
 def hold():
@@ -99,7 +99,7 @@ def test_a_take_off_that_no_image_shows_ends_with_a_release_that_says_what_to_lo
     rig.fly()
     assert rig.release_reason().startswith("take-off ended: no image shows it off the ground")
     # Blind throttle is bounded: it was released low.
-    released = next(at for at, action in rig.actions if isinstance(action, Release))
+    released = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     assert released < 6.5
 
 
@@ -244,7 +244,7 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
         flown(at)
 
     rig._control = control
-    rig._is_over = lambda at: any(isinstance(action, Release) for _, action in rig.actions[-9:])
+    rig._is_over = lambda at: any(isinstance(action, ReleaseAircraft) for _, action in rig.actions[-9:])
     record = rig.fly()
     assert rig.release_reason() == "landed on pad"
     assert record.touch_error < 0.2

@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.config.control import ControlConfig, LimiterConfig
 from mkdaemon.control import preflight
 from mkdaemon.control.actions import PublishStatus
-from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
+from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.events import AbortAsked, ActiveSetRead, ModelKnown, PoseSeen, StateValue
 from mkdaemon.control.motionmatch import Match, MotionMatch
@@ -118,14 +118,14 @@ def test_the_report_has_what_was_read_last(drive):
         report = drive.core.preflight(drive.now)
         return next(found.token for found in report.findings if found.name == "height control")
 
-    assert read(drive, ActiveSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
+    assert read(drive, KnownSet(CHANNEL, "Easy", has_height_control=True)).is_ready is False
     assert height_control() == "height_control"
     drive.take()
     assert height_control() is None
 
 
 def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
-    read(drive, ActiveSet(Gate(GateKind.CONSTANT, 0), "Easy"))
+    read(drive, KnownSet(Gate(GateKind.CONSTANT, 0), "Easy"))
     drive.take()
 
 

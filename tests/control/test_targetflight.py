@@ -17,7 +17,7 @@ from mkdaemon.control.actions import (
     PublishError,
     PublishEstimate,
     PublishStatus,
-    Release,
+    ReleaseAircraft,
     ReportCommand,
     ReportFailsafe,
     ReportMode,
@@ -139,14 +139,14 @@ def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_r
     gone = 3.5
     rig = UntilReleased(replace(CALM, camera=CameraModel(gone=((gone, 99.0),))))
     record = rig.fly()
-    released = next(at for at, action in rig.actions if isinstance(action, Release))
+    released = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     assert released == pytest.approx(gone + CFG.exit_after, abs=0.3)
     place = dict(zip(record.times, record.positions, strict=True))
     before, after = place[min(place, key=lambda at: abs(at - gone))], record.positions[-1]
     assert after[2] > before[2] + 0.4
     # Without images only the model tells where it is, to 1.7 m after 3 s.
     assert np.hypot(*after[:2]) < max(rig.estimates[-1].position_sd[:2]), "it stays over the target"
-    reason = next(a.reason for at, a in rig.actions if isinstance(a, Release))
+    reason = next(a.reason for at, a in rig.actions if isinstance(a, ReleaseAircraft))
     assert "no image of pad" in reason
 
 
@@ -167,7 +167,7 @@ class UntilReleased(CoreRig):
 
     def _is_over(self, at):
         super()._is_over(at)
-        return any(isinstance(action, Release) for _, action in self.actions[-9:])
+        return any(isinstance(action, ReleaseAircraft) for _, action in self.actions[-9:])
 
 
 class Lands(UntilReleased):
@@ -196,7 +196,7 @@ def landed():
 
 def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(landed):
     rig, record = landed
-    released_at, released = next((at, action) for at, action in rig.actions if isinstance(action, Release))
+    released_at, released = next((at, action) for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     assert record.touch_error < 0.12
     assert record.touch_sink < 0.6
     assert released.reason == "landed on pad"
@@ -233,7 +233,7 @@ def blind_at_its_end():
 def test_the_estimate_ends_where_the_feet_stand(flight, request):
     rig, record = request.getfixturevalue(flight)
     assert record.touch_error < 0.2
-    released_at = next(at for at, action in rig.actions if isinstance(action, Release))
+    released_at = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     last_at, last = [(at, action.value) for at, action in rig.actions if isinstance(action, PublishEstimate)][-1]
     errors_until = max(at for at, action in rig.actions if isinstance(action, PublishError))
     assert last_at < released_at - 0.3
@@ -252,7 +252,7 @@ def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air(blind
 def test_a_descent_without_images_before_the_commit_rises_then_is_released_and_never_down():
     gone = 8.05
     rig, _ = land_in_wind(gone)
-    released_at, release = next((at, action) for at, action in rig.actions if isinstance(action, Release))
+    released_at, release = next((at, action) for at, action in rig.actions if isinstance(action, ReleaseAircraft))
     assert rig.stood is None
     assert released_at == pytest.approx(gone + CFG.exit_after, abs=0.2)
     assert "no image of pad" in release.reason

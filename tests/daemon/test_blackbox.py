@@ -15,7 +15,7 @@ from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, ImageRecorder, open_black_box, recording_folder
-from mkdaemon.record.entry import Kind, Notice
+from mkdaemon.record.entry import EntryKind, Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.status import Status
@@ -59,7 +59,7 @@ async def test_what_passes_is_in_the_file_when_the_daemon_has_ended(tmp_path):
         box.tap.port_written(b"#b", clock.now(), "release")
 
     entries = recorded(tmp_path)
-    assert [entry.kind for entry in entries] == [Kind.SAMPLE, Kind.NOTICE, Kind.PORT_WRITTEN]
+    assert [entry.kind for entry in entries] == [EntryKind.SAMPLE, EntryKind.NOTICE, EntryKind.PORT_WRITTEN]
     assert Notice.of(entries[1]) is Notice.STOP
     (path,) = (tmp_path / "recordings").glob("bb-*-000.mcap")
     recording = Recording(path)
@@ -120,8 +120,8 @@ async def test_requests_of_the_unix_socket_are_recorded_with_their_answers(tmp_p
     async with box.run():
         await box.recorded(answer)("do/release", b"\x80")
     query, reply = recorded(tmp_path)
-    assert (query.kind, query.key, query.exchange) == (Kind.QUERY, "mk/bb/do/release", LOCAL_EXCHANGES)
-    assert (reply.kind, reply.exchange) == (Kind.REPLY, LOCAL_EXCHANGES)
+    assert (query.kind, query.key, query.exchange) == (EntryKind.QUERY, "mk/bb/do/release", LOCAL_EXCHANGES)
+    assert (reply.kind, reply.exchange) == (EntryKind.REPLY, LOCAL_EXCHANGES)
     assert msgpack.unpackb(reply.payload)["status"] == "accepted"
 
 
@@ -141,10 +141,10 @@ async def test_images_are_recorded_at_the_rate_and_coding_asked_for(tmp_path, co
     found = recorded(tmp_path)
     seen = [msgpack.unpackb(entry.payload) for entry in found if Notice.of(entry) is Notice.IMAGE_SEEN]
     assert [(one["sequence"], one["attitude"]) for one in seen[:2]] == [(0, None), (6, 105.0)]
-    entries = [entry for entry in found if entry.kind is not Kind.NOTICE]
+    entries = [entry for entry in found if entry.kind is not EntryKind.NOTICE]
     assert len(entries) == len(seen) == 6
     assert {(entry.kind, entry.key, entry.issuer) for entry in entries} == {
-        (Kind.IMAGE, "mk/bb/vision/front/image", "driver")
+        (EntryKind.IMAGE, "mk/bb/vision/front/image", "driver")
     }
     assert entries[0].received == pytest.approx(100.02)
     frame, decoded = unpack(entries[1].payload)

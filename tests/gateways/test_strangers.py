@@ -18,7 +18,7 @@ from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.topics import json_message
 from mkdaemon.gateways.ros2 import bag
 from mkdaemon.gateways.ros2.gateway import Publishing
-from mkdaemon.gateways.ros2.messages import Scene
+from mkdaemon.gateways.ros2.messages import ConversionScene
 from mkdaemon.gateways.ros2.parameters import Pace
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality
 from mkdaemon.reading import Reading
@@ -66,7 +66,9 @@ class Graph:
 
 def test_ros_goes_on_publishing():
     graph, newest = Graph(), Newest()
-    publishing = Publishing(graph, TOPICS, Scene(BagTypes(), latest=newest.values, vehicle="mk1"), newest, Pace({}))
+    publishing = Publishing(
+        graph, TOPICS, ConversionScene(BagTypes(), latest=newest.values, vehicle="mk1"), newest, Pace({})
+    )
 
     def take(key, value):
         sample = sample_of(key, value)

@@ -8,7 +8,7 @@ import tty
 
 import pytest
 
-from mkdaemon.guard import RESYNC, Line
+from mkdaemon.guard import RESYNC, PortLine
 
 FRAME = b"#frame\r"
 
@@ -25,7 +25,7 @@ def pair():
 
 def test_a_frame_goes_out_as_it_is(pair):
     near, far = pair
-    line = Line()
+    line = PortLine()
     line.replace(os.dup(near.fileno()))
     assert line.write((RESYNC, FRAME))
     assert line.write((FRAME,))
@@ -34,7 +34,7 @@ def test_a_frame_goes_out_as_it_is(pair):
 
 
 def test_without_a_port_nothing_is_written_and_nothing_fails():
-    line = Line()
+    line = PortLine()
     assert not line.write((FRAME,))
     line.discard_waiting()
 
@@ -45,7 +45,7 @@ def test_every_descriptor_from_0_on_is_a_port(monkeypatch, descriptor):
     monkeypatch.setattr(os, "write", lambda number, data: written.append((number, data)) or len(data))
     monkeypatch.setattr("mkdaemon.guard.fcntl.ioctl", lambda number, *_: asked.append(number))
     monkeypatch.setattr(os, "close", closed.append)
-    line = Line()
+    line = PortLine()
     assert line.descriptor == -1
     line.replace(descriptor)
     assert line.write((FRAME,))
@@ -62,7 +62,7 @@ def test_a_device_that_does_not_tell_what_waits_is_not_emptied(monkeypatch):
     flushed = []
     monkeypatch.setattr("mkdaemon.guard.fcntl.ioctl", ioctl)
     monkeypatch.setattr("mkdaemon.guard.termios.tcflush", lambda *what: flushed.append(what))
-    line = Line()
+    line = PortLine()
     line.descriptor = 99
     line.discard_waiting()
     assert flushed == []
@@ -70,7 +70,7 @@ def test_a_device_that_does_not_tell_what_waits_is_not_emptied(monkeypatch):
 
 def test_a_port_that_is_gone_takes_nothing(pair):
     near, far = pair
-    line = Line()
+    line = PortLine()
     line.replace(os.dup(near.fileno()))
     far.close()
     assert not line.write((FRAME,))
@@ -79,7 +79,7 @@ def test_a_port_that_is_gone_takes_nothing(pair):
 
 def test_another_descriptor_closes_the_one_before(pair):
     near, _ = pair
-    line, first = Line(), os.dup(near.fileno())
+    line, first = PortLine(), os.dup(near.fileno())
     line.replace(first)
     line.replace(os.dup(near.fileno()))
     with pytest.raises(OSError, match="Bad file"):
@@ -96,7 +96,7 @@ def test_a_frame_after_one_that_was_cut_is_led_by_what_ends_it(monkeypatch):
         return len(data) - (len(written) == 1)
 
     monkeypatch.setattr(os, "write", write)
-    line = Line()
+    line = PortLine()
     line.descriptor = 99
     assert not line.write((FRAME,))
     assert line.write((FRAME,))
@@ -116,7 +116,7 @@ def test_a_full_port_is_emptied_and_tried_once_more(monkeypatch, is_full):
 
     monkeypatch.setattr(os, "write", write)
     monkeypatch.setattr("mkdaemon.guard.termios.tcflush", lambda *what: flushed.append(what))
-    line = Line()
+    line = PortLine()
     line.descriptor = 99
     assert line.write((FRAME,)) is (is_full == 1)
     assert written == [FRAME, RESYNC + FRAME]
@@ -136,7 +136,7 @@ def test_only_what_waits_in_the_device_is_thrown_away(monkeypatch, size):
     monkeypatch.setattr("mkdaemon.guard.termios.tcflush", lambda *what: flushed.append(what))
     written = []
     monkeypatch.setattr(os, "write", lambda descriptor, data: written.append(data) or len(data))
-    line = Line()
+    line = PortLine()
     line.descriptor = 99
     line.discard_waiting()
     line.write((FRAME,))
@@ -147,7 +147,7 @@ def test_only_what_waits_in_the_device_is_thrown_away(monkeypatch, size):
 def test_what_a_pseudo_terminals_reader_has_not_fetched_stays():
     far, near = os.openpty()
     tty.setraw(near)
-    line = Line()
+    line = PortLine()
     line.replace(near)
     assert line.write((FRAME,))
     line.discard_waiting()

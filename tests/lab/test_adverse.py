@@ -8,7 +8,7 @@ import pytest
 from lab.vision import adverse
 from lab.vision.flight import VGA
 from lab.vision.stills import SeedSet
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.view import CameraView
 
 SIDE = 0.3
@@ -20,7 +20,7 @@ def test_hand_and_foot_lie_over_a_side_and_move(name):
     middles = []
     for time in (0.0, 0.6, 1.2):
         view = CameraView(VGA, np.eye(3), np.zeros(3), time=time)
-        points = np.concatenate([cover.polygon for cover in change(view, Conditions()).covers])
+        points = np.concatenate([cover.polygon for cover in change(view, LightConditions()).covers])
         inside = np.abs(points).max(axis=1) < SIDE / 2
         assert 0.0 < inside.mean() < 0.9, "rooted outside, its tip inside"
         middles.append(points.mean(axis=0))

@@ -11,7 +11,7 @@ import pytest
 from lab.control import corefuzz
 from lab.control.corefuzz import BLOCK, EVENTS, QUICK, Breach, draw, run, run_sequences, shortened
 from lab.control.coreworld import HAPPENINGS, Happening, Toy, World
-from mkdaemon.control.actions import Release
+from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import StickCounts
@@ -59,7 +59,7 @@ def lifted(patch):
 
 def unreleased(patch):
     def tick(self, now):
-        return [action for action in TICK(self, now) if not isinstance(action, Release)]
+        return [action for action in TICK(self, now) if not isinstance(action, ReleaseAircraft)]
 
     patch.setattr(FlightCore, "tick", tick)
 

@@ -23,7 +23,7 @@ from lab.hil.spi import FROM_NAVICTRL, PACKET, Motion, Replies, Word, closed, pa
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import FrameDecoder
 from mkdaemon.protocol.messages import WriteWaypoint024
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 
 STUB = Path(navibuild.__file__).with_name("navictrl.c")
 
@@ -109,7 +109,7 @@ def test_packets_of_the_navictrl_are_found_between_other_bytes_and_wrong_sums_ar
 
 
 def test_a_report_of_the_gps_receiver():
-    fix = GpsFix(532301089, -74590625, 42.5, (1.0, -2.0, 0.5), 9, True, 0.2, 3)
+    fix = GpsReport(532301089, -74590625, 42.5, (1.0, -2.0, 0.5), 9, True, 0.2, 3)
     said = report(fix)
     lengths = []
     while said:

@@ -11,13 +11,13 @@ from mkdaemon.link.session.reopening import (
     STUCK_PATIENCE,
     BaudSearch,
 )
-from mkdaemon.link.session.verdict import Cause, Finding, Verdict
+from mkdaemon.link.session.verdict import HeldFinding, VerdictCause, VerdictFinding
 from mkdaemon.telemetry.link import LinkCondition
 
 
-def verdict(condition: LinkCondition, cause: Cause = Cause.OTHER) -> Verdict:
+def verdict(condition: LinkCondition, cause: VerdictCause = VerdictCause.OTHER) -> HeldFinding:
     """A verdict that has held since 0 s."""
-    return Verdict(Finding(condition, "why", cause), 0.0)
+    return HeldFinding(VerdictFinding(condition, "why", cause), 0.0)
 
 
 @pytest.mark.parametrize(
@@ -29,7 +29,7 @@ def test_garbage_and_a_line_that_never_spoke_begin_a_search(condition: LinkCondi
     reason = search.reason_to_reopen(verdict(condition), 0.0, patience + 0.01)
     doubt = " (or no board is switched on)" if condition is LinkCondition.MUTE else ""
     assert reason == f"no frame at 57600 baud{doubt}: trying 115200"
-    assert search.attempt == Finding(condition, reason)
+    assert search.attempt == VerdictFinding(condition, reason)
     assert search.current == 115200
 
 
@@ -47,7 +47,7 @@ def test_every_second_attempt_is_the_configured_rate():
 
 def test_plain_text_is_no_wrong_line_rate():
     search = BaudSearch(57600, enabled=True)
-    assert search.reason_to_reopen(verdict(LinkCondition.GARBAGE, Cause.PLAIN_TEXT), 0.0, 60.0) is None
+    assert search.reason_to_reopen(verdict(LinkCondition.GARBAGE, VerdictCause.PLAIN_TEXT), 0.0, 60.0) is None
 
 
 def test_silence_after_a_board_was_heard_is_no_wrong_line_rate():
@@ -66,7 +66,7 @@ def test_a_frame_ends_the_search():
 
 def test_a_stuck_port_is_opened_anew_at_the_same_rate():
     search = BaudSearch(57600, enabled=False)
-    stuck = verdict(LinkCondition.DOWN, Cause.PORT_STUCK)
+    stuck = verdict(LinkCondition.DOWN, VerdictCause.PORT_STUCK)
     assert search.reason_to_reopen(stuck, 0.0, STUCK_PATIENCE) is None
     assert search.reason_to_reopen(stuck, 0.0, STUCK_PATIENCE + 0.01) == "why"
     assert search.current == 57600

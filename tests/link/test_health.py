@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.link.session.health import HealthMonitor
-from mkdaemon.link.session.verdict import STUCK, Finding
+from mkdaemon.link.session.verdict import STUCK, VerdictFinding
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import LinkCondition
 
@@ -340,7 +340,7 @@ def test_a_lost_port_is_down_or_absent_at_once():
 
 def test_a_search_for_the_line_rate_stays_garbage():
     health = HealthMonitor()
-    health.port_opened(1.0, searching=Finding(LinkCondition.GARBAGE, "no frame at 9600 baud: trying 57600"))
+    health.port_opened(1.0, searching=VerdictFinding(LinkCondition.GARBAGE, "no frame at 9600 baud: trying 57600"))
     health.judge(1.1)
     assert health.verdict.condition is LinkCondition.GARBAGE
     assert "trying 57600" in health.verdict.reason

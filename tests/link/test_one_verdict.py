@@ -9,7 +9,7 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.link.session.reopening import GARBAGE_PATIENCE, PROVEN_PATIENCE, BaudSearch
-from mkdaemon.link.session.verdict import Finding, Verdict
+from mkdaemon.link.session.verdict import HeldFinding, VerdictFinding
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.virtualtime import VirtualLoop
 
@@ -106,8 +106,8 @@ async def test_a_stream_that_comes_and_goes_is_one_verdict():
 
 def test_a_line_proven_at_its_rate_is_searched_late():
     search = BaudSearch(57600, enabled=True)
-    garbage = Verdict(Finding(LinkCondition.GARBAGE, "no frame"), 10.0)
-    assert search.reason_to_reopen(Verdict(Finding(LinkCondition.UP, ""), 0.0), 0.0, 1.0) is None
+    garbage = HeldFinding(VerdictFinding(LinkCondition.GARBAGE, "no frame"), 10.0)
+    assert search.reason_to_reopen(HeldFinding(VerdictFinding(LinkCondition.UP, ""), 0.0), 0.0, 1.0) is None
     assert search.reason_to_reopen(garbage, 0.0, 10.0 + GARBAGE_PATIENCE + 0.1) is None
     assert search.reason_to_reopen(garbage, 0.0, 10.0 + PROVEN_PATIENCE + 0.1) is not None
 

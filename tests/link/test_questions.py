@@ -10,7 +10,15 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.peers import Peers
-from mkdaemon.link.session.questions import LATE_WINDOW, Answered, Pending, Questions, RequestBook, Unanswered, answers
+from mkdaemon.link.session.questions import (
+    LATE_WINDOW,
+    Pending,
+    QuestionAnswered,
+    Questions,
+    RequestBook,
+    Unanswered,
+    answers,
+)
 from mkdaemon.link.session.scheduler import QUEUE_LIMIT, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import (
@@ -259,7 +267,7 @@ def test_an_answer_ends_a_question():
     answer = Label(index=3, text="Voltage")
     assert bench.questions.received(Label(index=4, text="Current"), Board.NC, bench.now) is None
     assert bench.questions.received(answer, Board.NC, bench.now) is pending
-    assert bench.questions.take_finished() == [Answered(pending, answer)]
+    assert bench.questions.take_finished() == [QuestionAnswered(pending, answer)]
     assert bench.questions.take_finished() == []
     bench.run(5.0)
     assert len(bench.sent) == 1

@@ -15,7 +15,7 @@ from mkdaemon.link.session.scheduler import (
     CREEP,
     QUEUE_LIMIT,
     RESYNC_AFTER,
-    Entry,
+    QueuedTransmission,
     TransmitScheduler,
 )
 from mkdaemon.link.session.traffic import Purpose
@@ -28,7 +28,7 @@ QUICK = LineRules(direct=Board.FC, gap=0.005)
 NOBODY_YET = LineRules()
 
 
-def entry(purpose: Purpose, *, board: Board = Board.FC, number: int = 1, **options: object) -> Entry:
+def entry(purpose: Purpose, *, board: Board = Board.FC, number: int = 1, **options: object) -> QueuedTransmission:
     message = {
         Purpose.RELEASE: ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=number % 256),
         Purpose.SETPOINT: ExternControlV2(pitch=number % 100, roll=0, yaw=0, throttle=0, frame=number % 256),
@@ -36,10 +36,10 @@ def entry(purpose: Purpose, *, board: Board = Board.FC, number: int = 1, **optio
         Purpose.ECHO: EchoRequest(pattern=number),
     }.get(purpose, LabelRequest(index=number % 32))
     deadline = options.pop("deadline", 1e9)
-    return Entry(message.to_frame(board), purpose, deadline, board, message, **options)  # type: ignore[arg-type]
+    return QueuedTransmission(message.to_frame(board), purpose, deadline, board, message, **options)  # type: ignore[arg-type]
 
 
-def sent_until(scheduler: TransmitScheduler, end: float, *, now: float = 0.0) -> list[tuple[float, Entry]]:
+def sent_until(scheduler: TransmitScheduler, end: float, *, now: float = 0.0) -> list[tuple[float, QueuedTransmission]]:
     """Ask as the link does: whenever the scheduler says."""
     out = []
     for _ in itertools.count():
@@ -158,7 +158,7 @@ def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_ret
 
 def test_bytes_that_are_no_frame_get_no_prefix():
     scheduler = TransmitScheduler(FC)
-    scheduler.submit(Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1.0, Board.NC), 0.0)
+    scheduler.submit(QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1.0, Board.NC), 0.0)
     taken = scheduler.take(0.0)
     assert taken is not None
     assert taken.raw == b"\x1b\x1b\x55\xaa\x00"
@@ -196,7 +196,7 @@ def test_quiet_keeps_back_what_would_refresh_the_dead_man():
     scheduler = TransmitScheduler(FC)
     scheduler.quieten("abdhlpt".__contains__, 6.0)
     label, attitude = entry(Purpose.REQUEST), entry(Purpose.SUBSCRIPTION)
-    escape = Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
+    escape = QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
     for item in (label, attitude, escape, entry(Purpose.RELEASE)):
         scheduler.submit(item, 0.0)
     times = {item.purpose: at for at, item in sent_until(scheduler, 10.0) if item is not escape}
@@ -219,7 +219,7 @@ def test_while_redirected_only_that_board_is_spoken_to():
     scheduler.reserve_line(Board.FC)
     here = entry(Purpose.REQUEST, board=Board.FC, reaches_fc=True)
     there = entry(Purpose.REQUEST, board=Board.NC)
-    escape = Entry(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
+    escape = QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
     for item in (there, here, escape):
         scheduler.submit(item, 0.0)
     assert [item for _, item in sent_until(scheduler, 1.0)] == [here, escape]
@@ -301,7 +301,9 @@ def test_when_setpoints_stop_nothing_is_held_back():
     assert scheduler.take(1.1) is None
 
 
-def flown(period: float, distance: float, asks: list[float], seconds: float = 2.0) -> list[tuple[float, Entry]]:
+def flown(
+    period: float, distance: float, asks: list[float], seconds: float = 2.0
+) -> list[tuple[float, QueuedTransmission]]:
     """What leaves while setpoints come steadily to a FlightCtrl and requests come at some times."""
     scheduler = TransmitScheduler(LineRules(direct=Board.FC, setpoint_interval=1 / 44))
     scheduler.distance = distance

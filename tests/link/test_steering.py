@@ -12,7 +12,7 @@ from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.release import GIVE_UP, QUIET_TIME, REMIND, REPEATS, SPACING
-from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.scheduler import QueuedTransmission, TransmitScheduler
 from mkdaemon.link.session.steering import ControlEntry, ControlPath, Steering
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import DebugRequest, ExternControlV2, VersionFc200
@@ -131,9 +131,9 @@ class Bench:
         self.scheduler = TransmitScheduler(LineRules(direct=direct))
         health = HealthMonitor(window=10.0, max_loss_percent=5.0, now=0.0)
         self.steering = Steering(self.scheduler, self.peers, health)
-        self.sent: list[tuple[float, Entry, WireMessage]] = []
+        self.sent: list[tuple[float, QueuedTransmission, WireMessage]] = []
 
-    def run(self, seconds: float, *, answers: bool = False) -> list[tuple[float, Entry, WireMessage]]:
+    def run(self, seconds: float, *, answers: bool = False) -> list[tuple[float, QueuedTransmission, WireMessage]]:
         """Send what is due; returns what went out in this time."""
         before, end = len(self.sent), self.now + seconds
         while self.now < end:
@@ -158,7 +158,8 @@ class Bench:
         """Queue a request that keeps the sticks of a 2.08 alive."""
         message = DebugRequest(interval=5)
         self.scheduler.submit(
-            Entry(message.to_frame(Board.FC), Purpose.REQUEST, 1e9, Board.FC, message, reaches_fc=True), self.now
+            QueuedTransmission(message.to_frame(Board.FC), Purpose.REQUEST, 1e9, Board.FC, message, reaches_fc=True),
+            self.now,
         )
 
     def give_up(self) -> None:

@@ -10,7 +10,7 @@ from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from lab.places import ROOT
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.actions import PublishStatus, Release
+from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
 from mkdaemon.control.events import MotorsReported
 from mkdaemon.missions.script import GotoStep, HoldStep, LandStep, TakeOffStep, VelocityStep, WaitStep, read_script
 from mkdaemon.telemetry.setpoint import (
@@ -76,7 +76,7 @@ class Mission(CoreRig):
     @property
     def ended(self):
         """Why the core let go; empty while it has not."""
-        return next((action.reason for _, action in self.actions[-3:] if isinstance(action, Release)), "")
+        return next((action.reason for _, action in self.actions[-3:] if isinstance(action, ReleaseAircraft)), "")
 
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)

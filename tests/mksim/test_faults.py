@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.sim_faults import FAULTS, FaultChoice, FaultNumber, Reader
-from mksim.faults import Faults
+from mksim.faults import RunningFaults
 
 NAMES = (
     "motor_weak",
@@ -51,7 +51,7 @@ def test_every_fault_explains_itself(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_fault_starts_and_stops(name: str) -> None:
-    faults = Faults()
+    faults = RunningFaults()
     assert not faults.is_active(name)
     before = faults.generation
     faults.start(name)
@@ -63,7 +63,7 @@ def test_every_fault_starts_and_stops(name: str) -> None:
 
 
 def test_values_override_defaults() -> None:
-    faults = Faults()
+    faults = RunningFaults()
     faults.start("motor_weak", motor=3, share="0.5")
     assert (faults.number("motor_weak", "motor"), faults.number("motor_weak", "share")) == (3.0, 0.5)
     faults.stop("motor_weak")
@@ -87,7 +87,7 @@ def test_values_override_defaults() -> None:
     ],
 )
 def test_mistakes_are_refused_with_the_fix(name: str, values: dict[str, float], token: str, says: str) -> None:
-    faults = Faults()
+    faults = RunningFaults()
     with pytest.raises(CommandRejectedError) as refusal:
         faults.start(name, **values)
     assert refusal.value.token == token
@@ -96,7 +96,7 @@ def test_mistakes_are_refused_with_the_fix(name: str, values: dict[str, float], 
 
 
 def test_a_fault_ends_by_itself() -> None:
-    faults = Faults()
+    faults = RunningFaults()
     faults.advance(10.0)
     faults.start("gps_lost", duration=2.0)
     faults.start("rc_lost")
@@ -112,7 +112,7 @@ def test_a_fault_ends_by_itself() -> None:
 
 
 def test_an_event_is_taken_once() -> None:
-    faults = Faults()
+    faults = RunningFaults()
     assert not faults.take("fc_reboot")
     faults.start("fc_reboot")
     assert faults.take("fc_reboot")
@@ -124,7 +124,7 @@ def test_an_event_is_taken_once() -> None:
     [("both", True, True), ("to_board", True, False), ("to_host", False, True)],
 )
 def test_the_link_is_cut_one_way_or_both(direction: str, to_board: bool, to_host: bool) -> None:
-    faults = Faults()
+    faults = RunningFaults()
     assert not faults.is_link_cut("to_board")
     faults.start("link_cut", direction=direction)
     assert faults.is_link_cut("to_board") is to_board

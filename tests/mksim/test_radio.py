@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from mksim.config import ChannelConfig, RadioConfig, RadioKind
-from mksim.radio import PACKET_BYTES, Channel
+from mksim.radio import PACKET_BYTES, RadioChannel
 
 BYTE = 10 / 57600
 XBEE = ChannelConfig(kind=RadioKind.XBEE, loss=0.0)
 FRAME = bytes(range(22))
 
 
-def drain(channel: Channel) -> list[tuple[float, bytes]]:
+def drain(channel: RadioChannel) -> list[tuple[float, bytes]]:
     out = []
     while math.isfinite(channel.next_time):
         out += channel.poll(channel.next_time)
@@ -27,7 +27,7 @@ def drain(channel: Channel) -> list[tuple[float, bytes]]:
 
 def first_arrivals(config: ChannelConfig, count: int, period: float) -> list[float | None]:
     """Delay of each frame's first byte over its last byte sent [s]; None when it was lost."""
-    channel = Channel(config, 7)
+    channel = RadioChannel(config, 7)
     delays: list[float | None] = []
     for k in range(count):
         sent = k * period
@@ -40,21 +40,21 @@ def first_arrivals(config: ChannelConfig, count: int, period: float) -> list[flo
 
 
 def test_a_cable_costs_wire_time_and_nothing_else() -> None:
-    channel = Channel(ChannelConfig(), 1)
+    channel = RadioChannel(ChannelConfig(), 1)
     channel.push(b"abc", 1.0)
     assert [t for t, _ in drain(channel)] == pytest.approx([1.0 + BYTE, 1.0 + 2 * BYTE, 1.0 + 3 * BYTE])
     assert abs(BYTE - 173.6e-6) < 1e-7
 
 
 def test_a_busy_line_queues() -> None:
-    channel = Channel(ChannelConfig(), 1)
+    channel = RadioChannel(ChannelConfig(), 1)
     channel.push(FRAME, 0.0)
     channel.push(b"x", 0.0)
     assert drain(channel)[-1] == (pytest.approx(23 * BYTE), b"x")
 
 
 def test_poll_gives_only_what_has_arrived() -> None:
-    channel = Channel(ChannelConfig(), 1)
+    channel = RadioChannel(ChannelConfig(), 1)
     channel.push(b"ab", 0.0)
     assert channel.poll(0.9 * BYTE) == []
     assert channel.next_time == pytest.approx(BYTE)
@@ -111,7 +111,7 @@ def test_packets_are_lost_alone_and_in_bursts_and_both_are_within_the_share(loss
 
 def test_packets_behind_a_late_one_arrive_back_to_back() -> None:
     """Frames sent every 16 ms: the radio's jitter leaves some of them without a pause."""
-    channel = Channel(XBEE, 5)
+    channel = RadioChannel(XBEE, 5)
     for k in range(2000):
         channel.push(FRAME, 0.016 * k)
     firsts, lasts = [], []
@@ -128,7 +128,7 @@ def test_no_loss_means_none() -> None:
 
 
 def test_a_long_frame_crosses_in_two_packets() -> None:
-    channel = Channel(XBEE, 1)
+    channel = RadioChannel(XBEE, 1)
     channel.push(bytes(118), 0.0)
     drain(channel)
     assert channel.packets == 2
@@ -137,7 +137,7 @@ def test_a_long_frame_crosses_in_two_packets() -> None:
 
 
 def test_a_pause_ends_a_packet() -> None:
-    channel = Channel(XBEE, 1)
+    channel = RadioChannel(XBEE, 1)
     channel.push(b"ab", 0.0)
     channel.push(b"cd", 2 * BYTE + 2 * BYTE)
     channel.push(b"ef", 10 * BYTE)
@@ -147,7 +147,7 @@ def test_a_pause_ends_a_packet() -> None:
 
 @pytest.mark.parametrize("timer", [0.001, 0.016])
 def test_usb_timer_delays_by_half_its_length_on_average(timer: float) -> None:
-    channel = Channel(ChannelConfig(usb_timer=timer), 3)
+    channel = RadioChannel(ChannelConfig(usb_timer=timer), 3)
     waits = []
     for k in range(3000):
         sent = k * 0.0333
@@ -159,14 +159,14 @@ def test_usb_timer_delays_by_half_its_length_on_average(timer: float) -> None:
 
 
 def test_usb_adapter_delivers_full_packets_early() -> None:
-    channel = Channel(ChannelConfig(usb_timer=0.1), 3)
+    channel = RadioChannel(ChannelConfig(usb_timer=0.1), 3)
     channel.push(bytes(200), 0.0)
     assert [len(data) for _, data in drain(channel)][-1] < 62
     assert channel.bytes_out == 200
 
 
 def test_a_cut_direction_carries_nothing_and_comes_back() -> None:
-    channel = Channel(ChannelConfig(), 1)
+    channel = RadioChannel(ChannelConfig(), 1)
     channel.is_cut = True
     channel.push(FRAME, 0.0)
     assert channel.next_time == math.inf
@@ -177,7 +177,7 @@ def test_a_cut_direction_carries_nothing_and_comes_back() -> None:
 
 
 def test_drop_outs_cover_their_share_of_the_time() -> None:
-    channel = Channel(ChannelConfig(outages_per_minute=6.0, outage_duration=1.0), 5)
+    channel = RadioChannel(ChannelConfig(outages_per_minute=6.0, outage_duration=1.0), 5)
     for k in range(20000):
         channel.push(b"x", 0.1 * k)
     drain(channel)
@@ -186,7 +186,7 @@ def test_drop_outs_cover_their_share_of_the_time() -> None:
 
 def test_directions_are_independent() -> None:
     config = RadioConfig(to_board=ChannelConfig(kind=RadioKind.XBEE, loss=0.3), to_host=ChannelConfig())
-    up, down = Channel(config.to_board, "1 up"), Channel(config.to_host, "1 down")
+    up, down = RadioChannel(config.to_board, "1 up"), RadioChannel(config.to_host, "1 down")
     for k in range(300):
         up.push(FRAME, 0.1 * k)
         down.push(FRAME, 0.1 * k)
@@ -205,7 +205,7 @@ def test_directions_are_independent() -> None:
 def test_bytes_arrive_once_in_order_and_never_early(
     sends: list[tuple[float, bytes]], kind: RadioKind, timer: float, steps: float
 ) -> None:
-    channel = Channel(ChannelConfig(kind=kind, loss=0.0, usb_timer=timer), 11)
+    channel = RadioChannel(ChannelConfig(kind=kind, loss=0.0, usb_timer=timer), 11)
     now, got, sent = 0.0, [], b""
     for pause, data in sends:
         until = now + pause
@@ -231,7 +231,7 @@ def test_polling_pace_changes_nothing(seed: int, chunk: float) -> None:
 
     def run(pace: float) -> list[tuple[float, bytes]]:
         config = ChannelConfig(kind=RadioKind.XBEE, loss=0.1, usb_timer=0.004, outages_per_minute=30.0)
-        channel, got, now = Channel(config, seed), [], 0.0
+        channel, got, now = RadioChannel(config, seed), [], 0.0
         for k in range(20):
             while now + pace < 0.04 * k:
                 now += pace

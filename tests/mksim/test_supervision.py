@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mksim.config import FlightConfig, WindClass
-from mksim.physics.hand_flight import Phase
+from mksim.physics.hand_flight import HandPhase
 from mksim.physics.world import StartState, StickInput, World
 from mksim.supervision import CEILING_GAS, Supervision
 
@@ -46,7 +46,7 @@ def test_hovers_hands_over_and_takes_back() -> None:
     program = world.pilot.program = Supervision(lambda: board.external is not None)
     board.run(15.0)
     assert program.flight is not None
-    assert program.flight.phase is Phase.FLY
+    assert program.flight.phase is HandPhase.FLY
     board.external = HOLD
     board.run(2.0)
     assert program.flight is None

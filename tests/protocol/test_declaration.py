@@ -19,7 +19,7 @@ from mkdaemon.protocol import MESSAGES, Board, FrameDecoder, MessageDecoder
 from mkdaemon.protocol.fields import U8, U16
 from mkdaemon.protocol.matching import same
 from mkdaemon.protocol.sources import Source
-from mkdaemon.protocol.spec import Policy, Stream
+from mkdaemon.protocol.spec import Policy, StreamSpec
 from mkdaemon.protocol.units import DECIVOLT, TEN_MS
 from mkdaemon.protocol.wire import WireMessage, answer, request
 from mkdaemon.telemetry.danger import Confirm, Danger
@@ -41,7 +41,7 @@ def lamp():
         source=Source.INFERRED,
         policy=Policy(0.7, 1, deaf=0.1),
         matches=same("number"),
-        stream=Stream("lamp", renews=9),
+        stream=StreamSpec("lamp", renews=9),
         danger=Danger(effect="blinds the pilot", confirm=Confirm.ALWAYS),
     )
     class LampRequest(WireMessage):

@@ -10,15 +10,15 @@ from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import Settings, WriteSettings
 from mkdaemon.protocol.settings import (
-    Change,
     ParameterSet,
+    SetChange,
     is_useful,
     known_revisions,
     layout_of,
     poti_number,
     poti_reference,
 )
-from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.protocol.settings_fields import ParameterKind
 from mkdaemon.protocol.settings_table import PARAMETERS, SAME_LAYOUT
 
 REVISIONS = st.sampled_from(known_revisions())
@@ -64,7 +64,7 @@ def test_a_change_touches_its_own_byte_only(parameters, data):
     changed = parameters.replaced({name: value})
     assert changed[name] == value
     before = parameters[name]
-    assert parameters.changes_to(changed) == (() if before == value else (Change(name, before, value),))
+    assert parameters.changes_to(changed) == (() if before == value else (SetChange(name, before, value),))
     differing = [at for at, (old, new) in enumerate(zip(parameters.raw, changed.raw, strict=True)) if old != new]
     assert differing in ([], [parameters.layout.place(name).offset])
 
@@ -170,7 +170,7 @@ def test_the_name_keeps_what_stands_behind_its_end():
 
 def test_sets_that_cannot_be_compared_by_name_differ_as_a_whole():
     known, unknown = blank(106), ParameterSet(b"\x01\x02")
-    assert known.changes_to(unknown) == (Change("raw", known.raw.hex(), "0102"),)
+    assert known.changes_to(unknown) == (SetChange("raw", known.raw.hex(), "0102"),)
     dirty = ParameterSet(known.raw[:-1] + b"x")
     assert known.changes_to(dirty)[0].name == "raw"
     assert known.changes_to(known) == ()
@@ -179,7 +179,7 @@ def test_sets_that_cannot_be_compared_by_name_differ_as_a_whole():
 def test_sets_of_two_revisions_differ_in_what_only_one_has():
     changes = {change.name: change for change in blank(104).changes_to(blank(105))}
     assert changes["servo_failsafe_positions"].before is None
-    assert changes["revision"] == Change("revision", 104, 105)
+    assert changes["revision"] == SetChange("revision", 104, 105)
 
 
 @pytest.mark.parametrize(("value", "poti"), [(247, None), (248, 8), (255, 1), (0, None)])
@@ -213,4 +213,4 @@ def test_the_table_is_consistent():
             bits = layout.bits(name)
             assert len({bit.mask for bit in bits}) == len(bits), (revision, name)
     for parameter in PARAMETERS:
-        assert (parameter.kind is Kind.BITS) == bool(parameter.bits)
+        assert (parameter.kind is ParameterKind.BITS) == bool(parameter.bits)

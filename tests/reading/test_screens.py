@@ -11,7 +11,7 @@ from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.status import render
 from mkdaemon.gateways.foxglove.diagnostics import Diagnostics
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.texts import CRITICAL, WARNING
 from mkdaemon.gateways.ros2 import diagnostics
 from mkdaemon.reading import Reading
@@ -108,7 +108,7 @@ def test_foxglove_diagnoses_it_first(situation):
 
 async def test_mavlink_tells_what_is_wrong(situation):
     picture = picture_of(situation)
-    gateway = Gateway(FakeVehicle(), Options((), 1, None, Path("/nonexistent")), lambda: NOW, lambda: 0.0)
+    gateway = MavlinkGateway(FakeVehicle(), Options((), 1, None, Path("/nonexistent")), lambda: NOW, lambda: 0.0)
     ears = Ears(gateway)
     gateway.picture.now = NOW
     for value in situation.values.values():

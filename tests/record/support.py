@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgpack
 
-from mkdaemon.record.entry import Entry, Kind, TimeBase
-from mkdaemon.record.folder import Limits, RawFile, RecordingFolder
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
+from mkdaemon.record.folder import RawFile, RecordingFolder, RoomLimits
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.recorder import Recorder
@@ -17,10 +17,12 @@ from mkdaemon.record.recorder import Recorder
 BASE = TimeBase("0123abcd", 1_760_000_000_123_456_789)
 SESSION = Session("blackbox", "mk1-20261122T080000Z", 0, "mkdaemon 0.1.0", "box", BASE.boot, BASE.offset_ns, "mk1")
 ENCODING = "application/msgpack;mk.Attitude.v1"
-ROOMY = Limits(file_bytes=10**9, file_time=1e9, total_bytes=10**9, free_bytes=1, may_delete=False)
+ROOMY = RoomLimits(file_bytes=10**9, file_time=1e9, total_bytes=10**9, free_bytes=1, may_delete=False)
 
 
-def sample(number: int, key: str = "mk/mk1/state/attitude", *, kind: Kind = Kind.SAMPLE, size: int = 40) -> Entry:
+def sample(
+    number: int, key: str = "mk/mk1/state/attitude", *, kind: EntryKind = EntryKind.SAMPLE, size: int = 40
+) -> Entry:
     """An entry of which everything is known."""
     at = 1000.0 + number / 50
     stamp = {"monotonic": at - 0.002, "wall": 1_760_001_000.5 + number / 50, "boot": "0123abcd", "synchronised": True}
@@ -73,7 +75,7 @@ class Bench:
         self,
         folder: Path,
         *,
-        limits: Limits = ROOMY,
+        limits: RoomLimits = ROOMY,
         capacity: int = 10**6,
         sync_period: float = 0.0,
         free: int = 10**12,

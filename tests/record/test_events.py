@@ -7,7 +7,7 @@ from dataclasses import replace
 import msgpack
 import pytest
 
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.events import (
     DUE,
@@ -39,7 +39,7 @@ from mkdaemon.control.events import (
     SightRefused,
 )
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.events import DERIVED, TICK, pack_event, suffix_of, unpack_event
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
@@ -58,7 +58,7 @@ ERROR = refuse(Token.NOT_LEASED)
 def recorded(suffix, model):
     """A value of the recording over a target."""
     for entry in Recording(DATA / "recordings" / "fc_over_target.mcap").entries():
-        if entry.kind is Kind.SAMPLE and entry.suffix == suffix:
+        if entry.kind is EntryKind.SAMPLE and entry.suffix == suffix:
             return model.model_validate(msgpack.unpackb(entry.payload))
     raise AssertionError(suffix)
 
@@ -69,7 +69,7 @@ REFUSED |= {"decode_age": 0.4, "has_attitude": False}
 
 def events():
     asked = LeaseRequest(action="take", holder="pilot")
-    found = ActiveSet(Gate(GateKind.CHANNEL, 251, 7), "Sport", emergency_throttle=None)
+    found = KnownSet(Gate(GateKind.CHANNEL, 251, 7), "Sport", emergency_throttle=None)
     return [
         SetpointAccepted(STICKS, 7),
         SetpointUnsigned(PositionSetpoint(epoch=1, sequence=2, ttl=0.2, frame="pad", position=(0.0, 1.0, 2.0))),

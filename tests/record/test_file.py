@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import Congestion, Entry, Kind, Qos, TimeBase
+from mkdaemon.record.entry import Congestion, Entry, EntryKind, Qos, TimeBase
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter, View
@@ -59,13 +59,13 @@ def read(path: Path, raw: bytes) -> tuple[list[Entry], Recording]:
 
 MIXED = [
     sample(1),
-    sample(1, "mk/mk1/setpoint/stick", kind=Kind.SETPOINT)._replace(
+    sample(1, "mk/mk1/setpoint/stick", kind=EntryKind.SETPOINT)._replace(
         attachment=b"\x01" * 32, qos=Qos(Congestion.BLOCK, 2, True)
     ),
-    sample(1, "mk/mk1/do/lease", kind=Kind.QUERY)._replace(exchange=7),
-    sample(1, "mk/mk1/do/lease", kind=Kind.REPLY)._replace(exchange=7),
-    Entry(Kind.PORT_READ, "mk/mk1/port", b"#bX\r", "", 1000.25, 1_760_001_000.75, BASE, 1),
-    Entry(Kind.PORT_WRITTEN, "mk/mk1/port", b"\x1b\x1b", "", 1000.5, 1_760_001_001.0, BASE, 1, issuer="release"),
+    sample(1, "mk/mk1/do/lease", kind=EntryKind.QUERY)._replace(exchange=7),
+    sample(1, "mk/mk1/do/lease", kind=EntryKind.REPLY)._replace(exchange=7),
+    Entry(EntryKind.PORT_READ, "mk/mk1/port", b"#bX\r", "", 1000.25, 1_760_001_000.75, BASE, 1),
+    Entry(EntryKind.PORT_WRITTEN, "mk/mk1/port", b"\x1b\x1b", "", 1000.5, 1_760_001_001.0, BASE, 1, issuer="release"),
     sample(2)._replace(base=TimeBase("89abcdef", 5)),
 ]
 
@@ -197,7 +197,7 @@ def test_missing_sequence_numbers_are_counted(tmp_path: Path) -> None:
 
     _, recording = read(tmp_path / "a.mcap", write(entries).getvalue())
 
-    assert recording.report.gaps == {(Kind.SAMPLE, "mk/mk1/state/attitude"): 4}
+    assert recording.report.gaps == {(EntryKind.SAMPLE, "mk/mk1/state/attitude"): 4}
     assert recording.report.lost == 4
     assert not recording.report.is_whole
 
@@ -218,7 +218,7 @@ def test_a_reading_can_be_limited_by_time_and_channel(tmp_path: Path) -> None:
 
 class Json:
     def schema(self, facts: ChannelFacts) -> tuple[str, bytes] | None:
-        return ("Attitude", b"{}") if facts.kind is Kind.SAMPLE else None
+        return ("Attitude", b"{}") if facts.kind is EntryKind.SAMPLE else None
 
     def show(self, entry: Entry) -> bytes | None:
         return b'{"roll": 1}'

@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from mkdaemon.bus.schema import schema_json
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
 from mkdaemon.record.view import JsonView
@@ -84,7 +84,7 @@ def test_the_lines_of_python_in_the_docs_read_a_recording(monkeypatch, capsys, t
     monkeypatch.setattr(sys, "argv", ["read.py", str(FLIGHT)])
     runpy.run_path(str(script))
     lines = capsys.readouterr().out.splitlines()
-    entries = list(Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE))
+    entries = list(Recording(FLIGHT).entries(lambda facts: facts.kind is EntryKind.SAMPLE))
     assert len(lines) == len(entries)
     assert [line.split()[1] for line in lines] == [
         entry.key for entry in sorted(entries, key=lambda one: one.base.file_time(one.received))

@@ -12,7 +12,7 @@ from lab.files.recordings import rebuilt
 from mkdaemon.record import reader
 from mkdaemon.record.layout import MAGIC
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.scan import Chunk, Record, Scanner, records_in
+from mkdaemon.record.scan import Record, ScannedChunk, Scanner, records_in
 
 
 def packed(record):
@@ -24,7 +24,7 @@ def pieces():
     content = (RECORDINGS / "fc_sticks.mcap").read_bytes()
     parts = list(Scanner(io.BytesIO(content), len(content)).records())
     heads = [part for part in parts if isinstance(part, Record) and part.opcode in {Opcode.HEADER, Opcode.METADATA}]
-    inside = list(records_in(next(part for part in parts if isinstance(part, Chunk)).content()))
+    inside = list(records_in(next(part for part in parts if isinstance(part, ScannedChunk)).content()))
     channels = [one for one in inside if one.opcode == Opcode.CHANNEL]
     return (
         MAGIC + b"".join(packed(head) for head in heads),

@@ -7,7 +7,7 @@ import msgpack
 from mkdaemon.clock import Clock
 from mkdaemon.control.events import DUE, ClientGone, MotorsReported
 from mkdaemon.protocol.boards import Board
-from mkdaemon.record.entry import Kind, Notice, TimeBase
+from mkdaemon.record.entry import EntryKind, Notice, TimeBase
 from mkdaemon.record.events import TICK, unpack_event
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.tap import Tap, hide_secrets
@@ -32,11 +32,11 @@ def test_each_kind_and_key_is_numbered_from_one():
     entries = queue.take(10)
 
     assert [(entry.kind, entry.key, entry.sequence) for entry in entries] == [
-        (Kind.SAMPLE, "mk/mk1/state/gps", 1),
-        (Kind.SAMPLE, "mk/mk1/state/gps", 2),
-        (Kind.SAMPLE, "mk/mk1/state/pilot", 1),
-        (Kind.QUERY, "mk/mk1/do/mark", 1),
-        (Kind.REPLY, "mk/mk1/do/mark", 1),
+        (EntryKind.SAMPLE, "mk/mk1/state/gps", 1),
+        (EntryKind.SAMPLE, "mk/mk1/state/gps", 2),
+        (EntryKind.SAMPLE, "mk/mk1/state/pilot", 1),
+        (EntryKind.QUERY, "mk/mk1/do/mark", 1),
+        (EntryKind.REPLY, "mk/mk1/do/mark", 1),
     ]
     assert [entry.exchange for entry in entries] == [0, 0, 0, 3, 3]
     assert [entry.source for entry in entries] == ["", "", "", "0a1b", ""]
@@ -76,7 +76,7 @@ def test_what_the_flight_core_is_told_and_decides_stands_in_order():
     tap.ticked(41.3, 2.5)
     tick, gone, late = queue.take(10)
 
-    assert [entry.kind for entry in (tick, gone, late)] == [Kind.EVENT] * 3
+    assert [entry.kind for entry in (tick, gone, late)] == [EntryKind.EVENT] * 3
     assert [entry.suffix for entry in (tick, gone, late)] == [TICK, "core/ClientGone", TICK]
     assert [entry.received for entry in (tick, gone, late)] == [41.0, 41.2, 41.3]
     assert unpack_event(gone.suffix, gone.payload) == ClientGone("pilot")
@@ -91,7 +91,7 @@ def test_an_image_becomes_an_entry_on_the_writing_thread():
     first, second = (deferred() for deferred in queue.take(10))
 
     assert second is None
-    assert (first.kind, first.key, first.payload) == (Kind.IMAGE, "mk/mk1/vision/front/image", b"jpeg")
+    assert (first.kind, first.key, first.payload) == (EntryKind.IMAGE, "mk/mk1/vision/front/image", b"jpeg")
     assert (first.received, first.published, first.issuer) == (41.75, STAMP.wall, "driver")
 
 

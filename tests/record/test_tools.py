@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import HOLDER, STRANGER, Kind
+from mkdaemon.record.entry import HOLDER, STRANGER, EntryKind
 from mkdaemon.record.reader import Recording, matches_any
 from mkdaemon.record.rewrite import Selection, cut, merge, recover
 from mkdaemon.record.summary import glance, summarise
@@ -46,7 +46,7 @@ def test_a_summary_counts_keys_gaps_losses_and_marks(tmp_path):
     seen = []
     summary = summarise(written(tmp_path / "a.mcap", entries), seen.append)
 
-    first = summary.keys[Kind.SAMPLE, "mk/mk1/state/0"]
+    first = summary.keys[EntryKind.SAMPLE, "mk/mk1/state/0"]
     assert (first.count, first.lost, first.encoding) == (90, 10, "application/msgpack;mk.Attitude.v1")
     assert first.rate == pytest.approx(89 / (99 / 50))
     assert first.longest_gap == pytest.approx(11 / 50)
@@ -55,7 +55,7 @@ def test_a_summary_counts_keys_gaps_losses_and_marks(tmp_path):
     assert summary.vehicles == ["mk1"]
     assert summary.session == SESSION
     assert seen
-    assert summarise(written(tmp_path / "b.mcap", ENTRIES[:1])).keys[Kind.SAMPLE, "mk/mk1/state/0"].rate == 0.0
+    assert summarise(written(tmp_path / "b.mcap", ENTRIES[:1])).keys[EntryKind.SAMPLE, "mk/mk1/state/0"].rate == 0.0
 
 
 def test_what_never_reached_the_recorder_is_told_by_the_counts_of_the_daemon(tmp_path):
@@ -77,15 +77,15 @@ def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
 
     refused = {"key": "setpoint/stick", "sequence": 2, "token": "not_holder", "reason": "..."}
     entries = [
-        entry(Kind.QUERY, "do/lease", 1, exchange=1, source="aa", fields={"action": "take", "holder": "pilot"}),
-        entry(Kind.REPLY, "do/lease", 1, exchange=1, fields={"status": "accepted"}),
-        entry(Kind.SETPOINT, "setpoint/stick", 1, source="aa", issuer=HOLDER),
-        entry(Kind.SETPOINT, "setpoint/stick", 2, source="bb", issuer=STRANGER),
-        entry(Kind.NOTICE, "notice/setpoint_refused", 1, fields=refused),
-        entry(Kind.NOTICE, "notice/setpoint_refused", 2, fields={**refused, "sequence": 7}),
-        entry(Kind.QUERY, "do/mark", 1, exchange=2, fields={"text": "x"}),
-        entry(Kind.REPLY, "do/mark", 1, exchange=2, fields={"status": "invalid"}),
-        entry(Kind.REPLY, "do/mark", 2, exchange=9)._replace(payload=b"\xc1"),
+        entry(EntryKind.QUERY, "do/lease", 1, exchange=1, source="aa", fields={"action": "take", "holder": "pilot"}),
+        entry(EntryKind.REPLY, "do/lease", 1, exchange=1, fields={"status": "accepted"}),
+        entry(EntryKind.SETPOINT, "setpoint/stick", 1, source="aa", issuer=HOLDER),
+        entry(EntryKind.SETPOINT, "setpoint/stick", 2, source="bb", issuer=STRANGER),
+        entry(EntryKind.NOTICE, "notice/setpoint_refused", 1, fields=refused),
+        entry(EntryKind.NOTICE, "notice/setpoint_refused", 2, fields={**refused, "sequence": 7}),
+        entry(EntryKind.QUERY, "do/mark", 1, exchange=2, fields={"text": "x"}),
+        entry(EntryKind.REPLY, "do/mark", 1, exchange=2, fields={"status": "invalid"}),
+        entry(EntryKind.REPLY, "do/mark", 2, exchange=9)._replace(payload=b"\xc1"),
     ]
     pilot, stranger, silent = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
 
@@ -104,9 +104,9 @@ def test_a_setpoint_that_was_under_way_at_the_end_of_a_flight_is_no_refusal(tmp_
 
     words = {"key": "setpoint/land", "sequence": 2, "token": "not_leased", "reason": "..."}
     entries = [
-        entry(Kind.SETPOINT, "setpoint/land", 1, 0.0, source="aa", issuer=HOLDER),
-        entry(Kind.SETPOINT, "setpoint/land", 2, after, source="aa", issuer=STRANGER),
-        entry(Kind.NOTICE, "notice/setpoint_refused", 1, after, fields=words),
+        entry(EntryKind.SETPOINT, "setpoint/land", 1, 0.0, source="aa", issuer=HOLDER),
+        entry(EntryKind.SETPOINT, "setpoint/land", 2, after, source="aa", issuer=STRANGER),
+        entry(EntryKind.NOTICE, "notice/setpoint_refused", 1, after, fields=words),
     ]
     (pilot,) = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
     assert (pilot.setpoints_late, pilot.setpoints_refused) == (late, refused)

@@ -9,7 +9,7 @@ import msgpack
 import pytest
 
 from mkdaemon.bus.schema import schema_json, schema_names
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.view import JsonView, flatten_schema
 from tests.record.support import sample
@@ -17,7 +17,7 @@ from tests.record.support import sample
 VIEW = JsonView(schema_json)
 
 
-def entry_of(name, value, kind=Kind.SAMPLE):
+def entry_of(name, value, kind=EntryKind.SAMPLE):
     return sample(1, kind=kind)._replace(payload=msgpack.packb(value), encoding=f"application/msgpack;mk.{name}")
 
 
@@ -68,7 +68,7 @@ def test_bytes_become_base64_and_nulls_are_left_out():
 
 def test_images_and_transforms_are_what_viewers_know():
     image = {"camera": "front", "coding": "jpeg", "pixels": b"\xff\xd8", "width": 4, "height": 3}
-    entry = entry_of("CameraFrame.v1", image, Kind.IMAGE)
+    entry = entry_of("CameraFrame.v1", image, EntryKind.IMAGE)
     assert VIEW.schema(ChannelFacts.of(entry))[0] == "foxglove.CompressedImage"
     shown = json.loads(VIEW.show(entry))
     assert (shown["format"], shown["frame_id"], shown["timestamp"]["sec"]) == ("jpeg", "camera/front", 1_760_001_000)
@@ -83,7 +83,7 @@ def test_images_and_transforms_are_what_viewers_know():
 
 
 def test_what_is_no_value_of_ours_is_not_shown():
-    assert VIEW.schema(ChannelFacts.of(entry_of("Gps.v1", {}, Kind.QUERY))) is None
+    assert VIEW.schema(ChannelFacts.of(entry_of("Gps.v1", {}, EntryKind.QUERY))) is None
     assert VIEW.schema(ChannelFacts.of(entry_of("Unknown.v9", {}))) is None
     assert VIEW.schema(ChannelFacts.of(sample(1)._replace(encoding="text/plain"))) is None
     assert VIEW.schema(ChannelFacts.of(entry_of("Gps.v1", {})))[0] == "mk.Gps.v1"

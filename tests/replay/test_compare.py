@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgpack
 import pytest
 
-from mkdaemon.record.entry import Entry, Kind, Notice, TimeBase
+from mkdaemon.record.entry import Entry, EntryKind, Notice, TimeBase
 from mkdaemon.record.layout import Session
-from mkdaemon.replay.compare import Comparison, Difference, KeyReport, Output, compare
+from mkdaemon.replay.compare import Comparison, KeyReport, ReplayDifference, ReplayOutput, compare
 from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.report import ReplayReport
 from mkdaemon.replay.tolerances import RULES, Within, admits
@@ -19,12 +19,12 @@ def packed(value, at=1.0):
     return msgpack.packb({"stamp": {"monotonic": at}, "value": value})
 
 
-def compared(before, after, key="state/gps", kind=Kind.SAMPLE, encoding="x"):
+def compared(before, after, key="state/gps", kind=EntryKind.SAMPLE, encoding="x"):
     """What differs between payloads."""
     entries = [Entry(kind, f"mk/t/{key}", payload, "x", 1.0, 0.0, BASE, 1) for payload in before]
-    entries.append(Entry(Kind.NOTICE, f"mk/t/{Notice.STOP.suffix}", b"", "", 9.0, 0.0, BASE, 1))
+    entries.append(Entry(EntryKind.NOTICE, f"mk/t/{Notice.STOP.suffix}", b"", "", 9.0, 0.0, BASE, 1))
     session = Session("blackbox", "flight", 0, "mkdaemon", "lab", "", 0, "t", "")
-    outputs = [Output(kind, key, payload, encoding, 1.0) for payload in after]
+    outputs = [ReplayOutput(kind, key, payload, encoding, 1.0) for payload in after]
     (report,) = compare(Recorded(session, entries), outputs).keys.values()
     return report
 
@@ -44,7 +44,7 @@ def test_values_that_were_published_late_are_found_by_their_stamps_too():
 
 
 def test_what_the_core_answered_is_compared_as_values_are():
-    report = compared([b"\x01", b"\x02"], [b"\x01", b"\x03"], "core/LeaseAsked", Kind.EVENT)
+    report = compared([b"\x01", b"\x02"], [b"\x01", b"\x03"], "core/LeaseAsked", EntryKind.EVENT)
     assert (report.key, report.differing, report.fields) == ("core/LeaseAsked", 1, {"": 1})
 
 
@@ -110,14 +110,14 @@ def test_an_integer_has_no_tolerance():
 
 
 def test_a_report_tells_the_fields_that_differ_most_and_the_first_value():
-    first = Difference(0.5, "value", "x" * 200, 2)
+    first = ReplayDifference(0.5, "value", "x" * 200, 2)
     keys = {"state/gps": KeyReport("state/gps", 9, 9, 9, fields=dict.fromkeys("abcdefgh", 2), first=first)}
     report = ReplayReport("flight", "mkdaemon", 1.0, Comparison(keys, {}), ())
     words = "\n".join(report.lines())
     assert "a (2), b (2), c (2), d (2), e (2), f (2), 2 more" in words
     assert "xxx... recorded, 2 replayed" in words
     assert report.as_map()["keys"]["state/gps"]["first"]["at"] == 0.5
-    new = KeyReport("state/gps", new=1, first=Difference(0.5, "", "(absent)", 2))
+    new = KeyReport("state/gps", new=1, first=ReplayDifference(0.5, "", "(absent)", 2))
     bare = ReplayReport(
         "flight", "mkdaemon", 1.0, Comparison({"state/gps": new, "health": KeyReport("health", new=1)}, {}), ()
     )

@@ -23,7 +23,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.protocol.fields import WireField
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.protocol.messages import OsdData5
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.events import pack_event, unpack_event
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.writer import RecordingWriter
@@ -90,7 +90,7 @@ def test_floats_that_differ_by_a_millionth_are_named(replayed):
     checked = 0
     for recorded, outputs in replayed:
         keys = compare(recorded, with_floats(outputs, lambda value: value * (1 + 1e-6))).keys
-        for entry in recorded.of(Kind.SAMPLE):
+        for entry in recorded.of(EntryKind.SAMPLE):
             for path, value in floats_of(fields_of(entry)):
                 tolerance = rule_for(entry.suffix, path).tolerance
                 is_judged = entry.suffix in keys and isinstance(tolerance, Within)
@@ -169,7 +169,7 @@ def written(path, entries, session=None):
 
 def test_without_images_the_recorded_poses_are_flown_with(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
-    entries = [entry for entry in Recording(OVER_TARGET).entries() if entry.kind is not Kind.IMAGE]
+    entries = [entry for entry in Recording(OVER_TARGET).entries() if entry.kind is not EntryKind.IMAGE]
     log = [entry for entry in entries if entry.suffix == "event/log"][1]
     cut = [entry for entry in entries[: len(entries) * 4 // 5] if entry is not log]
     report = verify([written(tmp_path / "cut.mcap", cut)])
@@ -222,7 +222,7 @@ def signed_for_another(entry):
     return entry._replace(payload=pack_event(replace(event, signed_for=event.signed_for + 1), NOTED))
 
 
-@pytest.mark.parametrize("kind", [Kind.PORT_READ, Kind.PORT_WRITTEN, Kind.EVENT])
+@pytest.mark.parametrize("kind", [EntryKind.PORT_READ, EntryKind.PORT_WRITTEN, EntryKind.EVENT])
 def test_a_recording_that_breaks_off_between_what_came_in_and_what_came_out_of_it_has_no_difference(kind):
     whole, session = list(Recording(STICKS).entries()), Recording(STICKS).read_session()
     places = [place for place, entry in enumerate(whole) if entry.kind is kind and place > 300]
@@ -278,7 +278,7 @@ def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words
 
 
 def test_a_recording_of_before_events_were_kept_is_refused_with_what_can_still_be_done(tmp_path):
-    old = [entry for entry in Recording(STICKS).entries() if entry.kind is not Kind.EVENT]
+    old = [entry for entry in Recording(STICKS).entries() if entry.kind is not EntryKind.EVENT]
     with pytest.raises(ConfigError, match=r"cannot be verified.*mkctl log play"):
         verify([written(tmp_path / "old.mcap", old)])
 
@@ -314,7 +314,7 @@ def test_a_configuration_that_a_stranger_wrote_is_refused_in_a_line(config):
 
 
 def test_a_value_of_another_version_is_refused_with_the_place():
-    value = Entry(Kind.SAMPLE, "mk/t/event/record", msgpack.packb({"state": 1}), "", 1.0, 0.0, TimeBase("", 0), 1)
+    value = Entry(EntryKind.SAMPLE, "mk/t/event/record", msgpack.packb({"state": 1}), "", 1.0, 0.0, TimeBase("", 0), 1)
     with pytest.raises(MkError, match=r"mk/t/event/record, value 1: not as CommandResult is today \(status"):
         value_of(value, CommandResult)
 
@@ -358,7 +358,7 @@ def test_a_frame_that_the_line_refused_is_published_by_nobody():
         event = FrameNotSent(refuse(Token.RELEASING))
         payload = pack_event(event, NOTED)
         key = entries[first].key.replace("control/output", "core/FrameNotSent")
-        refused = entries[first]._replace(kind=Kind.EVENT, key=key, payload=payload)
+        refused = entries[first]._replace(kind=EntryKind.EVENT, key=key, payload=payload)
         return [*entries[:first], refused, *entries[first + 1 :]]
 
     whole, recorded = read_recorded([STICKS]), sticks_with(refuse_first)
@@ -394,7 +394,7 @@ def test_bytes_that_were_never_written_come_out_as_they_were_dropped():
 
 
 def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_from_nothing():
-    recorded = sticks_with(lambda entries: [entry for entry in entries if entry.kind is not Kind.EVENT])
+    recorded = sticks_with(lambda entries: [entry for entry in entries if entry.kind is not EntryKind.EVENT])
     assert recorded.first_epoch() == 0
     elsewhere = sticks_with(lambda entries: [e._replace(base=replace(e.base, boot="another")) for e in entries])
     assert elsewhere.wall_offsets() == []
@@ -404,23 +404,25 @@ def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_fro
     ("kind", "suffix", "payload"),
     [
         *(
-            (Kind.NOTICE, "notice/layouts", msgpack.packb(one))
+            (EntryKind.NOTICE, "notice/layouts", msgpack.packb(one))
             for one in ({}, {"layouts": 3}, {"layouts": [["x"]]}, [])
         ),
-        (Kind.NOTICE, "notice/layouts", msgpack.packb({"layouts": [["nobody", "v", "1"]]})),
-        (Kind.NOTICE, "notice/layouts", b"\x81\x91\x01\x02"),
-        (Kind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "by nobody", "raw": b""})),
-        (Kind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "expired"})),
-        (Kind.EVENT, "core/Tick", msgpack.packb({"slept": []})),
-        (Kind.EVENT, "core/ReleaseAsked", b"\x91" * 2000),
-        (Kind.EVENT, "core/ReleaseAsked", msgpack.packb({"event": [1, 2]})),
-        (Kind.EVENT, "core/Nobody", msgpack.packb({"event": {}})),
-        (Kind.PORT_WRITTEN, "port", b"#"),
+        (EntryKind.NOTICE, "notice/layouts", msgpack.packb({"layouts": [["nobody", "v", "1"]]})),
+        (EntryKind.NOTICE, "notice/layouts", b"\x81\x91\x01\x02"),
+        (EntryKind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "by nobody", "raw": b""})),
+        (EntryKind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "expired"})),
+        (EntryKind.EVENT, "core/Tick", msgpack.packb({"slept": []})),
+        (EntryKind.EVENT, "core/ReleaseAsked", b"\x91" * 2000),
+        (EntryKind.EVENT, "core/ReleaseAsked", msgpack.packb({"event": [1, 2]})),
+        (EntryKind.EVENT, "core/Nobody", msgpack.packb({"event": {}})),
+        (EntryKind.PORT_WRITTEN, "port", b"#"),
     ],
 )
 def test_what_no_daemon_records_is_named_and_no_defect_of_ours(tmp_path, kind, suffix, payload):
     entries = list(Recording(DATA / "recordings" / "fc_sticks.mcap").entries())
-    place = next(number for number, one in enumerate(entries) if (one.kind, one.suffix) == (Kind.EVENT, "core/Tick"))
+    place = next(
+        number for number, one in enumerate(entries) if (one.kind, one.suffix) == (EntryKind.EVENT, "core/Tick")
+    )
     strange = entries[place]._replace(kind=kind, key=f"mk/mk1/{suffix}", payload=payload, issuer="nobody")
     path = written(tmp_path / "a.mcap", [*entries[: place + 1], strange, *entries[place + 1 :]])
     with pytest.raises(MkError, match=f"{suffix}"):
@@ -432,7 +434,7 @@ def test_stamps_of_strangers_do_not_set_the_clock(tmp_path):
     stamps = ({"wall": "a", "monotonic": 1.0}, {"wall": b"a"}, {"wall": float("inf"), "monotonic": 0.0}, 3, None)
     strange = [
         entries[0]._replace(
-            kind=Kind.SAMPLE,
+            kind=EntryKind.SAMPLE,
             key="mk/mk1/event/log",
             encoding="application/msgpack",
             payload=msgpack.packb({"stamp": one}),

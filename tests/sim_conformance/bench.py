@@ -13,11 +13,11 @@ from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
 from mksim.boards.line import HOST_CHAR
 from mksim.boards.navictrl import NaviCtrl
 from mksim.config import GasLaw
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 from mksim.physics.world import StickInput
 
 MAG = 3
-FIX = GpsFix(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
+FIX = GpsReport(532301000, 74591000, 12.0, (0.0, 0.0, 0.0), 9, True, 0.0, 1)
 
 
 class StillAircraft(GroundedAircraft):

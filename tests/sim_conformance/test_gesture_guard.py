@@ -26,7 +26,7 @@ RELEASES = {"early": "v1", "2.08": "v1", "2.12a": "v2", "2.14": "v3"}
 @pytest.mark.parametrize("pilot_throttle", [-125, -90, 0, 90, 125])
 def test_no_corner_of_the_sticks_is_a_gesture(release, law, pilot_throttle):
     layout = RELEASES[release]
-    pilot = external.Sticks(0.0, 0.0, 0.0, float(pilot_throttle))
+    pilot = external.ExternalSticks(0.0, 0.0, 0.0, float(pilot_throttle))
     for yaw in (-127.0, 127.0):
         for throttle in (-127.0, -101.0, -100.0, -50.0, 0.0, 79.0, 81.0, 99.0, 100.0, 127.0):
             wanted = Sticks(127.0, 127.0, yaw, throttle)

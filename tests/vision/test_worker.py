@@ -32,7 +32,7 @@ from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
 from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView, view_towards
@@ -56,7 +56,7 @@ def scene() -> Scene:
     return Scene([PAD], ground="tiles", seed=3, fine=False)
 
 
-def shot(k: int = 0, conditions: Conditions | None = None) -> np.ndarray:
+def shot(k: int = 0, conditions: LightConditions | None = None) -> np.ndarray:
     return scene().render(view(k), conditions)
 
 
@@ -176,7 +176,7 @@ def test_a_frozen_camera_stops_giving_poses_and_recovers() -> None:
 
 def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
     pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
-    values = feed(pipeline, [shot(k, Conditions(exposure=0.09)) for k in range(2)])
+    values = feed(pipeline, [shot(k, LightConditions(exposure=0.09)) for k in range(2)])
     assert len(poses(values)) == 2
     found = stats(pipeline)
     assert found.state is EyeState.OK

@@ -13,7 +13,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import Target, load
 from mksim.scene.ground import Ground
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mksim.scene.view import CameraView
@@ -52,7 +52,7 @@ def place(distance: float, tilt: float, around: float = 0.3, roll: float = 0.0) 
 class View:
     """One rendered image and its truth."""
 
-    def __init__(self, target: Target, view: CameraView, conditions: Conditions | None = None) -> None:
+    def __init__(self, target: Target, view: CameraView, conditions: LightConditions | None = None) -> None:
         rendered, placed = scene(target)
         self.view = view
         self.pixels = rendered.render(view, conditions)

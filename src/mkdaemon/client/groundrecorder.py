@@ -23,8 +23,8 @@ from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import ORDINARY, Congestion, Entry, Kind, Qos, TimeBase
-from mkdaemon.record.folder import Limits, RecordingFolder, recording_name
+from mkdaemon.record.entry import ORDINARY, Congestion, Entry, EntryKind, Qos, TimeBase
+from mkdaemon.record.folder import RecordingFolder, RoomLimits, recording_name
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.recorder import Recorder, RecorderReport, RecorderThread
@@ -83,7 +83,7 @@ class GroundTap:
         self._queue = queue
         self._clock = clock
         self._base = base
-        self._sequences: Counter[tuple[Kind, str]] = Counter()
+        self._sequences: Counter[tuple[EntryKind, str]] = Counter()
         self._lock = threading.Lock()
 
     def subscribe(self, session: zenoh.Session, expressions: Sequence[str] = EVERYTHING) -> None:
@@ -121,7 +121,7 @@ class GroundTap:
         """
         at = self._clock.now()
         vehicle, _, suffix = key.partition("/")[2].partition("/")
-        kind = Kind.SETPOINT if suffix.startswith(_SETPOINTS) else Kind.SAMPLE
+        kind = EntryKind.SETPOINT if suffix.startswith(_SETPOINTS) else EntryKind.SAMPLE
         with self._lock:
             self._sequences[kind, key] += 1
             wall = self._clock.stamp(at).wall
@@ -184,7 +184,7 @@ class GroundPlan:
 
     endpoints: Sequence[str]
     folder: Path
-    limits: Limits
+    limits: RoomLimits
     expressions: Sequence[str] = EVERYTHING
     zenoh_file: Path | None = None
     queue_bytes: int = 64_000_000

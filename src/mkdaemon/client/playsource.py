@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Protocol
 
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.record.reader import Recording, matches_any
 
@@ -72,4 +72,4 @@ class RecordedSamples:
         return self._recording.again().latest(self._is_wanted, before)
 
     def _is_wanted(self, facts: ChannelFacts) -> bool:
-        return facts.kind is Kind.SAMPLE and matches_any(facts.key, self._keys)
+        return facts.kind is EntryKind.SAMPLE and matches_any(facts.key, self._keys)

@@ -37,9 +37,9 @@ class Records(RecordsVerbs):
             MkError: what was left could not be written at the end.
         """
         from mkdaemon.client.groundrecorder import GroundPlan, record_ground
-        from mkdaemon.record.folder import Limits
+        from mkdaemon.record.folder import RoomLimits
 
-        limits = Limits(500 * MEGA, 3600.0, total_mb * MEGA, 1000 * MEGA, may_delete=False)
+        limits = RoomLimits(500 * MEGA, 3600.0, total_mb * MEGA, 1000 * MEGA, may_delete=False)
         expressions = (f"mk/{self._transport.vehicle}/**",)
         plan = GroundPlan([self._transport.endpoint], folder, limits, expressions)
         async with record_ground(plan) as recording:

@@ -35,7 +35,7 @@ class SendSticks:
 
 
 @dataclass(frozen=True, slots=True)
-class Release:
+class ReleaseAircraft:
     """Release the aircraft, and report `released` to the core afterwards."""
 
     reason: str
@@ -102,4 +102,4 @@ class Warn:
 
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
-Action = SendSticks | Release | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report
+Action = SendSticks | ReleaseAircraft | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report

@@ -39,7 +39,7 @@ class Gate:
 
 
 @dataclass(frozen=True, slots=True)
-class ActiveSet:
+class KnownSet:
     """The active set as it was read.
 
     Attributes:
@@ -68,5 +68,5 @@ class ActiveSet:
         return bool(self.name)
 
 
-UNREAD: Final = ActiveSet(Gate(GateKind.UNKNOWN))
+UNREAD: Final = KnownSet(Gate(GateKind.UNKNOWN))
 """Nothing has been read."""

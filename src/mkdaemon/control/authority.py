@@ -28,7 +28,7 @@ LONGEST_JUMP: Final = 10_000
 
 
 @dataclass(slots=True)
-class Lease:
+class HeldLease:
     """One client's right to fly.
 
     Attributes:
@@ -183,7 +183,7 @@ class Authority:
         """
         self._cfg = cfg
         self._next_epoch = first_epoch
-        self._lease: Lease | None = None
+        self._lease: HeldLease | None = None
         self._pending: ReleaseOrder | None = None
         self._may_begin = False
         self.phase = Phase.FREE
@@ -232,7 +232,7 @@ class Authority:
         if self._lease is not None:
             self.end(Trigger.LEASE_TAKEN_OVER, taker=holder)
         life = self._cfg.lease.ttl if ttl is None else min(ttl, self._cfg.lease.ttl)
-        self._lease = Lease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
+        self._lease = HeldLease(holder, self._next_epoch, secret, life, sign_of_life=now, since=now, arrived=now)
         self._next_epoch += 1
         self.outcome = None
         self._move(Trigger.LEASE_TAKEN)
@@ -284,7 +284,7 @@ class Authority:
         self.aborts += 1
 
     def refuse_setpoint(self, setpoint: Setpoint, now: float, *, goes_on: bool) -> None:
-        """Take note that a setpoint of the holder was refused; see `Lease.refuse_setpoint`."""
+        """Take note that a setpoint of the holder was refused; see `HeldLease.refuse_setpoint`."""
         if self._lease is not None and self._lease.epoch == setpoint.epoch:
             self._lease.refuse_setpoint(setpoint, now, goes_on=goes_on)
 
@@ -315,7 +315,7 @@ class Authority:
         except CommandRejectedError as error:
             return error
 
-    def check_setpoint(self, setpoint: Setpoint, signed_for: int) -> Lease:
+    def check_setpoint(self, setpoint: Setpoint, signed_for: int) -> HeldLease:
         """Return the lease a setpoint stands on, which may take it.
 
         Args:
@@ -378,14 +378,14 @@ class Authority:
 
     # -- inside ---------------------------------------------------------------------------------------------------
 
-    def _check(self, epoch: int) -> Lease:
+    def _check(self, epoch: int) -> HeldLease:
         if self._lease is None:
             raise refuse(Token.NOT_LEASED)
         if epoch != self._lease.epoch:
             raise refuse(Token.WRONG_EPOCH, epoch=epoch, current=self._lease.epoch)
         return self._lease
 
-    def _judge(self, lease: Lease, guided: Step | None, now: float) -> Conditions:
+    def _judge(self, lease: HeldLease, guided: Step | None, now: float) -> Conditions:
         """Gather what the guards of a tick look at."""
         cfg, is_in_flight = self._cfg, self.phase in IN_FLIGHT
         is_silent = lease.silence(now, is_in_flight=is_in_flight) >= (
@@ -403,7 +403,7 @@ class Authority:
             resumes=self.is_resumed_by(lease.newest),
         )
 
-    def _is_fresh(self, lease: Lease, now: float) -> bool:
+    def _is_fresh(self, lease: HeldLease, now: float) -> bool:
         """Whether the newest setpoint of a lease still holds at a time [s]."""
         return lease.newest is not None and now - lease.arrived <= lease.setpoint_life(self._cfg.limiter)
 

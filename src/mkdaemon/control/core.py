@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control import events
-from mkdaemon.control.actions import Action, Release, SendSticks
+from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, TakeLease
 from mkdaemon.control.admission.rows import findings, is_ready, refusal, refusals
@@ -365,7 +365,7 @@ class FlightCore:
             if isinstance(decision, Fly):
                 order = self._fly(decision, now, engaging=before is Phase.LEASED)
             elif isinstance(decision, ReleaseOrder):
-                self._release, order = decision, Release(decision.reason)
+                self._release, order = decision, ReleaseAircraft(decision.reason)
                 self._flown.end()
         pose_age, exit_after = self._sight.pose_age(now), self._cfg.autopilot.exit_after
         self._reports.trouble(chain if self._needs_pose else (), pose_age, exit_after)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mkdaemon.control.activeset import ActiveSet
+from mkdaemon.control.activeset import KnownSet
 from mkdaemon.control.estimator.model import AircraftModel, ModelUnknown
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.base import Telemetry
@@ -79,7 +79,7 @@ class LeaseAsked(Event):
 
     request: LeaseRequest
     secret: str
-    found: ActiveSet | None = None
+    found: KnownSet | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +193,7 @@ class ModelKnown(Event):
 class ActiveSetRead(Event):
     """The active parameter set of the FlightCtrl was read."""
 
-    found: ActiveSet
+    found: KnownSet
 
 
 # -- what the line reports ----------------------------------------------------------------------------------------

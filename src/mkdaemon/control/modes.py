@@ -98,7 +98,7 @@ class Conditions:
 
 
 @dataclass(frozen=True, slots=True)
-class Guard:
+class ModeGuard:
     """A condition of a row.
 
     Attributes:
@@ -110,30 +110,30 @@ class Guard:
     holds: Callable[[Conditions], bool]
 
 
-ALWAYS: Final = Guard("always", lambda now: True)
-SILENT: Final = Guard("the holder is silent for too long", lambda now: now.is_silent)
-NOT_READY: Final = Guard("the stream is live, no flight may begin with it", lambda n: n.is_live and not n.is_ready)
-READY: Final = Guard(
+ALWAYS: Final = ModeGuard("always", lambda now: True)
+SILENT: Final = ModeGuard("the holder is silent for too long", lambda now: now.is_silent)
+NOT_READY: Final = ModeGuard("the stream is live, no flight may begin with it", lambda n: n.is_live and not n.is_ready)
+READY: Final = ModeGuard(
     "the stream is live and ready, its newest setpoint is fresh",
     lambda now: now.is_live and now.is_ready and now.is_fresh,
 )
-READY_BUT_OLD: Final = Guard(
+READY_BUT_OLD: Final = ModeGuard(
     "the stream is live and ready, its newest setpoint is too old",
     lambda now: now.is_live and now.is_ready and not now.is_fresh,
 )
-UNANSWERED: Final = Guard("the aircraft does not answer its sticks", lambda now: now.is_unanswered)
-ANSWERED: Final = Guard("the flight has restarted", lambda now: now.is_fresh and not now.is_unanswered)
-RESUMED: Final = Guard("the newest setpoint ends the abort", lambda now: now.resumes and now.is_fresh)
-RESUMED_UNANSWERED: Final = Guard(
+UNANSWERED: Final = ModeGuard("the aircraft does not answer its sticks", lambda now: now.is_unanswered)
+ANSWERED: Final = ModeGuard("the flight has restarted", lambda now: now.is_fresh and not now.is_unanswered)
+RESUMED: Final = ModeGuard("the newest setpoint ends the abort", lambda now: now.resumes and now.is_fresh)
+RESUMED_UNANSWERED: Final = ModeGuard(
     "the newest setpoint ends the abort, the aircraft does not answer its sticks",
     lambda now: RESUMED.holds(now) and now.is_unanswered,
 )
-FRESH: Final = Guard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
-TOO_OLD: Final = Guard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
-CAN_LAND: Final = Guard("a target is in sight", lambda now: now.can_land)
-RELEASE_OWED: Final = Guard("another release was asked for meanwhile", lambda now: now.is_release_owed)
-HELD: Final = Guard("a client holds the lease", lambda now: now.is_held)
-NOT_HELD: Final = Guard("no client holds the lease", lambda now: not now.is_held)
+FRESH: Final = ModeGuard("the newest setpoint is fresh", lambda now: now.is_held and now.is_fresh)
+TOO_OLD: Final = ModeGuard("the newest setpoint is too old", lambda now: now.is_held and not now.is_fresh)
+CAN_LAND: Final = ModeGuard("a target is in sight", lambda now: now.can_land)
+RELEASE_OWED: Final = ModeGuard("another release was asked for meanwhile", lambda now: now.is_release_owed)
+HELD: Final = ModeGuard("a client holds the lease", lambda now: now.is_held)
+NOT_HELD: Final = ModeGuard("no client holds the lease", lambda now: not now.is_held)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class Row:
 
     sources: tuple[Phase, ...]
     event: Trigger
-    guard: Guard
+    guard: ModeGuard
     target: Phase
     reaction: Reaction
     reason: str

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.activeset import UNREAD, ActiveSet
+from mkdaemon.control.activeset import UNREAD, KnownSet
 from mkdaemon.control.admission.situation import NO_WORK, Situation
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.flown import Flown
@@ -39,7 +39,7 @@ class Preflight:
         """Gather; nothing is known yet but the configuration."""
         self._cfg, self._facts = cfg, facts
         self.motion = MotionMatch()
-        self.active_set: ActiveSet = UNREAD
+        self.active_set: KnownSet = UNREAD
         self.line = ControlLine()
         self.has_guard = True
         self._contradicting: tuple[str, ...] = ()

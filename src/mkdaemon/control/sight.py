@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.admission.situation import ASIDE, Entry
+from mkdaemon.control.admission.situation import ASIDE, EntryEstimate
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
@@ -268,12 +268,12 @@ class Sight:
         """Cameras whose images contradict those of others."""
         return () if self.estimator is None else self.estimator.contradicting
 
-    def entry(self, now: float) -> Entry | None:
+    def entry(self, now: float) -> EntryEstimate | None:
         """Return what admission looks at before something is flown by the target; None without an estimate."""
         if self.estimator is None:
             return None
         estimate = self.estimator.estimate(now)
-        return Entry(
+        return EntryEstimate(
             target=self.target,
             age=estimate.age,
             speed=math.hypot(*estimate.velocity.tolist()),

@@ -32,7 +32,7 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.record import BusCounts, RecorderState, RecordStatus
 
 if TYPE_CHECKING:
-    from mkdaemon.record.folder import Limits, RecordingFolder
+    from mkdaemon.record.folder import RecordingFolder, RoomLimits
     from mkdaemon.record.recorder import RecorderThread
     from mkdaemon.vision.camera.image import CameraImage
     from mkdaemon.vision.track.attitude import AttitudeHistory
@@ -201,11 +201,11 @@ def open_black_box(cfg: Config, clock: Clock, *, is_recording: bool) -> BlackBox
     return BlackBox(clock, RecorderThread(recorder), Tap(queue, clock, vehicle, base), room)
 
 
-def limits_of(cfg: RecordConfig) -> Limits:
+def limits_of(cfg: RecordConfig) -> RoomLimits:
     """Limits of the room for recordings."""
-    from mkdaemon.record.folder import Limits
+    from mkdaemon.record.folder import RoomLimits
 
-    return Limits(
+    return RoomLimits(
         file_bytes=cfg.file_mb * MEGA,
         file_time=cfg.file_minutes * 60,
         total_bytes=cfg.total_mb * MEGA,

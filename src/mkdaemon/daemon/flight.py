@@ -13,8 +13,8 @@ from secrets import token_hex
 
 from mkdaemon.bus.gateway import Watcher
 from mkdaemon.clock import Clock, SleepWatch
-from mkdaemon.control.actions import Action, Release, SendSticks
-from mkdaemon.control.activeset import ActiveSet
+from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
+from mkdaemon.control.activeset import KnownSet
 from mkdaemon.control.estimator.model import ModelUnknown
 from mkdaemon.control.events import (
     AbortAsked,
@@ -116,7 +116,7 @@ class FlightControl:
             raise reply.refusal
         return reply.lease
 
-    def _ask_core(self, request: LeaseRequest, found: ActiveSet | None = None) -> Reply:
+    def _ask_core(self, request: LeaseRequest, found: KnownSet | None = None) -> Reply:
         now = self._clock.now()
         self._note_line(now)
         secret = token_hex(SECRET_BYTES) if request.action == "take" else ""
@@ -124,7 +124,7 @@ class FlightControl:
         self._watch_holder()
         return reply
 
-    async def _read_active_set(self) -> ActiveSet:
+    async def _read_active_set(self) -> KnownSet:
         """Read the active set, and how much can be recorded; the flight core learns the aircraft's model from it."""
         parameters, dialect = await read_active_set(self._link), self._link.dialect
         # With the slow leak of a NaviCtrl 2.x an aircraft is lost once that stops to correct: docs/lab/control.md.
@@ -209,7 +209,7 @@ class FlightControl:
         match action:
             case SendSticks():
                 self._send(action, now)
-            case Release():
+            case ReleaseAircraft():
                 self._releases.begin(action.reason, tasks)
             case _:
                 self._deck.publish(action, now)

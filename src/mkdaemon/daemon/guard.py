@@ -22,7 +22,7 @@ from typing import Final
 
 from mkdaemon import guard
 from mkdaemon.foreignfiles import parse_json, read_text
-from mkdaemon.guard import Line, Word
+from mkdaemon.guard import PortLine, Word
 
 PING_PERIOD: Final = 0.2
 """Time between two questions whether it is there [s]."""
@@ -203,7 +203,7 @@ class LastWord:
 
     def __init__(self) -> None:
         self.guard: GuardProcess | None = None
-        self._line = Line()
+        self._line = PortLine()
         self._neutral: bytes | None = None
         self._release: Sequence[bytes] = ()
 

@@ -67,7 +67,7 @@ class LocalSocket:
             ConfigError: there is no such group, or this user is not in it.
             MkError: another daemon listens there, or the folder cannot be used.
         """
-        reception = Reception(_listen(path, group), asyncio.get_running_loop(), self._answer)
+        reception = SocketReception(_listen(path, group), asyncio.get_running_loop(), self._answer)
         reception.start()
         try:
             yield
@@ -93,7 +93,7 @@ class _Guest:
     request: bytes = b""
 
 
-class Reception(threading.Thread):
+class SocketReception(threading.Thread):
     """Takes connections and reads what they ask for, so that a storm of them costs the loop nothing.
 
     It accepts all waiting connections and reads their requests at once. If more than `CONNECTIONS` are silent, it

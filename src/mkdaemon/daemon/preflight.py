@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-from mkdaemon.control.activeset import UNREAD, ActiveSet, Gate, GateKind
+from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
 from mkdaemon.protocol.messages import ACTIVE_SET, Settings, SettingsRequest
@@ -51,7 +51,7 @@ def free_disk(folder: Path | None) -> float | None:
     return None
 
 
-def active_set(parameters: ParameterSet | None) -> ActiveSet:
+def active_set(parameters: ParameterSet | None) -> KnownSet:
     """Return what the active set says about a flight; an unknown one leaves it to the pilot's own check."""
     if parameters is None:
         return UNREAD
@@ -59,7 +59,7 @@ def active_set(parameters: ParameterSet | None) -> ActiveSet:
     assert layout is not None
     has_share = "global_config_3" in layout.places and "vario_failsafe" in parameters.flags("global_config_3")
     low = _number(parameters, "low_voltage_warning")
-    return ActiveSet(
+    return KnownSet(
         gate_of(parameters),
         parameters.name or "(unnamed)",
         has_height_control="altitude_control" in parameters.flags("global_config"),

@@ -50,7 +50,7 @@ CLOCK_LOOK: Final = 0.5
 """Time between two looks for a step of the system clock [s]."""
 
 
-class Station(Outlet, Protocol):
+class BusStation(Outlet, Protocol):
     """The bus as the daemon stands on it: `mkdaemon.bus.gateway.Bus` in earnest."""
 
     open_endpoints: tuple[str, ...]
@@ -85,7 +85,7 @@ class Wiring:
     def __init__(
         self,
         cfg: Config,
-        bus: Station,
+        bus: BusStation,
         clock: Clock,
         *,
         make_eyes: MakeEyes,

@@ -13,7 +13,7 @@ from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
 from mkdaemon.files import user_folder
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value
-from mkdaemon.protocol.settings_fields import Kind, Parameter
+from mkdaemon.protocol.settings_fields import ParameterKind, SettingParameter
 from mkdaemon.telemetry.procedure import ProcedureProgress, ProcedureState
 from mkdaemon.telemetry.settings import SettingsBackup
 
@@ -33,7 +33,7 @@ def backups_folder(gateway: str) -> Path:
     return user_folder("XDG_STATE_HOME") / f"gateway-{gateway}"
 
 
-def numbers_of(layout: Layout) -> Iterator[tuple[str, Parameter, int | None]]:
+def numbers_of(layout: Layout) -> Iterator[tuple[str, SettingParameter, int | None]]:
     """The settings of a layout that are numbers, or lists of them, in wire order.
 
     Yields:
@@ -41,8 +41,8 @@ def numbers_of(layout: Layout) -> Iterator[tuple[str, Parameter, int | None]]:
     """
     for name, place in layout.places.items():
         kind = place.parameter.kind
-        if kind not in {Kind.TEXT, Kind.SPARE}:
-            yield name, place.parameter, place.length if kind is Kind.LIST else None
+        if kind not in {ParameterKind.TEXT, ParameterKind.SPARE}:
+            yield name, place.parameter, place.length if kind is ParameterKind.LIST else None
 
 
 class GatewaySettings:

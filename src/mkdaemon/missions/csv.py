@@ -11,7 +11,7 @@ import csv
 import io
 from typing import TYPE_CHECKING, Any
 
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
+from mkdaemon.missions.source import AltitudeReference, FilePlace, MissionDraft, assemble, require_few
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 if TYPE_CHECKING:
@@ -44,17 +44,17 @@ def read(text: str, name: str) -> MissionDraft:
     try:
         return _read_rows(name, rows, delimiter)
     except csv.Error as error:
-        raise Place(name, rows.line_num).wrong(f"no table ({error})", "save it again as CSV") from error
+        raise FilePlace(name, rows.line_num).wrong(f"no table ({error})", "save it again as CSV") from error
 
 
 def _read_rows(name: str, rows: _csv.Reader, delimiter: str) -> MissionDraft:
-    header, reference = _read_header(Place(name, 1), next(rows, []))
+    header, reference = _read_header(FilePlace(name, 1), next(rows, []))
     points: list[MissionPoint] = []
     for row in rows:
         if not any(cell.strip() for cell in row):
             continue
         require_few(name, len(points) + 1)
-        place = Place(name, rows.line_num)
+        place = FilePlace(name, rows.line_num)
         if len(row) != len(header):
             raise place.wrong(f"{len(row)} cells under {len(header)} columns", "give one cell for each column")
         cells = row if delimiter == "," else [cell.replace(",", ".") for cell in row]
@@ -62,7 +62,7 @@ def _read_rows(name: str, rows: _csv.Reader, delimiter: str) -> MissionDraft:
     return MissionDraft(assemble(name, points), reference)
 
 
-def _read_header(place: Place, cells: list[str]) -> tuple[list[str], AltitudeReference]:
+def _read_header(place: FilePlace, cells: list[str]) -> tuple[list[str], AltitudeReference]:
     """Our columns for those of the file, and what its altitudes are measured from."""
     begin = f"begin the file with {','.join(_REQUIRED)}"
     words = [cell.strip().lower() for cell in cells]
@@ -101,7 +101,7 @@ def write(mission: Mission) -> str:
     return out.getvalue()
 
 
-def _read_row(place: Place, cells: dict[str, str]) -> MissionPoint:
+def _read_row(place: FilePlace, cells: dict[str, str]) -> MissionPoint:
     fields: dict[str, Any] = {}
     for column, cell in cells.items():
         if not cell.strip() and column not in _REQUIRED:
@@ -115,7 +115,7 @@ def _read_row(place: Place, cells: dict[str, str]) -> MissionPoint:
     return place.point(**fields)
 
 
-def _read_kind(place: Place, cell: str) -> PointKind:
+def _read_kind(place: FilePlace, cell: str) -> PointKind:
     try:
         return PointKind(cell.strip().lower())
     except ValueError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few, short_name
+from mkdaemon.missions.source import AltitudeReference, FilePlace, MissionDraft, assemble, require_few, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
@@ -93,7 +93,7 @@ def _read_point(element: Element, extra: dict[str, str], relative: bool) -> Miss
     )
 
 
-def read_extras(place: Place, extra: dict[str, str]) -> dict[str, Any]:
+def read_extras(place: FilePlace, extra: dict[str, str]) -> dict[str, Any]:
     """Read the fields a general format has no element for, from our extension.
 
     Raises:

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.source import AltitudeReference, Place
+from mkdaemon.missions.source import AltitudeReference, FilePlace
 
 GENERIC, ARDUPILOT, PX4 = 0, 3, 12
 """Of `MAV_AUTOPILOT`: whose reading of an item counts; also `firmwareType` of a plan."""
@@ -63,7 +63,7 @@ class Param(NamedTuple):
     why: str = ""
 
 
-class Command(NamedTuple):
+class MissionCommand(NamedTuple):
     """One command that is read.
 
     Attributes:
@@ -86,8 +86,8 @@ _PLANE: Final = "of aircraft that cannot stand in the air"
 _GIMBAL: Final = Param("gimbal", why="a MikroKopter has one camera")
 _ONE_SHAPE: Final = (_EMPTY, _EMPTY, _EMPTY)
 
-COMMANDS: Final[Mapping[int, Command]] = {
-    WAYPOINT: Command(
+COMMANDS: Final[Mapping[int, MissionCommand]] = {
+    WAYPOINT: MissionCommand(
         "waypoint",
         (
             Param("hold time", "hold"),
@@ -97,7 +97,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
-    LOITER_TIME: Command(
+    LOITER_TIME: MissionCommand(
         "timed loiter",
         (
             Param("hold time", "hold"),
@@ -107,8 +107,8 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
-    RETURN: Command("return to launch", (_EMPTY, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
-    LAND: Command(
+    RETURN: MissionCommand("return to launch", (_EMPTY, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
+    LAND: MissionCommand(
         "land",
         (
             Param("abort altitude", why="the NaviCtrl does not abort a landing"),
@@ -118,7 +118,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
-    TAKEOFF: Command(
+    TAKEOFF: MissionCommand(
         "take-off",
         (
             Param("pitch", otherwise=Otherwise.NOTHING, why=_PLANE),
@@ -128,7 +128,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
-    CHANGE_SPEED: Command(
+    CHANGE_SPEED: MissionCommand(
         "speed",
         (
             Param("kind of speed", "speed, climb", (), why="1 is ground speed, 2 climb, 3 descent; 0 is airspeed"),
@@ -138,9 +138,9 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_ONE_SHAPE,
         ),
     ),
-    ROI_LOCATION: Command("region of interest", (_GIMBAL, _EMPTY, _EMPTY, _EMPTY, *_PLACE)),
-    ROI_NONE: Command("no region of interest", (_GIMBAL, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
-    ROI: Command(
+    ROI_LOCATION: MissionCommand("region of interest", (_GIMBAL, _EMPTY, _EMPTY, _EMPTY, *_PLACE)),
+    ROI_NONE: MissionCommand("no region of interest", (_GIMBAL, _EMPTY, _EMPTY, _EMPTY, *_ONE_SHAPE)),
+    ROI: MissionCommand(
         "region of interest",
         (
             Param("mode", "poi", (), why="3 is a place and 0 none, other modes cannot be kept"),
@@ -150,7 +150,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             *_PLACE,
         ),
     ),
-    MOUNT_CONTROL: Command(
+    MOUNT_CONTROL: MissionCommand(
         "camera tilt",
         (
             Param("pitch", "camera_angle_deg", (), why="a point tilts down, 0 to 254 degrees"),
@@ -162,7 +162,7 @@ COMMANDS: Final[Mapping[int, Command]] = {
             Param("mode", nothing=(2.0,), why="2 is an angle; retract, neutral, RC and places cannot be kept"),
         ),
     ),
-    CAMERA_DISTANCE: Command(
+    CAMERA_DISTANCE: MissionCommand(
         "camera distance",
         (
             Param("distance", "photo_distance"),
@@ -222,7 +222,7 @@ class Item(NamedTuple):
     frame: Any
     values: tuple[float | None, ...]
     notes: tuple[str, ...]
-    place: Place
+    place: FilePlace
 
     @property
     def has_place(self) -> bool:
@@ -249,7 +249,7 @@ class Item(NamedTuple):
         return _refusal(self.place, self.command, index, COMMANDS[self.command].params[index], self.values[index])
 
 
-def checked(place: Place, command: Any, frame: Any, params: Sequence[Any], autopilot: int) -> Item:
+def checked(place: FilePlace, command: Any, frame: Any, params: Sequence[Any], autopilot: int) -> Item:
     """Check an item by the table.
 
     Args:
@@ -285,11 +285,11 @@ def checked(place: Place, command: Any, frame: Any, params: Sequence[Any], autop
     return Item(command, frame, tuple(values), tuple(notes), place)
 
 
-def _params(autopilot: int, command: int, spec: Command) -> list[Param]:
+def _params(autopilot: int, command: int, spec: MissionCommand) -> list[Param]:
     return [_READ_OTHERWISE.get((autopilot, command, index), param) for index, param in enumerate(spec.params)]
 
 
-def _refusal(place: Place, command: int, index: int, param: Param, value: float | None) -> ConfigError:
+def _refusal(place: FilePlace, command: int, index: int, param: Param, value: float | None) -> ConfigError:
     shown = "" if value is None else f" {value:g}"
     what = f"{param.word}{shown} of command {command} ({COMMANDS[command].word}) cannot be flown"
     return place.wrong(f"{what}: param{index + 1}, {param.why}", "correct or remove the item")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
 from mkdaemon.missions.gpx import read_extras
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few, short_name
+from mkdaemon.missions.source import AltitudeReference, FilePlace, MissionDraft, assemble, require_few, short_name
 from mkdaemon.missions.xmltree import Element, parse_xml
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 
@@ -127,13 +127,13 @@ def _read_line(line: Element) -> list[MissionPoint]:
     first = corners.place
     require_few(first.name, len(corners.text.split()))
     return [
-        _read_corner(Place(first.name, first.line + row), word)
+        _read_corner(FilePlace(first.name, first.line + row), word)
         for row, text in enumerate(corners.text.split("\n"))
         for word in text.split()
     ]
 
 
-def _read_corner(place: Place, word: str, **fields: object) -> MissionPoint:
+def _read_corner(place: FilePlace, word: str, **fields: object) -> MissionPoint:
     parts = word.split(",")
     if len(parts) not in (2, 3):
         raise place.wrong(f"coordinate {word!r} has {len(parts)} parts", "write longitude,latitude,altitude")

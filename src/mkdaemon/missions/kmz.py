@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from mkdaemon.foreignfiles import open_regular
-from mkdaemon.missions.source import Place
+from mkdaemon.missions.source import FilePlace
 
 _DAMAGED: Final = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, RuntimeError, EOFError, ValueError)
 """What reading a ZIP file raises; a method of compression that is not known is a RuntimeError, too."""
@@ -28,7 +28,7 @@ def read_kmz(path: Path, limit: int) -> tuple[str, list[str]]:
         UnicodeDecodeError: the document is no UTF-8 text.
         ConfigError: it is no ZIP file, holds no document, or one that is too long, encrypted or damaged.
     """
-    place = Place(str(path), 1)
+    place = FilePlace(str(path), 1)
     again = "save it again as .kml"
     with open_regular(path, limit) as file:
         try:

@@ -32,7 +32,7 @@ from mkdaemon.missions.items import (
     Item,
     checked,
 )
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, assemble, require_few
+from mkdaemon.missions.source import AltitudeReference, FilePlace, MissionDraft, assemble, require_few
 from mkdaemon.telemetry.mission import AUTOMATIC_CAMERA, Mission, MissionPoint, PointKind
 
 _SAME_SPEED, _DEFAULT_SPEED = -1, -2
@@ -80,20 +80,20 @@ def read(text: str, name: str) -> MissionDraft:
         msg = f"{name}:{error.lineno}: no JSON ({error.msg}); save the plan again"
         raise ConfigError(msg) from error
     if not isinstance(plan, dict) or plan.get("fileType") != "Plan":
-        raise Place(name, 1).wrong('"fileType" is not "Plan"', "save the mission in QGroundControl as a .plan file")
+        raise FilePlace(name, 1).wrong('"fileType" is not "Plan"', "save the mission in QGroundControl as a .plan file")
     mission = plan.get("mission")
     items = mission.get("items") if isinstance(mission, dict) else None
     if not isinstance(items, list):
-        raise Place(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
+        raise FilePlace(name, 1).wrong("the plan holds no mission", "add waypoints and save it again")
     require_few(name, len(items))
     firmware = mission.get("firmwareType") if isinstance(mission, dict) else None
     autopilot = firmware if isinstance(firmware, int) else GENERIC
-    places = [Place(name, line) for line in _lines(text, len(items))]
+    places = [FilePlace(name, line) for line in _lines(text, len(items))]
     draft = draft_of(items, places, autopilot)
     return replace(draft, notes=(*_beside(plan), *_waits(places, items, autopilot), *draft.notes))
 
 
-def _waits(places: Sequence[Place], items: Sequence[Any], autopilot: int) -> Iterator[str]:
+def _waits(places: Sequence[FilePlace], items: Sequence[Any], autopilot: int) -> Iterator[str]:
     """The first point at which a plan for ArduPilot is to wait; for other autopilots such a plan is refused."""
     if autopilot == ARDUPILOT:
         waiting = (place for place, item in zip(places, items, strict=True) if _is_waiting(item))
@@ -115,7 +115,7 @@ def _beside(plan: dict[str, Any]) -> Iterator[str]:
             yield f"the {what} of the plan: a NaviCtrl has none"
 
 
-def draft_of(items: Sequence[Any], places: Iterable[Place], autopilot: int = GENERIC) -> MissionDraft:
+def draft_of(items: Sequence[Any], places: Iterable[FilePlace], autopilot: int = GENERIC) -> MissionDraft:
     """Read mission items, each a map as a plan has it.
 
     Args:
@@ -127,7 +127,7 @@ def draft_of(items: Sequence[Any], places: Iterable[Place], autopilot: int = GEN
         ConfigError: no item, one that a MikroKopter cannot fly, or a wrong value; names its place and the fix.
     """
     reading = _Reading(autopilot)
-    first = Place("mission", 1)
+    first = FilePlace("mission", 1)
     for number, (place, item) in enumerate(zip(places, items, strict=True)):
         first = place if number == 0 else first
         _take(place, item, reading)
@@ -244,7 +244,7 @@ def _lines(text: str, count: int) -> list[int]:
     return lines or [1] * count
 
 
-def _take(place: Place, item: Any, reading: _Reading) -> None:
+def _take(place: FilePlace, item: Any, reading: _Reading) -> None:
     """Add one mission item to what has been read."""
     if not isinstance(item, dict) or item.get("type") != "SimpleItem":
         kind = item.get("complexItemType", "complex item") if isinstance(item, dict) else "no object"

@@ -78,7 +78,7 @@ class MissionDraft:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class FilePlace:
     """Where in a file something stands, for messages.
 
     Attributes:

@@ -19,7 +19,7 @@ import re
 from typing import Any, Final, NamedTuple
 
 from mkdaemon.missions import wpl110
-from mkdaemon.missions.source import MissionDraft, Place, assemble, require_few
+from mkdaemon.missions.source import FilePlace, MissionDraft, assemble, require_few
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 
@@ -46,7 +46,7 @@ _ENTRIES: Final = (
 _KINDS = (PointKind.WAYPOINT, PointKind.POI, PointKind.FAILSAFE, PointKind.LAND)
 _SECTION = re.compile(r"\[(?P<name>[^\]]+)\]$")
 
-Section = dict[str, tuple[str, Place]]
+Section = dict[str, tuple[str, FilePlace]]
 """Entries of one section by lower-case key, each with its place; the key "" holds the section's own place."""
 
 
@@ -61,7 +61,7 @@ def read(text: str, name: str) -> MissionDraft:
     sections = _split(text, name)
     general = sections.get("general")
     if general is None:
-        raise Place(name, 1).wrong("no [General] section", "export the list again from the MikroKopter-Tool")
+        raise FilePlace(name, 1).wrong("no [General] section", "export the list again from the MikroKopter-Tool")
     version = _whole(general, "FileVersion")
     if version not in (2, 3):
         raise general["fileversion"][1].wrong(f"FileVersion {version} is unknown", "versions 2 and 3 can be read")
@@ -102,7 +102,7 @@ def _split(text: str, name: str) -> dict[str, Section]:
     sections: dict[str, Section] = {}
     current: Section | None = None
     for line, raw in enumerate(text.lstrip("\ufeff").splitlines(), 1):
-        content, place = raw.strip(), Place(name, line)
+        content, place = raw.strip(), FilePlace(name, line)
         if not content or content[0] in ";#":
             continue
         header = _SECTION.match(content)

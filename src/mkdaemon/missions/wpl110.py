@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from mkdaemon.missions import qgc
 from mkdaemon.missions.items import ARDUPILOT, FRAMES, WAYPOINT
-from mkdaemon.missions.source import AltitudeReference, MissionDraft, Place, require_few
+from mkdaemon.missions.source import AltitudeReference, FilePlace, MissionDraft, require_few
 from mkdaemon.telemetry.mission import Mission
 
 HEAD: Final = "QGC WPL"
@@ -30,14 +30,14 @@ def read(text: str, name: str) -> MissionDraft:
     lines = text.lstrip("\ufeff").splitlines()
     head = lines[0].split() if lines else []
     if head != [*HEAD.split(), "110"]:
-        raise Place(name, 1).wrong("the first line is not 'QGC WPL 110'", "save the list again in Mission Planner")
+        raise FilePlace(name, 1).wrong("the first line is not 'QGC WPL 110'", "save the list again in Mission Planner")
     require_few(name, len(lines))
-    rows = [(Place(name, number), line.split()) for number, line in enumerate(lines[1:], 2) if line.split()]
+    rows = [(FilePlace(name, number), line.split()) for number, line in enumerate(lines[1:], 2) if line.split()]
     found = [(place, _item(place, cells)) for place, cells in rows]
     home = found[:1] if found and _is_home(found[0][1]) else []
     rest = found[len(home) :]
     if not rest:
-        raise Place(name, 1).wrong("no waypoint in this file", "save the list again with a waypoint beside home")
+        raise FilePlace(name, 1).wrong("no waypoint in this file", "save the list again with a waypoint beside home")
     draft = qgc.draft_of([item for _, item in rest], [place for place, _ in rest], ARDUPILOT)
     notes = tuple(f"{place}: home is not flown to" for place, _ in home)
     return replace(draft, notes=(*notes, *draft.notes), origins=tuple(one + len(home) for one in draft.origins))
@@ -64,7 +64,7 @@ def _is_home(item: dict[str, Any]) -> bool:
     return item["command"] == WAYPOINT and FRAMES.get(item["frame"]) is AltitudeReference.SEA_LEVEL
 
 
-def _item(place: Place, cells: list[str]) -> dict[str, Any]:
+def _item(place: FilePlace, cells: list[str]) -> dict[str, Any]:
     if len(cells) != _CELLS:
         raise place.wrong(f"{len(cells)} cells in place of {_CELLS}", "save the list again in Mission Planner")
     return {
@@ -76,5 +76,5 @@ def _item(place: Place, cells: list[str]) -> dict[str, Any]:
     }
 
 
-def _param(place: Place, word: str, cell: str) -> float | None:
+def _param(place: FilePlace, word: str, cell: str) -> float | None:
     return None if cell.lower() == "nan" else place.number(word, cell)

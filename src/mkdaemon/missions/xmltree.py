@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.source import Place
+from mkdaemon.missions.source import FilePlace
 
 MAX_DEPTH = 64
 """Deepest nesting accepted; GPX and KML need fewer than ten levels."""
@@ -30,7 +30,7 @@ class Element:
 
     name: str
     attributes: dict[str, str]
-    place: Place
+    place: FilePlace
     children: list[Element] = field(default_factory=list)
     runs: list[str] = field(default_factory=list)
 
@@ -69,11 +69,11 @@ def parse_xml(text: str, name: str) -> Element:
     # The text is decoded already: what the document says of its encoding counts for nothing, and is not looked up.
     parser = expat.ParserCreate("utf-8", " ")
     parser.buffer_text = True
-    root = Element("", {}, Place(name, 1))
+    root = Element("", {}, FilePlace(name, 1))
     stack = [root]
 
-    def here() -> Place:
-        return Place(name, parser.CurrentLineNumber)
+    def here() -> FilePlace:
+        return FilePlace(name, parser.CurrentLineNumber)
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(stack) > MAX_DEPTH:

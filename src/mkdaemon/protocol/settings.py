@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.protocol.framing import padded_length
-from mkdaemon.protocol.settings_fields import Bit, Kind, Parameter
+from mkdaemon.protocol.settings_fields import Bit, ParameterKind, SettingParameter
 from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS, SAME_LAYOUT
 
 Value = int | str | tuple[int, ...]
@@ -24,10 +24,10 @@ Value = int | str | tuple[int, ...]
 _FIRST_POTI: Final = 248
 
 
-class Place(NamedTuple):
+class ParameterPlace(NamedTuple):
     """Place of a parameter in a set."""
 
-    parameter: Parameter
+    parameter: SettingParameter
     offset: int
     length: int
 
@@ -45,7 +45,7 @@ class Layout:
 
     revision: int
     size: int
-    places: Mapping[str, Place]
+    places: Mapping[str, ParameterPlace]
     firmware: str
 
     def bits(self, name: str) -> tuple[Bit, ...]:
@@ -53,7 +53,7 @@ class Layout:
         parameter = self.place(name).parameter
         return tuple(bit for bit in parameter.bits if bit.since <= self.revision <= bit.until)
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> ParameterPlace:
         """Return where a parameter stands.
 
         Raises:
@@ -73,12 +73,12 @@ def layout_of(revision: int) -> Layout | None:
     base = SAME_LAYOUT.get(revision, revision)
     if base not in REVISIONS:
         return None
-    places: dict[str, Place] = {}
+    places: dict[str, ParameterPlace] = {}
     offset = 0
     for parameter in PARAMETERS:
         length = parameter.length(base)
         if length:
-            places[parameter.name] = Place(parameter, offset, length)
+            places[parameter.name] = ParameterPlace(parameter, offset, length)
             offset += length
     return Layout(revision, offset, MappingProxyType(places), REVISIONS[base])
 
@@ -105,7 +105,7 @@ def poti_reference(poti: int) -> int:
     return 256 - poti
 
 
-class Change(NamedTuple):
+class SetChange(NamedTuple):
     """One difference between two sets."""
 
     name: str
@@ -182,9 +182,9 @@ class ParameterSet:
         """
         parameter, offset, length = self._known().place(name)
         part = self.raw[offset : offset + length]
-        if parameter.kind is Kind.TEXT:
+        if parameter.kind is ParameterKind.TEXT:
             return part.partition(b"\0")[0].decode("latin-1")
-        if parameter.kind in {Kind.LIST, Kind.SPARE}:
+        if parameter.kind in {ParameterKind.LIST, ParameterKind.SPARE}:
             return tuple(part)
         return part[0]
 
@@ -220,24 +220,24 @@ class ParameterSet:
             raw[place.offset : place.offset + place.length] = _to_bytes(place, value, self.raw)
         return ParameterSet(bytes(raw))
 
-    def changes_to(self, other: ParameterSet) -> tuple[Change, ...]:
+    def changes_to(self, other: ParameterSet) -> tuple[SetChange, ...]:
         """Return what differs, field by field; the whole as hex where the two cannot be compared by name."""
         if self.raw == other.raw:
             return ()
         if self.layout is None or other.layout is None:
-            return (Change("raw", self.raw.hex(), other.raw.hex()),)
+            return (SetChange("raw", self.raw.hex(), other.raw.hex()),)
         before, after = self.values(), other.values()
         names = [*before, *(name for name in after if name not in before)]
         changed = tuple(
-            Change(name, before.get(name), after.get(name)) for name in names if before.get(name) != after.get(name)
+            SetChange(name, before.get(name), after.get(name)) for name in names if before.get(name) != after.get(name)
         )
         # Two texts can differ behind their NUL.
-        return changed or (Change("raw", self.raw.hex(), other.raw.hex()),)
+        return changed or (SetChange("raw", self.raw.hex(), other.raw.hex()),)
 
 
-def _to_bytes(place: Place, value: Value, current: bytes) -> bytes:
+def _to_bytes(place: ParameterPlace, value: Value, current: bytes) -> bytes:
     parameter, offset, length = place
-    if parameter.kind is Kind.TEXT:
+    if parameter.kind is ParameterKind.TEXT:
         if not isinstance(value, str) or len(value) > length or any(ord(letter) > 255 for letter in value):
             msg = f"{parameter.name} is text of at most {length} Latin-1 characters, not {value!r}"
             raise EncodeError(msg)
@@ -256,6 +256,6 @@ def _to_bytes(place: Place, value: Value, current: bytes) -> bytes:
     return bytes(item for item in items if isinstance(item, int))
 
 
-def is_useful(parameter: Parameter, value: int) -> bool:
+def is_useful(parameter: SettingParameter, value: int) -> bool:
     """Whether a value lies in the range the firmware has a use for; a poti reference does where one is allowed."""
-    return value <= parameter.high or (parameter.kind is Kind.POTI and poti_number(value) is not None)
+    return value <= parameter.high or (parameter.kind is ParameterKind.POTI and poti_number(value) is not None)

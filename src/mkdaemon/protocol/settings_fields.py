@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Kind(Enum):
+class ParameterKind(Enum):
     """Interpretation of a parameter's bytes."""
 
     NUMBER = "number"
@@ -30,7 +30,7 @@ class Bit:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class SettingParameter:
     """One parameter, in the revisions that have it.
 
     Attributes:
@@ -49,7 +49,7 @@ class Parameter:
     name: str
     mk: str
     meaning: str
-    kind: Kind
+    kind: ParameterKind
     since: int
     until: int
     unit: str
@@ -74,10 +74,10 @@ def parameter(
     unit: str = "",
     high: int = 255,
     poti: bool = False,
-    kind: Kind = Kind.NUMBER,
+    kind: ParameterKind = ParameterKind.NUMBER,
     lengths: tuple[tuple[int, int], ...] = (),
     bits: tuple[Bit, ...] = (),
-) -> Parameter:
+) -> SettingParameter:
     """Declare one parameter; `bits` make it a field of bits, `poti` a number or poti."""
-    kind = Kind.POTI if poti else Kind.BITS if bits else kind
-    return Parameter(name, mk, meaning, kind, since, until, unit, high, lengths, bits)
+    kind = ParameterKind.POTI if poti else ParameterKind.BITS if bits else kind
+    return SettingParameter(name, mk, meaning, kind, since, until, unit, high, lengths, bits)

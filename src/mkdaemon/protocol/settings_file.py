@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from mkdaemon.errors import EncodeError, ProtocolError
 from mkdaemon.foreignfiles import parse_json, parse_toml
 from mkdaemon.protocol.settings import Layout, ParameterSet, Value, is_useful, layout_of, poti_number, poti_reference
-from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.protocol.settings_fields import ParameterKind
 
 _FORMAT: Final = "mikrokopter-parameter-set"
 
@@ -139,9 +139,9 @@ def spell_value(parameters: ParameterSet, name: str) -> Spelled:
     if isinstance(value, tuple):
         return list(value)
     kind = parameters.layout.place(name).parameter.kind if parameters.layout else None
-    if kind is Kind.BITS:
+    if kind is ParameterKind.BITS:
         return list(parameters.flags(name))
-    poti = poti_number(value) if kind is Kind.POTI and isinstance(value, int) else None
+    poti = poti_number(value) if kind is ParameterKind.POTI and isinstance(value, int) else None
     return f"poti{poti}" if poti else value
 
 
@@ -166,16 +166,16 @@ def parse_value(layout: Layout, name: str, spelled: object) -> Value:
         EncodeError: it cannot be read as a value of this parameter.
     """
     kind = layout.place(name).parameter.kind
-    if kind is Kind.TEXT and isinstance(spelled, str):
+    if kind is ParameterKind.TEXT and isinstance(spelled, str):
         return spelled
     if isinstance(spelled, int) and not isinstance(spelled, bool):
         return spelled
     if isinstance(spelled, str) and spelled.isdecimal():
         return int(spelled)
-    if isinstance(spelled, str) and kind is Kind.POTI and spelled[:4] == "poti" and spelled[4:].isdecimal():
+    if isinstance(spelled, str) and kind is ParameterKind.POTI and spelled[:4] == "poti" and spelled[4:].isdecimal():
         return poti_reference(int(spelled[4:]))
     if isinstance(spelled, (list, tuple)):
-        if kind is Kind.BITS:
+        if kind is ParameterKind.BITS:
             return sum(_mask(layout, name, str(bit)) for bit in dict.fromkeys(spelled))
         if all(isinstance(item, int) for item in spelled):
             return tuple(spelled)

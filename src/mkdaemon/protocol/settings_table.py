@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.protocol.settings_bits import BIT_CONFIG, EXTRA_CONFIG, GLOBAL_CONFIG, GLOBAL_CONFIG_3, SERVO_INVERT
-from mkdaemon.protocol.settings_fields import Kind, parameter
+from mkdaemon.protocol.settings_fields import ParameterKind, parameter
 
 REVISIONS: Final[dict[int, str]] = {
     73: "FC 0.71/0.72",
@@ -60,7 +60,7 @@ PARAMETERS: Final = (
         "Kanalbelegung",
         "channel of pitch, roll, throttle, yaw, potis",
         lengths=((73, 8), (81, 12)),
-        kind=Kind.LIST,
+        kind=ParameterKind.LIST,
     ),
     parameter("global_config", "GlobalConfig", "feature bits", bits=GLOBAL_CONFIG),
     parameter("altitude_min_throttle", "Hoehe_MinGas", "lowest throttle of the altitude controller"),
@@ -185,7 +185,7 @@ PARAMETERS: Final = (
         "ServoFS_Pos",
         "fail-safe positions of pitch, roll, 3, 4, 5",
         since=105,
-        kind=Kind.LIST,
+        kind=ParameterKind.LIST,
         lengths=((105, 5),),
     ),
     parameter("start_land_channel", "StartLandChannel", "auto start/land channel", since=94),
@@ -216,7 +216,7 @@ PARAMETERS: Final = (
             (113, 28),
             (114, 27),
         ),
-        kind=Kind.SPARE,
+        kind=ParameterKind.SPARE,
     ),
     parameter("bit_config", "BitConfig", "loop and LED bits", bits=BIT_CONFIG),
     parameter("servo_invert", "ServoCompInvert", "servo inversion and coming-home direction bits", bits=SERVO_INVERT),
@@ -230,8 +230,8 @@ PARAMETERS: Final = (
             (73, 4),
             (79, 3),
         ),
-        kind=Kind.SPARE,
+        kind=ParameterKind.SPARE,
     ),
     parameter("global_config_3", "GlobalConfig3", "feature bits", since=90, bits=GLOBAL_CONFIG_3),
-    parameter("name", "Name", "profile name", lengths=((73, 12),), kind=Kind.TEXT),
+    parameter("name", "Name", "profile name", lengths=((73, 12),), kind=ParameterKind.TEXT),
 )

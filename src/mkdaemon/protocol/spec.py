@@ -38,7 +38,7 @@ DEFAULT_POLICY: Final = Policy()
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class StreamSpec:
     """A stream that a request with an interval starts.
 
     Attributes:
@@ -101,7 +101,7 @@ class MessageSpec:
     policies: Mapping[Board, Policy] = field(default_factory=dict)
     matches: Callable[[Any, Any], bool] | None = None
     danger: Danger | None = None
-    stream: Stream | None = None
+    stream: StreamSpec | None = None
     is_forwarded: bool = False
     since: Mapping[Board, tuple[int, int]] = field(default_factory=dict)
     is_fork: bool = False

@@ -21,7 +21,7 @@ from mkdaemon.protocol.boards import Board, Direction
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.layout import lay_out, make_reader
 from mkdaemon.protocol.sources import Source
-from mkdaemon.protocol.spec import MessageSpec, Policy, Stream
+from mkdaemon.protocol.spec import MessageSpec, Policy, StreamSpec
 from mkdaemon.telemetry.danger import Danger
 
 __all__ = ["MESSAGES", "Board", "Direction", "Facts", "MessageSpec", "WireMessage", "answer", "reader_of", "request"]
@@ -134,7 +134,7 @@ def request(
     policy: Policy | Mapping[Board, Policy] | None = None,
     matches: Callable[[Any, Any], bool] | None = None,
     danger: Danger | None = None,
-    stream: Stream | None = None,
+    stream: StreamSpec | None = None,
     any_address: bool = False,
     is_forwarded: bool = False,
     is_fork: bool = False,

@@ -31,7 +31,7 @@ from mkdaemon.telemetry.vision import VisionStats
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
+class RaisedAlarm:
     """Something wrong.
 
     Attributes:
@@ -67,7 +67,7 @@ def is_known(known: Knowledge) -> bool:
     )
 
 
-def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
+def alarms_of(known: Knowledge, absence: str = "") -> tuple[RaisedAlarm, ...]:
     """Everything that is wrong, the worst first.
 
     Args:
@@ -75,11 +75,11 @@ def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
         absence: why no program publishes for the vehicle; empty while one does.
     """
     if absence:
-        return (Alarm("absent", on_one_line(absence), Tone.BAD),)
+        return (RaisedAlarm("absent", on_one_line(absence), Tone.BAD),)
     if known.is_silent:
         words = "no value has arrived" if math.isinf(known.silence) else f"silent for {age_words(known.silence)}"
-        return (Alarm("silent", f"NOTHING FROM THE DAEMON: {words}", Tone.BAD),)
-    found: list[Alarm] = []
+        return (RaisedAlarm("silent", f"NOTHING FROM THE DAEMON: {words}", Tone.BAD),)
+    found: list[RaisedAlarm] = []
     for name, look in _LOOKS.items():
         for alarm in known.remembered(name, look):
             if not any(one.text.startswith(alarm.text) for one in found):  # two values can say the same
@@ -87,9 +87,9 @@ def alarms_of(known: Knowledge, absence: str = "") -> tuple[Alarm, ...]:
     return tuple(sorted(found, key=lambda alarm: -RANKS.index(alarm.tone)))
 
 
-def _alarms(check: Callable[[Knowledge], Iterator[_Check]], known: Knowledge) -> tuple[Alarm, ...]:
+def _alarms(check: Callable[[Knowledge], Iterator[_Check]], known: Knowledge) -> tuple[RaisedAlarm, ...]:
     """What a check finds wrong."""
-    return tuple(Alarm(word, on_one_line(text), tone) for word, text, tone in check(known) if tone.is_wrong)
+    return tuple(RaisedAlarm(word, on_one_line(text), tone) for word, text, tone in check(known) if tone.is_wrong)
 
 
 _Check = tuple[str, str, Tone]

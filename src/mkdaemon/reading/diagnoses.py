@@ -14,7 +14,7 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
 from mkdaemon.telemetry.tone import Tone
 
 
-class Level(IntEnum):
+class DiagnosticLevel(IntEnum):
     """Severities of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
@@ -24,11 +24,11 @@ class Level(IntEnum):
 
 
 LEVELS: Final = {
-    Tone.NOTE: Level.OK,
-    Tone.OK: Level.OK,
-    Tone.WARN: Level.WARN,
-    Tone.BAD: Level.ERROR,
-    Tone.UNKNOWN: Level.STALE,
+    Tone.NOTE: DiagnosticLevel.OK,
+    Tone.OK: DiagnosticLevel.OK,
+    Tone.WARN: DiagnosticLevel.WARN,
+    Tone.BAD: DiagnosticLevel.ERROR,
+    Tone.UNKNOWN: DiagnosticLevel.STALE,
 }
 """The level of a tone."""
 VERDICT: Final = "verdict"
@@ -56,7 +56,7 @@ class Diagnosis(NamedTuple):
     """
 
     name: str
-    level: Level
+    level: DiagnosticLevel
     message: str
     values: Mapping[str, object]
 
@@ -72,7 +72,7 @@ class PartState(NamedTuple):
     """
 
     name: str
-    level: Level
+    level: DiagnosticLevel
     message: str
     key: str
 
@@ -83,7 +83,7 @@ def states_of(picture: Picture) -> Iterator[PartState]:
     eyes = {f"eye-{camera}": f"vision/{camera}/stats" for camera in picture.cameras()}
     for word, key in (PARTS | eyes).items():
         fact = picture.fact(word)
-        level = Level.STALE if fact.is_stale else LEVELS[fact.tone]
+        level = DiagnosticLevel.STALE if fact.is_stale else LEVELS[fact.tone]
         yield PartState(word if word in PARTS else fact.name, level, fact.aged, key)
 
 
@@ -104,8 +104,10 @@ def _numbers(key: str, known: Knowledge) -> Mapping[str, object]:
 
 def diagnosis_of(finding: Finding) -> Diagnosis:
     """What a check before a flight found."""
-    bad = Level.WARN if finding.blocks is Blocks.NOTHING else Level.ERROR
-    level = {CheckState.PASSED: Level.OK, CheckState.UNKNOWN: Level.WARN, CheckState.STANDS: bad}[finding.state]
+    bad = DiagnosticLevel.WARN if finding.blocks is Blocks.NOTHING else DiagnosticLevel.ERROR
+    level = {CheckState.PASSED: DiagnosticLevel.OK, CheckState.UNKNOWN: DiagnosticLevel.WARN, CheckState.STANDS: bad}[
+        finding.state
+    ]
     values = {"state": finding.state.value, "token": finding.token, "blocks": finding.blocks.value}
     return Diagnosis(finding.name, level, f"{finding.reason} {finding.fix}".strip(), values)
 

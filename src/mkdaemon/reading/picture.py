@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Final
 
 from mkdaemon.bus.keys import fresh_for
-from mkdaemon.reading.alarms import Alarm, alarms_of, is_known
+from mkdaemon.reading.alarms import RaisedAlarm, alarms_of, is_known
 from mkdaemon.reading.facts import Fact, fact_of, holder_of, phase_words, rows_of
 from mkdaemon.reading.known import Knowledge, Known, LastValues
 from mkdaemon.spelling import on_one_line
@@ -71,7 +71,7 @@ class Picture(Knowledge):
         return fact_of(rows_of(self.cameras())[word], self)
 
     @cached_property
-    def alarms(self) -> tuple[Alarm, ...]:
+    def alarms(self) -> tuple[RaisedAlarm, ...]:
         """What is wrong, the worst first."""
         return alarms_of(self, self.absence)
 

@@ -31,7 +31,7 @@ LATEST: Final = 9_000_000_000 * NANOSECONDS
 """Times that a file can have [ns]: within, between 1970 and 2255, every one comes back as a time that it can have."""
 
 
-class Kind(StrEnum):
+class EntryKind(StrEnum):
     """Kind of an entry."""
 
     SAMPLE = "sample"
@@ -133,7 +133,7 @@ class Entry(NamedTuple):
             where it says none. It is not checked: only a signature proves a sender.
     """
 
-    kind: Kind
+    kind: EntryKind
     key: str
     payload: bytes
     encoding: str
@@ -212,4 +212,4 @@ class Notice(StrEnum):
     def of(cls, entry: Entry) -> Notice | None:
         """What an entry is about; None where it is no notice of these."""
         word = entry.suffix.removeprefix(NOTICES)
-        return cls(word) if entry.kind is Kind.NOTICE and word in set(cls) else None
+        return cls(word) if entry.kind is EntryKind.NOTICE and word in set(cls) else None

@@ -18,7 +18,7 @@ _NAME: Final = re.compile(r"(?P<name>.+-\d{8}T\d{6}Z)-(?P<part>\d{3,})\.mcap")
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class RoomLimits:
     """Limits of the room for recordings.
 
     Attributes:
@@ -85,7 +85,9 @@ class RecordingFolder:
         limits: how much room there is.
     """
 
-    def __init__(self, path: Path, prefix: str, limits: Limits, *, free: Callable[[Path], int] = free_space) -> None:
+    def __init__(
+        self, path: Path, prefix: str, limits: RoomLimits, *, free: Callable[[Path], int] = free_space
+    ) -> None:
         """Name a folder; it is made when a file is.
 
         Args:

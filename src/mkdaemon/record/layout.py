@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import EARLIEST, LATEST, Congestion, Entry, Kind, Qos, TimeBase
+from mkdaemon.record.entry import EARLIEST, LATEST, Congestion, Entry, EntryKind, Qos, TimeBase
 from mkdaemon.stamp import NANOSECONDS
 
 MAGIC: Final = b"\x89MCAP0\r\n"
@@ -141,7 +141,7 @@ class ChannelFacts:
         has_envelope: whether each payload is in a map, beside what else the entry carries.
     """
 
-    kind: Kind
+    kind: EntryKind
     key: str
     encoding: str
     base: TimeBase
@@ -190,7 +190,7 @@ class ChannelFacts:
             if metadata["format"] != FORMAT or VIEW in metadata:
                 return None
             return cls(
-                kind=Kind(metadata["kind"]),
+                kind=EntryKind(metadata["kind"]),
                 key=_key(metadata["key"]),
                 encoding=metadata["encoding"],
                 base=_base(metadata),

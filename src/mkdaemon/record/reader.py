@@ -22,9 +22,9 @@ from mcap.opcode import Opcode
 
 from mkdaemon.errors import MkError
 from mkdaemon.foreignfiles import open_regular
-from mkdaemon.record.entry import SEQUENCES, Entry, Kind, TimeBase
+from mkdaemon.record.entry import SEQUENCES, Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import SESSION, VIEW, ChannelFacts, Session
-from mkdaemon.record.scan import Chunk, Damage, Record, Scanner, places_in, read_channel, read_metadata
+from mkdaemon.record.scan import Damage, Record, ScannedChunk, Scanner, places_in, read_channel, read_metadata
 
 _MESSAGE: Final = struct.Struct("<HIQQ")
 FREE_RECORDS: Final = 100_000
@@ -75,7 +75,7 @@ class ReadReport:
     is_complete: bool = False
     damages: list[Damage] = field(default_factory=list)
     entries: int = 0
-    gaps: dict[tuple[Kind, str], int] = field(default_factory=dict)
+    gaps: dict[tuple[EntryKind, str], int] = field(default_factory=dict)
     records: int = 0
     orphans: int = 0
     unreadable: int = 0
@@ -184,7 +184,7 @@ class Recording:
         other.session, other._places, other._definitions = self.session, self._places, self._definitions
         return other
 
-    def _chunks(self, reading: _Reading, low: int, high: int) -> Iterator[Chunk]:
+    def _chunks(self, reading: _Reading, low: int, high: int) -> Iterator[ScannedChunk]:
         """The chunks with times of a range [ns]; those that cannot be wanted are left out where the file is known."""
         if self._places and (low, high) != (0, _END):
             wanted = reading.wanted.keys()
@@ -205,11 +205,11 @@ class Recording:
         if (low, high) == (0, _END):
             self._places, self._definitions = places, reading.definitions
 
-    def _at(self, file: BinaryIO, place: _Place) -> Chunk:
+    def _at(self, file: BinaryIO, place: _Place) -> ScannedChunk:
         """A chunk that was found before."""
         found = next(Scanner(file, place.end).records(place.offset), None)
         self.position = file.tell()
-        if not isinstance(found, Chunk):
+        if not isinstance(found, ScannedChunk):
             raise MkError(f"{self.path}: was changed while it was read")
         return found
 
@@ -219,14 +219,14 @@ class Recording:
         Raises:
             MkError: the file cannot be opened.
         """
-        times = [(one.first, one.last) for one in self._records(ReadReport()) if isinstance(one, Chunk)]
+        times = [(one.first, one.last) for one in self._records(ReadReport()) if isinstance(one, ScannedChunk)]
         return min((first for first, _ in times), default=0), max((last for _, last in times), default=0)
 
     def definitions(self) -> Iterator[Record]:
         """All channels in the file, wherever they are."""
         report = ReadReport()
         for record in self._records(report):
-            if isinstance(record, Chunk):
+            if isinstance(record, ScannedChunk):
                 content = record.content()
                 for opcode, begin, end in self.inside(record, report):
                     if opcode == Opcode.CHANNEL:
@@ -238,7 +238,7 @@ class Recording:
         """Definitions of all channels, once the whole file was read."""
         return self._definitions.values()
 
-    def inside(self, chunk: Chunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
+    def inside(self, chunk: ScannedChunk, report: ReadReport) -> Iterator[tuple[int, int, int]]:
         """The records of a chunk, as far as they are whole, and no more than a file of this length can hold.
 
         Args:
@@ -266,7 +266,7 @@ class Recording:
             msg = f"{self.path}: cannot be opened ({error.strerror}); `mkctl log list` shows recordings"
             raise MkError(msg) from error
 
-    def _records(self, report: ReadReport) -> Iterator[Record | Chunk]:
+    def _records(self, report: ReadReport) -> Iterator[Record | ScannedChunk]:
         with self._opened() as file:
             report.size = os.fstat(file.fileno()).st_size
             scanner = Scanner(file, report.size)
@@ -276,7 +276,7 @@ class Recording:
                 yield record
             report.is_complete = scanner.is_complete
 
-    def _take_metadata(self, record: Record | Chunk) -> None:
+    def _take_metadata(self, record: Record | ScannedChunk) -> None:
         if isinstance(record, Record) and record.opcode == Opcode.METADATA:
             found = read_metadata(record.content)
             if found is not None and found[0] == SESSION:
@@ -333,7 +333,7 @@ class _Reading:
         self._wanted = wanted
         self._channels: dict[int, _Ours | _Other] = {}
         self._is_complete = False
-        self._counts: dict[tuple[Kind, str, TimeBase], _Count] = {}
+        self._counts: dict[tuple[EntryKind, str, TimeBase], _Count] = {}
         for record in recording.known_channels():
             self.define(record)
 
@@ -356,7 +356,7 @@ class _Reading:
             count = self._counts.setdefault((facts.kind, facts.key, facts.base), _Count())
             self._channels[channel.number] = _Ours(facts, self._wanted(facts), count)
 
-    def messages_of(self, chunk: Chunk, low: int, high: int) -> Iterator[tuple[_Ours, int, int, int, int, int]]:
+    def messages_of(self, chunk: ScannedChunk, low: int, high: int) -> Iterator[tuple[_Ours, int, int, int, int, int]]:
         """The messages that are wanted: channel, sequence, both times [ns], begin and end of the data in the chunk."""
         content, report, channels, seen = chunk.content(), self.report, self._channels, self.seen
         for opcode, begin, end in self._recording.inside(chunk, report):
@@ -379,7 +379,7 @@ class _Reading:
                 report.views += channel.is_view
                 report.foreign += not channel.is_view
 
-    def entries_of(self, chunk: Chunk, low: int, high: int) -> Iterator[Entry]:
+    def entries_of(self, chunk: ScannedChunk, low: int, high: int) -> Iterator[Entry]:
         content, report = chunk.content(), self.report
         for channel, sequence, log_time, publish_time, begin, end in self.messages_of(chunk, low, high):
             try:

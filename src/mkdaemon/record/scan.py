@@ -24,7 +24,7 @@ from mkdaemon.record.layout import MAGIC
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class ScannedChannel:
     """A channel of a file.
 
     Attributes:
@@ -74,13 +74,13 @@ class _Fields:
         return part
 
 
-def read_channel(content: bytes) -> Channel | None:
+def read_channel(content: bytes) -> ScannedChannel | None:
     """A channel from a record's content; None where it is none."""
     try:
         fields = _Fields(content)
         number = fields.number(2)
         fields.number(2)
-        return Channel(number, fields.text(), fields.text(), fields.map())
+        return ScannedChannel(number, fields.text(), fields.text(), fields.map())
     except (_Cut, UnicodeDecodeError):
         return None
 
@@ -134,7 +134,7 @@ class Damage:
 
 
 @dataclass(frozen=True)
-class Chunk:
+class ScannedChunk:
     """A chunk that is right.
 
     Attributes:
@@ -227,7 +227,7 @@ class Scanner:
         self._expanded = 0
         self._tried = 0
 
-    def records(self, start: int = 0) -> Iterator[Record | Chunk]:
+    def records(self, start: int = 0) -> Iterator[Record | ScannedChunk]:
         """All records and chunks that are right, in order.
 
         Args:
@@ -268,7 +268,7 @@ class Scanner:
         if not self.damages:
             self.damages.append(Damage(self._size, 0, "it ends without an index"))
 
-    def _loose(self, at: int, record: Record) -> Chunk:
+    def _loose(self, at: int, record: Record) -> ScannedChunk:
         """The messages that begin somewhere outside of a chunk, one after the other, as a chunk without a checksum."""
         parts, times, size = list[bytes](), list[int](), 0
         found: Record | str = record
@@ -277,9 +277,9 @@ class Scanner:
             times.append(_MESSAGE.unpack_from(found.content)[2])
             size += _HEAD.size + len(found.content)
             found = self._record_at(at + size) if at + size < self._size else ""
-        return Chunk(at, min(times), max(times), b"".join(parts), "", size, 0)
+        return ScannedChunk(at, min(times), max(times), b"".join(parts), "", size, 0)
 
-    def _fault(self, chunk: Chunk, end: int) -> str:
+    def _fault(self, chunk: ScannedChunk, end: int) -> str:
         """What is wrong with a chunk that ends somewhere; empty where it is right."""
         if self._expanded + chunk.size > FREE_BYTES + EXPANSION * end:
             return "it holds more than a file of this size can"
@@ -357,7 +357,7 @@ class Scanner:
         return self._file.read(max(min(length, self._size - at), 0))
 
 
-def read_chunk(content: bytes, offset: int = 0) -> Chunk | None:
+def read_chunk(content: bytes, offset: int = 0) -> ScannedChunk | None:
     """A chunk from the content of its record, which begins at an offset of the file; None where it is none."""
     try:
         first, last, size, checksum, name = _CHUNK.unpack_from(content)
@@ -369,7 +369,7 @@ def read_chunk(content: bytes, offset: int = 0) -> Chunk | None:
     stored = content[at + name + 8 :]
     if len(stored) != length or size > MOST_CHUNK_BYTES:
         return None
-    return Chunk(offset, first, last, stored, compression, size, checksum)
+    return ScannedChunk(offset, first, last, stored, compression, size, checksum)
 
 
 def records_in(content: bytes) -> Iterator[Record]:

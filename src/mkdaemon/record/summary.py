@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 from mkdaemon.errors import MkError
 from mkdaemon.foreignfiles import open_regular
 from mkdaemon.record.countcheck import CountCheck
-from mkdaemon.record.entry import HOLDER, ROOTS, Entry, Kind, Notice, unpacked
+from mkdaemon.record.entry import HOLDER, ROOTS, Entry, EntryKind, Notice, unpacked
 from mkdaemon.record.layout import MAGIC, Session
 from mkdaemon.record.reader import ReadReport, Recording
 from mkdaemon.record.scan import records_in
@@ -54,7 +54,7 @@ class Sender:
     requests_refused: int = 0
 
 
-SENT: Final = frozenset({Kind.SETPOINT, Kind.QUERY, Kind.REPLY, Kind.NOTICE})
+SENT: Final = frozenset({EntryKind.SETPOINT, EntryKind.QUERY, EntryKind.REPLY, EntryKind.NOTICE})
 """Kinds of entries that tell of them."""
 
 
@@ -73,19 +73,19 @@ class Senders:
 
     def take(self, entry: Entry) -> None:
         """Count an entry."""
-        if entry.kind is Kind.SETPOINT:
+        if entry.kind is EntryKind.SETPOINT:
             sender = self._sender(entry)
             sender.setpoints += 1
             if entry.issuer == HOLDER:
                 sender.signed += 1
                 self._signed_at[entry.source] = entry.received
             self._setpoints[entry.suffix] = (entry.sequence, sender)
-        elif entry.kind is Kind.QUERY:
+        elif entry.kind is EntryKind.QUERY:
             sender = self._asking[entry.exchange] = self._sender(entry)
             sender.requests += 1
             if entry.suffix == LEASE and (holder := unpacked(entry.payload).get("holder")):
                 sender.names.add(str(holder))
-        elif entry.kind is Kind.REPLY:
+        elif entry.kind is EntryKind.REPLY:
             asked = self._asking.pop(entry.exchange, None)
             if asked is not None:
                 asked.requests_refused += unpacked(entry.payload).get("status") != _ACCEPTED
@@ -160,7 +160,7 @@ class KeySummary:
         activity: how many came when.
     """
 
-    kind: Kind
+    kind: EntryKind
     key: str
     activity: Activity
     encoding: str = ""
@@ -228,7 +228,7 @@ class Summary:
     path: Path
     session: Session | None
     report: ReadReport
-    keys: dict[tuple[Kind, str], KeySummary] = field(default_factory=dict)
+    keys: dict[tuple[EntryKind, str], KeySummary] = field(default_factory=dict)
     marks: list[Mark] = field(default_factory=list)
     missed: Counter[str] = field(default_factory=Counter)
     senders: Senders = field(default_factory=Senders)
@@ -277,7 +277,7 @@ def summarise(
     recording = Recording(path)
     summary = Summary(path, None, recording.report)
     checks: dict[str, CountCheck] = {}
-    routes: dict[tuple[Kind, str], _Route] = {}
+    routes: dict[tuple[EntryKind, str], _Route] = {}
     origin = 0
     for number, entry in enumerate(recording.entries()):
         at = entry.base.file_time(entry.received)
@@ -286,7 +286,7 @@ def summarise(
         route = routes.get(place)
         if route is None:
             found = summary.keys[place] = KeySummary(*place, Activity(origin))
-            check = checks.setdefault(entry.vehicle, CountCheck()) if entry.kind is Kind.SAMPLE else None
+            check = checks.setdefault(entry.vehicle, CountCheck()) if entry.kind is EntryKind.SAMPLE else None
             route = routes[place] = _Route(found, check, entry.suffix, entry.kind in SENT, taker_of(entry))
         route.found.take(entry, at)
         if route.is_sent:
@@ -303,7 +303,7 @@ def summarise(
     for vehicle, check in checks.items():
         for suffix, lost in check.lost.items():
             key = f"mk/{vehicle}/{suffix}"
-            if (Kind.SAMPLE, key) in summary.keys:
+            if (EntryKind.SAMPLE, key) in summary.keys:
                 summary.missed[key] = lost
     for place, lost in recording.report.gaps.items():
         summary.keys[place].lost = lost

@@ -12,7 +12,7 @@ import msgpack
 from mkdaemon.clock import Clock
 from mkdaemon.control.events import Event, Reply
 from mkdaemon.protocol.decoder import Layouts
-from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, Kind, Notice, TimeBase
+from mkdaemon.record.entry import HOLDER, SEQUENCES, STRANGER, Entry, EntryKind, Notice, TimeBase
 from mkdaemon.record.events import DERIVED, TICK, pack_event, suffix_of
 from mkdaemon.record.queue import EntryQueue
 from mkdaemon.stamp import Stamp
@@ -45,63 +45,65 @@ class Tap:
         self._clock = clock
         self._root = f"mk/{vehicle}/"
         self._base = base
-        self._sequences: dict[tuple[Kind, str], int] = {}
+        self._sequences: dict[tuple[EntryKind, str], int] = {}
         self._key = token_bytes(16)
 
     def sample(self, suffix: str, payload: bytes, encoding: str, stamp: Stamp | None) -> None:
         """Take a value that is published."""
-        self._take(Kind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
+        self._take(EntryKind.SAMPLE, suffix, payload, encoding, self._clock.now(), stamp)
 
     def setpoint(
         self, suffix: str, payload: bytes, encoding: str, signature: bytes, *, at: float, source: str, is_holder: bool
     ) -> None:
         """Take a setpoint that arrived; see `mkdaemon.bus.recording.BusRecorder`."""
         issuer = HOLDER if is_holder else STRANGER
-        self._take(Kind.SETPOINT, suffix, payload, encoding, at, issuer=issuer, attachment=signature, source=source)
+        self._take(
+            EntryKind.SETPOINT, suffix, payload, encoding, at, issuer=issuer, attachment=signature, source=source
+        )
 
     def setpoint_refused(self, suffix: str, token: str, reason: str) -> None:
         """Note that the last setpoint of a key was refused."""
-        sequence = self._sequences.get((Kind.SETPOINT, suffix), 0)
+        sequence = self._sequences.get((EntryKind.SETPOINT, suffix), 0)
         fields = {"key": suffix, "sequence": sequence, "token": token, "reason": reason}
         self.notice(Notice.SETPOINT_REFUSED, fields=fields)
 
     def query(self, suffix: str, payload: bytes, exchange: int, source: str) -> None:
         """Take a query that arrived."""
         hidden, at = hide_secrets(payload), self._clock.now()
-        self._take(Kind.QUERY, suffix, hidden, "application/msgpack", at, exchange=exchange, source=source)
+        self._take(EntryKind.QUERY, suffix, hidden, "application/msgpack", at, exchange=exchange, source=source)
 
     def reply(self, suffix: str, payload: bytes, encoding: str, exchange: int) -> None:
         """Take the answer to a query."""
         hidden = hide_secrets(payload)
-        self._take(Kind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
+        self._take(EntryKind.REPLY, suffix, hidden, encoding, self._clock.now(), exchange=exchange)
 
     def fed(self, event: Event, at: float, reply: Reply | None) -> None:
         """Take an event of the flight core and its answer; events that follow from bytes are left out."""
         if type(event) not in DERIVED:
             payload = pack_event(event, reply, self._key)
-            self._take(Kind.EVENT, suffix_of(event), payload, "application/msgpack", at)
+            self._take(EntryKind.EVENT, suffix_of(event), payload, "application/msgpack", at)
 
     def ticked(self, at: float, slept: float) -> None:
         """Take that the flight core decided."""
         payload = msgpack.packb({"slept": slept}) if slept else b""
-        self._take(Kind.EVENT, TICK, payload, "application/msgpack" if payload else "", at)
+        self._take(EntryKind.EVENT, TICK, payload, "application/msgpack" if payload else "", at)
 
     def port_read(self, data: bytes, at: float) -> None:
         """Take bytes that were read from the line."""
-        self._take(Kind.PORT_READ, PORT, data, "", at)
+        self._take(EntryKind.PORT_READ, PORT, data, "", at)
 
     def port_written(self, data: bytes, at: float, issuer: str) -> None:
         """Take bytes that were given to the line."""
-        self._take(Kind.PORT_WRITTEN, PORT, data, "", at, issuer=issuer)
+        self._take(EntryKind.PORT_WRITTEN, PORT, data, "", at, issuer=issuer)
 
     def port_opened(self, port: str, baud: int, at: float) -> None:
         """Note that the line was opened."""
         payload = msgpack.packb({"port": port, "baud": baud})
-        self._take(Kind.PORT_OPENED, PORT, payload, "application/msgpack", at)
+        self._take(EntryKind.PORT_OPENED, PORT, payload, "application/msgpack", at)
 
     def port_lost(self, reason: str, at: float) -> None:
         """Note that the line was lost or closed."""
-        self._take(Kind.PORT_LOST, PORT, msgpack.packb({"reason": reason}), "application/msgpack", at)
+        self._take(EntryKind.PORT_LOST, PORT, msgpack.packb({"reason": reason}), "application/msgpack", at)
 
     def layouts_changed(self, layouts: Layouts, at: float) -> None:
         """Note by which layouts frames are decoded from now on."""
@@ -134,23 +136,23 @@ class Tap:
             at: when the daemon had it [s; monotonic].
             size: what the image takes until then [bytes].
         """
-        sequence = self._count(Kind.IMAGE, suffix)
+        sequence = self._count(EntryKind.IMAGE, suffix)
 
         def entry() -> Entry | None:
             made = make()
             if made is None:
                 return None
-            return Entry(Kind.IMAGE, self._root + suffix, *made, at, stamp.wall, self._base, sequence, stamped_by)
+            return Entry(EntryKind.IMAGE, self._root + suffix, *made, at, stamp.wall, self._base, sequence, stamped_by)
 
         self._queue.defer(entry, size)
 
     def _put_notice(self, notice: Notice, payload: bytes, at: float | None = None) -> None:
         encoding = "application/msgpack" if payload else ""
-        self._take(Kind.NOTICE, notice.suffix, payload, encoding, self._clock.now() if at is None else at)
+        self._take(EntryKind.NOTICE, notice.suffix, payload, encoding, self._clock.now() if at is None else at)
 
     def _take(
         self,
-        kind: Kind,
+        kind: EntryKind,
         suffix: str,
         payload: bytes,
         encoding: str,
@@ -166,7 +168,7 @@ class Tap:
         first = (kind, self._root + suffix, payload, encoding, at, wall, self._base, sequence)
         self._queue.put(Entry(*first, issuer, exchange, attachment, source=source))
 
-    def _count(self, kind: Kind, suffix: str) -> int:
+    def _count(self, kind: EntryKind, suffix: str) -> int:
         sequence = self._sequences.get((kind, suffix), 0) + 1
         self._sequences[kind, suffix] = sequence % SEQUENCES
         return sequence

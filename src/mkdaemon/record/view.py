@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, EntryKind
 from mkdaemon.record.layout import ChannelFacts
 from mkdaemon.stamp import NANOSECONDS, nanoseconds
 
@@ -68,7 +68,7 @@ def _type_of(part: Mapping[str, Any]) -> str:
     return _TYPES.get(type(values[0]), "string") if values else "object"
 
 
-SHOWN: Final = frozenset({Kind.SAMPLE, Kind.SETPOINT, Kind.IMAGE})
+SHOWN: Final = frozenset({EntryKind.SAMPLE, EntryKind.SETPOINT, EntryKind.IMAGE})
 SchemaSource = Callable[[str], bytes | None]
 """Returns the JSON Schema of `<Name>.v<N>`; None where it is not known."""
 

@@ -104,7 +104,7 @@ REPEAT: Final = 10.0
 """Time between two copies of the session and of all channels in a file [s]."""
 
 
-class Output(Protocol):
+class ByteOutput(Protocol):
     """Takes what is written; a file, for example."""
 
     def write(self, data: bytes, /) -> object:
@@ -130,7 +130,7 @@ class RecordingWriter:
         pending: entries that were added and are not in the output yet.
     """
 
-    def __init__(self, output: Output, session: Session, view: View | None = None) -> None:
+    def __init__(self, output: ByteOutput, session: Session, view: View | None = None) -> None:
         """Begin a file.
 
         Args:

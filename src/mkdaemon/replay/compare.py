@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgpack
 
-from mkdaemon.record.entry import Entry, Kind
+from mkdaemon.record.entry import Entry, EntryKind
 from mkdaemon.record.events import TICK
 from mkdaemon.replay.recorded import Recorded
 from mkdaemon.replay.tolerances import WINDOW, admits, is_left_out
@@ -22,7 +22,7 @@ have been recorded any more."""
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class ReplayOutput:
     """Something that came out of the replay.
 
     Attributes:
@@ -33,7 +33,7 @@ class Output:
         at: when [s].
     """
 
-    kind: Kind
+    kind: EntryKind
     suffix: str
     payload: bytes
     encoding: str
@@ -41,7 +41,7 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ReplayDifference:
     """Two values that should be one.
 
     Attributes:
@@ -79,14 +79,14 @@ class KeyReport:
     missing: int = 0
     new: int = 0
     fields: dict[str, int] = field(default_factory=dict)
-    first: Difference | None = None
+    first: ReplayDifference | None = None
 
     @property
     def differences(self) -> int:
         """All of them."""
         return self.differing + self.missing + self.new
 
-    def note(self, difference: Difference) -> None:
+    def note(self, difference: ReplayDifference) -> None:
         """Keep the first one."""
         if self.first is None:
             self.first = difference
@@ -128,7 +128,9 @@ class _Value:
     payload: bytes
 
 
-def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset[str] = frozenset()) -> Comparison:
+def compare(
+    recorded: Recorded, outputs: Sequence[ReplayOutput], *, without: frozenset[str] = frozenset()
+) -> Comparison:
     """Compare what came out with what was recorded.
 
     Args:
@@ -138,7 +140,7 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     """
     began = recorded.start
     until = recorded.end - CUT
-    entries = (*recorded.of(Kind.SAMPLE), *recorded.of(Kind.EVENT))
+    entries = (*recorded.of(EntryKind.SAMPLE), *recorded.of(EntryKind.EVENT))
     before = _by_key((entry.received, entry) for entry in entries)
     after = _by_key((output.at, output) for output in outputs)
     keys: dict[str, KeyReport] = {}
@@ -151,12 +153,12 @@ def compare(recorded: Recorded, outputs: Sequence[Output], *, without: frozenset
     return Comparison(keys, left_out)
 
 
-def _by_key(values: Iterable[tuple[float, Entry | Output]]) -> dict[str, list[_Value]]:
+def _by_key(values: Iterable[tuple[float, Entry | ReplayOutput]]) -> dict[str, list[_Value]]:
     found: dict[str, list[_Value]] = {}
     for at, value in values:
         if value.suffix == TICK:
             continue
-        fields = _fields(value.payload) if value.kind is Kind.SAMPLE else None
+        fields = _fields(value.payload) if value.kind is EntryKind.SAMPLE else None
         name, mark = value.suffix, at
         if isinstance(fields, dict):
             stamp = fields.get("stamp")
@@ -178,12 +180,12 @@ def _compare_key(key: str, before: Sequence[_Value], after: Sequence[_Value], be
         elif lead < 0:
             if before[i].at < until:
                 report.missing += 1
-                report.note(Difference(before[i].at - began, "", _fields(before[i].payload), _ABSENT))
+                report.note(ReplayDifference(before[i].at - began, "", _fields(before[i].payload), _ABSENT))
             i += 1
         else:
             if after[j].at < until:
                 report.new += 1
-                report.note(Difference(after[j].at - began, "", _ABSENT, _fields(after[j].payload)))
+                report.note(ReplayDifference(after[j].at - began, "", _ABSENT, _fields(after[j].payload)))
             j += 1
     return report
 
@@ -206,7 +208,7 @@ def _compare_pair(report: KeyReport, before: _Value, after: _Value, began: float
     report.differing += 1
     for path, recorded, replayed in found:
         report.fields[path] = report.fields.get(path, 0) + 1
-        report.note(Difference(before.at - began, path, recorded, replayed))
+        report.note(ReplayDifference(before.at - began, path, recorded, replayed))
 
 
 def _differences(key: str, path: str, before: Any, after: Any) -> Iterator[tuple[str, Any, Any]]:

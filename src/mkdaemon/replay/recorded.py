@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from mkdaemon.config.root import Config
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.foreignfiles import parse_json
-from mkdaemon.record.entry import Entry, Kind, Notice, unpacked
+from mkdaemon.record.entry import Entry, EntryKind, Notice, unpacked
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import Recording
 
@@ -38,13 +38,13 @@ class Recorded:
     entries: Sequence[Entry]
     lost: int = 0
     damaged: int = 0
-    _by_kind: dict[Kind, list[Entry]] = field(default_factory=dict)
+    _by_kind: dict[EntryKind, list[Entry]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for entry in self.entries:
             self._by_kind.setdefault(entry.kind, []).append(entry)
 
-    def of(self, kind: Kind) -> Sequence[Entry]:
+    def of(self, kind: EntryKind) -> Sequence[Entry]:
         """The entries of a kind, in order."""
         return self._by_kind.get(kind, ())
 
@@ -104,11 +104,11 @@ class Recorded:
 
     def notices(self, notice: Notice) -> Iterator[Entry]:
         """The notices of one sort."""
-        return (entry for entry in self.of(Kind.NOTICE) if Notice.of(entry) is notice)
+        return (entry for entry in self.of(EntryKind.NOTICE) if Notice.of(entry) is notice)
 
     def first_epoch(self) -> int:
         """Epoch of the first lease; 0 without one."""
-        for entry in self.of(Kind.EVENT):
+        for entry in self.of(EntryKind.EVENT):
             epoch = part_of(entry, _epoch_of)
             if epoch is not None:
                 return epoch
@@ -117,7 +117,7 @@ class Recorded:
     def wall_offsets(self) -> list[tuple[float, float]]:
         """Unix time less monotonic time [s] as the recorded daemon knew it, each with the time from which on [s]."""
         found: list[tuple[float, float]] = []
-        for entry in self.of(Kind.SAMPLE):
+        for entry in self.of(EntryKind.SAMPLE):
             stamp = entry.carried_stamp
             if stamp is not None and stamp.boot == entry.base.boot:
                 offset = stamp.wall - stamp.monotonic
@@ -157,7 +157,7 @@ def read_recorded(paths: Sequence[Path]) -> Recorded:
     if not entries:
         msg = f"{paths[0]}: nothing was recorded; a daemon that flies writes one (docs/recording.md)"
         raise ConfigError(msg)
-    if not any(entry.kind is Kind.EVENT for entry in entries):
+    if not any(entry.kind is EntryKind.EVENT for entry in entries):
         msg = (
             f"{paths[0]}: recorded by {sessions[0][0].program}, which did not keep the flight core's events: it "
             "cannot be verified. `mkctl log play`, `mkctl log export`, `mkctl log` and the viewer show it as they did"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.config.root import Config
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.replay.compare import Comparison, KeyReport, compare
 from mkdaemon.replay.recorded import read_recorded
 from mkdaemon.replay.run import replay
@@ -88,7 +88,7 @@ def verify(paths: list[Path], cfg: Config | None = None) -> ReplayReport:
     if cfg is None and recorded.left_out:
         notes.append(f"left out of its configuration, as these keys are none today: {', '.join(recorded.left_out)}")
     without: frozenset[str] = frozenset()
-    if not replayed.has_eyes and any(entry.suffix.startswith(_SIGHT) for entry in recorded.of(Kind.SAMPLE)):
+    if not replayed.has_eyes and any(entry.suffix.startswith(_SIGHT) for entry in recorded.of(EntryKind.SAMPLE)):
         notes.append(
             "not every image was recorded: the recorded poses were flown with, vision/ and tf are not compared"
         )

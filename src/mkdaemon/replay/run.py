@@ -16,15 +16,15 @@ from pydantic import BaseModel
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.control.actions import Release, SendSticks
+from mkdaemon.control.actions import ReleaseAircraft, SendSticks
 from mkdaemon.daemon.deck import Deck
 from mkdaemon.link.session.traffic import Lost, Purpose, Received, Sent
 from mkdaemon.protocol.boards import Board, Direction
 from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import Dropped, DropReason, Frame, FrameDecoder
-from mkdaemon.record.entry import Entry, Kind, Notice
+from mkdaemon.record.entry import Entry, EntryKind, Notice
 from mkdaemon.record.events import CORE, TICK, pack_event, unpack_event
-from mkdaemon.replay.compare import Output
+from mkdaemon.replay.compare import ReplayOutput
 from mkdaemon.replay.recorded import Recorded, fields_of, part_of
 from mkdaemon.replay.sight import has_every_image, look_again
 
@@ -43,7 +43,7 @@ class Replayed:
         has_eyes: whether recorded images were looked at.
     """
 
-    outputs: Sequence[Output]
+    outputs: Sequence[ReplayOutput]
     has_eyes: bool
 
 
@@ -70,13 +70,13 @@ class _Outputs:
     """The bus of a replay: it keeps what is published."""
 
     def __init__(self) -> None:
-        self.kept: list[Output] = []
+        self.kept: list[ReplayOutput] = []
         self.at = 0.0
 
     def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
         """Keep a value."""
         encoding = encoding_of(schema or type(value))
-        self.kept.append(Output(Kind.SAMPLE, suffix, encode(value), encoding, self.at))
+        self.kept.append(ReplayOutput(EntryKind.SAMPLE, suffix, encode(value), encoding, self.at))
 
 
 class _Replay:
@@ -114,27 +114,27 @@ class _Replay:
     def _bring(self, entry: Entry, place: int) -> None:
         """Let something happen again."""
         match entry.kind:
-            case Kind.EVENT if entry.suffix == TICK:
+            case EntryKind.EVENT if entry.suffix == TICK:
                 self._tick(entry, place)
-            case Kind.EVENT:
+            case EntryKind.EVENT:
                 self._feed(entry)
-            case Kind.PORT_OPENED:
+            case EntryKind.PORT_OPENED:
                 self._bytes = FrameDecoder()
-            case Kind.PORT_READ:
+            case EntryKind.PORT_READ:
                 self._take(self._bytes.feed(entry.payload), entry.received)
-            case Kind.PORT_LOST:
+            case EntryKind.PORT_LOST:
                 self._take(self._bytes.flush(), entry.received)
-            case Kind.PORT_WRITTEN:
+            case EntryKind.PORT_WRITTEN:
                 self._deck.sink.sent(self._sent(entry))
-            case Kind.NOTICE if Notice.of(entry) is Notice.LAYOUTS:
+            case EntryKind.NOTICE if Notice.of(entry) is Notice.LAYOUTS:
                 self._messages = MessageDecoder(part_of(entry, _layouts_of))
-            case Kind.SAMPLE if entry.suffix == "raw/tx" and fields_of(entry).get("dropped"):
+            case EntryKind.SAMPLE if entry.suffix == "raw/tx" and fields_of(entry).get("dropped"):
                 at, reason, raw = part_of(
                     entry,
                     lambda one: (float(one["stamp"]["monotonic"]), DropReason(one["dropped"]), bytes(one["raw"])),
                 )
                 self._deck.sink.dropped(Lost(at, Direction.TO_BOARD, reason, raw))
-            case Kind.SAMPLE if entry.suffix == _PREFLIGHT:
+            case EntryKind.SAMPLE if entry.suffix == _PREFLIGHT:
                 self._deck.publish_preflight(part_of(entry, lambda fields: float(fields["stamp"]["monotonic"])))
             case _:
                 pass
@@ -162,7 +162,7 @@ class _Replay:
         event = unpack_event(entry.suffix, entry.payload)
         reply = self._deck.core.feed(event, entry.received)
         payload = pack_event(event, reply)
-        self._bus.kept.append(Output(Kind.EVENT, entry.suffix, payload, entry.encoding, entry.received))
+        self._bus.kept.append(ReplayOutput(EntryKind.EVENT, entry.suffix, payload, entry.encoding, entry.received))
 
     def _tick(self, entry: Entry, place: int) -> None:
         """Let the core decide, and publish what it wants."""
@@ -173,7 +173,7 @@ class _Replay:
                     number = self._number(place)
                     if number is not None:
                         self._deck.publish_output(action, number, now)
-                case Release():
+                case ReleaseAircraft():
                     pass  # the line did it then; `Released` comes
                 case _:
                     self._deck.publish(action, now)
@@ -183,7 +183,7 @@ class _Replay:
         entries = self._recorded.entries
         for later in range(place + 1, len(entries)):
             entry = entries[later]
-            if entry.kind is Kind.EVENT and entry.suffix == TICK:
+            if entry.kind is EntryKind.EVENT and entry.suffix == TICK:
                 break
             if entry.suffix == _REFUSED:
                 return None

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
-from mkdaemon.record.entry import Entry, Kind, Notice
+from mkdaemon.record.entry import Entry, EntryKind, Notice
 from mkdaemon.replay.recorded import Recorded, fields_of, value_of
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.state import Attitude
@@ -28,10 +28,10 @@ def has_every_image(recorded: Recorded, cfg: Config) -> bool:
     """Whether every image that was looked at is in the recording: a tracker follows from image to image."""
     looked = {
         entry.suffix: fields_of(entry)["processed"]
-        for entry in recorded.of(Kind.SAMPLE)
+        for entry in recorded.of(EntryKind.SAMPLE)
         if entry.suffix.startswith("vision/") and entry.suffix.endswith("/stats")
     }
-    return bool(cfg.cameras) and len(recorded.of(Kind.IMAGE)) >= max(sum(looked.values()), 1)
+    return bool(cfg.cameras) and len(recorded.of(EntryKind.IMAGE)) >= max(sum(looked.values()), 1)
 
 
 def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[float, str, Telemetry]]:
@@ -51,7 +51,7 @@ def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[
     from mkdaemon.vision.pipeline import CameraPipeline, camera_frame
     from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 
-    samples = [entry for entry in recorded.of(Kind.SAMPLE) if entry.suffix in {"state/attitude", "tf"}]
+    samples = [entry for entry in recorded.of(EntryKind.SAMPLE) if entry.suffix in {"state/attitude", "tf"}]
     values = [value_of(entry, Attitude) for entry in samples if entry.suffix == "state/attitude"]
     attitudes = [AttitudeSample(value.stamp.monotonic, value.roll, value.pitch, value.yaw) for value in values]
     times = [sample.time for sample in attitudes]
@@ -61,11 +61,11 @@ def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[
     }
     seen_at = {
         (entry.suffix.split("/")[1], fields_of(entry).get("sequence")): entry.received
-        for entry in recorded.of(Kind.SAMPLE)
+        for entry in recorded.of(EntryKind.SAMPLE)
         if entry.suffix.startswith("vision/") and not entry.suffix.endswith(("/stats", "/image"))
     }
     pipelines = {camera.name: CameraPipeline(camera, cfg.vision, clock) for camera in cfg.cameras}
-    for image in filter(None, map(_image, recorded.of(Kind.IMAGE))):
+    for image in filter(None, map(_image, recorded.of(EntryKind.IMAGE))):
         until = known_until.get((image.camera, image.sequence))
         known = 0 if until is None else bisect_right(times, until)
         history = AttitudeHistory(attitudes[max(known - ATTITUDES, 0) : known])

@@ -47,7 +47,7 @@ Tolerance = Within | NotCompared
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class ToleranceRule:
     """One row.
 
     Attributes:
@@ -85,42 +85,44 @@ _EYES: Final = Within(5e-4, 1e-3)
 claims, and sums in the order of the processor's vector unit, so another processor can stop one step sooner. Seen
 between two processors, of poses that claim 13 mm and 5 mrad: .2 mm, .05 mrad."""
 
-RULES: Final[tuple[Rule, ...]] = (
-    Rule(
+RULES: Final[tuple[ToleranceRule, ...]] = (
+    ToleranceRule(
         "link/*",
         "*",
         _OUT,
         "of the line, at its own times; the flight core gets the recorded verdicts",
     ),
-    Rule("health", "*", _OUT, "follows from the line's verdict"),
-    Rule("event/command:do/*", "*", _OUT, "requests are answered by tasks that wait for the line"),
-    Rule("event/command:cmd/*", "*", _OUT, "as above"),
-    Rule("event/progress", "*", _OUT, "procedures wait for the line"),
-    Rule("event/mission", "*", _OUT, "as above"),
-    Rule("event/failsafe:guard *", "*", _OUT, "of the guard's process"),
-    Rule("event/failsafe:late release", "*", _OUT, "a task that waits for the line"),
-    Rule("event/log", "*", _OUT, "tells of endpoints, files and other programs of the recorded machine"),
-    Rule("event/clock", "*", _OUT, "the system clock of the recorded machine"),
-    Rule("event/mark", "*", _OUT, "people set marks; they come from outside and nothing follows from them"),
-    Rule("record/status", "*", _OUT, "of the recorder and its disk"),
-    Rule("bus/counts", "*", _OUT, "of the bus, which a replay has not"),
-    Rule("vision/*/stats", "*", _OUT, "rates, latencies and counts of camera threads: load of the machine"),
-    Rule("vision/*/setup", "*", _OUT, "from the files of the recorded machine"),
-    Rule("control/fence", "*", _OUT, "from the configuration, by a timer"),
-    Rule("vision/*/image", "*", _OUT, "a picture for viewing, coded by another release of a library"),
-    Rule("*", "*stamp.wall", Within(_SLEW), "the system clock was read at other moments and is slewed meanwhile"),
-    Rule("*", "*since.wall", Within(_SLEW), "as above, of the moment a condition began"),
-    Rule("*", "*.boot", _OUT, "names the boot of the machine"),
-    Rule("*", "*.synchronised", _OUT, "whether the machine's clock followed a time server"),
-    Rule("vision/*/pose", "latency", _OUT, "load of the machine"),
-    Rule("*", "*stamp.monotonic", _TIME, "nanoseconds, as a float"),
-    Rule("*", "*since.monotonic", _TIME, "as above"),
-    Rule("vision/*/pose", "covariance.*", Within(1e-5, 0.02), "as below; seen: .7 % of a value"),
-    Rule("vision/*", "*", _EYES, "follows from an image: another processor or library"),
-    Rule("tf", "*", _EYES, "as above"),
-    Rule("control/estimate", "*", _ESTIMATE, "sums of a filter, in another order"),
-    Rule("control/error", "*", _ESTIMATE, "as above"),
-    Rule("*", "*", _FLOAT, "sines, roots and sums of another processor or library"),
+    ToleranceRule("health", "*", _OUT, "follows from the line's verdict"),
+    ToleranceRule("event/command:do/*", "*", _OUT, "requests are answered by tasks that wait for the line"),
+    ToleranceRule("event/command:cmd/*", "*", _OUT, "as above"),
+    ToleranceRule("event/progress", "*", _OUT, "procedures wait for the line"),
+    ToleranceRule("event/mission", "*", _OUT, "as above"),
+    ToleranceRule("event/failsafe:guard *", "*", _OUT, "of the guard's process"),
+    ToleranceRule("event/failsafe:late release", "*", _OUT, "a task that waits for the line"),
+    ToleranceRule("event/log", "*", _OUT, "tells of endpoints, files and other programs of the recorded machine"),
+    ToleranceRule("event/clock", "*", _OUT, "the system clock of the recorded machine"),
+    ToleranceRule("event/mark", "*", _OUT, "people set marks; they come from outside and nothing follows from them"),
+    ToleranceRule("record/status", "*", _OUT, "of the recorder and its disk"),
+    ToleranceRule("bus/counts", "*", _OUT, "of the bus, which a replay has not"),
+    ToleranceRule("vision/*/stats", "*", _OUT, "rates, latencies and counts of camera threads: load of the machine"),
+    ToleranceRule("vision/*/setup", "*", _OUT, "from the files of the recorded machine"),
+    ToleranceRule("control/fence", "*", _OUT, "from the configuration, by a timer"),
+    ToleranceRule("vision/*/image", "*", _OUT, "a picture for viewing, coded by another release of a library"),
+    ToleranceRule(
+        "*", "*stamp.wall", Within(_SLEW), "the system clock was read at other moments and is slewed meanwhile"
+    ),
+    ToleranceRule("*", "*since.wall", Within(_SLEW), "as above, of the moment a condition began"),
+    ToleranceRule("*", "*.boot", _OUT, "names the boot of the machine"),
+    ToleranceRule("*", "*.synchronised", _OUT, "whether the machine's clock followed a time server"),
+    ToleranceRule("vision/*/pose", "latency", _OUT, "load of the machine"),
+    ToleranceRule("*", "*stamp.monotonic", _TIME, "nanoseconds, as a float"),
+    ToleranceRule("*", "*since.monotonic", _TIME, "as above"),
+    ToleranceRule("vision/*/pose", "covariance.*", Within(1e-5, 0.02), "as below; seen: .7 % of a value"),
+    ToleranceRule("vision/*", "*", _EYES, "follows from an image: another processor or library"),
+    ToleranceRule("tf", "*", _EYES, "as above"),
+    ToleranceRule("control/estimate", "*", _ESTIMATE, "sums of a filter, in another order"),
+    ToleranceRule("control/error", "*", _ESTIMATE, "as above"),
+    ToleranceRule("*", "*", _FLOAT, "sines, roots and sums of another processor or library"),
 )
 
 WINDOW: Final = 0.02
@@ -129,7 +131,7 @@ tolerance: the stamps of the two are compared then."""
 
 
 @cache
-def rule_for(key: str, field: str) -> Rule:
+def rule_for(key: str, field: str) -> ToleranceRule:
     """The rule of a field."""
     return next(rule for rule in RULES if fnmatchcase(key, rule.key) and fnmatchcase(field, rule.field))
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Any, Final, Self
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.sentences import Words
+from mkdaemon.telemetry.sentences import KnownWords
 from mkdaemon.telemetry.status import Status
 
 
@@ -579,5 +579,5 @@ TOKENS: Final[Mapping[str, Token]] = {token.value: token for token in Token}
 
 def refuse(token: Token, **words: Any) -> CommandRejectedError:
     """Make the refusal `token`, its reason and fix filled in with `words`."""
-    filled = Words(words)
+    filled = KnownWords(words)
     return CommandRejectedError(token, token.reason.format_map(filled), token.fix.format_map(filled))

@@ -12,7 +12,7 @@ class _Missing(str):
         return f"({self!s})"
 
 
-class Words(dict[str, Any]):
+class KnownWords(dict[str, Any]):
     """Words for `str.format_map`; one that was not given stands in brackets under its own name."""
 
     def __missing__(self, key: str) -> str:

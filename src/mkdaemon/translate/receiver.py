@@ -8,7 +8,7 @@ from typing import Final
 from mkdaemon.protocol.errorcodes import ErrorCode
 
 
-class Reception(Enum):
+class ReceiverReception(Enum):
     """What the receiver is known to do."""
 
     LIVE = auto()
@@ -20,9 +20,9 @@ class Reception(Enum):
 
 
 _MEANS: Final = {
-    ErrorCode.NO_GPS: Reception.SILENT,
-    ErrorCode.GPS_LOST: Reception.SILENT,
-    ErrorCode.NO_GPS_FIX: Reception.NO_FIX,
+    ErrorCode.NO_GPS: ReceiverReception.SILENT,
+    ErrorCode.GPS_LOST: ReceiverReception.SILENT,
+    ErrorCode.NO_GPS_FIX: ReceiverReception.NO_FIX,
 }
 _HIDES: Final = frozenset(
     {
@@ -45,18 +45,18 @@ class ReceiverWatch:
 
     def __init__(self) -> None:
         """Until an error says otherwise it delivers."""
-        self.reception = Reception.LIVE
+        self.reception = ReceiverReception.LIVE
 
     def look(self, code: ErrorCode) -> None:
         """Take the code of a frame; call it before anything else of that frame is used."""
         if code not in _HIDES:
-            self.reception = _MEANS.get(code, Reception.LIVE)
+            self.reception = _MEANS.get(code, ReceiverReception.LIVE)
 
     @property
     def has_position(self) -> bool:
         """Whether position and speed are of now."""
-        return self.reception is Reception.LIVE
+        return self.reception is ReceiverReception.LIVE
 
     def satellites(self, shown: int) -> int | None:
         """How many satellites the receiver uses; None while it says nothing."""
-        return None if self.reception is Reception.SILENT else shown
+        return None if self.reception is ReceiverReception.SILENT else shown

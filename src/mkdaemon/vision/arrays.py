@@ -16,7 +16,7 @@ Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class UnknownsEstimate:
     """Estimate of some unknowns.
 
     Attributes:

@@ -218,7 +218,7 @@ class PhotoLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class VisionLimits:
     """All of them."""
 
     search: SearchLimits = field(default_factory=SearchLimits)
@@ -234,4 +234,4 @@ class Limits:
     health: HealthLimits = field(default_factory=HealthLimits)
 
 
-LIMITS: Final = Limits()
+LIMITS: Final = VisionLimits()

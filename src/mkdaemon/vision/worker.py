@@ -20,7 +20,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.vision import AttitudeLoss, EyeState
 from mkdaemon.vision.camera.camera import CameraStream
-from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Source
+from mkdaemon.vision.camera.image import CameraImage, ImageSource, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.pipeline import CameraPipeline
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
@@ -83,7 +83,7 @@ class VisionWorker:
         loop: asyncio.AbstractEventLoop,
         clock: Clock,
         *,
-        open_source: Callable[[CameraSection], Source] = source_of,
+        open_source: Callable[[CameraSection], ImageSource] = source_of,
         record: Callable[[CameraImage, AttitudeHistory], None] = lambda image, attitude: None,
     ) -> None:
         _require_names(cameras)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from mksim.faults import Faults
+from mksim.faults import RunningFaults
 from mksim.physics.attitude_loop import AttitudeGains
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 from mksim.physics.world import StickInput
 
 
@@ -23,7 +23,7 @@ class Readings(Protocol):
     compass_deg: float
     baro_height: float
     vertical_speed: float
-    gps: GpsFix
+    gps: GpsReport
     battery_voltage: float
     battery_current: float
     battery_used_mah: float
@@ -31,7 +31,7 @@ class Readings(Protocol):
 
 
 class Transmitter(Protocol):
-    """The pilot's channels on the firmware's axes; attributes as `mksim.physics.pilot.Pilot` documents them."""
+    """The pilot's channels on the firmware's axes; attributes as of `mksim.physics.pilot.SimulatedPilot`."""
 
     pitch: int
     roll: int
@@ -48,11 +48,11 @@ class Transmitter(Protocol):
         """Reception, 0..200."""
 
 
-class Aircraft(Protocol):
+class SimulatedAircraft(Protocol):
     """Everything under the boards: airframe, sensors, receiver, faults."""
 
     now: float
-    faults: Faults
+    faults: RunningFaults
 
     @property
     def sensors(self) -> Readings:

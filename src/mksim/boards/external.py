@@ -12,7 +12,7 @@ from typing import Final
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.messages import ControlStateV1, ControlStateV2, ControlStateV3
 from mksim.boards.aircraft import Transmitter
-from mksim.boards.generations import SLOW_TICK, FcGeneration
+from mksim.boards.generations import SLOW_TICK, FcFirmware
 from mksim.config import GasLaw
 
 FULL: Final = 127
@@ -22,7 +22,7 @@ RC_LOST: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Sticks:
+class ExternalSticks:
     """Channels on the firmware's axes [count]: `roll` positive to the LEFT, `yaw` positive to the left."""
 
     pitch: float
@@ -31,7 +31,7 @@ class Sticks:
     throttle: float
 
     @classmethod
-    def from_receiver(cls, transmitter: Transmitter) -> Sticks:
+    def from_receiver(cls, transmitter: Transmitter) -> ExternalSticks:
         """Take the pilot's sticks."""
         return cls(transmitter.pitch, transmitter.roll, transmitter.yaw, transmitter.gas)
 
@@ -49,7 +49,7 @@ class ExternalControl:
         expired: how often the dead-man cleared a valid control.
     """
 
-    def __init__(self, generation: FcGeneration, gas_law: GasLaw) -> None:
+    def __init__(self, generation: FcFirmware, gas_law: GasLaw) -> None:
         self._generation = generation
         self._gas_law = gas_law
         self._ticks = 0
@@ -119,21 +119,21 @@ class ExternalControl:
             and bool(self.held.config & ControlConfig.IGNORE_RC_LOST)
         )
 
-    def mix(self, receiver: Sticks) -> Sticks:
+    def mix(self, receiver: ExternalSticks) -> ExternalSticks:
         """Add what is held to the receiver's sticks; the caller has checked gate and reception."""
         held = self.held
         if isinstance(held, ControlStateV1):
             return self._mix_old(receiver, held)
         if isinstance(held, ControlStateV3) and held.config & ControlConfig.IGNORE_RC_STICKS:
-            receiver = Sticks(0.0, 0.0, 0.0, float(FULL))
-        return Sticks(
+            receiver = ExternalSticks(0.0, 0.0, 0.0, float(FULL))
+        return ExternalSticks(
             _clip(receiver.pitch + held.pitch),
             _clip(receiver.roll + held.roll),
             _clip(receiver.yaw + held.yaw),
             _clip(self._gas(receiver.throttle, held.throttle, held.config)),
         )
 
-    def _mix_old(self, receiver: Sticks, held: ControlStateV1) -> Sticks:
+    def _mix_old(self, receiver: ExternalSticks, held: ControlStateV1) -> ExternalSticks:
         """The eleven-byte form: no clipping, yaw of the opposite sign, throttle on the receiver's scale plus 127."""
         throttle: float = held.throttle - FULL
         if self._gas_law is GasLaw.STOCK:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
-from mksim.boards.aircraft import Aircraft, Transmitter
-from mksim.boards.external import FULL, RC_LOST, ExternalControl, Sticks
-from mksim.boards.generations import SLOW_TICK, FcGeneration
+from mksim.boards.aircraft import SimulatedAircraft, Transmitter
+from mksim.boards.external import FULL, RC_LOST, ExternalControl, ExternalSticks
+from mksim.boards.generations import SLOW_TICK, FcFirmware
 from mksim.boards.gestures import Gesture, GestureReader, chosen_set
 from mksim.boards.parameters import Parameters
 from mksim.physics.motors import GasChain
@@ -53,7 +53,7 @@ def read_potis(pilot: Transmitter) -> tuple[int, ...]:
     return (pilot.gate, *(pilot.switches.get(number, 0) for number in range(2, POTIS + 1)))
 
 
-class FlightCore:
+class SimulatedFlight:
     """The flying part of the board.
 
     Attributes:
@@ -70,7 +70,7 @@ class FlightCore:
     """
 
     def __init__(
-        self, generation: FcGeneration, external: ExternalControl, aircraft: Aircraft, *, calibrated: bool
+        self, generation: FcFirmware, external: ExternalControl, aircraft: SimulatedAircraft, *, calibrated: bool
     ) -> None:
         self._generation = generation
         self._external = external
@@ -81,7 +81,7 @@ class FlightCore:
         self._next_at = 0.0
         self._frames = 0
         self.cells = 1 + int(aircraft.sensors.battery_voltage / _CELL_FULL)
-        self.mixed = self.receiver = Sticks(0.0, 0.0, 0.0, -FULL)
+        self.mixed = self.receiver = ExternalSticks(0.0, 0.0, 0.0, -FULL)
         self.quality = 0
         self.potis: tuple[int, ...] = (0,) * POTIS
         self.running = self.flying = self.emergency = False
@@ -104,7 +104,7 @@ class FlightCore:
             self._next_at += period
         if quality > 0:
             self.quality = min(quality, self.quality + 2 * _QUALITY_STEP)
-            self.receiver = Sticks.from_receiver(pilot)
+            self.receiver = ExternalSticks.from_receiver(pilot)
             self.potis = read_potis(pilot)
         self._frames += 1
         self._mix(parameters)

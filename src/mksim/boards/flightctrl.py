@@ -28,7 +28,7 @@ from mkdaemon.protocol.messages import (
     SettingsSelected,
     SettingsWritten,
 )
-from mksim.boards.aircraft import Aircraft
+from mksim.boards.aircraft import SimulatedAircraft
 from mksim.boards.eeprom import BL_SIZE, MIXER_REVISION, MIXER_SIZE
 from mksim.boards.flightctrl_replies import press_keys, start_next_frame
 from mksim.boards.flightctrl_state import BL_READ, BL_WRITE, FcBoard
@@ -41,7 +41,7 @@ from mksim.boards.generations import (
     SERIAL_PASSES,
     SHORT_PASS,
     SLOW_TICK,
-    FcGeneration,
+    FcFirmware,
 )
 from mksim.boards.gestures import Gesture
 from mksim.boards.parameters import SETS, clamp_written, parameter_size
@@ -349,8 +349,8 @@ class FlightCtrl(FcBoard):
 
     def __init__(
         self,
-        generation: FcGeneration,
-        aircraft: Aircraft,
+        generation: FcFirmware,
+        aircraft: SimulatedAircraft,
         *,
         seed: int,
         gas_law: GasLaw = GasLaw.STOCK,

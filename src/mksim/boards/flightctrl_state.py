@@ -15,12 +15,12 @@ from typing import Final
 from mkdaemon.protocol.flags import MotorControllerStatus
 from mkdaemon.protocol.messages import MotorController, MotorControllerWritten, MotorTestDone
 from mkdaemon.protocol.wire import Board, WireMessage
-from mksim.boards.aircraft import Aircraft
+from mksim.boards.aircraft import SimulatedAircraft
 from mksim.boards.display import MenuPages
 from mksim.boards.eeprom import BL_SIZE, MOTORS, Eeprom, bl_checksum
 from mksim.boards.external import ExternalControl
-from mksim.boards.flight import FlightCore
-from mksim.boards.generations import FC_MS, SHORT_PASS, FcGeneration
+from mksim.boards.flight import SimulatedFlight
+from mksim.boards.generations import FC_MS, SHORT_PASS, FcFirmware
 from mksim.boards.line import FC_CHAR, BoardPort
 from mksim.boards.parameters import Parameters
 from mksim.boards.reception import FcReceiver
@@ -31,7 +31,7 @@ SUBSCRIPTION_TIME: Final = 4000 * 1.025e-3
 
 
 @dataclass(slots=True)
-class Stream:
+class StartedStream:
     """A subscription."""
 
     interval: int = 0
@@ -63,9 +63,9 @@ class FcRequests:
     display: bool = False
     menu: int | None = None
     receiver: bool = False
-    debug_stream: Stream = field(default_factory=Stream)
-    attitude_stream: Stream = field(default_factory=Stream)
-    display_stream: Stream = field(default_factory=Stream)
+    debug_stream: StartedStream = field(default_factory=StartedStream)
+    attitude_stream: StartedStream = field(default_factory=StartedStream)
+    display_stream: StartedStream = field(default_factory=StartedStream)
     expire_at: float = 0.0
 
     def renew(self, now: float) -> None:
@@ -192,8 +192,8 @@ class FcBoard(BoardPort):
 
     def __init__(
         self,
-        generation: FcGeneration,
-        aircraft: Aircraft,
+        generation: FcFirmware,
+        aircraft: SimulatedAircraft,
         *,
         gas_law: GasLaw = GasLaw.STOCK,
         eeprom: Path | None = None,
@@ -232,7 +232,7 @@ class FcBoard(BoardPort):
 
     def reset_state(self, *, calibrated: bool) -> None:
         """Set what a reset loses to its first value."""
-        self.core = FlightCore(self.generation, self.external, self.aircraft, calibrated=calibrated)
+        self.core = SimulatedFlight(self.generation, self.external, self.aircraft, calibrated=calibrated)
         self.rx = FcReceiver(self.generation.buffer)
         self.requests = FcRequests(compass_at=self.now)
         self.collected = self._collecting = (0.0, 0.0)

@@ -40,7 +40,7 @@ SLOW_TICK: Final = 20 * 1.0248e-3
 
 
 @dataclass(frozen=True, slots=True)
-class DeadMan:
+class StickHold:
     """How long a FlightCtrl holds the last sticks.
 
     Attributes:
@@ -61,7 +61,7 @@ NcWord = Literal["0.24", "2.14"]
 
 
 @dataclass(frozen=True, slots=True)
-class FcGeneration:
+class FcFirmware:
     """One FlightCtrl release.
 
     Attributes:
@@ -93,7 +93,7 @@ class FcGeneration:
     control: type[ControlStateV1 | ControlStateV2 | ControlStateV3]
     buffer: int
     longest_control: int | None
-    dead_man: DeadMan
+    dead_man: StickHold
     gestures_mixed: bool
     stick_filter: bool
     answers_mixer: bool
@@ -112,7 +112,7 @@ class FcGeneration:
 
 
 @dataclass(frozen=True, slots=True)
-class NcGeneration:
+class NcFirmware:
     """One NaviCtrl release.
 
     Attributes:
@@ -153,7 +153,7 @@ class NcGeneration:
     home_at_first_fix: bool
 
 
-_EARLY: Final = FcGeneration(
+_EARLY: Final = FcFirmware(
     word="early",
     release=(0, 71, 5),
     revision=73,
@@ -162,7 +162,7 @@ _EARLY: Final = FcGeneration(
     control=ControlStateV1,
     buffer=175,
     longest_control=None,
-    dead_man=DeadMan(25, frozenset()),
+    dead_man=StickHold(25, frozenset()),
     gestures_mixed=False,
     stick_filter=False,
     answers_mixer=False,
@@ -180,7 +180,7 @@ _2_08: Final = replace(
     revision=103,
     version=VersionFc200,
     buffer=220,
-    dead_man=DeadMan(257, frozenset("abdhlpt")),
+    dead_man=StickHold(257, frozenset("abdhlpt")),
     answers_mixer=True,
     channels=35,
     menu_pages=19,
@@ -197,7 +197,7 @@ _2_12A: Final = replace(
     attitude=AttitudeDataFc210,
     control=ControlStateV2,
     longest_control=20,
-    dead_man=DeadMan(100, frozenset("b")),
+    dead_man=StickHold(100, frozenset("b")),
     gestures_mixed=True,
     stick_filter=True,
     packet_ticks=0,
@@ -208,10 +208,10 @@ _2_14: Final = replace(_2_12A, word="2.14", release=(2, 14, 0), revision=108, co
 FC_GENERATIONS: Final = {generation.word: generation for generation in (_EARLY, _2_08, _2_12A, _2_14)}
 """The FlightCtrl releases that can be simulated, by the configuration's word."""
 
-NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
+NC_GENERATIONS: Final[dict[NcWord, NcFirmware]] = {
     generation.word: generation
     for generation in (
-        NcGeneration(
+        NcFirmware(
             word="0.24",
             release=(0, 24, 1),
             attitude=AttitudeDataNc,
@@ -229,7 +229,7 @@ NC_GENERATIONS: Final[dict[NcWord, NcGeneration]] = {
             distance_wraps=True,
             home_at_first_fix=True,
         ),
-        NcGeneration(
+        NcFirmware(
             word="2.14",
             release=(2, 14, 0),
             attitude=AttitudeDataNcSticks,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Final
 
-from mksim.boards.external import Sticks
+from mksim.boards.external import ExternalSticks
 
 CALIBRATE_TIME: Final = 0.7
 MOTOR: Final = 1.0
@@ -28,7 +28,7 @@ class Gesture(StrEnum):
     STOP = "stop"
 
 
-def _corner(sticks: Sticks, *, plain: bool) -> Gesture | None:
+def _corner(sticks: ExternalSticks, *, plain: bool) -> Gesture | None:
     """The gesture these sticks hold; `plain` where no pitch and roll corner is wanted."""
     if sticks.throttle > _TOP and sticks.yaw > _SIDE:
         return Gesture.CALIBRATE
@@ -39,7 +39,7 @@ def _corner(sticks: Sticks, *, plain: bool) -> Gesture | None:
     return Gesture.STOP if sticks.yaw > _SIDE else None
 
 
-def chosen_set(sticks: Sticks) -> int | None:
+def chosen_set(sticks: ExternalSticks) -> int | None:
     """Parameter set chosen while calibrating: left 1, left forward 2, forward 3, right forward 4, right 5."""
     left, right, forward = sticks.roll > _CHOICE, sticks.roll < -_CHOICE, sticks.pitch > _CHOICE
     if left:
@@ -59,7 +59,7 @@ class GestureReader:
         self._since = 0.0
         self._done = False
 
-    def read(self, sticks: Sticks, now: float, *, plain: bool) -> Gesture | None:
+    def read(self, sticks: ExternalSticks, now: float, *, plain: bool) -> Gesture | None:
         """Look at the sticks of one receiver frame; return a gesture when it has been held long enough."""
         held = _corner(sticks, plain=plain)
         if held is not self._held:

@@ -17,7 +17,7 @@ from typing import Final
 from mkdaemon.protocol.flags import FlightStatus, PointType, PositionStatus
 from mkdaemon.protocol.messages import WriteWaypoint024
 from mksim.boards.flightctrl import FlightCtrl
-from mksim.boards.generations import NcGeneration
+from mksim.boards.generations import NcFirmware
 from mksim.boards.line import HOST_CHAR
 from mksim.boards.navictrl_replies import build
 from mksim.boards.navictrl_state import LOOP, NEVER, STOPS_SERVOS, TICK_TIME, TO_FLIGHTCTRL, TO_GPS, NaviStream, NcBoard
@@ -200,7 +200,7 @@ ORDER: Final = "BJZWXAODCKHLTVE"
 class NaviCtrl(NcBoard):
     """One NaviCtrl with its FlightCtrl."""
 
-    def __init__(self, generation: NcGeneration, flight: FlightCtrl, *, seed: int, loop_time: float = LOOP) -> None:
+    def __init__(self, generation: NcFirmware, flight: FlightCtrl, *, seed: int, loop_time: float = LOOP) -> None:
         """Power it up.
 
         Args:

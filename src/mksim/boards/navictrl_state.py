@@ -13,7 +13,7 @@ from typing import Final
 
 from mksim.boards.display import MenuPages
 from mksim.boards.flightctrl import FlightCtrl
-from mksim.boards.generations import NcGeneration
+from mksim.boards.generations import NcFirmware
 from mksim.boards.line import HOST_CHAR, BoardPort, Outbound
 from mksim.boards.navigator import Navigator
 from mksim.boards.reception import HardwareFifo, NcReceiver
@@ -155,7 +155,7 @@ class NcBoard(BoardPort):
         next_control: next turn of the control loop [s].
     """
 
-    def __init__(self, generation: NcGeneration, flight: FlightCtrl, *, seed: int, loop_time: float = LOOP) -> None:
+    def __init__(self, generation: NcFirmware, flight: FlightCtrl, *, seed: int, loop_time: float = LOOP) -> None:
         super().__init__(HOST_CHAR)
         self.generation = generation
         self.flight = flight

@@ -14,9 +14,9 @@ from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, NaviStatus, PositionStatus
 from mksim.boards.external import RC_LOST
 from mksim.boards.flightctrl_state import FcBoard
-from mksim.boards.generations import NcGeneration
+from mksim.boards.generations import NcFirmware
 from mksim.boards.waypoints import PointList, distance_and_bearing
-from mksim.physics.sensors import GpsFix
+from mksim.physics.sensors import GpsReport
 
 CONTROL_PERIOD: Final = 0.02
 LINK_LOST: Final = 5.5
@@ -41,7 +41,7 @@ _USUAL_RADIUS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class WireTarget:
     """Where the aircraft flies to or flew to last: longitude, latitude [1e-7 deg], altitude as the wire has it."""
 
     place: tuple[int, int]
@@ -63,14 +63,14 @@ class Navigator:
         is_overridden: the pilot moves pitch or roll.
     """
 
-    def __init__(self, generation: NcGeneration, flight: FcBoard, now: float) -> None:
+    def __init__(self, generation: NcFirmware, flight: FcBoard, now: float) -> None:
         """Begin without a fix, a home or a route."""
         self.flight = flight
         self._generation = generation
         self.points = PointList(generation.list_size, ends_at_home=generation.ends_at_home)
         self.home = (0, 0)
         self.home_altitude = 0
-        self.target: Target | None = None
+        self.target: WireTarget | None = None
         self.deviation = (0.0, 0.0)
         self.camera_servos_on = True
         self.prints = b""
@@ -81,7 +81,7 @@ class Navigator:
         self._next_link_check = now + LINK_CHECK_PERIOD
         self._now = self._spi_at = now
         self._servos_wait = 0
-        self._fix: GpsFix | None = None
+        self._fix: GpsReport | None = None
         self._fc_flags = FlightStatus(0)
         self._fc_flags_2 = FlightStatus2(0)
         self._flew = 0.0
@@ -187,16 +187,16 @@ class Navigator:
         """Take the waypoint, or home where there is none, as the target."""
         point = self.points.target
         if point is not None:
-            self.target = Target((point.longitude, point.latitude), point.altitude)
+            self.target = WireTarget((point.longitude, point.latitude), point.altitude)
         elif self.home != (0, 0):
-            self.target = Target(self.home, self.home_altitude)
+            self.target = WireTarget(self.home, self.home_altitude)
 
     @property
     def _place(self) -> tuple[int, int]:
         return self.fix.longitude_1e7, self.fix.latitude_1e7
 
     @property
-    def fix(self) -> GpsFix:
+    def fix(self) -> GpsReport:
         """The position as the board shows it: 0.24 goes on with the last one when the GPS receiver is silent."""
         gps = self.flight.aircraft.sensors.gps
         if gps.has_fix or self._fix is None or self._generation.no_fix_status is not None:

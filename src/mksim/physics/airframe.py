@@ -25,7 +25,7 @@ _MAX_RATE: Final = 35.0
 """Bound on body rates [rad/s] (2000 deg/s, where any gyro of the time is long saturated)."""
 
 
-class Ground(Protocol):
+class GroundContact(Protocol):
     """What is under the aircraft: flat earth or a moving platform."""
 
     def at(self, east: float, north: float, now: float) -> tuple[float, float, float, float]:
@@ -89,7 +89,7 @@ class Airframe:
         "v_up",
     )
 
-    def __init__(self, config: AirframeConfig, ground: Ground) -> None:
+    def __init__(self, config: AirframeConfig, ground: GroundContact) -> None:
         self._config = config
         self._leg = config.leg_height
         self.ground = ground

@@ -33,7 +33,7 @@ def open_circuit_voltage(charge: float) -> float:
     return low_v + (high_v - low_v) * (charge - low) / (high - low)
 
 
-class Battery:
+class SimulatedBattery:
     """Voltage, current and used capacity.
 
     Attributes:

@@ -13,7 +13,7 @@ from typing import Final, Self
 
 from mksim.physics.airframe import GRAVITY
 from mksim.physics.attitude_loop import AxisLoop
-from mksim.physics.pilot import RC_PERIOD, STICK_LIMIT, FlightView, Pilot
+from mksim.physics.pilot import RC_PERIOD, STICK_LIMIT, FlightView, SimulatedPilot
 
 _POSITION_GAIN: Final = 1.0
 _SPEED_GAIN: Final = 1.7
@@ -31,7 +31,7 @@ _SINK: Final = 0.45
 _SINK_LOW: Final = 0.25
 
 
-class Phase(StrEnum):
+class HandPhase(StrEnum):
     """What the pilot is doing."""
 
     CALIBRATE = "calibrate"
@@ -44,13 +44,13 @@ class Phase(StrEnum):
 
 
 _DOING: Final = {
-    Phase.CALIBRATE: "calibrates the sensors, then starts the motors",
-    Phase.ARM: "starts the motors",
-    Phase.CLIMB: "takes off by hand",
-    Phase.FLY: "flies by hand",
-    Phase.LAND: "lands by hand",
-    Phase.STOP: "stops the motors",
-    Phase.DONE: "has stopped the motors",
+    HandPhase.CALIBRATE: "calibrates the sensors, then starts the motors",
+    HandPhase.ARM: "starts the motors",
+    HandPhase.CLIMB: "takes off by hand",
+    HandPhase.FLY: "flies by hand",
+    HandPhase.LAND: "lands by hand",
+    HandPhase.STOP: "stops the motors",
+    HandPhase.DONE: "has stopped the motors",
 }
 
 
@@ -97,7 +97,7 @@ class StickLaw:
 
     def move(
         self,
-        pilot: Pilot,
+        pilot: SimulatedPilot,
         view: FlightView,
         position: tuple[float, float],
         velocity: tuple[float, float],
@@ -143,33 +143,33 @@ class HandFlight:
         self._phase_since = 0.0
         self._anchor: tuple[float, float, float] | None = None
         self._law = StickLaw(0.0 if flying else _GAS_START)
-        self._armed = Phase.CLIMB
-        self.phase = Phase.FLY if flying else Phase.CALIBRATE
+        self._armed = HandPhase.CLIMB
+        self.phase = HandPhase.FLY if flying else HandPhase.CALIBRATE
 
     @classmethod
     def starting(cls) -> Self:
         """Return a flight that ends on the ground, with the motors running."""
         flight = cls()
-        flight._armed = Phase.DONE
+        flight._armed = HandPhase.DONE
         return flight
 
     @classmethod
     def stopping(cls) -> Self:
         """Return a flight that is over: on the ground, the motors to be stopped."""
         flight = cls()
-        flight.phase = Phase.STOP
+        flight.phase = HandPhase.STOP
         return flight
 
     @property
     def doing(self) -> str:
         """What the pilot does; see `Program`."""
-        has_started = self.phase is Phase.DONE and not self.is_over
+        has_started = self.phase is HandPhase.DONE and not self.is_over
         return "has started the motors, throttle at its lowest" if has_started else _DOING[self.phase]
 
     @property
     def is_over(self) -> bool:
         """The motors are stopped; see `Program`."""
-        return self.phase is Phase.DONE and self._armed is not Phase.DONE
+        return self.phase is HandPhase.DONE and self._armed is not HandPhase.DONE
 
     def path(self, t: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return place and velocity relative to the start, east and north [m, m/s], `t` [s] after reaching height."""
@@ -178,73 +178,73 @@ class HandFlight:
 
     def land(self) -> None:
         """Land from here, whatever the path says."""
-        if self.phase in (Phase.CLIMB, Phase.FLY):
+        if self.phase in (HandPhase.CLIMB, HandPhase.FLY):
             self._anchor = None
-            self.phase = Phase.LAND
+            self.phase = HandPhase.LAND
 
-    def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def fly(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Move the sticks."""
         if not self._has_started:
             self._has_started, self._phase_since = True, now
         if self._anchor is None:
             airframe = view.airframe
-            ground = airframe.up - self._height if self.phase is Phase.FLY else airframe.up
+            ground = airframe.up - self._height if self.phase is HandPhase.FLY else airframe.up
             self._anchor = (airframe.east, airframe.north, ground)
-        if self.phase in (Phase.CALIBRATE, Phase.ARM, Phase.STOP):
+        if self.phase in (HandPhase.CALIBRATE, HandPhase.ARM, HandPhase.STOP):
             self._gesture(pilot, view, now)
-        elif self.phase is not Phase.DONE:
+        elif self.phase is not HandPhase.DONE:
             self._fly_phase(pilot, view, now)
 
-    def _gesture(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def _gesture(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Hold the stick corner of this phase, then centre the sticks for a moment."""
         held = now - self._phase_since
         full = STICK_LIMIT
-        if self.phase is Phase.CALIBRATE:
+        if self.phase is HandPhase.CALIBRATE:
             if held < _GESTURE:
                 pilot.set_sticks(yaw=full, gas=full)
             elif held < _GESTURE + _PAUSE:
                 pilot.set_sticks(gas=-full)
             else:
-                self._enter(Phase.ARM, now)
+                self._enter(HandPhase.ARM, now)
             return
         running = view.motors_running
-        if running is (self.phase is Phase.ARM):
+        if running is (self.phase is HandPhase.ARM):
             pilot.set_sticks(gas=-full)
             if held >= _GESTURE + _PAUSE:
-                self._enter(self._armed if self.phase is Phase.ARM else Phase.DONE, now)
+                self._enter(self._armed if self.phase is HandPhase.ARM else HandPhase.DONE, now)
         elif held < 2.0 * _GESTURE:
-            yaw = -full if self.phase is Phase.ARM else full
+            yaw = -full if self.phase is HandPhase.ARM else full
             pilot.set_sticks(pitch=-full, roll=full, yaw=yaw, gas=-full)
         else:
             pilot.set_sticks(gas=-full)
             if held >= 2.0 * _GESTURE + _PAUSE:
                 self._phase_since = now  # the board missed it: once more
 
-    def _fly_phase(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def _fly_phase(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         airframe = view.airframe
         assert self._anchor is not None
         east, north, ground = self._anchor
         height = airframe.up - ground
-        if self.phase is Phase.LAND:
+        if self.phase is HandPhase.LAND:
             surface = airframe.ground.at(airframe.east, airframe.north, now)[0]
             sink = _SINK_LOW if airframe.up - surface < 0.8 else _SINK
             self._law.move(pilot, view, (east, north), (0.0, 0.0), -sink)
             if airframe.on_ground:
                 pilot.set_sticks(gas=-STICK_LIMIT)
-                self._enter(Phase.STOP, now)
+                self._enter(HandPhase.STOP, now)
             return
         (d_east, d_north), velocity = (0.0, 0.0), (0.0, 0.0)
-        if self.phase is Phase.FLY:
+        if self.phase is HandPhase.FLY:
             (d_east, d_north), velocity = self.path(now - self._phase_since)
             if view.battery.is_low or now - self._phase_since > self._hold_time:
                 self.land()
                 return
         elif height > self._height - 0.15:
-            self._enter(Phase.FLY, now)
+            self._enter(HandPhase.FLY, now)
         climb = max(-_SINK, min(_CLIMB, 1.2 * (self._height - height)))
         self._law.move(pilot, view, (east + d_east, north + d_north), velocity, climb)
 
-    def _enter(self, phase: Phase, now: float) -> None:
+    def _enter(self, phase: HandPhase, now: float) -> None:
         self.phase, self._phase_since = phase, now
 
 

@@ -17,7 +17,7 @@ from typing import Final, Protocol
 from mksim.config import PilotConfig
 from mksim.physics.airframe import Airframe
 from mksim.physics.attitude_loop import AttitudeGains, AxisLoop
-from mksim.physics.battery import Battery
+from mksim.physics.battery import SimulatedBattery
 
 RC_PERIOD: Final = 0.0225
 """A receiver frame [s]."""
@@ -40,14 +40,14 @@ class FlightView:
     pitch: AxisLoop
     roll: AxisLoop
     gains: AttitudeGains
-    battery: Battery
+    battery: SimulatedBattery
     motors_running: bool = False
 
 
-class Program(Protocol):
+class PilotProgram(Protocol):
     """Something the pilot does for a while."""
 
-    def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def fly(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Move the sticks; called at every receiver frame."""
 
     @property
@@ -66,7 +66,7 @@ class DelayedProgram:
         program: what begins then.
     """
 
-    def __init__(self, program: Program, wait_time: float) -> None:
+    def __init__(self, program: PilotProgram, wait_time: float) -> None:
         """Wait `wait_time` [s] from the first receiver frame on."""
         self.program = program
         self._wait_time = wait_time
@@ -79,7 +79,7 @@ class DelayedProgram:
         self._starts_at = None
         self._is_waiting = False
 
-    def fly(self, pilot: Pilot, view: FlightView, now: float) -> None:
+    def fly(self, pilot: SimulatedPilot, view: FlightView, now: float) -> None:
         """Leave the sticks alone until it is time."""
         if self._starts_at is None:
             self._starts_at = now + self._wait_time
@@ -89,18 +89,18 @@ class DelayedProgram:
 
     @property
     def doing(self) -> str:
-        """What the pilot does; see `Program`."""
+        """What the pilot does; see `PilotProgram`."""
         if self._is_waiting:
             return f"waits {self._wait_time:g} s before he touches the sticks; `mkctl sim start` asks him earlier"
         return self.program.doing
 
     @property
     def is_over(self) -> bool:
-        """It was flown to its end; see `Program`."""
+        """It was flown to its end; see `PilotProgram`."""
         return not self._is_waiting and self.program.is_over
 
 
-class Pilot:
+class SimulatedPilot:
     """The transmitter in the hands of a person.
 
     Attributes:
@@ -115,7 +115,7 @@ class Pilot:
         rc_lost: the receiver hears nothing.
     """
 
-    def __init__(self, config: PilotConfig, *, rescue: Callable[[], Program]) -> None:
+    def __init__(self, config: PilotConfig, *, rescue: Callable[[], PilotProgram]) -> None:
         """Start with neutral sticks, gas down.
 
         Args:
@@ -124,7 +124,7 @@ class Pilot:
         """
         self._config = config
         self._rescue = rescue
-        self._script: list[tuple[float, int, Callable[[Pilot], None]]] = []
+        self._script: list[tuple[float, int, Callable[[SimulatedPilot], None]]] = []
         self._order = itertools.count()
         self._home: tuple[float, float] | None = None
         self._hand_on_at: float | None = None
@@ -132,7 +132,7 @@ class Pilot:
         self.pitch = self.roll = self.yaw = 0
         self.gas = -STICK_LIMIT
         self.switches: dict[int, int] = {}
-        self.program: Program | None = None
+        self.program: PilotProgram | None = None
         self.took_over_at: float | None = None
         self.gate_fault = False
         self.rc_lost = False
@@ -158,7 +158,7 @@ class Pilot:
         if gas is not None:
             self.gas = _channel(gas)
 
-    def at(self, when: float, action: Callable[[Pilot], None]) -> None:
+    def at(self, when: float, action: Callable[[SimulatedPilot], None]) -> None:
         """Do something at a simulated time [s], between two receiver frames at the latest."""
         heapq.heappush(self._script, (when, next(self._order), action))
 

@@ -10,7 +10,7 @@ from typing import Final
 from mkdaemon.frames import geodetic_from_enu
 from mksim.config import FlightConfig
 from mksim.physics.airframe import GRAVITY, Airframe
-from mksim.physics.battery import Battery
+from mksim.physics.battery import SimulatedBattery
 
 GPS_PERIOD: Final = 0.2
 """The receiver reports five times a second."""
@@ -24,7 +24,7 @@ _ALTITUDE_FACTOR: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class GpsFix:
+class GpsReport:
     """One report of the GPS receiver.
 
     Attributes:
@@ -166,7 +166,7 @@ class Sensors:
         self.baro_height = self.vertical_speed = 0.0
         self.battery_voltage = self.battery_current = self.battery_used_mah = 0.0
         self.motor_setpoints: list[int] = []
-        self.gps = GpsFix(0, 0, 0.0, (0.0, 0.0, 0.0), 0, False, 0.0, 0)
+        self.gps = GpsReport(0, 0, 0.0, (0.0, 0.0, 0.0), 0, False, 0.0, 0)
 
     def update_inertial(self, airframe: Airframe) -> None:
         """Measure rates and specific forces; called at every step."""
@@ -184,7 +184,7 @@ class Sensors:
         self.acc_y = max(-_ACC_RANGE, min(_ACC_RANGE, acc_y))
         self.acc_z = max(-_ACC_RANGE, min(_ACC_RANGE, force_z))
 
-    def update_slow(self, airframe: Airframe, battery: Battery, now: float) -> None:
+    def update_slow(self, airframe: Airframe, battery: SimulatedBattery, now: float) -> None:
         """Measure barometer, compass, battery and, when due, GPS; called every `slow_period`."""
         gauss = self._rng.gauss
         self._baro_wander = self._baro_wander * self._baro_keep + gauss(0.0, self._baro_kick)
@@ -219,7 +219,7 @@ class Sensors:
         sequence = self.gps.sequence + 1
         if self.gps_lost:
             last = self.gps
-            self.gps = GpsFix(
+            self.gps = GpsReport(
                 last.latitude_1e7, last.longitude_1e7, last.altitude, (0.0, 0.0, 0.0), 0, False, now, sequence
             )
             return
@@ -230,7 +230,7 @@ class Sensors:
             self._origin,
         )
         speed_noise = _GPS_SPEED_NOISE if noise else 0.0
-        self.gps = GpsFix(
+        self.gps = GpsReport(
             latitude_1e7=round(math.degrees(latitude) * 1e7),
             longitude_1e7=round(math.degrees(longitude) * 1e7),
             altitude=altitude,

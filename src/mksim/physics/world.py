@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from mksim.config import FlightConfig, WindClass
-from mksim.faults import ActiveFault, Faults
-from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, Ground
+from mksim.faults import ActiveFault, RunningFaults
+from mksim.physics.airframe import GRAVITY, Airframe, FlatGround, GroundContact
 from mksim.physics.attitude_loop import LOOP_PERIOD, AttitudeGains, AxisLoop, YawLoop
-from mksim.physics.battery import Battery
+from mksim.physics.battery import SimulatedBattery
 from mksim.physics.hand_flight import HandFlight, lean
 from mksim.physics.motors import FACTORY_CHAIN, GasChain, Motors
-from mksim.physics.pilot import RC_PERIOD, FlightView, Pilot
+from mksim.physics.pilot import RC_PERIOD, FlightView, SimulatedPilot
 from mksim.physics.sensors import Sensors
 from mksim.physics.truth import Truth
 from mksim.physics.wind import Wind
@@ -149,7 +149,7 @@ class World:
         *,
         seed: int,
         start: StartState | None = None,
-        ground: Ground | None = None,
+        ground: GroundContact | None = None,
         gains: AttitudeGains | None = None,
     ) -> None:
         """Set the aircraft up.
@@ -165,7 +165,7 @@ class World:
         self._config = cfg
         self._step = 0
         self.now = 0.0
-        self.faults = Faults()
+        self.faults = RunningFaults()
         self._faults_seen = 0
         self._gust_seen: ActiveFault | None = None
         self._airframe = Airframe(cfg.airframe, ground or FlatGround())
@@ -180,12 +180,12 @@ class World:
             cfg.sensors.acc_scale_min, cfg.sensors.acc_scale_max
         )
         self._height_control = HeightControl(cfg.airframe.hover_count)
-        self._battery = Battery(cfg.battery)
+        self._battery = SimulatedBattery(cfg.battery)
         # one stream each: switching one thing off leaves the noise of the others as it was
         self._wind = Wind(cfg.wind, rng=random.Random(f"{seed} wind"), period=_SLOW, from_deg=cfg.wind_from_deg)
         self.sensors = Sensors(cfg, rng=random.Random(f"{seed} sensors"), slow_period=_SLOW, airframe=self._airframe)
         self.truth = Truth(self._airframe, self._wind)
-        self.pilot = Pilot(cfg.pilot, rescue=lambda: HandFlight(height=1.5, hold_time=3.0, flying=True))
+        self.pilot = SimulatedPilot(cfg.pilot, rescue=lambda: HandFlight(height=1.5, hold_time=3.0, flying=True))
         self._view = FlightView(self._airframe, self._pitch, self._roll, self._gains, self._battery)
         self._away: tuple[float, float] | None = None
         self._lean = (0.0, 0.0)

@@ -14,7 +14,7 @@ from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.clock import Clock
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.files import save
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.stamp import Stamp
@@ -60,7 +60,7 @@ class FlightTape:
         self._counts[suffix] += 1
         payload, encoding, number = encode(value), encoding_of(type(value)), self._counts[suffix]
         key = f"mk/{VEHICLE}/{suffix}"
-        self._entries.append(Entry(Kind.SAMPLE, key, payload, encoding, now, wall, self._base, number))
+        self._entries.append(Entry(EntryKind.SAMPLE, key, payload, encoding, now, wall, self._base, number))
 
     def follow(self, simulation: Simulation) -> Callable[[float], None]:
         """What takes the true state: to be called after every step of the world with the time [s]."""

@@ -45,7 +45,7 @@ ENOUGH: Final = ("state/attitude", "state/position", "state/battery", "link/heal
 
 
 @dataclass
-class Tally:
+class DemoTally:
     """What a client has seen."""
 
     known: dict[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -86,7 +86,7 @@ def watch_telemetry(seconds: float, *, as_json: bool) -> int:
 
 
 async def _demo(seconds: float, *, as_json: bool) -> int:
-    tally, console = Tally(), Console(quiet=as_json)
+    tally, console = DemoTally(), Console(quiet=as_json)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for name in (signal.SIGINT, signal.SIGTERM):
@@ -110,7 +110,7 @@ async def _demo(seconds: float, *, as_json: bool) -> int:
     return EXIT_OK if tally.has_flowed else EXIT_FAILURE
 
 
-async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) -> None:
+async def _fly(endpoint: str, seconds: float, tally: DemoTally, console: Console) -> None:
     """Start everything, watch for `seconds`, longer only until telemetry flows; then end everything.
 
     Raises:
@@ -145,7 +145,7 @@ async def _fly(endpoint: str, seconds: float, tally: Tally, console: Console) ->
                 await asyncio.gather(*jobs, return_exceptions=True)
 
 
-async def _until_flown(tally: Tally) -> None:
+async def _until_flown(tally: DemoTally) -> None:
     """Return as soon as telemetry has flowed."""
     while not tally.has_flowed:  # noqa: ASYNC110 - what has come is a state, not an event
         await asyncio.sleep(0.05)
@@ -161,7 +161,7 @@ async def _must_live(name: str, process: Process) -> None:
     raise MkError(f"the {name} ended while it flew: {await _last_words(process)}")
 
 
-async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console) -> None:
+async def _watch(samples: AsyncIterator[Sample], tally: DemoTally, console: Console) -> None:
     """Take everything that comes; redraw on a terminal, otherwise print a line now and then."""
     loop = asyncio.get_running_loop()
     shown_at, is_live = loop.time(), console.is_terminal
@@ -179,7 +179,7 @@ async def _watch(samples: AsyncIterator[Sample], tally: Tally, console: Console)
                 console.print(progress_line(tally))
 
 
-def progress_line(tally: Tally) -> str:
+def progress_line(tally: DemoTally) -> str:
     """The values received, in one line."""
     battery, position = tally.known.get("state/battery"), tally.known.get("state/position")
     words = [f"{tally.ended - (tally.began or 0.0):.0f} s", f"{tally.frames.total()} frames"]
@@ -192,7 +192,7 @@ def progress_line(tally: Tally) -> str:
     return "; ".join(words)
 
 
-def render_frames(tally: Tally) -> Table:
+def render_frames(tally: DemoTally) -> Table:
     """Frames by kind."""
     table = Table("frame", "count", "Hz", title_justify="left")
     for suffix in sorted(tally.frames):
@@ -200,7 +200,7 @@ def render_frames(tally: Tally) -> Table:
     return table
 
 
-def summarise(tally: Tally) -> dict[str, Any]:
+def summarise(tally: DemoTally) -> dict[str, Any]:
     """What was seen, in figures."""
     span = tally.ended - (tally.began or 0.0)
     echo = tally.known.get("link/health", {}).get("echo", {})
@@ -222,7 +222,7 @@ def summarise(tally: Tally) -> dict[str, Any]:
     }
 
 
-def render_summary(tally: Tally, summary: Mapping[str, Any]) -> Group:
+def render_summary(tally: DemoTally, summary: Mapping[str, Any]) -> Group:
     """The end of the demo."""
     flowed = tally.has_flowed
     missing = [suffix for suffix in ENOUGH if suffix not in tally.known]

@@ -18,7 +18,7 @@ from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
 from mkdaemon.daemon.deck import MakeEyes, no_eyes
 from mkdaemon.daemon.procedures import Journal
-from mkdaemon.daemon.wiring import Station, Wiring
+from mkdaemon.daemon.wiring import BusStation, Wiring
 from mkdaemon.link.link import Link, Opener
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.record.tap import Tap
@@ -53,7 +53,7 @@ class VirtualDaemon:
 
     def __init__(
         self,
-        bus: Station,
+        bus: BusStation,
         line: Opener,
         *,
         config: Config | None = None,

@@ -11,13 +11,13 @@ import numpy.typing as npt
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.tags.tagmap import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
-from mksim.physics.airframe import Ground
+from mksim.physics.airframe import GroundContact
 from mksim.physics.deck import MovingDeck, TiltedDeck
 from mksim.physics.world import World
 from mksim.scene.autoexposure import AutoExposure
 from mksim.scene.hardships import LEAF_PERIOD, LEAF_SWAY_M, fair_conditions, shadow_of_vehicle
 from mksim.scene.kinds import CAMERA_KINDS
-from mksim.scene.light import Conditions, Cover, Glare, Shadow
+from mksim.scene.light import Cover, Glare, LightConditions, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.nested import nested_map
 from mksim.scene.scene import Scene, SceneTarget
@@ -72,7 +72,7 @@ def platform_of(cfg: PlatformConfig) -> Platform:
     )
 
 
-def deck_of(cfg: PlatformConfig) -> Ground:
+def deck_of(cfg: PlatformConfig) -> GroundContact:
     """The configured target as something to stand on."""
     if cfg.tilt_deg:
         tilt, heading = math.radians(cfg.tilt_deg), math.radians(cfg.heading_deg)
@@ -133,7 +133,7 @@ class SceneCamera:
             line_time=self._kind.line_time,
         )
 
-    def conditions(self, time: float, *, light: float = 1.0, covered: float = 0.0) -> Conditions:
+    def conditions(self, time: float, *, light: float = 1.0, covered: float = 0.0) -> LightConditions:
         """Light at a time.
 
         Args:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mksim.scene.view import CameraView, Pose, RayGrid
+from mksim.scene.view import CameraView, RayGrid, ViewPose
 
 Array = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Curl:
         return arc
 
 
-def bend(rays: RayGrid, view: CameraView, plane: Pose, curl: Curl) -> RayGrid:
+def bend(rays: RayGrid, view: CameraView, plane: ViewPose, curl: Curl) -> RayGrid:
     """The rays of `view`'s camera that see on a flat sheet what it sees on the bent one.
 
     Args:

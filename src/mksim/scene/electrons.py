@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-from mksim.scene.light import FULL_LIGHT, Conditions
+from mksim.scene.light import FULL_LIGHT, LightConditions
 
 PHOTONS_PER_LUX_S_M2: Final = 1.0e16
 """Visible photons of daylight. Computed, 400 to 700 nm: 1.1e16 for black bodies of 5500 to 6500 K, by Planck's law, 683
@@ -37,7 +37,7 @@ class PhotonSensor:
         on_sensor = lux / (4.0 * self.f_number**2)
         return on_sensor * exposure * PHOTONS_PER_LUX_S_M2 * self.efficiency * self.pixel_m**2
 
-    def conditions(self, fair: Conditions, lux: float, exposure: float, gain: float) -> Conditions:
+    def conditions(self, fair: LightConditions, lux: float, exposure: float, gain: float) -> LightConditions:
         """Brightness and noise of an image.
 
         Args:

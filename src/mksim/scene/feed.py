@@ -14,7 +14,7 @@ import structlog
 from mkdaemon.clock import Clock
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.vision.camera.image import NewestSlot
-from mksim.faults import Faults
+from mksim.faults import RunningFaults
 from mksim.physics.truth import Truth
 from mksim.scene.camera import BodyState, SceneCamera
 from mksim.scene.outputs import FrameWriter
@@ -83,7 +83,7 @@ class SceneFeed:
         for writer in self._writers:
             writer.close()
 
-    def tick(self, now: float, truth: Truth, faults: Faults) -> None:
+    def tick(self, now: float, truth: Truth, faults: RunningFaults) -> None:
         """Expose when it is time.
 
         Args:

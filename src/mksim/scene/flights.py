@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mksim.scene.light import Conditions, Cover, Glare, Shadow
+from mksim.scene.light import Cover, Glare, LightConditions, Shadow
 from mksim.scene.view import CameraView, rotation_from_vector
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +35,7 @@ class FlightFrame:
     """
 
     view: CameraView
-    conditions: Conditions
+    conditions: LightConditions
     enu_from_flu: Array
 
 
@@ -106,7 +106,7 @@ def random_flight(
             exposure_time=exposure_time * (2.5 if hard and weather.is_blurred(time) else 1.0),
             time=time,
         )
-        yield FlightFrame(view, weather.at(time) if hard else Conditions(), enu_from_flu)
+        yield FlightFrame(view, weather.at(time) if hard else LightConditions(), enu_from_flu)
 
 
 class _Way:
@@ -158,7 +158,7 @@ class _Weather:
         self._glare_radius = float(rng.uniform(0.05, 0.12)) * tag_size
         self._shadow = Shadow(float(rng.uniform(2.0, 5.0)), direction=float(rng.uniform(-np.pi, np.pi)))
         self._shadow_drift = rng.normal(0.0, 0.05, 2)
-        self._calm = Conditions(exposure=float(rng.uniform(0.6, 1.1)), noise_sd=float(rng.uniform(1.5, 4.0)))
+        self._calm = LightConditions(exposure=float(rng.uniform(0.6, 1.1)), noise_sd=float(rng.uniform(1.5, 4.0)))
 
     def is_blurred(self, time: float) -> bool:
         return self._is_active("blur", time)
@@ -167,7 +167,7 @@ class _Weather:
         start, end = self._spells[name]
         return bool(start <= time < end)
 
-    def at(self, time: float) -> Conditions:
+    def at(self, time: float) -> LightConditions:
         covers: tuple[Cover, ...] = ()
         if self._is_active("band", time):
             covers += (self._band,)

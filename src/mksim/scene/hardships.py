@@ -14,9 +14,9 @@ from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
 from mksim.scene.lensfaults import Dirt
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from mksim.scene.shadows import LeafShadow, VehicleShadow
-from mksim.scene.view import CameraView, Pose
+from mksim.scene.view import CameraView, ViewPose
 
 Array = npt.NDArray[np.float64]
 
@@ -65,7 +65,7 @@ DIMMED: Final = 2.0 / 3.0
 """Swing of a lamp that is dimmed to a fifth of its brightest; chosen."""
 
 
-def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: int) -> Conditions:
+def fair_conditions(light: LightConfig, camera: LightConditions, side: float, seed: int) -> LightConditions:
     """Conditions of a camera in the configured light.
 
     Args:
@@ -96,7 +96,7 @@ def fair_conditions(light: LightConfig, camera: Conditions, side: float, seed: i
     )
 
 
-def shadow_of_vehicle(view: CameraView, target: Pose) -> VehicleShadow:
+def shadow_of_vehicle(view: CameraView, target: ViewPose) -> VehicleShadow:
     """Where the vehicle's shadow falls on the target."""
     place = target.enu_from_body.T @ (view.position_enu - target.position_enu)
     nose = target.enu_from_body.T @ view.enu_from_cam[:, 0]

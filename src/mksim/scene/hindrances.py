@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mksim.scene.view import CameraView, Pose, RayGrid
+from mksim.scene.view import CameraView, RayGrid, ViewPose
 
 Array = npt.NDArray[np.float64]
 Image32 = npt.NDArray[np.float32]
@@ -94,7 +94,7 @@ class Flicker:
     phase: float = 0.0
 
 
-def add_fog(light: Image32, fog: Fog, view: CameraView, rays: RayGrid, plane: Pose) -> Image32:
+def add_fog(light: Image32, fog: Fog, view: CameraView, rays: RayGrid, plane: ViewPose) -> Image32:
     """Light through fog, over the distance to the plane that the scene lies in: L exp(-d) + A (1 - exp(-d))."""
     normal = view.enu_from_cam.T @ plane.enu_from_body[:, 2]
     height = -float(normal @ view.camera_points(plane.position_enu[None])[0])

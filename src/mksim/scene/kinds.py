@@ -18,7 +18,7 @@ from typing import Final
 from mksim.config import KindName
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.autoexposure import AutoSettings
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 
 
@@ -32,7 +32,7 @@ class CameraKind:
         auto: its automatic exposure; None without an image processor.
     """
 
-    conditions: Conditions
+    conditions: LightConditions
     line_time: float = 0.0
     auto: AutoSettings | None = None
 
@@ -44,12 +44,12 @@ def _noise(full_well: float) -> float:
 
 CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # Noise and vignetting of the configured light alone.
-    "ideal": CameraKind(Conditions(noise_sd=0.0, vignetting=0.0)),
+    "ideal": CameraKind(LightConditions(noise_sd=0.0, vignetting=0.0)),
     # Logitech C270: motion JPEG of 640 x 480 (LogitechC270.h of va009039's USB host, os.mbed.com), a plastic lens (one
     # opened: theshuttergoesclick.blogspot.com, January 2021). No read-out was found. Chosen: 30 ms, nearly the whole of
     # 33 ms, the worst for a pose; `mkdaemon calibrate shutter` measures it.
     "c270": CameraKind(
-        Conditions(
+        LightConditions(
             vignetting=0.35,
             noise_sd=2.0,
             shot_gain=_noise(4300),
@@ -63,7 +63,7 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # Logitech C920: motion JPEG up to 1920 x 1080, advertised with 78 degrees across the diagonal
     # (wimsworld.wordpress.com, "Logitech C920 Angle of View", 2013). No read-out was found. Chosen: 25 ms.
     "c920": CameraKind(
-        Conditions(
+        LightConditions(
             vignetting=0.25,
             noise_sd=1.5,
             shot_gain=_noise(4300),
@@ -78,7 +78,7 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # specification); rows of 3448 clocks of 182.4 MHz = 18.9 us, 640 x 480 binned (Linux, drivers/media/i2c/imx219.c:
     # IMX219_REG_LINE_LENGTH_A, IMX219_PIXEL_RATE, supported_modes).
     "pi_v2": CameraKind(
-        Conditions(
+        LightConditions(
             vignetting=0.3,
             noise_sd=1.5,
             shot_gain=_noise(4300),
@@ -91,7 +91,7 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # Raspberry Pi global shutter camera, Sony IMX296: pixels of 3.45 um, 1456 x 1088 at 60 images a second
     # (documentation of Raspberry Pi, hardware specification); the colour variant is chosen.
     "pi_gs": CameraKind(
-        Conditions(
+        LightConditions(
             noise_sd=1.0,
             shot_gain=_noise(10000),
             processing=Processing(mosaic=True, denoise=2.0, gamma=2.2, sharpening=0.5),
@@ -102,7 +102,7 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     # A USB module with a monochrome onsemi AR0144, as ELP sells: pixels of 3 um (libcamera,
     # camera_sensor_properties.cpp). No page of the module was found: shutter, motion JPEG and processor are chosen.
     "elp": CameraKind(
-        Conditions(
+        LightConditions(
             noise_sd=1.5,
             shot_gain=_noise(6500),
             processing=Processing(denoise=3.0, gamma=1.8, sharpening=0.5),
@@ -113,10 +113,10 @@ CAMERA_KINDS: Final[dict[KindName, CameraKind]] = {
     ),
     # OV9281: 1280 x 800, monochrome, pixels of 3 um (OmniVision's data sheet, version 1.22, 2017, first page), global
     # shutter (docs.luxonis.com, OV9282: the same but for the angle of its rays, ovti,ov9282.yaml); raw.
-    "ov9281": CameraKind(Conditions(noise_sd=1.5, shot_gain=_noise(6500), fringe_px=0.5)),
+    "ov9281": CameraKind(LightConditions(noise_sd=1.5, shot_gain=_noise(6500), fringe_px=0.5)),
     # What flew in 2010: a board camera, an analog 5.8 GHz link and a frame grabber; all chosen, see `analogvideo`.
     "analog": CameraKind(
-        Conditions(
+        LightConditions(
             vignetting=0.25,
             noise_sd=2.0,
             shot_gain=_noise(10000),

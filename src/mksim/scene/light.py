@@ -72,7 +72,7 @@ class Cover:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class LightConditions:
     """What light, lens, sensor and coding do to one image. The default is a good camera on an overcast day.
 
     Attributes:
@@ -130,7 +130,7 @@ class Conditions:
     target_in_view: bool = True
 
 
-CLEAN = Conditions(vignetting=0.0, noise_sd=0.0, shot_gain=0.0)
+CLEAN = LightConditions(vignetting=0.0, noise_sd=0.0, shot_gain=0.0)
 """No noise and even light: what geometry tests use."""
 
 
@@ -170,7 +170,7 @@ def add_glare(image: Image32, glare: Glare, centre_px: Array, radius_px: float) 
     image[y0:y1, x0:x1] += np.float32(glare.strength) * y[:, None] * x[None, :]
 
 
-def lens_blur(image: Image32, conditions: Conditions) -> Image32:
+def lens_blur(image: Image32, conditions: LightConditions) -> Image32:
     """Point spread of the lens, then the disc of defocus."""
     if conditions.psf_px > 0.0:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), conditions.psf_px), dtype=np.float32)
@@ -210,7 +210,7 @@ class Sensor:
         self._pool = _pool(seed)
         self._fields: dict[tuple[float, ...], Image32] = {}
 
-    def expose(self, light: Image32, conditions: Conditions) -> npt.NDArray[np.uint8]:
+    def expose(self, light: Image32, conditions: LightConditions) -> npt.NDArray[np.uint8]:
         """Turn light `(h, w)`, 1 is a perfect reflector in full light, into an image `(h, w)` uint8."""
         grey = light * self._field(light.shape, conditions)
         if conditions.noise_sd > 0.0 or conditions.shot_gain > 0.0:
@@ -225,7 +225,7 @@ class Sensor:
         pixels = np.clip(np.rint(grey, out=grey), 0.0, 255.0, out=grey).astype(np.uint8)
         return pixels if conditions.jpeg_quality is None else through_jpeg(pixels, conditions.jpeg_quality)
 
-    def _field(self, shape: tuple[int, ...], conditions: Conditions) -> Image32:
+    def _field(self, shape: tuple[int, ...], conditions: LightConditions) -> Image32:
         """Grey value of a perfect reflector in each pixel; kept, it changes rarely."""
         key = (*shape, conditions.exposure, conditions.vignetting, conditions.gradient, conditions.gradient_angle)
         found = self._fields.get(key)
@@ -244,7 +244,7 @@ def _pool(seed: int) -> Image32:
     return pool
 
 
-def _brightness(shape: tuple[int, ...], conditions: Conditions) -> Image32:
+def _brightness(shape: tuple[int, ...], conditions: LightConditions) -> Image32:
     """Exposure times vignetting times an exponential gradient around its geometric mean."""
     height, width = shape
     x = (np.arange(width) - (width - 1) / 2)[None, :]

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from mkdaemon.frames import rotation_from_euler
-from mksim.scene.view import Pose
+from mksim.scene.view import ViewPose
 
 MotionKind = Literal["still", "straight", "circle", "ramp"]
 
@@ -44,7 +44,7 @@ class Platform:
     rocking_period: float = 4.0
     delay: float = 0.0
 
-    def pose_at(self, time: float) -> Pose:
+    def pose_at(self, time: float) -> ViewPose:
         """Pose in the world at `time` [s]."""
         heading, time = self.heading, max(time - self.delay, 0.0)
         start = np.array(self.start_enu)
@@ -59,7 +59,7 @@ class Platform:
         phase = 2.0 * np.pi * time / self.rocking_period
         roll = self.roll + self.rocking * np.sin(phase)
         pitch = self.pitch + self.rocking * np.sin(phase / 1.3 + 1.0)
-        return Pose(rotation_from_euler(float(roll), float(pitch), heading), position)
+        return ViewPose(rotation_from_euler(float(roll), float(pitch), heading), position)
 
     def _travelled(self, time: float) -> float:
         """Way along a straight path [m]."""

@@ -26,9 +26,9 @@ from mksim.scene.ground import Ground, GroundKind
 from mksim.scene.hindrances import add_drops, add_fog, add_propellers, flickered
 from mksim.scene.layers import PAD, PAPER, Layer, print_target
 from mksim.scene.lensfaults import add_dirt, add_fringe
-from mksim.scene.light import Conditions, Cover, Sensor, add_glare, lens_blur, shade, streak
+from mksim.scene.light import Cover, LightConditions, Sensor, add_glare, lens_blur, shade, streak
 from mksim.scene.shadows import shade_leaves, shade_vehicle
-from mksim.scene.view import NEAR_M, CameraView, Pose, RayGrid, project, rotation_from_vector
+from mksim.scene.view import NEAR_M, CameraView, RayGrid, ViewPose, project, rotation_from_vector
 
 Image32 = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
@@ -84,11 +84,11 @@ def draw_layer(image: Image32, seen: SeenLayer, rays: RayGrid, budget: int) -> N
         part += reflected
 
 
-def visible_layers(layers: Sequence[Layer], pose: Pose, view: CameraView, rays: RayGrid) -> list[SeenLayer]:
+def visible_layers(layers: Sequence[Layer], pose: ViewPose, view: CameraView, rays: RayGrid) -> list[SeenLayer]:
     """Layers of one body that can be seen, from the back to the front."""
     found: list[SeenLayer] = []
     for layer in layers:
-        body = Pose(pose.enu_from_body @ layer.rotation, pose.points(layer.position[None])[0])
+        body = ViewPose(pose.enu_from_body @ layer.rotation, pose.points(layer.position[None])[0])
         if float((view.position_enu - body.position_enu) @ body.enu_from_body[:, 2]) <= NEAR_M:
             continue
         outline = _clip_near(view.camera_points(pose.points(layer.outline(8))))
@@ -134,7 +134,7 @@ def _texel_map(cells_from_ray: Array, density: float, x: Image32, y: Image32) ->
     return found[0], found[1]
 
 
-def ray_from_plane(body: Pose, view: CameraView) -> Array:
+def ray_from_plane(body: ViewPose, view: CameraView) -> Array:
     """Homography `(3, 3)` from a body's xy plane [m] to rays (x, y, 1) of the camera."""
     rotation = view.enu_from_cam.T @ body.enu_from_body
     offset = view.camera_points(body.position_enu[None])[0]
@@ -179,7 +179,7 @@ def _cell_sizes(
     return float(1.0 / stretch[:, 1].min()), float(1.0 / stretch[:, 0].max())
 
 
-def draw_covers(image: Image32, covers: Sequence[Cover], pose: Pose, view: CameraView) -> None:
+def draw_covers(image: Image32, covers: Sequence[Cover], pose: ViewPose, view: CameraView) -> None:
     """Lay occluders over the target, those of one shade together; each shade hides those before it."""
     for reflectance in dict.fromkeys(cover.reflectance for cover in covers):
         outlines = [_cover_outline(cover) for cover in covers if cover.reflectance == reflectance]
@@ -194,7 +194,7 @@ def _cover_outline(cover: Cover) -> Array:
     return np.column_stack([edge, np.zeros(len(edge))])
 
 
-def polygon_mask(outlines: Sequence[Array], pose: Pose, view: CameraView) -> Image32:
+def polygon_mask(outlines: Sequence[Array], pose: ViewPose, view: CameraView) -> Image32:
     """Share of every pixel that lies inside outlines `(n, 3)` [m; target], `(height, width)` of the camera."""
     mask = np.zeros((view.intrinsics.height, view.intrinsics.width), dtype=np.uint8)
     for outline in outlines:
@@ -209,7 +209,7 @@ LEAST_SLOPE = 1e-6
 """Rays that are nearer to parallel with the plane do not meet it."""
 
 
-def roll(rays: RayGrid, view: CameraView, plane: Pose) -> RayGrid:
+def roll(rays: RayGrid, view: CameraView, plane: ViewPose) -> RayGrid:
     """The rays of `view`'s camera while its rows are exposed one after the other.
 
     Args:
@@ -250,7 +250,7 @@ NEUTRAL = 0.45
 class Motion(Protocol):
     """How a target moves."""
 
-    def pose_at(self, time: float) -> Pose:
+    def pose_at(self, time: float) -> ViewPose:
         """Pose of the target in the world at `time` [s]."""
 
 
@@ -301,7 +301,7 @@ class Scene:
         self._budget = LIVE_SAMPLES if live else FINE_SAMPLES if fine else SAMPLES
         self._rays: dict[Intrinsics, RayGrid] = {}
 
-    def render(self, view: CameraView, conditions: Conditions | None = None) -> npt.NDArray[np.uint8]:
+    def render(self, view: CameraView, conditions: LightConditions | None = None) -> npt.NDArray[np.uint8]:
         """Expose one image.
 
         Args:
@@ -311,7 +311,7 @@ class Scene:
         Returns:
             `(height, width)` uint8 of `view.intrinsics`.
         """
-        conditions = conditions or Conditions()
+        conditions = conditions or LightConditions()
         if conditions.analog is None:
             return self._sensor.expose(self._light(view, conditions), conditions)
         first, second = (
@@ -320,7 +320,7 @@ class Scene:
         )
         return self._sensor.expose(weave(first, second), conditions)
 
-    def _light(self, view: CameraView, conditions: Conditions) -> Image32:
+    def _light(self, view: CameraView, conditions: LightConditions) -> Image32:
         """Light on the sensor, 1 is a perfect reflector in full light."""
         outer = view.wider(BORDER_PX)
         rays = self._rays.get(view.intrinsics)
@@ -346,7 +346,7 @@ class Scene:
             light = add_dirt(light, conditions.dirt)
         return light
 
-    def _exposed(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
+    def _exposed(self, view: CameraView, conditions: LightConditions, rays: RayGrid) -> Image32:
         """Light on the sensor over the exposure.
 
         What all parts of the image share of the motion is one streak; what they do not share (turning, climbing) is
@@ -390,7 +390,7 @@ class Scene:
         flow: Array = np.nan_to_num(ends[1] - ends[0])
         return flow
 
-    def _lit(self, view: CameraView, conditions: Conditions, rays: RayGrid) -> Image32:
+    def _lit(self, view: CameraView, conditions: LightConditions, rays: RayGrid) -> Image32:
         """Reflected light of a standing scene seen by a standing camera, before the lens."""
         layers = [
             seen

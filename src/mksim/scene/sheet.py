@@ -16,7 +16,7 @@ from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.flights import patches, side_cut
 from mksim.scene.hardships import PROPELLERS
 from mksim.scene.hindrances import Drops, Flicker, Fog
-from mksim.scene.light import Conditions, Glare, Shadow
+from mksim.scene.light import Glare, LightConditions, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView, view_towards
@@ -44,14 +44,16 @@ def _pictures(target: Target, seed: int) -> list[tuple[str, npt.NDArray[np.uint8
     scenes = {kind: Scene([pad], ground=kind, seed=seed) for kind in ("asphalt", "grass", "tiles", "clutter")}
 
     def shot(
-        view: CameraView = near, ground: str = "tiles", conditions: Conditions | None = None
+        view: CameraView = near, ground: str = "tiles", conditions: LightConditions | None = None
     ) -> npt.NDArray[np.uint8]:
-        return next(scene for kind, scene in scenes.items() if kind == ground).render(view, conditions or Conditions())
+        return next(scene for kind, scene in scenes.items() if kind == ground).render(
+            view, conditions or LightConditions()
+        )
 
     def at(east: float, north: float, up: float) -> CameraView:
         return view_towards(CAMERA, np.array([east, north, up]), np.zeros(3))
 
-    fair = Conditions()
+    fair = LightConditions()
     rolling = replace(near, line_time=ROLLING, exposure_time=0.001)
     moving = replace(near, rate_cam=np.array([0.3, 0.6, 0.0]), exposure_time=0.004)
     rng = np.random.default_rng(seed)

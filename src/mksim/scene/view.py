@@ -34,7 +34,7 @@ def rotation_from_vector(rotation_vector: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class ViewPose:
     """A rigid body in the world: `enu_from_body` `(3, 3)` and `position_enu` `(3,)` [m]."""
 
     enu_from_body: Array

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.activeset import ActiveSet, Gate, GateKind
-from mkdaemon.control.admission.situation import NO_WORK, Entry, Situation
+from mkdaemon.control.activeset import Gate, GateKind, KnownSet
+from mkdaemon.control.admission.situation import NO_WORK, EntryEstimate, Situation
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Phase
 from mkdaemon.telemetry.link import LinkHealth, RoundTripStats
@@ -15,7 +15,7 @@ from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
 from mkdaemon.telemetry.vision import EyeState, VisionStats
 from tests.control.events import STAMP, flight, link_state, pilot
 
-SET = ActiveSet(Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2)
+SET = KnownSet(Gate(GateKind.CHANNEL, 255), "Easy", emergency_throttle=110, emergency_time=90, low_cell=3.2)
 
 SHARED = Gate(GateKind.CHANNEL, 255, altitude_channel=5)
 
@@ -49,7 +49,7 @@ def flags(**flags):
     return Flight.model_copy(flight(is_flying=None), update=flags)
 
 
-ENTRY = Entry(target="pad", age=0.1, speed=0.1, offset=0.1, height=2.0, sd=0.02, clean=3.0)
+ENTRY = EntryEstimate(target="pad", age=0.1, speed=0.1, offset=0.1, height=2.0, sd=0.02, clean=3.0)
 GOOD = Situation(
     cfg=ControlConfig(),
     now=1.0,

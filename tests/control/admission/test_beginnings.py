@@ -13,12 +13,12 @@ from mkdaemon.control.admission.beginnings import (
     Beginning,
     BoardRequest,
     Concern,
+    ListUpload,
     NaviGoto,
     NewManoeuvre,
     Procedure,
     StartRoute,
     TakeLease,
-    Upload,
 )
 from mkdaemon.telemetry.danger import Confirm, Danger
 from mkdaemon.telemetry.setpoint import SETPOINTS, HoldSetpoint, PositionSetpoint, SetpointFrame
@@ -28,7 +28,7 @@ EACH = {
     Concern.HOLD: NewManoeuvre(Concern.HOLD),
     Concern.REQUEST: BoardRequest(board="fc", name="beep"),
     Concern.PROCEDURE: Procedure(verb="settings_write"),
-    Concern.UPLOAD: Upload(()),
+    Concern.UPLOAD: ListUpload(()),
     Concern.ROUTE: StartRoute(),
     Concern.NAVI_GOTO: NaviGoto(2.0),
 }

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.admission.beginnings import NaviGoto, StartRoute, Upload
+from mkdaemon.control.admission.beginnings import ListUpload, NaviGoto, StartRoute
 from mkdaemon.control.admission.navirows import FAR, HIGH, LEAST_SATELLITES, NAVI_ROWS
 from mkdaemon.control.admission.rows import ROWS, refusal
 from mkdaemon.telemetry.mission import MissionPoint, PointKind
@@ -31,7 +31,7 @@ def gps(satellites=10, fix=GpsFix.VALID):
 
 def upload(*places, **fields):
     points = [MissionPoint(latitude_deg=la, longitude_deg=lo, altitude=up, **fields) for la, lo, up in places]
-    return Upload(tuple(points))
+    return ListUpload(tuple(points))
 
 
 @pytest.mark.parametrize(

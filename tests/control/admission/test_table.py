@@ -17,17 +17,17 @@ from mkdaemon.control.admission.beginnings import (
     MANOEUVRES,
     BoardRequest,
     Concern,
+    ListUpload,
     NaviGoto,
     NewManoeuvre,
     Procedure,
     StartRoute,
     TakeLease,
-    Upload,
 )
 from mkdaemon.control.admission.navirows import FAR, HIGH
 from mkdaemon.control.admission.row import Rule
 from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusal, refusals, waits_for
-from mkdaemon.control.admission.situation import ASIDE, OwedSet, Work
+from mkdaemon.control.admission.situation import ASIDE, OwedLiveSet, Work
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.danger import Confirm, Danger, Switch
@@ -44,7 +44,7 @@ from tests.control.events import STAMP, link_state
 RUNNING = ProcedureProgress(
     stamp=STAMP, id="p1", verb="settings_backup", holder="bob", state=ProcedureState.RUNNING, step=0, of=0, text="x"
 )  # fmt: skip
-OWED = OwedSet(3, "settings_restore", "the FlightCtrl has not been met yet")
+OWED = OwedLiveSet(3, "settings_restore", "the FlightCtrl has not been met yet")
 TEST = Danger(effect="turns motors", confirm=Confirm.ALWAYS, stopped=True, proven=True, turns_motors=True)
 IN_FLIGHT = Danger(effect="writes", confirm=Confirm.IN_FLIGHT)
 FLYING = flags(is_flying=True)
@@ -56,7 +56,7 @@ def request(**fields):
 
 
 def points(**fields):
-    return Upload((MissionPoint(**PLACE), MissionPoint(**(PLACE | fields))))
+    return ListUpload((MissionPoint(**PLACE), MissionPoint(**(PLACE | fields))))
 
 
 CASES = [
@@ -245,7 +245,7 @@ def test_who_names_a_target_is_flown_by_that_one_or_waits_for_it():
 def test_points_that_are_meant_and_points_close_by_are_taken():
     far = MissionPoint(**(PLACE | {"latitude_deg": 54.0}))
     assert FAR < 100_000.0
-    assert refusal(Upload((MissionPoint(**PLACE), far), allow_unusual=True), GOOD) is None
+    assert refusal(ListUpload((MissionPoint(**PLACE), far), allow_unusual=True), GOOD) is None
     assert refusal(points(latitude_deg=53.01), GOOD) is None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, Command, CommandHistory
+from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, CommandHistory, StickFrame
 from mkdaemon.control.estimator.estimator import AT_ONCE, TOGETHER, Cameras, Estimator
 from mkdaemon.control.estimator.model import TH, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
@@ -122,7 +122,7 @@ def test_an_image_that_comes_late_is_one_cameras_and_another_makes_two():
 
 
 def command(at, tilt=0.1):
-    return Command(at, (tilt, 0.0), 0.0)
+    return StickFrame(at, (tilt, 0.0), 0.0)
 
 
 def test_a_stick_frame_acts_from_its_moment_until_the_next():

@@ -16,7 +16,7 @@ from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import SEARCHES, TURNED, Arrival, error_value
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.hold import Hold
-from mkdaemon.control.manoeuvres.velocity import Velocity
+from mkdaemon.control.manoeuvres.velocity import FlyVelocity
 from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
@@ -287,7 +287,7 @@ def test_heading_from_the_aircrafts_own_counts_from_where_the_nose_pointed(settl
 @pytest.mark.parametrize(("frame", "direction"), [(SetpointFrame.PAD, (1.0, 0.0)), (SetpointFrame.BODY, (0.0, 1.0))])
 def test_velocity_aims_ahead_in_its_frame_and_goes_no_faster_than_asked(settled, frame, direction):
     aircraft = settled(yaw=math.pi / 2)
-    ahead = aircraft.begin(Velocity(aircraft.sight, CFG, at_speed((0.4, 0.0, 0.1), frame)))
+    ahead = aircraft.begin(FlyVelocity(aircraft.sight, CFG, at_speed((0.4, 0.0, 0.1), frame)))
     first = body_goal(aircraft, ahead)
     lead = CFG.velocity_lead
     assert first == pytest.approx((0.4 * lead * direction[0], 0.4 * lead * direction[1], 2.0 + 0.1 * lead), abs=0.05)
@@ -300,13 +300,13 @@ def test_velocity_aims_ahead_in_its_frame_and_goes_no_faster_than_asked(settled,
 @pytest.mark.parametrize("yaw_rate", [0.1, -0.1, 0.0])
 def test_velocity_turns_as_it_is_asked_to(settled, yaw_rate):
     aircraft = settled()
-    ahead = aircraft.begin(Velocity(aircraft.sight, CFG, at_speed((0.0, 0.0, 0.0), yaw_rate=yaw_rate)))
+    ahead = aircraft.begin(FlyVelocity(aircraft.sight, CFG, at_speed((0.0, 0.0, 0.0), yaw_rate=yaw_rate)))
     assert np.sign(aircraft.fly(ahead, STEP)[-1].sticks.yaw) == np.sign(yaw_rate)
 
 
 def test_velocity_that_changes_is_followed(settled):
     aircraft = settled()
-    ahead = aircraft.begin(Velocity(aircraft.sight, CFG, at_speed((0.4, 0.0, 0.0))))
+    ahead = aircraft.begin(FlyVelocity(aircraft.sight, CFG, at_speed((0.4, 0.0, 0.0))))
     aircraft.fly(ahead, 0.5)
     ahead.follow(at_speed((0.0, -0.4, 0.0)))
     assert body_goal(aircraft, ahead)[1] < -0.4

@@ -10,7 +10,7 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import flight_ctrl, navi_ctrl, virtually
 from mkdaemon.control.admission.beginnings import BoardRequest
-from mkdaemon.control.admission.navirows import Place
+from mkdaemon.control.admission.navirows import GroundPlace
 from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
@@ -442,7 +442,7 @@ async def test_of_two_uploads_at_once_one_is_refused(tmp_path):
 async def test_points_that_nobody_means_are_refused(tmp_path, change, words):
     async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
         await rig.until_ready()
-        here = Place(53.0712345, 8.7912345)
+        here = GroundPlace(53.0712345, 8.7912345)
         rig.facts.position = lambda now: SimpleNamespace(latitude_deg=here.latitude, longitude_deg=here.longitude)
         near = {"latitude_deg": 53.072, "longitude_deg": 8.791, "altitude": 10.0}
         result = await rig.ask("waypoints_upload", points=[near, {**near, **change}])

@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.gateways.foxglove.diagnostics import Diagnostics, schema
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.reading.diagnoses import Level
+from mkdaemon.reading.diagnoses import DiagnosticLevel
 from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
@@ -38,20 +38,20 @@ def recorder(state, lost=0):
 
 
 ROWS = [
-    (flights.alive(1.0), "vehicle", Level.OK),
-    (flights.alive(1.0, is_alive=False, reason="silent"), "vehicle", Level.ERROR),
-    (flights.alive(1.0, error="no GPS"), "vehicle", Level.ERROR),
-    (link(LinkCondition.UP), "link", Level.OK),
-    (link(LinkCondition.DEGRADED), "link", Level.WARN),
-    (link(LinkCondition.ABSENT), "link", Level.ERROR),
-    (flights.status(1.0), "control", Level.OK),
-    (flights.status(1.0, phase=Phase.STALE), "control", Level.ERROR),
-    (flights.status(1.0, phase=Phase.LANDING), "control", Level.WARN),
-    (battery(is_low=False), "battery", Level.OK),
-    (battery(is_low=True), "battery", Level.ERROR),
-    (recorder(RecorderState.RECORDING), "recording", Level.OK),
-    (recorder(RecorderState.RECORDING, lost=3), "recording", Level.WARN),
-    (recorder(RecorderState.FULL), "recording", Level.ERROR),
+    (flights.alive(1.0), "vehicle", DiagnosticLevel.OK),
+    (flights.alive(1.0, is_alive=False, reason="silent"), "vehicle", DiagnosticLevel.ERROR),
+    (flights.alive(1.0, error="no GPS"), "vehicle", DiagnosticLevel.ERROR),
+    (link(LinkCondition.UP), "link", DiagnosticLevel.OK),
+    (link(LinkCondition.DEGRADED), "link", DiagnosticLevel.WARN),
+    (link(LinkCondition.ABSENT), "link", DiagnosticLevel.ERROR),
+    (flights.status(1.0), "control", DiagnosticLevel.OK),
+    (flights.status(1.0, phase=Phase.STALE), "control", DiagnosticLevel.ERROR),
+    (flights.status(1.0, phase=Phase.LANDING), "control", DiagnosticLevel.WARN),
+    (battery(is_low=False), "battery", DiagnosticLevel.OK),
+    (battery(is_low=True), "battery", DiagnosticLevel.ERROR),
+    (recorder(RecorderState.RECORDING), "recording", DiagnosticLevel.OK),
+    (recorder(RecorderState.RECORDING, lost=3), "recording", DiagnosticLevel.WARN),
+    (recorder(RecorderState.FULL), "recording", DiagnosticLevel.ERROR),
 ]
 
 
@@ -88,7 +88,12 @@ def test_every_check_before_a_flight_is_a_line():
         found("eye", CheckState.UNKNOWN, Blocks.AUTONOMY),
     )
     report = shown(ControlPreflight(stamp=flights.stamp(1.0), is_ready=False, findings=findings))
-    assert [one["level"] for one in report["status"]] == [Level.ERROR, Level.WARN, Level.OK, Level.WARN]
+    assert [one["level"] for one in report["status"]] == [
+        DiagnosticLevel.ERROR,
+        DiagnosticLevel.WARN,
+        DiagnosticLevel.OK,
+        DiagnosticLevel.WARN,
+    ]
     assert report["status"][0]["message"] == "why. do."
 
 

@@ -16,7 +16,7 @@ from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.processes import START
 from lab.rigs.waiting import wait_for_blocking, wait_until
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.view import json_value
 from mkdaemon.stamp import nanoseconds
@@ -72,7 +72,7 @@ async def test_a_live_flight_is_shown_as_it_is_on_the_bus():
 async def test_a_recording_that_mkctl_plays_is_shown_value_by_value():
     endpoint = free_endpoint()
     wanted = Counter(
-        entry.key.split("/", 2)[2] for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
+        entry.key.split("/", 2)[2] for entry in Recording(TARGET).entries(lambda facts: facts.kind is EntryKind.SAMPLE)
     )
     play = (
         "-m",

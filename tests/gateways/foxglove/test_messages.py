@@ -64,17 +64,17 @@ def test_a_rotation_survives(angles):
 
 def test_a_position_is_a_fix_and_home_another():
     fix = shown(messages.location_fix, position())
-    home = read(fg.LocationFix.get_schema(), messages.Home(ONE)("", position()))
+    home = read(fg.LocationFix.get_schema(), messages.HomeAnnouncer(ONE)("", position()))
     assert (fix["latitude"], fix["longitude"], fix["altitude"]) == (48.1, 11.5, 520.0)
     assert (fix["frame_id"], fix["position_covariance_type"]) == ("base_link", "UNKNOWN")
     assert fix["timestamp"] == "2023-11-14T22:13:25Z"
     assert (home["latitude"], home["longitude"], home["altitude"]) == (48.0, 11.4, "NaN")
     assert shown(messages.location_fix, position(altitude=None))["altitude"] == "NaN"
-    assert messages.Home(ONE)("", position(home_latitude_deg=None)) is None
+    assert messages.HomeAnnouncer(ONE)("", position(home_latitude_deg=None)) is None
 
 
 def test_home_is_shown_once_and_when_it_changes():
-    show = messages.Home(ONE)
+    show = messages.HomeAnnouncer(ONE)
     homes = [53.0, 53.0, 53.0, 53.5, 53.5, None, 53.5]
     shown_at = [n for n, one in enumerate(homes) if show("", position(home_latitude_deg=one)) is not None]
     assert shown_at == [0, 3]

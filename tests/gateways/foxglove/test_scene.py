@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from mkdaemon.client.place import SIGMAS
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.foxglove.scene import PATH, Scene, ellipsoid, print_of
+from mkdaemon.gateways.foxglove.scene import PATH, VehicleScene, ellipsoid, print_of
 from mkdaemon.telemetry.control import ControlFence
 from tests.gateways.foxglove.test_whereabouts import position
 from tests.gateways.foxglove.viewer import read
@@ -32,7 +32,7 @@ def entities(scene, value):
 
 @pytest.fixture
 def scene():
-    return Scene(Names("mk1"))
+    return VehicleScene(Names("mk1"))
 
 
 def test_the_target_lies_where_its_file_says(scene):

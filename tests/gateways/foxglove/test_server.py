@@ -24,7 +24,7 @@ from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.event import LogEvent
@@ -206,7 +206,7 @@ async def test_a_recording_that_is_played_is_shown_value_by_value():
                 wanted = {
                     suffix: [
                         nanoseconds(entry.stamp.wall)
-                        for entry in Recording(TARGET).entries(lambda facts: facts.kind is Kind.SAMPLE)
+                        for entry in Recording(TARGET).entries(lambda facts: facts.kind is EntryKind.SAMPLE)
                         if entry.key == f"mk/{name}/{suffix}"
                     ]
                     for suffix in ("state/attitude", "raw/rx", "control/estimate")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mkdaemon.client.place import HOME
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, Frames, Poses, Whereabouts
+from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Poses, Whereabouts
 from mkdaemon.telemetry.state import Position
 from tests.gateways.foxglove.viewer import read
 from tests.view.page import flights
@@ -70,7 +70,7 @@ def test_a_place_older_than_the_last_one_is_not_told():
 
 
 def test_the_target_is_the_root_and_map_the_same_frame():
-    frames = Frames(ONE)
+    frames = FrameTree(ONE)
     frames("", flights.attitude(1.0, roll=0.1))
     found = edges(frames, flights.estimate(1.0))
     assert matrix(found["pad", "map"]) == pytest.approx(np.eye(4))
@@ -81,7 +81,7 @@ def test_the_target_is_the_root_and_map_the_same_frame():
 
 
 def test_without_a_target_home_is_the_root():
-    frames = Frames(Names("mk1", "mk1/"))
+    frames = FrameTree(Names("mk1", "mk1/"))
     assert set(edges(frames, flights.attitude(1.0))) == {("mk1/map", "mk1/base_link")}
     found = edges(frames, position(1.1))
     assert set(found) == {("mk1/home", "mk1/map"), ("mk1/map", "mk1/base_link")}
@@ -90,7 +90,7 @@ def test_without_a_target_home_is_the_root():
 
 
 def test_a_camera_that_looks_down_sees_the_target_ahead_of_it():
-    frames = Frames(ONE)
+    frames = FrameTree(ONE)
     mount = matrix(edges(frames, flights.setup(1.0))["base_link", "camera/down"])
     assert mount[:3, 2] == pytest.approx([0.0, 0.0, -1.0])  # forward of the camera is down
     assert mount[:3, 1] == pytest.approx([-1.0, 0.0, 0.0])  # down in its image is backward

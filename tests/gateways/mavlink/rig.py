@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from lab.control.boardfaults import NORMAL
 from mkdaemon.gateways.boardset import STORED
 from mkdaemon.gateways.mavlink.framing import Encoder
-from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.protocol.settings import ParameterSet
@@ -338,7 +338,7 @@ class Ears:
 async def serving(vehicle=None, *, folder=Path("/nonexistent"), values=EVERYTHING):
     """A gateway that runs on the loop's clock; what is given is known to it."""
     loop = asyncio.get_running_loop()
-    gateway = Gateway(vehicle or FakeVehicle(), Options((), 1, None, folder), loop.time, lambda: WALL)
+    gateway = MavlinkGateway(vehicle or FakeVehicle(), Options((), 1, None, folder), loop.time, lambda: WALL)
     ready = asyncio.Event()
     task = asyncio.create_task(gateway.run(ready.set))
     await ready.wait()

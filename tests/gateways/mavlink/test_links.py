@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from lab.rigs.waiting import wait_for
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.addresses import Address, Kind
+from mkdaemon.gateways.mavlink.addresses import Address, AddressKind
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.links import MOST_STATIONS, Links
 from mkdaemon.gateways.mavlink.stations import Program
@@ -59,7 +59,7 @@ async def test_a_program_that_listens_is_found_and_missed():
         program.bind(("127.0.0.1", 0))
         program.setblocking(False)
         loop = asyncio.get_running_loop()
-        async with linked(Address(Kind.UDP_OUT, "127.0.0.1", program.getsockname()[1])) as (links, came):
+        async with linked(Address(AddressKind.UDP_OUT, "127.0.0.1", program.getsockname()[1])) as (links, came):
             (station,) = links.stations
             assert not station.is_present(time.monotonic())
             station.send(BEAT)
@@ -77,7 +77,7 @@ async def test_each_address_that_sends_is_a_station():
     port = free_port(socket.SOCK_DGRAM)
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
-        links, came = await stack.enter_async_context(linked(Address(Kind.UDP_IN, "127.0.0.1", port)))
+        links, came = await stack.enter_async_context(linked(Address(AddressKind.UDP_IN, "127.0.0.1", port)))
         programs = [
             stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(MOST_STATIONS + 1)
         ]
@@ -98,7 +98,7 @@ async def test_each_address_that_sends_is_a_station():
 
 async def test_connections_are_stations_while_they_stand():
     port = free_port()
-    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
         ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
         await wait_for(lambda: len(links.stations) == MOST_STATIONS)
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -121,7 +121,7 @@ async def test_connections_are_stations_while_they_stand():
 
 async def test_a_station_that_does_not_read_loses_messages_and_holds_nobody_up():
     port = free_port()
-    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, _):
+    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, _):
         _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
         await wait_for(lambda: links.stations)
         (station,) = links.stations
@@ -138,7 +138,7 @@ async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch
     """Each start comes from a port of its own; the tenth within half a minute got no answer, and the log no line."""
     monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
     port = free_port(socket.SOCK_DGRAM)
-    async with linked(Address(Kind.UDP_IN, "127.0.0.1", port)) as (links, came):
+    async with linked(Address(AddressKind.UDP_IN, "127.0.0.1", port)) as (links, came):
         for start in range(MOST_STATIONS + 4):
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as script:
                 script.sendto(bytes_of(BEAT), ("127.0.0.1", port))
@@ -150,7 +150,7 @@ async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch
 async def test_silent_connections_make_room_for_one_that_speaks(monkeypatch):
     monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
     port = free_port()
-    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
         silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
         await wait_for(lambda: len(links.stations) == MOST_STATIONS)
         await asyncio.sleep(0.06)
@@ -168,7 +168,7 @@ async def test_a_connection_that_begins_as_something_else_is_closed_and_not_read
     """What a web page posts holds the bytes that it wants; PARAM_SET reached a board so."""
     port = free_port()
     write = mavlink.MAVLink_param_set_message(1, 1, b"GYRO_P", 55.0, 9)
-    async with linked(Address(Kind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(head + bytes_of(write))
         assert await reader.read() == b""
@@ -178,7 +178,7 @@ async def test_a_connection_that_begins_as_something_else_is_closed_and_not_read
 
 async def test_a_serial_line_is_opened_again():
     first, second = os.openpty()
-    async with linked(Address(Kind.SERIAL, os.ttyname(second), 57_600)) as (links, came):
+    async with linked(Address(AddressKind.SERIAL, os.ttyname(second), 57_600)) as (links, came):
         await wait_for(lambda: links.stations)
         os.write(first, bytes_of(BEAT))
         await wait_for(lambda: came)
@@ -197,7 +197,7 @@ async def test_an_address_in_use_is_one_line():
         links = Links(1, None, lambda *_: None, time.monotonic, time.time)
         async with asyncio.TaskGroup() as tasks:
             with pytest.raises(MkError, match=rf"--link tcpin:127.0.0.1:{port} cannot be opened"):
-                await links.open(Address(Kind.TCP_IN, "127.0.0.1", port), tasks)
+                await links.open(Address(AddressKind.TCP_IN, "127.0.0.1", port), tasks)
 
 
 async def test_a_program_that_listens_for_tcp_is_connected_to_again_and_again():
@@ -209,7 +209,7 @@ async def test_a_program_that_listens_for_tcp_is_connected_to_again_and_again():
         await writer.drain()
         writer.close()
 
-    async with linked(Address(Kind.TCP_OUT, "127.0.0.1", port)) as (links, came):
+    async with linked(Address(AddressKind.TCP_OUT, "127.0.0.1", port)) as (links, came):
         await asyncio.sleep(0.1)
         assert not links.stations  # nobody listens yet
         server = await asyncio.start_server(talk, "127.0.0.1", port)

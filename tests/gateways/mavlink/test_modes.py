@@ -19,7 +19,7 @@ from mkdaemon.gateways.mavlink.modes import (
     mode_of_standard,
     number_of,
 )
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.navi import NaviStage
@@ -28,7 +28,7 @@ from tests.gateways.mavlink import rig
 
 
 def picture_of(*values):
-    picture = Picture()
+    picture = LinkPicture()
     for value in values:
         picture.take(value, 1.0)
     return picture

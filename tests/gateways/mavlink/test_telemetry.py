@@ -7,7 +7,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.telemetry import TABLE
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import GpsFix
@@ -18,7 +18,7 @@ NAN = float("nan")
 
 def sent(name, *values):
     """The message as a ground station parses it, of a picture of these values; None where none is sent."""
-    picture = Picture()
+    picture = LinkPicture()
     for value in values or rig.EVERYTHING:
         picture.take(value, 10.0)
     made = TABLE[name].make(picture)
@@ -86,13 +86,13 @@ def test_everything_known(name):
 
 @pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
 def test_nothing_known_is_not_sent(name):
-    picture = Picture()
+    picture = LinkPicture()
     assert TABLE[name].make(picture) is None
 
 
 @pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
 def test_a_stale_value_is_not_sent(name):
-    picture = Picture()
+    picture = LinkPicture()
     for value in rig.EVERYTHING:
         picture.take(value, 10.0)
     picture.now = 15.0
@@ -100,7 +100,7 @@ def test_a_stale_value_is_not_sent(name):
 
 
 def test_an_old_last_value_is_as_old_as_it_is():
-    picture = Picture()
+    picture = LinkPicture()
     picture.take(rig.ATTITUDE, 10.0, age=1.4)
     assert TABLE["ATTITUDE"].make(picture) is not None
     picture.now = 10.2
@@ -108,7 +108,7 @@ def test_an_old_last_value_is_as_old_as_it_is():
 
 
 def test_sensors_are_present_once_seen_and_healthy_while_fresh():
-    picture = Picture()
+    picture = LinkPicture()
     for value in rig.EVERYTHING:
         picture.take(value, 10.0)
     gps, prearm = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_PREARM_CHECK

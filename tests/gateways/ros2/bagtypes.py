@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 from mkdaemon.gateways.ros2 import bag
-from mkdaemon.gateways.ros2.messages import Scene
+from mkdaemon.gateways.ros2.messages import ConversionScene
 
 
 class BagTypes(bag.BagTypes):
@@ -21,7 +21,7 @@ def store():
 
 
 def scene(latest=None, **more):
-    return Scene(BagTypes(), latest=latest or {}, vehicle="mk1", **more)
+    return ConversionScene(BagTypes(), latest=latest or {}, vehicle="mk1", **more)
 
 
 def through_cdr(message, kind):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.gateways.ros2 import diagnostics
-from mkdaemon.reading.diagnoses import PARTS, Diagnosis, Level
+from mkdaemon.reading.diagnoses import PARTS, Diagnosis, DiagnosticLevel
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
@@ -36,7 +36,7 @@ FINE = {
 
 
 def look(latest, later=0.0):
-    mine = Diagnosis("gateway", Level.OK, "nobody flies", {"flown": ""})
+    mine = Diagnosis("gateway", DiagnosticLevel.OK, "nobody flies", {"flown": ""})
     made = diagnostics.report(scene(latest), samples.at(later), mine)
     read = through_cdr(made, "diagnostic_msgs/msg/DiagnosticArray")
     return {status.name: status for status in read.status}
@@ -45,36 +45,48 @@ def look(latest, later=0.0):
 def test_all_is_well():
     found = look(FINE)
     assert list(found) == [f"mk1: {name}" for name in ("verdict", *PARTS, "camera down", "gateway")]
-    assert {status.level for status in found.values()} == {Level.OK}
+    assert {status.level for status in found.values()} == {DiagnosticLevel.OK}
     assert {value.key: value.value for value in found["mk1: link"].values}["echo.p50_ms"] == "12"
 
 
 @pytest.mark.parametrize(
     ("key", "value", "name", "level", "words"),
     [
-        ("health", samples.health(is_alive=False), "vehicle", Level.ERROR, "NOT ALIVE: boards answer"),
-        ("health", samples.health(error="no GPS"), "vehicle", Level.ERROR, "ERROR: no GPS"),
-        ("health", samples.health(read_only="unknown firmware"), "vehicle", Level.WARN, "READ ONLY: unknown firmware"),
-        ("link/health", samples.link(LinkCondition.DEGRADED, "losses"), "link", Level.WARN, "degraded: losses"),
-        ("link/health", samples.link(LinkCondition.MUTE, "no byte"), "link", Level.ERROR, "mute: no byte"),
-        ("state/battery", samples.battery(is_low=True), "battery", Level.ERROR, "LOW, 15.5 V"),
-        ("control/status", samples.status(Phase.STALE, "too old"), "control", Level.ERROR, "too old"),
+        ("health", samples.health(is_alive=False), "vehicle", DiagnosticLevel.ERROR, "NOT ALIVE: boards answer"),
+        ("health", samples.health(error="no GPS"), "vehicle", DiagnosticLevel.ERROR, "ERROR: no GPS"),
+        (
+            "health",
+            samples.health(read_only="unknown firmware"),
+            "vehicle",
+            DiagnosticLevel.WARN,
+            "READ ONLY: unknown firmware",
+        ),
+        (
+            "link/health",
+            samples.link(LinkCondition.DEGRADED, "losses"),
+            "link",
+            DiagnosticLevel.WARN,
+            "degraded: losses",
+        ),
+        ("link/health", samples.link(LinkCondition.MUTE, "no byte"), "link", DiagnosticLevel.ERROR, "mute: no byte"),
+        ("state/battery", samples.battery(is_low=True), "battery", DiagnosticLevel.ERROR, "LOW, 15.5 V"),
+        ("control/status", samples.status(Phase.STALE, "too old"), "control", DiagnosticLevel.ERROR, "too old"),
         (
             *("control/status", samples.status(Phase.FLYING, "flies", trouble="NO POSE; releases in 2.0 s")),
-            *("verdict", Level.ERROR, "NO POSE; releases in 2.0 s"),
+            *("verdict", DiagnosticLevel.ERROR, "NO POSE; releases in 2.0 s"),
         ),
         (
             "vision/down/stats",
             samples.eyes(EyeState.DARK, "more light"),
             "camera down",
-            Level.ERROR,
+            DiagnosticLevel.ERROR,
             "DARK: more light",
         ),
         (
             "vision/down/stats",
             SCALED,
             "camera down",
-            Level.WARN,
+            DiagnosticLevel.WARN,
             "measure it",
         ),
     ],
@@ -86,20 +98,23 @@ def test_what_is_wrong_is_told_in_the_daemons_words(key, value, name, level, wor
 
 def test_what_is_old_or_was_never_heard_is_stale():
     old = look(FINE, later=10.0)
-    assert {old[f"mk1: {name}"].level for name in PARTS} == {Level.STALE}
-    assert (old["mk1: verdict"].level, "silent for 10 s" in old["mk1: verdict"].message) == (Level.ERROR, True)
-    assert old["mk1: gateway"].level == Level.OK
+    assert {old[f"mk1: {name}"].level for name in PARTS} == {DiagnosticLevel.STALE}
+    assert (old["mk1: verdict"].level, "silent for 10 s" in old["mk1: verdict"].message) == (
+        DiagnosticLevel.ERROR,
+        True,
+    )
+    assert old["mk1: gateway"].level == DiagnosticLevel.OK
     assert "STALE 10 s: " in old["mk1: control"].message
     silent = look({})
-    assert (silent["mk1: link"].level, silent["mk1: link"].message) == (Level.STALE, "not known")
+    assert (silent["mk1: link"].level, silent["mk1: link"].message) == (DiagnosticLevel.STALE, "not known")
     assert "mk1: camera down" not in silent, "no camera is no fault"
 
 
 def test_the_age_of_another_machines_value_is_by_the_wall_clock():
     elsewhere = samples.STAMP.model_copy(update={"boot": "ffffffff", "monotonic": 5.0})
     value = samples.status().model_copy(update={"stamp": elsewhere})
-    assert look({**FINE, "control/status": value}, later=1.0)["mk1: control"].level == Level.OK
-    assert look({**FINE, "control/status": value}, later=5.0)["mk1: control"].level == Level.STALE
+    assert look({**FINE, "control/status": value}, later=1.0)["mk1: control"].level == DiagnosticLevel.OK
+    assert look({**FINE, "control/status": value}, later=5.0)["mk1: control"].level == DiagnosticLevel.STALE
 
 
 def test_the_status_of_the_lease_says_how_a_manoeuvre_stands():

@@ -11,7 +11,7 @@ import pytest
 
 from lab.rigs.waiting import wait_for
 from mkdaemon.client.rosmessages import pose, vector
-from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Gateway
+from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Ros2Gateway
 from mkdaemon.gateways.ros2.parameters import RATES
 from mkdaemon.gateways.ros2.topics import Quality
 from tests.client.fake import connected
@@ -73,7 +73,7 @@ async def running(node, before=lambda daemon: None):
     """A gateway before a daemon without boards."""
     async with connected() as (daemon, uav):
         before(daemon)
-        gateway = Gateway(uav, node, TYPES)
+        gateway = Ros2Gateway(uav, node, TYPES)
         task = asyncio.create_task(gateway.run())
         try:
             await asyncio.sleep(0.2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.gateways.ros2 import topics
-from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Topic
+from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Ros2Topic
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import store
 
@@ -36,7 +36,7 @@ def test_a_camera_gives_its_topics_their_name():
     assert row.is_of("vision/down/image")
     assert not row.is_of("vision/down/pose")
     assert row.word == "image"
-    assert Topic("/tf", "tf", "", lambda *_: None).word == "tf"
+    assert Ros2Topic("/tf", "tf", "", lambda *_: None).word == "tf"
 
 
 def test_newest_values_and_every_mount_are_kept():

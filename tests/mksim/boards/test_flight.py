@@ -11,7 +11,7 @@ import pytest
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import FlightConfig, WindClass
-from mksim.physics.hand_flight import CircleFlight, Phase
+from mksim.physics.hand_flight import CircleFlight, HandPhase
 from mksim.physics.world import World
 
 
@@ -27,7 +27,7 @@ def airborne(word: str, *, seed: int = 1) -> tuple[World, FlightCtrl]:
 def test_circle_is_flown_on_every_generation(word: str) -> None:
     world, board = airborne(word)
     assert isinstance(world.pilot.program, CircleFlight)
-    assert world.pilot.program.phase is Phase.FLY
+    assert world.pilot.program.phase is HandPhase.FLY
     for until in np.arange(18.5, 25.0, 0.5):
         board.advance(float(until))
         assert world.truth.airborne
@@ -37,7 +37,7 @@ def test_circle_is_flown_on_every_generation(word: str) -> None:
     program = world.pilot.program
     program.land()
     board.advance(39.0)
-    assert program.phase is Phase.DONE
+    assert program.phase is HandPhase.DONE
     assert not board.core.running
     assert world.truth.on_ground
     assert not world.truth.crashed

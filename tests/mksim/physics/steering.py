@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mksim.physics.pilot import Pilot
+from mksim.physics.pilot import SimulatedPilot
 from mksim.physics.world import DT, StickInput, World
 
 GAS_AT_REST = 127.0
@@ -38,7 +38,7 @@ class RcBoard:
         for _ in range(round(seconds / DT)):
             self.world.step(self.sticks())
 
-    def _watch_corners(self, pilot: Pilot) -> None:
+    def _watch_corners(self, pilot: SimulatedPilot) -> None:
         corner = pilot.gas < -100 and abs(pilot.yaw) > 100 and self.world.now >= self.deaf_until
         self._corner = self._corner + DT if corner else 0.0
         if self._corner > CORNER_TIME and self.armed is (pilot.yaw > 0):

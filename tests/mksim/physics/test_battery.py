@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mksim.config import BatteryConfig
-from mksim.physics.battery import OPEN_CIRCUIT_V, Battery, open_circuit_voltage
+from mksim.physics.battery import OPEN_CIRCUIT_V, SimulatedBattery, open_circuit_voltage
 
 
 @given(low=st.floats(-0.5, 1.5), high=st.floats(-0.5, 1.5))
@@ -23,7 +23,7 @@ def test_voltage_at_the_knots(charge: float, voltage: float) -> None:
 
 
 def test_load_sags_the_voltage_at_once() -> None:
-    battery = Battery(BatteryConfig())
+    battery = SimulatedBattery(BatteryConfig())
     battery.update(0.0, 0.02)
     idle = battery.voltage
     battery.update(1.0, 0.02)
@@ -32,7 +32,7 @@ def test_load_sags_the_voltage_at_once() -> None:
 
 
 def test_hover_lasts_as_long_as_the_capacity_says() -> None:
-    battery = Battery(BatteryConfig())
+    battery = SimulatedBattery(BatteryConfig())
     seconds = 0
     while not battery.is_low and seconds < 3600:
         battery.update(1.0, 1.0)
@@ -44,7 +44,7 @@ def test_hover_lasts_as_long_as_the_capacity_says() -> None:
 
 
 def test_an_empty_pack_stays_finite() -> None:
-    battery = Battery(BatteryConfig(charge=0.05))
+    battery = SimulatedBattery(BatteryConfig(charge=0.05))
     for _ in range(1000):
         battery.update(2.0, 1.0)
     assert battery.charge == 0.0
@@ -52,7 +52,7 @@ def test_an_empty_pack_stays_finite() -> None:
 
 
 def test_a_fault_takes_volts_off() -> None:
-    battery = Battery(BatteryConfig())
+    battery = SimulatedBattery(BatteryConfig())
     battery.update(1.0, 0.02)
     before = battery.voltage
     battery.drop = 3.6

@@ -9,8 +9,8 @@ import pytest
 
 from mksim.config import BatteryConfig, FlightConfig, WindClass
 from mksim.physics.attitude_loop import FAST, AttitudeGains
-from mksim.physics.hand_flight import CircleFlight, HandFlight, Phase
-from mksim.physics.pilot import DelayedProgram, Program
+from mksim.physics.hand_flight import CircleFlight, HandFlight, HandPhase
+from mksim.physics.pilot import DelayedProgram, PilotProgram
 from mksim.physics.world import StartState, World
 
 from .steering import RcBoard
@@ -48,7 +48,7 @@ def test_a_low_battery_ends_the_flight_on_the_ground() -> None:
     board = board_of(CircleFlight(), battery=BatteryConfig(charge=0.10, capacity_mah=2000.0))
     before = board.world.sensors.battery_voltage
     board.run(75.0)
-    assert board.world.pilot.program.phase is Phase.DONE  # type: ignore[union-attr]
+    assert board.world.pilot.program.phase is HandPhase.DONE  # type: ignore[union-attr]
     assert not board.armed
     assert board.world.truth.on_ground
     assert not board.world.truth.crashed
@@ -60,10 +60,10 @@ def test_lands_when_told() -> None:
     program = HandFlight(height=1.0)
     board = board_of(program, wind=WindClass.INDOOR)
     board.run(14.0)
-    assert program.phase is Phase.FLY
+    assert program.phase is HandPhase.FLY
     program.land()
     board.run(10.0)
-    assert program.phase is Phase.DONE
+    assert program.phase is HandPhase.DONE
     assert not board.armed
     assert np.hypot(*board.world.truth.position_enu[:2]) < 1.0
 
@@ -74,10 +74,10 @@ def test_repeats_the_gesture_until_the_motors_run() -> None:
     board.deaf_until = 9.0
     board.run(9.0)
     assert not board.armed
-    assert program.phase is Phase.ARM
+    assert program.phase is HandPhase.ARM
     board.run(5.0)
     assert board.armed
-    assert program.phase is Phase.CLIMB
+    assert program.phase is HandPhase.CLIMB
 
 
 @pytest.mark.parametrize("wind", [WindClass.NONE, WindClass.MODERATE])
@@ -93,7 +93,7 @@ def test_flies_other_parameter_sets_too(wind: WindClass) -> None:
     assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
 
 
-def armed_after(program: Program) -> float:
+def armed_after(program: PilotProgram) -> float:
     return armed_in(board_of(program))
 
 

@@ -11,7 +11,7 @@ import pytest
 from mkdaemon.frames import enu_from_geodetic
 from mksim.config import FlightConfig, SensorConfig
 from mksim.physics.airframe import GRAVITY, Airframe, FlatGround
-from mksim.physics.battery import Battery
+from mksim.physics.battery import SimulatedBattery
 from mksim.physics.sensors import Sensors
 
 PERIOD = 0.02048
@@ -42,7 +42,7 @@ def enu_of(config: FlightConfig, sensors: Sensors) -> tuple[float, float, float]
 
 
 def test_ideal_sensors_tell_the_truth() -> None:
-    airframe, battery = standing(), Battery(IDEAL.battery)
+    airframe, battery = standing(), SimulatedBattery(IDEAL.battery)
     sensors = sensors_of(IDEAL, airframe)
     airframe.east, airframe.north, airframe.up = 3.0, -4.0, 10.1
     airframe.rate_x, airframe.rate_y, airframe.rate_z = 0.1, -0.2, 0.3
@@ -59,7 +59,7 @@ def test_ideal_sensors_tell_the_truth() -> None:
 def test_headings_run_clockwise_from_north(yaw_deg: float, heading_deg: float) -> None:
     airframe = standing(math.radians(yaw_deg))
     sensors = sensors_of(IDEAL, airframe)
-    sensors.update_slow(airframe, Battery(IDEAL.battery), 0.0)
+    sensors.update_slow(airframe, SimulatedBattery(IDEAL.battery), 0.0)
     sensors.report(0.0, 0.0, math.radians(yaw_deg), [0] * 12)
     assert math.remainder(sensors.compass_deg - heading_deg, 360.0) == pytest.approx(0.0, abs=1e-9)
     assert math.remainder(sensors.heading_deg - heading_deg, 360.0) == pytest.approx(0.0, abs=1e-9)
@@ -68,7 +68,7 @@ def test_headings_run_clockwise_from_north(yaw_deg: float, heading_deg: float) -
 def test_compass_has_a_bias_per_seed_and_noise() -> None:
     biases, spreads = [], []
     for seed in range(40):
-        airframe, battery = standing(math.radians(-90.0)), Battery(NOISY.battery)
+        airframe, battery = standing(math.radians(-90.0)), SimulatedBattery(NOISY.battery)
         sensors = sensors_of(NOISY, airframe, seed)
         headings = []
         for k in range(100):
@@ -85,14 +85,14 @@ def test_compass_fault_turns_the_heading_clockwise() -> None:
     airframe = standing(math.radians(-90.0))
     sensors = sensors_of(IDEAL, airframe)
     sensors.compass_fault_deg = 30.0
-    sensors.update_slow(airframe, Battery(IDEAL.battery), 0.0)
+    sensors.update_slow(airframe, SimulatedBattery(IDEAL.battery), 0.0)
     assert sensors.compass_deg == pytest.approx(210.0)
 
 
 def test_baro_wanders_by_15_cm_in_steps_of_5() -> None:
     heights = []
     for seed in range(60):
-        airframe, battery = standing(), Battery(NOISY.battery)
+        airframe, battery = standing(), SimulatedBattery(NOISY.battery)
         sensors = sensors_of(NOISY, airframe, seed)
         for k in range(1500):
             sensors.update_slow(airframe, battery, k * PERIOD)
@@ -104,7 +104,7 @@ def test_baro_wanders_by_15_cm_in_steps_of_5() -> None:
 def test_gps_reports_at_5_hz_within_two_or_three_metres() -> None:
     errors, reports = [], 0
     for seed in range(60):
-        airframe, battery = standing(), Battery(NOISY.battery)
+        airframe, battery = standing(), SimulatedBattery(NOISY.battery)
         sensors = sensors_of(NOISY, airframe, seed)
         for k in range(round(4.0 / PERIOD)):
             sensors.update_slow(airframe, battery, k * PERIOD)
@@ -117,7 +117,7 @@ def test_gps_reports_at_5_hz_within_two_or_three_metres() -> None:
 
 
 def test_lost_gps_says_so_and_keeps_reporting() -> None:
-    airframe, battery = standing(), Battery(NOISY.battery)
+    airframe, battery = standing(), SimulatedBattery(NOISY.battery)
     sensors = sensors_of(NOISY, airframe)
     sensors.update_slow(airframe, battery, 0.0)
     last = sensors.gps

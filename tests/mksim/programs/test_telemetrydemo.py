@@ -15,7 +15,7 @@ from lab.rigs.programs import mkdaemon, run_mkdaemon
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.client import Sample
-from mksim.programs.telemetrydemo import ENOUGH, Tally, progress_line, render_summary, summarise
+from mksim.programs.telemetrydemo import ENOUGH, DemoTally, progress_line, render_summary, summarise
 from tools.top_picture import KNOWN
 
 
@@ -87,7 +87,7 @@ def arguments_of(pid):
 
 
 def test_the_summary_in_words():
-    tally = Tally()
+    tally = DemoTally()
     tally.take(Sample("rx/nc/osd", {}, ""), 0.0)
     tally.take(Sample("rx/nc/osd", {}, ""), 2.0)
     assert "NOT flow: nothing on " in in_words(tally)
@@ -119,7 +119,7 @@ def in_words(tally):
 
 
 def test_telemetry_has_flowed_only_when_all_of_it_has():
-    tally = Tally()
+    tally = DemoTally()
     for n, suffix in enumerate(ENOUGH):
         assert not tally.has_flowed
         assert not summarise(tally)["telemetry_flowed"]

@@ -7,12 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.tags.tagmap import Tag
-from mksim.scene.view import CameraView, Pose, project
+from mksim.scene.view import CameraView, ViewPose, project
 
 Array = npt.NDArray[np.float64]
 
 
-def corner_errors(image: npt.NDArray[np.uint8], tag: Tag, pose: Pose, view: CameraView) -> Array:
+def corner_errors(image: npt.NDArray[np.uint8], tag: Tag, pose: ViewPose, view: CameraView) -> Array:
     """Distance of each rendered corner from its exact projection `(4,)` [px].
 
     Points on each side of the black square are projected exactly; the grey profile across the side gives the offset

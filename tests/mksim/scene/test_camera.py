@@ -19,7 +19,7 @@ from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.still import StillEye, StillResult
 from mkdaemon.vision.tags.tagmap import TagMap
 from mksim.config import FlightConfig, LightConfig, PilotPlan, PlatformConfig, SceneConfig, SimConfig
-from mksim.faults import Faults
+from mksim.faults import RunningFaults
 from mksim.physics.truth import Truth
 from mksim.physics.world import StartState, World
 from mksim.scene.camera import BUILT_IN, BodyState, SceneCamera, landing_world, platform_of
@@ -144,7 +144,7 @@ def test_frames_come_stamped_and_late() -> None:
             enough.set()
 
     feed = SceneFeed(SceneCamera(cfg, seed=1), send, seed=1)
-    truth, faults = truth_at(1.5), Faults()
+    truth, faults = truth_at(1.5), RunningFaults()
     feed.start()
     exposed = []
     for k in range(4):
@@ -167,7 +167,7 @@ def test_frames_come_stamped_and_late() -> None:
 
 def test_a_renderer_that_falls_behind_loses_numbered_frames() -> None:
     feed = SceneFeed(SceneCamera(SceneConfig(), seed=1), lambda payload: None, seed=1)
-    truth, faults = truth_at(1.5), Faults()
+    truth, faults = truth_at(1.5), RunningFaults()
     for k in range(5):
         feed.tick(k / 30.0 + 1e-9, truth, faults)
     assert feed.dropped == 4
@@ -176,7 +176,7 @@ def test_a_renderer_that_falls_behind_loses_numbered_frames() -> None:
 
 def test_a_camera_that_is_off_takes_no_picture() -> None:
     feed = SceneFeed(SceneCamera(SceneConfig(), seed=1), lambda payload: None, seed=1)
-    truth, faults = truth_at(1.5), Faults()
+    truth, faults = truth_at(1.5), RunningFaults()
     faults.start("camera_off")
     feed.tick(0.0, truth, faults)
     assert feed._slot.take(0.0) is None

@@ -19,7 +19,7 @@ from mksim.scene.hardships import blades, fair_conditions, shadow_of_vehicle
 from mksim.scene.hindrances import Fog
 from mksim.scene.kinds import CAMERA_KINDS
 from mksim.scene.lensfaults import Dirt, add_dirt, add_fringe, grey_scale
-from mksim.scene.light import CLEAN, Conditions
+from mksim.scene.light import CLEAN, LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.shadows import LeafShadow, VehicleShadow, leaf_pattern
@@ -31,7 +31,7 @@ SIDE = PAD.target.tags[0].size
 ABOVE = CameraView(LENS, LOOKING_DOWN.flu_from_cam, np.array([0.03, -0.02, 0.8]))
 
 
-def picture(conditions: Conditions, view: CameraView = ABOVE) -> np.ndarray:
+def picture(conditions: LightConditions, view: CameraView = ABOVE) -> np.ndarray:
     return Scene([PAD], ground=None, seed=3, fine=False).render(view, conditions).astype(float)
 
 
@@ -141,7 +141,7 @@ def test_automatic_exposure_reaches_its_grey_value_after_its_delay() -> None:
 
 
 def test_an_ideal_camera_in_fair_light_has_a_good_day() -> None:
-    assert fair_conditions(LightConfig(), CAMERA_KINDS["ideal"].conditions, SIDE, 1) == Conditions()
+    assert fair_conditions(LightConfig(), CAMERA_KINDS["ideal"].conditions, SIDE, 1) == LightConditions()
 
 
 def test_configured_light_and_print_come_on_top_of_the_camera() -> None:
@@ -163,7 +163,7 @@ def test_configured_light_and_print_come_on_top_of_the_camera() -> None:
     assert (found.leaves is not None, found.gloss is not None, found.dirt is not None) == (True, True, True)
     assert (found.fog, found.drops.count, found.flicker.rate) == (Fog(9.0), 5, 200.0)
     assert found.propellers is not None
-    clear = fair_conditions(LightConfig(), Conditions(), 0.3, 1)
+    clear = fair_conditions(LightConfig(), LightConditions(), 0.3, 1)
     assert (clear.fog, clear.drops, clear.propellers, clear.flicker) == (None, None, None, None)
     assert len(found.covers) == 5
 

@@ -14,7 +14,7 @@ from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import build, single
 from mksim.scene.layers import INK, PAPER
-from mksim.scene.light import CLEAN, FULL_LIGHT, Conditions, Cover, Glare, Shadow
+from mksim.scene.light import CLEAN, FULL_LIGHT, Cover, Glare, LightConditions, Shadow
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mksim.scene.view import CameraView, project, rotation_from_vector, view_towards
@@ -147,7 +147,7 @@ def test_the_true_pose_is_the_pose_of_the_true_corners() -> None:
 
 def test_equal_seeds_give_equal_bytes() -> None:
     view = oblique(2.0, 30, 1.0, PINHOLE)
-    conditions = Conditions(jpeg_quality=60, glare=(Glare((0.1, 0.0), 0.03),), shadow=Shadow(4.0))
+    conditions = LightConditions(jpeg_quality=60, glare=(Glare((0.1, 0.0), 0.03),), shadow=Shadow(4.0))
     first, again, other = (Scene([SINGLE], seed=seed).render(view, conditions) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert np.abs(first.astype(int) - other).mean() > 5
@@ -196,7 +196,7 @@ def test_conditions_do_what_they_say() -> None:
     view = oblique(1.0, 0, 0.0, PINHOLE)
     scene = Scene([SINGLE], ground=None, seed=1)
 
-    def white(conditions: Conditions, place: tuple[float, float] = (-0.175, 0.0)) -> float:
+    def white(conditions: LightConditions, place: tuple[float, float] = (-0.175, 0.0)) -> float:
         """Mean grey of the white margin around a place on the target."""
         pose = SINGLE.motion.pose_at(0.0)
         seen = project(view.camera_points(pose.points(np.array([[*place, 0.0]]))), PINHOLE)[0].round().astype(int)

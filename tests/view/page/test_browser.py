@@ -13,7 +13,7 @@ import pytest
 from lab.rigs.browsing import chromium, opened, program, said, wait_until
 from mkdaemon.client.samples import read_payload, typed_value
 from mkdaemon.reading import Reading
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from tests.places import DATA
 from tests.reading.situations import SITUATIONS
@@ -33,7 +33,7 @@ def browser():
 def last_values():
     """The last value of every key of the known flight."""
     found = {}
-    for entry in Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE):
+    for entry in Recording(FLIGHT).entries(lambda facts: facts.kind is EntryKind.SAMPLE):
         found[entry.suffix] = typed_value(
             entry.encoding.rpartition(";mk.")[2], read_payload(entry.encoding, entry.payload)
         )
@@ -42,7 +42,7 @@ def last_values():
 
 def estimates():
     """Where the aircraft was believed to be, and when it was recorded [s since the beginning]."""
-    entries = list(Recording(FLIGHT).entries(lambda facts: facts.kind is Kind.SAMPLE))
+    entries = list(Recording(FLIGHT).entries(lambda facts: facts.kind is EntryKind.SAMPLE))
     begin = min(entry.received for entry in entries)
     found = ((entry.received - begin, entry) for entry in entries if entry.suffix == "control/estimate")
     return [(at, read_payload(entry.encoding, entry.payload)["position"]) for at, entry in found]

@@ -13,7 +13,7 @@ import numpy as np
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.reading import key_spec
-from mkdaemon.record.entry import Entry, Kind, TimeBase
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
 
@@ -43,9 +43,9 @@ class Tape:
     def __init__(self, vehicle: str = "mk1") -> None:
         self.vehicle = vehicle
         self.entries: list[Entry] = []
-        self._counts: dict[tuple[Kind, str], int] = {}
+        self._counts: dict[tuple[EntryKind, str], int] = {}
 
-    def add(self, at: float, suffix: str, fields: Any, kind: Kind = Kind.SAMPLE, **more: Any) -> None:
+    def add(self, at: float, suffix: str, fields: Any, kind: EntryKind = EntryKind.SAMPLE, **more: Any) -> None:
         """Add an entry of a time [s] after the beginning."""
         monotonic, key = BEGIN + at, f"mk/{self.vehicle}/{suffix}"
         payload = msgpack.packb({"stamp": self.stamp(at)} | fields if isinstance(fields, dict) else fields)
@@ -122,7 +122,7 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
             "settings_refused": (),
         }
         tape.add(at, "vision/down/stats", stats)
-        tape.add(at, "vision/down/image", picture(20 * tick), Kind.IMAGE, issuer="driver")
+        tape.add(at, "vision/down/image", picture(20 * tick), EntryKind.IMAGE, issuer="driver")
     for at, condition in ((0.0, "up"), (8.0, "degraded")):
         tape.add(at, "link/state", {"condition": condition, "since": tape.stamp(at), **link})
     health = {"is_alive": True, "reason": "", "boards": ("fc",), "read_only": None, "link": "up", "error": None}
@@ -147,7 +147,7 @@ def _add_events(tape: Tape, word: str) -> None:
     tape.add(5.0, "event/failsafe", {"action": "neutral", "reason": "too old" + word, "released": None})
     tape.add(5.5, "event/log", {"level": "warning", "text": "look" + word})
     model = {"a1": 3.5, "stick_filter": 0.078}
-    tape.add(0.1, "core/ModelKnown", {"event": {"model": model}, "reply": None}, Kind.EVENT)
+    tape.add(0.1, "core/ModelKnown", {"event": {"model": model}, "reply": None}, EntryKind.EVENT)
 
 
 def write_known(path: Path, word: str = "") -> Path:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mkdaemon.client import pictures
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading.known import EVENTS
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.rewrite import merge
 from mkdaemon.view.report.make import report_of
 from mkdaemon.view.report.page import render
@@ -114,7 +114,7 @@ def test_no_value_makes_a_report_fail(values, shared):
     tape = Tape()
     tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
     for number, (suffix, fields) in enumerate(values):
-        kind = Kind.IMAGE if suffix.endswith("image") else Kind.SAMPLE
+        kind = EntryKind.IMAGE if suffix.endswith("image") else EntryKind.SAMPLE
         tape.add(number / 7, suffix, fields, kind)
         tape.add(number / 7, suffix, msgpack.packb(fields))
     path = tape.write(shared, config='{"a": "\\ud800"}')

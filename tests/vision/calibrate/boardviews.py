@@ -9,9 +9,9 @@ from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.layers import Layer, sheet_layer
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.scene import Scene, SceneTarget
-from mksim.scene.view import CameraView, Pose
+from mksim.scene.view import CameraView, ViewPose
 
 LENS = Intrinsics(
     width=640, height=480, fx=512.3, fy=514.8, cx=326.4, cy=236.1, k1=-0.21, k2=0.06, p1=0.0008, p2=-0.0005
@@ -43,14 +43,14 @@ class _Held:
     def __init__(self, width: float, places: tuple[tuple[float, ...], ...], lens: Intrinsics) -> None:
         self._width, self._places, self._lens = width, places, lens
 
-    def pose_at(self, time: float) -> Pose:
+    def pose_at(self, time: float) -> ViewPose:
         column, row, far, about_y, about_x, turn = self._places[int(time)]
         distance, lens = far * self._width, self._lens
         x = (column * lens.width - lens.cx) / lens.fx * distance
         z = -(row * lens.height - lens.cy) / lens.fy * distance
         upright = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         tilt = rotation_from_euler(np.radians(about_x), np.radians(about_y), np.radians(turn))
-        return Pose(upright @ tilt, np.array([x, distance, z]))
+        return ViewPose(upright @ tilt, np.array([x, distance, z]))
 
 
 def board_views(
@@ -58,7 +58,7 @@ def board_views(
     width: float,
     lens: Intrinsics = LENS,
     places: tuple[tuple[float, ...], ...] = PLACES,
-    conditions: Conditions | None = None,
+    conditions: LightConditions | None = None,
 ) -> list[npt.NDArray[np.uint8]]:
     """Render a board of `width` [m] in `places`."""
     looking_north = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

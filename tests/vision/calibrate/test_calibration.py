@@ -21,7 +21,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
 from mksim.scene.flights import FLU_FROM_CAM_DOWN
 from mksim.scene.layers import board_layer, sheet_layer, tag_layer
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.view import project
 from tests.places import CONFIGS
 
@@ -129,7 +129,7 @@ def test_corners_on_one_line_are_no_view(rows: int, points: int | None) -> None:
 
 def test_the_board_survives_poor_light() -> None:
     layer = board_layer(CHARUCO.cells, 0.27, 0.18)
-    (image,) = board_views((layer,), 0.27, places=PLACES[:1], conditions=Conditions(exposure=0.3, gradient=4.0))
+    (image,) = board_views((layer,), 0.27, places=PLACES[:1], conditions=LightConditions(exposure=0.3, gradient=4.0))
     found = CHARUCO.find(image)
     assert found is not None
     assert len(found.ids) > 30

@@ -15,7 +15,7 @@ from mkdaemon.vision.calibrate.printcheck import PrintState, check_print
 from mkdaemon.vision.camera.calibration_file import Camera, save_camera
 from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.curl import Curl
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.places import CONFIGS
 from tests.vision.test_webots import CAMERA, ROWS, WEBOTS
 from tests.vision.views import VGA, View, place, printed, shipped
@@ -99,13 +99,13 @@ def test_a_print_that_is_larger_than_its_file_says_is_found_by_the_tape(percent,
 
 
 def test_a_bent_print_is_not_flat_and_without_a_camera_file_it_may_be_the_lens():
-    view = View(shipped("nested"), place(0.6, 0.3), Conditions(curl=Curl(1.5, 0.5, 0.4)))
+    view = View(shipped("nested"), place(0.6, 0.3), LightConditions(curl=Curl(1.5, 0.5, 0.4)))
     assert states(check_print(view.pixels, shipped("nested"), VGA))["flat"] is BAD
     assert states(check_print(view.pixels, shipped("nested")))["flat"] is UNKNOWN
 
 
 def test_a_blurred_photograph_judges_no_sizes():
-    view = View(shipped("nested"), place(0.6, 0.3), Conditions(defocus_px=9.0))
+    view = View(shipped("nested"), place(0.6, 0.3), LightConditions(defocus_px=9.0))
     found = states(check_print(view.pixels, shipped("nested"), VGA))
     assert (found["sharp"], found["sizes among tags"], found["width over height"]) == (BAD, UNKNOWN, GOOD)
 

@@ -9,7 +9,7 @@ from mkdaemon.vision.calibrate.board import CharucoBoard, edge_levels
 from mkdaemon.vision.calibrate.calibration import tone_curve
 from mkdaemon.vision.camera.image import in_light
 from mksim.scene.layers import board_layer
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 from tests.vision.calibrate.boardviews import PLACES, board_views
 
@@ -19,7 +19,7 @@ BOARD = CharucoBoard(9, 6, 0.03)
 def levels_of(processing: Processing) -> np.ndarray:
     layer = board_layer(BOARD.cells, 0.27, 0.18)
     found = []
-    for image in board_views((layer,), 0.27, places=PLACES[:2], conditions=Conditions(processing=processing)):
+    for image in board_views((layer,), 0.27, places=PLACES[:2], conditions=LightConditions(processing=processing)):
         view = BOARD.find(image)
         assert view is not None
         found.append(view.levels)

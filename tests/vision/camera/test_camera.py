@@ -22,7 +22,7 @@ from mkdaemon.telemetry.signature import private_key, sign
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera import sources
 from mkdaemon.vision.camera.camera import CameraStream, StampClock
-from mkdaemon.vision.camera.image import CameraImage, EndOfImages, NewestSlot, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, ImageSource, NewestSlot, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from mkdaemon.vision.camera.sources import list_pictures, source_of
 from tests.vision.streams import wait_for_status
@@ -34,7 +34,7 @@ def picture(grey: int = 100) -> np.ndarray:
     return np.full((48, 64), grey, dtype=np.uint8)
 
 
-class Scripted(Source):
+class Scripted(ImageSource):
     """A camera that does what the script says: an image, nothing, unplugged, at its end."""
 
     def __init__(self, script: list[str]) -> None:

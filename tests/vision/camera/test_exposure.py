@@ -20,7 +20,7 @@ from mkdaemon.vision.camera.exposure import (
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage, NewestSlot, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, ImageSource, NewestSlot, Shot
 from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
@@ -28,7 +28,7 @@ from mkdaemon.vision.tags.tagmap import load
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import VisionResult
 from mksim.scene.electrons import PhotonSensor
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.places import CONFIGS
 
 REACH = Reach(100e-6, 15e-3, 16.0)
@@ -90,7 +90,7 @@ def test_without_a_tag_the_whole_image_speaks() -> None:
 
 
 def expose(sensor: PhotonSensor, lux: float, setting: Setting, rng: np.random.Generator) -> np.ndarray:
-    light = sensor.conditions(Conditions(), lux, setting.exposure, setting.gain)
+    light = sensor.conditions(LightConditions(), lux, setting.exposure, setting.gain)
     clean = board(235 * 0.85 * light.exposure, 0.0, rng) if light.exposure < 1.2 else np.full((120, 160), 255.0)
     noise = np.sqrt(light.noise_sd**2 + light.shot_gain * clean)
     return np.clip(clean + noise * rng.standard_normal(clean.shape), 0, 255).astype(np.uint8)
@@ -117,7 +117,7 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
     assert control.setting.exposure == pytest.approx(settled.exposure, rel=0.35)
 
 
-class Told(Source):
+class Told(ImageSource):
     """A camera that gives images and remembers what it was told."""
 
     reach = REACH

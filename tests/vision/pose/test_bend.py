@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mkdaemon.vision.arrays import Estimate
+from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, largest_variance
@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.follower import LearnedBend
 from mksim.scene.curl import Curl
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.01)
@@ -26,11 +26,11 @@ RISE = 0.01
 PROJECTION = Projection(VGA)
 
 
-def curled(axis: float) -> tuple[Conditions, np.ndarray]:
+def curled(axis: float) -> tuple[LightConditions, np.ndarray]:
     """A print bent about an axis, its middle up by 1 % of the side, and the rise that is."""
     across = np.array([-np.sin(axis), np.cos(axis)])
     rise = -RISE * np.array([across[0] ** 2, 2 * across[0] * across[1], across[1] ** 2])
-    return Conditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
+    return LightConditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
 
 
 def start_of(view: View) -> Pose:
@@ -61,7 +61,7 @@ def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
 def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
     conditions, rise = curled(0.6)
     view = View(TARGET, place(6.5, 0.25), conditions)
-    known = replace(start_of(view), known_bend=Estimate(rise, 1e-8 * np.eye(3)))
+    known = replace(start_of(view), known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
     fitted = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, start) for start in (known, start_of(view))]
     flat = PhotoFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
     assert fitted[0] is not None
@@ -94,9 +94,9 @@ def test_who_bends() -> None:
 
 
 def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
-    prior = Estimate(np.zeros(3), 1e-4 * np.eye(3))
+    prior = UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3))
     learned = LearnedBend(prior)
-    told = Estimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
     pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
     learned.learn(0.0, replace(pose, source="photometric"))
     assert learned.at(0.1) is not None
@@ -112,7 +112,10 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
 
 
 def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
-    prior, told = Estimate(np.zeros(3), 1e-4 * np.eye(3)), Estimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    prior, told = (
+        UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3)),
+        UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3)),
+    )
     learned = LearnedBend(prior)
     pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
     learned.learn(0.0, pose)
@@ -126,9 +129,9 @@ def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
 @pytest.mark.parametrize("distance", [0.25, 0.3, 0.4, 0.5])
 def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
     """Whatever step a fit ends with: what was known of the bend is weighed once."""
-    known = Estimate(np.zeros(3), 1e-10 * np.eye(3))
+    known = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3))
     for k in range(8):
-        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), Conditions(noise_sd=6.0))
+        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), LightConditions(noise_sd=6.0))
         found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, replace(start_of(view), known_bend=known))
         if found is not None and found.bend is not None:
             spread = np.linalg.eigvalsh(found.bend.covariance)
@@ -136,8 +139,8 @@ def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
 
 
 def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
-    prior = Estimate(np.zeros(3), 0.002**2 * np.eye(3))
-    told = Estimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    prior = UnknownsEstimate(np.zeros(3), 0.002**2 * np.eye(3))
+    told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
     learned = LearnedBend(prior)
     pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
     learned.learn(0.0, pose)

@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.gloss import Gloss
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.vision.views import VGA, View, angle_deg, nearly, nees, place, shipped
 
 TARGET = replace(shipped("nested"), bend=0.0)
@@ -70,7 +70,7 @@ def test_nothing_is_moved_where_no_paper_is_blown() -> None:
 def test_a_highlight_does_not_turn_the_pose(beside: float, distance: float) -> None:
     """It lies over one side of a print seen from nearly above; without what clipping does 2.8 to 7.6 degrees."""
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
-    view = View(TARGET, place(distance, 0.03, around=7.0 * beside), Conditions(gloss=gloss))
+    view = View(TARGET, place(distance, 0.03, around=7.0 * beside), LightConditions(gloss=gloss))
     pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
     assert pose is not None
     assert angle_deg(view.rotation, pose.rotation) < 1.5
@@ -78,7 +78,7 @@ def test_a_highlight_does_not_turn_the_pose(beside: float, distance: float) -> N
     assert pose.inliers > LIMITS.agreement.blind
 
 
-OVER = Conditions(exposure=1.8)
+OVER = LightConditions(exposure=1.8)
 
 
 def test_motion_moves_blown_edges_across_it_only() -> None:
@@ -106,7 +106,7 @@ def test_blown_paper_tells_grey_values_nothing() -> None:
 @pytest.mark.parametrize(("exposure", "source"), [(1.8, "photometric"), (1.0, "edges")])
 def test_small_cells_of_blown_paper_are_measured_by_grey_values(exposure: float, source: str) -> None:
     """Their corners are dimmer and clipped less: edges of 5 px cells put the print 4 mm too far, 1.6 claimed."""
-    view = View(TARGET, place(4.4, 0.2), Conditions(exposure=exposure))
+    view = View(TARGET, place(4.4, 0.2), LightConditions(exposure=exposure))
     pose = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert pose is not None
     assert pose.source == source

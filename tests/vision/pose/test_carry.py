@@ -10,11 +10,11 @@ import pytest
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from tests.vision.views import VGA, View, place, shipped
 
-DIM = replace(Conditions(), exposure=0.06, noise_sd=2.5)
-BLURRED = replace(Conditions(), defocus_px=5.0)
+DIM = replace(LightConditions(), exposure=0.06, noise_sd=2.5)
+BLURRED = replace(LightConditions(), defocus_px=5.0)
 
 
 def pose_of(view: View) -> Pose:
@@ -49,7 +49,7 @@ def test_the_whole_image_of_a_target_is_found_again(distance, conditions):
 def test_what_is_not_there_is_not_found():
     target = shipped("nested")
     before = View(target, place(3.0, 0.2))
-    empty = View(target, place(3.0, 0.2), replace(Conditions(), target_in_view=False))
+    empty = View(target, place(3.0, 0.2), replace(LightConditions(), target_in_view=False))
     fitter = TargetFitter(target, Projection(VGA))
     assert fitter.carried(before.pixels, empty.pixels, pose_of(before)) is None
     outside = replace(pose_of(before), position=np.array([9.0, 0.0, 1.0]))

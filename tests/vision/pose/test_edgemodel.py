@@ -11,7 +11,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import view_towards
@@ -33,7 +33,7 @@ def test_all_edges_of_a_plain_nested_target_agree(distance: float) -> None:
     pad = SceneTarget.of(target_named("nested"), Platform())
     view = view_towards(VGA, distance * np.array([0.2, 0.1, 0.97]), np.zeros(3))
     rotation, position = cam_from_target(pad, view)
-    pixels = Scene([pad], seed=4, fine=False).render(view, Conditions())
+    pixels = Scene([pad], seed=4, fine=False).render(view, LightConditions())
     found = EdgeFit(pad.target, Projection(VGA)).fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
     assert found is not None
     assert found.inliers > 0.985  # 0.957 with the edges beside the inner tag's paper

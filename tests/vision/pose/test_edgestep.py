@@ -11,8 +11,8 @@ from mkdaemon.vision.pose.edgefit import EdgeFit, EdgeStep
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Prior, Unknown, Unknowns
-from mksim.scene.light import Conditions
+from mkdaemon.vision.pose.unknowns import Prior, UnknownRow, Unknowns
+from mksim.scene.light import LightConditions
 from mksim.scene.shadows import LeafShadow
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
@@ -33,7 +33,7 @@ def step(
     samples = Samples(np.arange(count), flat, flat, ones, 30.0 * ones, upright)
     sure, free = ones if trust is None else trust, ones if room is None else room
     edges = FoundEdges(offsets, np.ones(count, dtype=bool), width * ones, sure, free)
-    unknowns = Unknowns([Unknown("place", jacobian[:, :3].T), Unknown("rest", jacobian[:, 3:].T)])
+    unknowns = Unknowns([UnknownRow("place", jacobian[:, :3].T), UnknownRow("rest", jacobian[:, 3:].T)])
     return EdgeStep(unknowns, samples, edges, 1.0)
 
 
@@ -142,7 +142,7 @@ def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:
     rng = np.random.default_rng(8)
     nees, turned = [], []
     for k in range(0, 24, 2):
-        sky = Conditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
+        sky = LightConditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
         view = View(target, place(3.5 + k / 24, 0.05 + 0.01 * k, around=0.9 * k, roll=0.7 * k), sky)
         start = turn(view.rotation, np.radians(0.7) * rng.standard_normal(3))
         found = fit.fit(view.pixels, Pose(start, view.position, np.eye(6), "corners", 8, 0.1))

@@ -13,16 +13,16 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)
 
 
-def strip(side: float, share: float, reflectance: float) -> Conditions:
+def strip(side: float, share: float, reflectance: float) -> LightConditions:
     """Something lying over the right side of a tag, its rim parallel to the border."""
     edge, far = side / 2 - share * side, side
-    return Conditions(covers=(Cover(((edge, -far), (far, -far), (far, far), (edge, far)), reflectance),))
+    return LightConditions(covers=(Cover(((edge, -far), (far, -far), (far, far), (edge, far)), reflectance),))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.2, 0.3])

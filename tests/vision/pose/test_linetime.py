@@ -12,7 +12,7 @@ from lab.vision import flight
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
-from mkdaemon.vision.arrays import Estimate
+from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, Shutter
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory
@@ -31,8 +31,8 @@ def learned(line_time: float, images: int, rate: float = 0.5, seed: int = 1) -> 
     for _ in range(images):
         motion = rate * rng.standard_normal(MOTIONS)
         seen = motion * line_time / NOMINAL + 0.05 * rng.standard_normal(MOTIONS)
-        known = Estimate(motion + 0.1 * rng.standard_normal(MOTIONS), 0.1**2 * np.eye(MOTIONS))
-        shutter.learn(known, Estimate(seen, 0.05**2 * np.eye(MOTIONS)))
+        known = UnknownsEstimate(motion + 0.1 * rng.standard_normal(MOTIONS), 0.1**2 * np.eye(MOTIONS))
+        shutter.learn(known, UnknownsEstimate(seen, 0.05**2 * np.eye(MOTIONS)))
     return shutter
 
 
@@ -56,7 +56,7 @@ def test_a_camera_at_rest_tells_nothing() -> None:
 
 def test_what_is_not_told_makes_a_motion_less_certain_by_the_variance_of_the_product() -> None:
     mean, spread = np.array([0.4, 0.0, -0.2, 1.0]), np.array([0.1, 0.2, 0.1, 0.1])
-    known = Estimate(mean, np.diag(spread**2))
+    known = UnknownsEstimate(mean, np.diag(spread**2))
     rng = np.random.default_rng(5)
     drawn = rng.uniform(0.0, 2.0, (200_000, 1)) * (mean + spread * rng.standard_normal((200_000, 4)))
     found = Shutter(None, REACH_PX).motion(known)

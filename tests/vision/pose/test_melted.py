@@ -12,7 +12,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import angle_between, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from tests.vision.views import VGA, View, nearly, nees, place, shipped
 
 TARGET = shipped("single")
@@ -24,7 +24,7 @@ OVER_ONE_SIDE = Cover(((-0.3, 0.1), (0.3, 0.1), (0.3, 0.3), (-0.3, 0.3)), 0.5)
 def smeared(
     streak_px: float,
     way: float,
-    conditions: Conditions | None = None,
+    conditions: LightConditions | None = None,
     distance: float = DISTANCE,
     tilt: float = 0.2,
     around: float = 0.3,
@@ -54,7 +54,7 @@ def test_a_sharp_target_is_measured_by_its_edges() -> None:
 
 
 def test_grey_values_that_the_print_does_not_explain_are_left_out() -> None:
-    view = smeared(6.0, 0.9, Conditions(covers=(OVER_ONE_SIDE,)))
+    view = smeared(6.0, 0.9, LightConditions(covers=(OVER_ONE_SIDE,)))
     found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
     assert found is None or found.source == "edges"
 

@@ -17,7 +17,7 @@ from mkdaemon.vision.pose.gates import fit_refusal
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from tests.vision.views import VGA, View, place, shipped
 
 PROJECTION, TARGET = Projection(VGA), shipped("single")
@@ -42,7 +42,7 @@ def test_cells_of_four_to_five_pixels_are_measured_by_grey_values() -> None:
     fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
     mixed_errors, edge_errors = [], []
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
-        view = View(TARGET, place(DISTANCE, tilt, around), Conditions(psf_px=1.0))
+        view = View(TARGET, place(DISTANCE, tilt, around), LightConditions(psf_px=1.0))
         found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
         assert found is not None
         assert alone is not None
@@ -53,7 +53,7 @@ def test_cells_of_four_to_five_pixels_are_measured_by_grey_values() -> None:
 
 
 def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
-    dusk = Conditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1)
+    dusk = LightConditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1)
     fitter, edges = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION)
     errors, edge_errors = [], []
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
@@ -72,7 +72,7 @@ def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
 def test_what_lies_over_a_small_print_is_in_the_covariance() -> None:
     half = TARGET.tags[0].size / 2
     corner = ((-half, -half), (-0.35 * half, -half), (-0.35 * half, 0.1 * half), (-half, 0.1 * half))
-    view = View(TARGET, place(DISTANCE, 0.3, 1.0), Conditions(covers=(Cover(corner, 0.5),)))
+    view = View(TARGET, place(DISTANCE, 0.3, 1.0), LightConditions(covers=(Cover(corner, 0.5),)))
     found = TargetFitter(TARGET, PROJECTION).refine(view.pixels, beside(view))
     assert found is not None
     turned = np.asarray(cv2.Rodrigues(view.rotation @ found.rotation.T)[0], dtype=np.float64).ravel()

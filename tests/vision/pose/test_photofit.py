@@ -17,7 +17,7 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import load
 from mksim.scene.gloss import Gloss
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 from mksim.scene.view import CameraView
 from tests.places import CONFIGS
@@ -64,7 +64,7 @@ def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[floa
     """By what it leaves it is compared with its mirror image, which takes more steps to get there."""
     target = shipped("nested")
     moving = replace(place(5.4, 0.08, 0.7, 0.4), rate_cam=np.array([*rate, 0.0]), exposure_time=3e-3)
-    view = View(target, moving, Conditions())
+    view = View(target, moving, LightConditions())
     fit = PhotoFit(target, Projection(VGA))
     found = fit.fit(view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 200, 0.05))
     assert found is not None
@@ -75,7 +75,7 @@ def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[floa
 
 def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     target = shipped("nested")
-    view = View(target, place(6.5, 0.3, 0.7, 0.4), Conditions())
+    view = View(target, place(6.5, 0.3, 0.7, 0.4), LightConditions())
     start = Pose(turn(view.rotation, np.radians([6.0, -3.0, 0.0])), view.position * 0.98, np.eye(6), "edges", 9, 0.1)
     fit = PhotoFit(target, Projection(VGA))
     arrived = fit.fit(view.pixels, start)
@@ -91,7 +91,7 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pyt
 
 def test_under_a_rolling_shutter_pixels_know_a_first_pose_no_better_than_its_edges() -> None:
     target = shipped("single")
-    view = View(target, place(2.8, 0.3, 0.7, 0.4), Conditions())
+    view = View(target, place(2.8, 0.3, 0.7, 0.4), LightConditions())
     start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
     for line_time in (0.0, 30e-6):
         projection = Projection(VGA.model_copy(update={"line_time": line_time}))
@@ -106,7 +106,7 @@ def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
     fit, rng = PhotoFit(target, Projection(VGA)), np.random.default_rng(4)
     apart = []
     for k in range(7):
-        view = View(target, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), Conditions(exposure=0.06))
+        view = View(target, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), LightConditions(exposure=0.06))
         ends = []
         for _ in range(2):
             rotation = turn(view.rotation, np.radians(1.0) * rng.standard_normal(3))
@@ -136,7 +136,7 @@ def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
 def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(around: float) -> None:
     target = shipped("nested")
     sun = (0.15 * np.cos(around), 0.15 * np.sin(around), 1.0)
-    view = View(target, place(4.4, 0.03, 0.7, 0.4), Conditions(gloss=Gloss(0.06, sun)))
+    view = View(target, place(4.4, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, sun)))
     start = Pose(turn(view.rotation, np.radians([2.0, -1.0, 0.5])), view.position, np.eye(6), "edges", 9, 0.1)
     found = PhotoFit(target, Projection(VGA)).fit(view.pixels, start)
     assert found is not None
@@ -173,7 +173,7 @@ def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypat
 
 def test_far_poses_behind_a_tone_curve_are_believed() -> None:
     """Slopes tell a pose, not even paper: mean NEES 0.47 by the noise of all pixels, 0.62 by that of slopes."""
-    target, toned = shipped("nested"), Conditions(processing=Processing(gamma=2.2))
+    target, toned = shipped("nested"), LightConditions(processing=Processing(gamma=2.2))
     fit, rng, found = PhotoFit(target, Projection(VGA)), np.random.default_rng(3), []
     for _ in range(20):
         far = place(rng.uniform(5.0, 8.0), rng.uniform(0.1, 0.4), rng.uniform(0.0, 6.0), rng.uniform(-0.5, 0.5))

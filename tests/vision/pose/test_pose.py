@@ -18,10 +18,10 @@ from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mksim.scene.light import Conditions, Glare
+from mksim.scene.light import Glare, LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)
@@ -177,7 +177,7 @@ def test_level_holds_the_tilt():
     view = View(target, place(3.0, 0.3))
     off = turn(view.rotation, 0.05 * np.cross(view.rotation[:, 2], [1.0, 0, 0]))
     start = Pose(off, view.position, np.eye(6), "edges", 0, 0.0)
-    wrong_up = Level(off[:, 2], np.radians(0.001))
+    wrong_up = TargetLevel(off[:, 2], np.radians(0.001))
     held = EdgeFit(target, PROJECTION).fit(view.pixels, start, level=wrong_up)
     free = EdgeFit(target, PROJECTION).fit(view.pixels, start)
     assert held is not None
@@ -269,7 +269,7 @@ def test_covariance_is_honest():
     values = []
     for k in range(0, 24, 2):
         view = View(
-            target, place(1.0 + 0.12 * k, 0.1 + 0.02 * k, around=0.9 * k, roll=0.7 * k), Conditions(noise_sd=2.0)
+            target, place(1.0 + 0.12 * k, 0.1 + 0.02 * k, around=0.9 * k, roll=0.7 * k), LightConditions(noise_sd=2.0)
         )
         fitted = fit.fit(view.pixels, cold(view, target)[0])
         assert fitted is not None
@@ -281,7 +281,7 @@ def test_covariance_is_honest():
 def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
     """A glare on the inner tag of a near target hides half of all edges and cells; the border is seen as ever."""
     target = shipped("nested")
-    spot = Conditions(glare=(Glare((0.0, 0.0), 0.05),))
+    spot = LightConditions(glare=(Glare((0.0, 0.0), 0.05),))
     view = View(target, place(0.55, 0.15), spot)
     start = Pose(view.rotation, view.position, np.eye(6) * 1e-8, "corners", 4, 0.1)
     found = EdgeFit(target, PROJECTION).fit(view.pixels, start)
@@ -296,7 +296,7 @@ def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
 
 def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():
     target = shipped("nested")
-    view = View(target, place(0.8, 0.15), Conditions(exposure=6.0))
+    view = View(target, place(0.8, 0.15), LightConditions(exposure=6.0))
     aside = Pose(view.rotation, view.position + np.array([0.02, 0.0, 0.0]), np.eye(6) * 1e-8, "corners", 4, 0.1)
     found = EdgeFit(target, PROJECTION).fit(view.pixels, aside, iterations=1)
     assert found is None or found.inliers < 0.6

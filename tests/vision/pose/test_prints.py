@@ -18,7 +18,7 @@ from mkdaemon.vision.pose.prints import MOST, Prints, roots
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap, Target, build
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from tests.vision.views import VGA, asphalt, place, shipped
@@ -48,7 +48,7 @@ def shoot(distance: float, tilt: float, around: float, *covers: Cover) -> tuple[
     scene, placed = studio()
     view = place(distance, tilt, around, roll=around)
     rotation, position = cam_from_target(placed, view)
-    return scene.render(view, Conditions(covers=covers)), rotation, position
+    return scene.render(view, LightConditions(covers=covers)), rotation, position
 
 
 def track(pixels: npt.NDArray[np.uint8], *targets: Target) -> list[Pose]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from lab.vision.stills import error_of, target_named
-from mkdaemon.vision.arrays import Estimate
+from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
@@ -18,9 +18,9 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import motion_jacobian, motion_of
-from mkdaemon.vision.pose.unknowns import Level, Prior, Unknowns
+from mkdaemon.vision.pose.unknowns import Prior, TargetLevel, Unknowns
 from mkdaemon.vision.tags.cellread import Detection
-from mksim.scene.light import CLEAN, Conditions
+from mksim.scene.light import CLEAN, LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView, view_towards
@@ -43,12 +43,12 @@ def moving_view() -> CameraView:
     )
 
 
-def climb(speed: float) -> Estimate:
+def climb(speed: float) -> UnknownsEstimate:
     """A speed along the optical axis that a track knows, and nothing about turns."""
-    return Estimate(np.array([0.0, 0.0, 0.0, speed]), np.diag([1.0, 1.0, 1.0, 0.1**2]))
+    return UnknownsEstimate(np.array([0.0, 0.0, 0.0, speed]), np.diag([1.0, 1.0, 1.0, 0.1**2]))
 
 
-def fit(lens: Intrinsics, known: Estimate | None = None) -> tuple[Pose, float, float]:
+def fit(lens: Intrinsics, known: UnknownsEstimate | None = None) -> tuple[Pose, float, float]:
     """A fit of a moving camera's image, with its errors [m], [deg]."""
     view = moving_view()
     rotation, position = cam_from_target(PAD, view)
@@ -65,7 +65,7 @@ def test_cells_that_only_an_impossible_turn_explains_do_not_vouch() -> None:
     found = fit(LENS)[0]
     assert found.motion is not None
     quiet, swung = (
-        fitter.cells.evidence(image, replace(found, known_motion=Estimate(found.motion + surprise, np.eye(4))))
+        fitter.cells.evidence(image, replace(found, known_motion=UnknownsEstimate(found.motion + surprise, np.eye(4))))
         for surprise in (np.zeros(4), np.array([0.0, 9.0, 0.0, 0.0]))
     )
     assert quiet.odds - swung.odds == pytest.approx(9.0**2 / 2)
@@ -151,7 +151,7 @@ def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the
     view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
     rotation, position = cam_from_target(PAD, view)
     pixels = SCENE.render(view, CLEAN)
-    known = Estimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
+    known = UnknownsEstimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
     start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1)
     plain = PhotoFit(PAD.target, Projection(GLOBAL)).fit(pixels, start)
     found = PhotoFit(PAD.target, Projection(LENS)).fit(pixels, replace(start, known_motion=known))
@@ -169,7 +169,7 @@ def test_a_turn_about_the_optical_axis_bends_a_far_print_and_turns_no_pose() -> 
         rate = np.array([0.0, 0.0, turning])
         view = CameraView(GLOBAL, at_rest.enu_from_cam, at_rest.position_enu, rate_cam=rate, line_time=LINE_TIME)
         rotation, position = cam_from_target(PAD, view)
-        known = Estimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
+        known = UnknownsEstimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
         start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
         found = PhotoFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, CLEAN), start)
         assert found is not None
@@ -187,15 +187,15 @@ def test_a_far_fit_under_a_rolling_shutter_passes_a_rise_of_its_cost(seed: int) 
     climbing = np.array([0.0, 0.0, rng.uniform(-4.0, 4.0)])
     view = CameraView(GLOBAL, at_rest.enu_from_cam, eye, velocity_enu=climbing, rate_cam=rate, line_time=LINE_TIME)
     rotation, position = cam_from_target(PAD, view)
-    pixels = SCENE.render(view, Conditions())
+    pixels = SCENE.render(view, LightConditions())
     expected = np.array([*(rate + 0.12 * rng.standard_normal(3)), 0.0])
-    known = Estimate(expected, np.diag([0.12, 0.12, 0.12, 4.0]) ** 2)
+    known = UnknownsEstimate(expected, np.diag([0.12, 0.12, 0.12, 4.0]) ** 2)
     ends = []
     for degrees, nearer in ((9.0, 0.97), (0.5, 1.0)):
         axis = rng.standard_normal(3) * (1.0, 1.0, 0.2)
         turned = turn(rotation, axis * np.radians(degrees) / np.linalg.norm(axis))
         start = Pose(turned, position * nearer, np.eye(6), "corners", 4, 0.1, known_motion=known)
-        level = Level(rotation[:, 2], np.radians(0.65))
+        level = TargetLevel(rotation[:, 2], np.radians(0.65))
         found = PhotoFit(PAD.target, Projection(LENS)).fit(pixels, start, level=level)
         assert found is not None
         ends.append(found)
@@ -220,7 +220,7 @@ def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(s
     axis = np.cross(rotation[:, 2], toward)
     mirrored = turn(rotation, axis / np.linalg.norm(axis) * 2.0 * np.arccos(rotation[:, 2] @ toward))
     start = Pose(mirrored, position, np.eye(6), "corners", 4, 0.1)
-    found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, Conditions()), start)
+    found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, LightConditions()), start)
     assert found is not None
     off = error_of(found.rotation, found.position, rotation, position)
     error = np.array([*off.xyz, *off.rpy])

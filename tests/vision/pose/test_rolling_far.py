@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.pose import Pose, length2, turn
 from mkdaemon.vision.pose.prints import Prints
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Prior
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView, view_towards
@@ -34,7 +34,7 @@ def turning_view(seed: int) -> tuple[npt.NDArray[np.uint8], Pose, Pose]:
     rate = 0.5 * rng.standard_normal(3)
     view = CameraView(LENS, at_rest.enu_from_cam, eye, rate_cam=rate, line_time=LENS.line_time)
     rotation, position = cam_from_target(PAD, view)
-    pixels = Scene([PAD], ground=None, seed=seed, fine=False).render(view, Conditions())
+    pixels = Scene([PAD], ground=None, seed=seed, fine=False).render(view, LightConditions())
     axis = rng.standard_normal(3) * (1.0, 1.0, 0.2)
     turned = turn(rotation, axis * np.radians(5.0) / np.linalg.norm(axis))
     start = Pose(turned, position * 1.005 + np.array([0.03, -0.02, 0.0]), np.eye(6), "corners", 4, 0.1)

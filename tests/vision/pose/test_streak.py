@@ -13,7 +13,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, place, shipped
 
@@ -21,7 +21,9 @@ PROJECTION = Projection(VGA)
 WAYS = (0.1, 0.8, 1.6, 2.3)
 
 
-def smeared(name: str, distance: float, streak_px: float, way: float, conditions: Conditions | None = None) -> View:
+def smeared(
+    name: str, distance: float, streak_px: float, way: float, conditions: LightConditions | None = None
+) -> View:
     """A view during which the camera turned by so many pixels, one way in the image [rad]."""
     exposure = 0.015
     rate = streak_px / VGA.fx / exposure * np.array([-np.sin(way), np.cos(way), 0.0])
@@ -45,7 +47,7 @@ def nees(view: View, pose: Pose) -> float:
 @pytest.mark.parametrize("way", WAYS)
 def test_a_tone_curve_shifts_edges_that_motion_widens_more_than_others(way: float) -> None:
     """By one shift for all, a print that looks shorter one way was tilted by a degree."""
-    view = smeared("single", 2.2, 3.0, way, Conditions(processing=Processing(gamma=2.2)))
+    view = smeared("single", 2.2, 3.0, way, LightConditions(processing=Processing(gamma=2.2)))
     found = EdgeFit(shipped("single"), PROJECTION).fit(view.pixels, start(view))
     assert found is not None
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.35
@@ -96,7 +98,7 @@ def test_edges_that_the_grey_values_contradict_are_as_uncertain_as_both_are_apar
 @pytest.mark.parametrize("distance", [1.2, 2.8])
 def test_a_sharp_target_below_a_cover_stays_certain(distance: float) -> None:
     cover = Cover(((-0.3, 0.11), (0.3, 0.11), (0.3, 0.3), (-0.3, 0.3)), 0.4)
-    view = smeared("single", distance, 0.5, 0.8, Conditions(covers=(cover,)))
+    view = smeared("single", distance, 0.5, 0.8, LightConditions(covers=(cover,)))
     found = TargetFitter(shipped("single"), PROJECTION).refine(view.pixels, start(view))
     assert found is not None
     assert found.source == "edges"

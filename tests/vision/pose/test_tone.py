@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.processing import NO_PROCESSING, Processing
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
@@ -25,11 +25,11 @@ GAMMA = Processing(gamma=2.2)
 WEBCAM = Processing(gamma=2.2, sharpening=0.8)
 
 
-def processed(processing: Processing) -> Conditions:
-    return Conditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
+def processed(processing: Processing) -> LightConditions:
+    return LightConditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
 
 
-def rendered(view: CameraView, conditions: Conditions) -> npt.NDArray[np.uint8]:
+def rendered(view: CameraView, conditions: LightConditions) -> npt.NDArray[np.uint8]:
     """An image by a scene of its own: the noise of a shared one would depend on which tests ran before."""
     return Scene([PAD], ground=None, seed=4, fine=False).render(view, conditions)
 
@@ -84,7 +84,7 @@ def test_a_far_print_smeared_by_motion_is_fitted_with_its_smear(angle: float) ->
     view = replace(view, rate_cam=rate, exposure_time=0.004)
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
-    found = PhotoFit(PAD.target, Projection(VGA)).fit(rendered(view, Conditions()), start)
+    found = PhotoFit(PAD.target, Projection(VGA)).fit(rendered(view, LightConditions()), start)
     assert found is not None
     error = error_of(found.rotation, found.position, rotation, position)
     assert error.distance < 0.012

@@ -9,7 +9,7 @@ from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Unknowns
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, place, shipped
 
@@ -73,7 +73,7 @@ def test_light_that_grows_is_asked_for_beside_a_shadow_too(distance: float) -> N
 @pytest.mark.parametrize("distance", [1.0, 1.2, 1.4])
 def test_small_cells_behind_a_tone_curve_do_not_shift_large_ones(distance: float) -> None:
     """One shift for both tags: 0.5 to 0.8 mm."""
-    view = View(TARGET, place(distance, 0.2), Conditions(processing=Processing(gamma=2.2)))
+    view = View(TARGET, place(distance, 0.2), LightConditions(processing=Processing(gamma=2.2)))
     assert abs(farther(view, view.pixels)) < 0.0004
 
 

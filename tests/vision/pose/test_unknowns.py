@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.vision.arrays import Estimate
+from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
-from mkdaemon.vision.pose.unknowns import RIDGE, Level, Prior, Unknown, Unknowns
+from mkdaemon.vision.pose.unknowns import RIDGE, Prior, TargetLevel, UnknownRow, Unknowns
 from tests.vision.views import VGA
 
 RNG = np.random.default_rng(3)
@@ -23,7 +23,7 @@ def test_a_step_is_least_squares_with_what_is_known_as_further_measurements() ->
     rows, weights, measured = RNG.standard_normal((5, 40)), RNG.random(40), RNG.standard_normal(40)
     root = RNG.standard_normal((3, 3))
     off, sd = RNG.standard_normal(3), np.array([0.5, 2.0])
-    table = [Unknown("place", rows[:3], root.T @ root, off), Unknown("shift", rows[3:], sd**-2)]
+    table = [UnknownRow("place", rows[:3], root.T @ root, off), UnknownRow("shift", rows[3:], sd**-2)]
     unknowns = Unknowns(table)
     step = np.linalg.solve(*unknowns.equations(weights, measured, 0.09))
     known = 0.3 * np.block([[root, np.zeros((3, 2))], [np.zeros((2, 3)), np.diag(1.0 / sd)]])
@@ -38,7 +38,7 @@ def test_a_step_is_least_squares_with_what_is_known_as_further_measurements() ->
 def test_a_level_turns_a_target_upright_where_an_image_says_little() -> None:
     up = START.rotation[:, 2] + np.array([0.02, -0.01, 0.0])
     up /= np.linalg.norm(up)
-    prior = Prior(START, Level(up, 0.01), STILL, None)
+    prior = Prior(START, TargetLevel(up, 0.01), STILL, None)
     state = prior.begin()
     unknowns = Unknowns(prior.table(state, SLOPES, POINTS, np.zeros(40), None))
     change = np.linalg.solve(*unknowns.equations(np.full(40, 1e-3), np.zeros(40), 1.0))
@@ -50,7 +50,7 @@ def test_a_level_turns_a_target_upright_where_an_image_says_little() -> None:
 
 
 def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> None:
-    known = Estimate(np.array([0.1, 0.2, -0.1, 0.3]), 0.5**2 * np.eye(4))
+    known = UnknownsEstimate(np.array([0.1, 0.2, -0.1, 0.3]), 0.5**2 * np.eye(4))
     shutter = Shutter(None, 100.0)
     asked = shutter.motion(known)
     start = Pose(START.rotation, PLACE, np.eye(6), "corners", 4, 0.1, known_motion=known)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.tags.detector import Detector
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from tests.vision.views import View, place, shipped
 
 TARGET = shipped("single")
@@ -31,7 +31,7 @@ def shoe(reaches: float, reflectance: float, quarters: int) -> Cover:
 @pytest.mark.parametrize(("distance", "reflectance"), [(1.7, 0.06), (2.8, 0.35), (4.0, 0.15)])
 def test_three_borders_in_view_are_a_start(distance: float, reflectance: float, quarters: int) -> None:
     """Nothing was decoded from 4.3 to 1.7 m: a fourth side was only looked for in highlights."""
-    covered = replace(Conditions(), covers=(shoe(0.15, reflectance, quarters),))
+    covered = replace(LightConditions(), covers=(shoe(0.15, reflectance, quarters),))
     view = View(TARGET, place(distance, 0.3), covered)
     (found,) = DETECTOR.search(view.pixels, "outline")
     corners = view.corners[TAG.code]

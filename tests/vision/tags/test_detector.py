@@ -15,7 +15,7 @@ from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagfamily import cells, find_family
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mksim.scene.gloss import Gloss
-from mksim.scene.light import Conditions, Cover, Shadow
+from mksim.scene.light import Cover, LightConditions, Shadow
 from mksim.scene.processing import Processing
 from mksim.scene.shadows import LeafShadow
 from tests.vision.views import View, place, printed, shipped
@@ -135,7 +135,7 @@ def test_roi_gives_image_coordinates():
 
 def test_shadow_edge_is_found_by_the_log_search():
     target = shipped("single")
-    condition = replace(Conditions(), shadow=Shadow(5.0, (0.02, 0.01), 0.6))
+    condition = replace(LightConditions(), shadow=Shadow(5.0, (0.02, 0.01), 0.6))
     view = View(target, place(2.0, 0.2), condition)
     detector = Detector({"tag36h11": frozenset({0})})
     assert detector.search(view.pixels, "log")
@@ -143,7 +143,7 @@ def test_shadow_edge_is_found_by_the_log_search():
 
 
 def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
-    streaked = replace(Conditions(), psf_px=0.9, processing=Processing(gamma=2.2))
+    streaked = replace(LightConditions(), psf_px=0.9, processing=Processing(gamma=2.2))
     view = View(shipped("nested"), place(6.0, 0.2), streaked)
     detector = Detector({"tag36h11": frozenset({48})})
     assert detector.search(view.pixels, "grey", decimate=2) == []
@@ -155,7 +155,7 @@ def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
     detector = Detector({"tag36h11": frozenset({1, 48})})
     found = dict.fromkeys(FIRST, 0)
     for leaves in range(8):
-        view = View(shipped("nested"), place(1.3, 0.2, 0.6 * leaves), Conditions(leaves=LeafShadow(leaves)))
+        view = View(shipped("nested"), place(1.3, 0.2, 0.6 * leaves), LightConditions(leaves=LeafShadow(leaves)))
         for look in FIRST:
             tags = detector.search(view.pixels, *look)
             found[look] += bool(tags)
@@ -168,7 +168,7 @@ def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
 @pytest.mark.parametrize(("around", "beside"), [(1.5, 0.1), (3.0, 0.17), (4.5, 0.12)])
 def test_a_tag_whose_border_a_highlight_breaks_is_found_by_its_outline(around, beside):
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
-    view = View(shipped("nested"), place(1.6, 0.05, around=around), Conditions(gloss=gloss))
+    view = View(shipped("nested"), place(1.6, 0.05, around=around), LightConditions(gloss=gloss))
     tags = TagMap((shipped("nested"),))
     detector = Detector(tags.whitelist, covered=covered_cells(tags))
     assert all(detector.search(view.pixels, *look) == [] for look in LOOKS if look.view != "outline")
@@ -188,7 +188,7 @@ def patch(x, y, reflectance, radius=0.032):
 @pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
 def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
     covers = (patch(0.14, 0.03, 0.7), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
-    view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(Conditions(), covers=covers))
+    view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(LightConditions(), covers=covers))
     detector = Detector({"tag36h11": frozenset({1, 48})})
     assert [found for look in LOOKS if look.view != "outline" for found in detector.search(view.pixels, *look)] == []
     (found,) = detector.search(view.pixels, "outline")
@@ -207,7 +207,7 @@ def test_an_outline_with_cells_that_agree_by_chance_only_is_no_tag():
 
 def test_no_tag_in_a_tag_free_scene():
     target = shipped("single")
-    view = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False))
+    view = View(target, place(2.0, 0.2), replace(LightConditions(), target_in_view=False))
     detector = Detector({"tag36h11": frozenset(range(8))})
     assert [found for look in LOOKS for found in detector.search(view.pixels, *look)] == []
 
@@ -215,7 +215,7 @@ def test_no_tag_in_a_tag_free_scene():
 def test_a_covered_border_is_not_taken_for_that_of_what_covers_it():
     half = 0.3048 / 2
     strip = Cover(((-0.3, half - 0.05), (0.3, half - 0.05), (0.3, 0.3), (-0.3, 0.3)), 0.3)
-    view = View(shipped("single"), place(1.5, 0.1), replace(Conditions(), covers=(strip,)))
+    view = View(shipped("single"), place(1.5, 0.1), replace(LightConditions(), covers=(strip,)))
     (found,) = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
     cell_px = found.side_px / 8
     assert (

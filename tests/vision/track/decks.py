@@ -7,7 +7,7 @@ import numpy as np
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.track.attitude import Sight, turn_between
+from mkdaemon.vision.track.attitude import ImageSight, turn_between
 from mkdaemon.vision.track.level import LevelKnowledge
 
 PIXELS = np.zeros((2, 2), np.uint8)
@@ -42,5 +42,5 @@ class Deck:
         return self.level.sight(seen) is not seen
 
     @staticmethod
-    def _seen(time: float, enu_from_flu: np.ndarray) -> Sight:
-        return Sight(PIXELS, time, enu_from_flu @ LOOKING_DOWN.flu_from_cam)
+    def _seen(time: float, enu_from_flu: np.ndarray) -> ImageSight:
+        return ImageSight(PIXELS, time, enu_from_flu @ LOOKING_DOWN.flu_from_cam)

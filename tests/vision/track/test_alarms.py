@@ -14,7 +14,7 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import single
 from mkdaemon.vision.track.tracker import ImageHealth
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import view_towards
@@ -30,7 +30,7 @@ def scene() -> Scene:
 
 
 def shot(**change: float) -> np.ndarray:
-    return scene().render(VIEW, replace(Conditions(), **change))
+    return scene().render(VIEW, replace(LightConditions(), **change))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions, Cover
+from mksim.scene.light import Cover, LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 TARGET = shipped("single")
@@ -32,7 +32,7 @@ def views() -> tuple[View, ...]:
         View(
             TARGET,
             place(max(0.38, 0.7 - 0.32 * k / NEAR), 0.12, roll=0.07 * k),
-            Conditions(covers=(BAND,)) if k >= NEAR else None,
+            LightConditions(covers=(BAND,)) if k >= NEAR else None,
         )
         for k in range(IMAGES)
     )

@@ -16,7 +16,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.track.attitude import Sight
+from mkdaemon.vision.track.attitude import ImageSight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, place, shipped
@@ -29,8 +29,8 @@ def truth(view: View) -> Pose:
     return Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
 
 
-def sight(view: View, pixels=None) -> Sight:
-    return Sight(view.pixels if pixels is None else pixels, 0.03, view.view.enu_from_cam)
+def sight(view: View, pixels=None) -> ImageSight:
+    return ImageSight(view.pixels if pixels is None else pixels, 0.03, view.view.enu_from_cam)
 
 
 def judge_of(fitter: TargetFitter) -> Judge:

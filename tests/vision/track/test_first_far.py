@@ -15,7 +15,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import Sight
+from mkdaemon.vision.track.attitude import ImageSight
 from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
@@ -55,6 +55,6 @@ def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
     assert angle_deg(saddle.rotation, view.rotation) > 4.0
     cfg = TrackerSection()
     judge = Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)
-    rivals = judge.candidates(Sight(view.pixels, 0.0), [saddle])
+    rivals = judge.candidates(ImageSight(view.pixels, 0.0), [saddle])
     best = min(rivals, key=lambda rival: rival.loss)
     assert angle_deg(best.rotation, view.rotation) < 1.0

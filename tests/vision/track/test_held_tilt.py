@@ -15,10 +15,10 @@ from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, fuse_normal
+from mkdaemon.vision.pose.unknowns import TargetLevel
+from mkdaemon.vision.track.attitude import ImageSight, fuse_normal
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
@@ -32,18 +32,18 @@ def judge_of(name: str) -> Judge:
     return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
 
 
-def judged(name: str, off_deg: float) -> Verdict:
+def judged(name: str, off_deg: float) -> FitVerdict:
     """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
     view = View(shipped(name), place(3.8, 0.25))
     right = view.view.enu_from_cam
     truth = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
     judge = judge_of(name)
     for k in range(KNOWN):
-        judge.level.learn(Sight(view.pixels, k / 30, right), truth)
+        judge.level.learn(ImageSight(view.pixels, k / 30, right), truth)
     now = KNOWN / 30
     flu_from_cam = LOOKING_DOWN.flu_from_cam
     off = right @ flu_from_cam.T @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0) @ flu_from_cam
-    return judge.measure(Sight(view.pixels, now, off), truth)
+    return judge.measure(ImageSight(view.pixels, now, off), truth)
 
 
 @pytest.mark.parametrize("name", ["single", "nested"])
@@ -59,7 +59,7 @@ def test_what_the_image_cannot_tell_inertia_does() -> None:
     view, judge = View(shipped("nested"), place(3.8, 0.25)), judge_of("nested")
     right = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05, loss=1.0)
     leaning = replace(right, rotation=turn(view.rotation, np.radians([6.0, 0.0, 0.0])))
-    seen = Sight(view.pixels, KNOWN / 30)
+    seen = ImageSight(view.pixels, KNOWN / 30)
     assert not judge.prefers(seen, right, leaning, None)
     before = Branches.begin(0.0, [right])
     for k in range(1, KNOWN):
@@ -83,10 +83,10 @@ def test_a_tilt_that_a_fit_is_told_counts_as_much_as_it_is_known(name: str, dist
     spread = np.radians(0.6)
     up = turn(view.rotation, np.radians([off_deg, 0.0, 0.0]))[:, 2]
     fit = EdgeFit(shipped(name), Projection(VGA))
-    free, told = fit.fit(view.pixels, nearly(view)), fit.fit(view.pixels, nearly(view), level=Level(up, spread))
+    free, told = fit.fit(view.pixels, nearly(view)), fit.fit(view.pixels, nearly(view), level=TargetLevel(up, spread))
     assert free is not None
     assert told is not None
-    fused = fuse_normal(free, Level(up, spread))
+    fused = fuse_normal(free, TargetLevel(up, spread))
     assert np.linalg.norm(told.position - fused.position) < 0.6 * np.sqrt(np.trace(fused.covariance[:3, :3]))
     assert angle_deg(told.rotation, fused.rotation) < 0.6 * np.degrees(np.sqrt(np.trace(fused.covariance[3:, 3:])))
     assert np.trace(told.covariance[3:, 3:]) > 0.5 * np.trace(fused.covariance[3:, 3:])

@@ -16,10 +16,10 @@ from mkdaemon.vision.pose.edgefit import EdgeEvidence
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from mkdaemon.vision.track.attitude import Sight, angle_of, fuse_normal
+from mkdaemon.vision.track.attitude import ImageSight, angle_of, fuse_normal
 from mkdaemon.vision.track.branches import MOST_ODDS
-from mkdaemon.vision.track.follower import Follower, Frame
-from mkdaemon.vision.track.judge import Judge, Verdict
+from mkdaemon.vision.track.follower import Follower, TrackedFrame
+from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from tests.vision.views import VGA, angle_deg, shipped
@@ -103,8 +103,8 @@ def judge_of(fits: GivenFits) -> Judge:
     return Judge(fits, LevelKnowledge(True, LOOKING_DOWN, cfg), cfg)  # type: ignore[arg-type]
 
 
-def sight(time: float = STEP, attitude: bool = True) -> Sight:
-    return Sight(PIXELS, time, LOOKING_DOWN.flu_from_cam if attitude else None)
+def sight(time: float = STEP, attitude: bool = True) -> ImageSight:
+    return ImageSight(PIXELS, time, LOOKING_DOWN.flu_from_cam if attitude else None)
 
 
 WITH_ATTITUDE = [
@@ -369,13 +369,13 @@ def test_where_cells_are_read_clearly_a_target_contradicts_the_attitude_that_ref
     assert verdict.pose is (free if is_there else None)
 
 
-def judged_by(verdicts: list[Verdict], monkeypatch) -> Follower:
+def judged_by(verdicts: list[FitVerdict], monkeypatch) -> Follower:
     """A follower whose judge says what the test says, of one start after the other."""
     follower = Tracker(TagMap((shipped("single"),)), VGA, LOOKING_DOWN).followers[0]
-    none = Verdict(None, PoseRefusal.ATTITUDE)
+    none = FitVerdict(None, PoseRefusal.ATTITUDE)
     monkeypatch.setattr(follower.judge, "measure", lambda *_: verdicts.pop(0) if verdicts else none)
     for time in (-STEP, 0.0):
-        follower.track.accept(Sight(PIXELS, time, LOOKING_DOWN.flu_from_cam), fitted())
+        follower.track.accept(ImageSight(PIXELS, time, LOOKING_DOWN.flu_from_cam), fitted())
     follower.track.decoded_at = 0.0
     return follower
 
@@ -386,9 +386,9 @@ def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitud
 ) -> None:
     """A fit held at the tilt of an attitude that had jumped by 10 degrees was published from a second start."""
     refused, held = fitted(tilt_deg=7.0, loss=0.005), fitted(loss=loss)
-    verdicts = [Verdict(refused, PoseRefusal.ATTITUDE), Verdict(held, None)]
+    verdicts = [FitVerdict(refused, PoseRefusal.ATTITUDE), FitVerdict(held, None)]
     follower = judged_by(verdicts, monkeypatch)
-    frame = Frame(sight())
+    frame = TrackedFrame(sight())
     follower.follow(frame)
     assert not verdicts
     assert bool(frame.poses) == is_published
@@ -400,12 +400,12 @@ def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_star
     """A band over a border misled a fit by 23 degrees beside a right attitude, and another start found the place."""
     misled, right = fitted(tilt_deg=23.0, loss=0.3), fitted(tilt_deg=0.2)
     for verdicts, position in (
-        ([Verdict(misled, PoseRefusal.ATTITUDE), Verdict(right, None)], right),
-        ([Verdict(misled, PoseRefusal.ATTITUDE)], misled),
+        ([FitVerdict(misled, PoseRefusal.ATTITUDE), FitVerdict(right, None)], right),
+        ([FitVerdict(misled, PoseRefusal.ATTITUDE)], misled),
     ):
         follower = judged_by(list(verdicts), monkeypatch)
         monkeypatch.setattr(follower.judge, "is_plainly_there", lambda _seen, pose: pose is misled)
-        frame = Frame(sight())
+        frame = TrackedFrame(sight())
         follower.follow(frame)
         assert follower.track.last is position
         assert bool(frame.poses) == (position is right)

@@ -12,9 +12,16 @@ from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight, angle_of, fuse_normal, without_normal
+from mkdaemon.vision.track.attitude import (
+    AttitudeHistory,
+    AttitudeSample,
+    ImageSight,
+    angle_of,
+    fuse_normal,
+    without_normal,
+)
 from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
@@ -36,13 +43,15 @@ def knowledge() -> LevelKnowledge:
     return LevelKnowledge(True, LOOKING_DOWN, TrackerSection())
 
 
-def tilt_of(level: LevelKnowledge, sight: Sight, pose: Pose) -> float:
+def tilt_of(level: LevelKnowledge, sight: ImageSight, pose: Pose) -> float:
     """Angle between the normal of a pose and the one expected [rad]."""
     return angle_of(pose.rotation[:, 2], level.vertical(sight).up)
 
 
-def seen(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, time: float = 0.0) -> Sight:
-    return Sight(np.zeros((2, 2), np.uint8), time, rotation_from_euler(roll, pitch, yaw) @ LOOKING_DOWN.flu_from_cam)
+def seen(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, time: float = 0.0) -> ImageSight:
+    return ImageSight(
+        np.zeros((2, 2), np.uint8), time, rotation_from_euler(roll, pitch, yaw) @ LOOKING_DOWN.flu_from_cam
+    )
 
 
 @pytest.mark.parametrize(("roll", "pitch", "yaw", "tilt"), [(0, 0, 1.2, 0), (0.1, 0, -2.0, 0.1), (0, -0.2, 0.4, 0.2)])
@@ -56,7 +65,7 @@ def test_a_camera_that_hangs_with_the_vehicle_sees_a_level_target_tilted_by_as_m
 
 
 def test_without_attitude_or_level_target_nothing_is_said() -> None:
-    blind = Sight(np.zeros((2, 2), np.uint8), 0.0, None)
+    blind = ImageSight(np.zeros((2, 2), np.uint8), 0.0, None)
     slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection())
     for level, sight in ((knowledge(), blind), (slanted, seen())):
         level.learn(sight, pose_of(DOWN))
@@ -66,7 +75,7 @@ def test_without_attitude_or_level_target_nothing_is_said() -> None:
 def test_an_expected_normal_moves_an_uncertain_tilt_and_leaves_a_certain_one() -> None:
     tilted = DOWN @ rotation_from_euler(np.radians(4.0), 0.0, 0.0)
     up = DOWN[:, 2]
-    level = Level(up, np.radians(1.0))
+    level = TargetLevel(up, np.radians(1.0))
     vague, sharp = pose_of(tilted, 0.01), pose_of(tilted, 1e-8)
     after = fuse_normal(vague, level)
     normal = after.rotation[:, 2]
@@ -80,7 +89,7 @@ def test_the_pose_of_the_image_alone_comes_back_where_it_says_more_than_the_fit_
     place = np.diag([1e-4, 1e-4, 1e-3, 1e-4, 2e-4, 1e-4])
     place[2, 3] = place[3, 2] = 2e-4
     image = replace(pose_of(DOWN @ rotation_from_euler(np.radians(1.0), np.radians(0.5), 0.4)), covariance=place)
-    vague, sharp = (Level(DOWN[:, 2], spread) for spread in (0.03, 0.005))
+    vague, sharp = (TargetLevel(DOWN[:, 2], spread) for spread in (0.03, 0.005))
     alone, says_more = without_normal(fuse_normal(image, vague), vague)
     assert says_more
     assert angle_deg(alone.rotation, image.rotation) < 0.02
@@ -93,8 +102,8 @@ def test_about_an_axis_that_the_image_says_nothing_about_hardly_anything_is_know
     None
 ):
     image = replace(pose_of(DOWN), covariance=np.diag([1e-6] * 3 + [1e-4, 1.0, 1e-4]))
-    held = fuse_normal(image, Level(turn(DOWN, np.array([0.0, 0.02, 0.0]))[:, 2], 0.02))
-    alone, says_more = without_normal(held, Level(DOWN[:, 2], 0.02))
+    held = fuse_normal(image, TargetLevel(turn(DOWN, np.array([0.0, 0.02, 0.0]))[:, 2], 0.02))
+    alone, says_more = without_normal(held, TargetLevel(DOWN[:, 2], 0.02))
     assert not says_more
     assert angle_deg(alone.rotation, held.rotation) < 0.05
     assert alone.covariance[3, 3] == pytest.approx(1e-4, rel=0.05)
@@ -109,7 +118,7 @@ def test_a_deck_is_learned_from_the_image_and_not_from_what_the_fit_was_told(
     first = level.vertical(seen()).spread
     for k in range(20):
         held = level.vertical(seen(time=k / 30))
-        assert isinstance(held, Level)
+        assert isinstance(held, TargetLevel)
         image = pose_of(DOWN @ rotation_from_euler(np.radians(1.0), 0.0, 0.0), np.radians(image_sd_deg) ** 2)
         told = fuse_normal(image, held)
         level.learn(seen(time=k / 30), without_normal(told, held)[0])

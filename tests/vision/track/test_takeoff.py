@@ -15,7 +15,7 @@ from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView
@@ -51,7 +51,7 @@ def takeoff(tilt_deg: float) -> tuple[list, list]:
         place = 0.15 * pad[:, 2] + np.array([0.05 * climb, -0.03 * climb, climb])
         cam = attitude_at(time, pad) @ LOOKING_DOWN.flu_from_cam
         view = CameraView(VGA, cam, place, velocity_enu=np.array([0.0, 0.0, RISES * (time > STANDS)]), time=time)
-        shots.append((time, scene.render(view, Conditions(noise_sd=2.0)), *cam_from_target(placed, view)))
+        shots.append((time, scene.render(view, LightConditions(noise_sd=2.0)), *cam_from_target(placed, view)))
     times = np.arange(0.0, ENDS, 0.05)
     return shots, [AttitudeSample(at, *euler_from_rotation(attitude_at(at, pad))) for at in times]
 

@@ -16,9 +16,9 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap, load
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Sight
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, ImageSight
 from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
-from mksim.scene.light import Conditions
+from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from tests.places import CONFIGS
@@ -154,7 +154,7 @@ def test_loss_is_honest_and_the_target_is_found_again():
     frames = flight(3)
     follower = tracker()
     target = shipped("nested")
-    empty = View(target, place(2.0, 0.2), replace(Conditions(), target_in_view=False)).pixels
+    empty = View(target, place(2.0, 0.2), replace(LightConditions(), target_in_view=False)).pixels
     for frame in frames[:6]:
         last = follower.update(frame.image, frame.attitude)
     assert last.poses
@@ -229,7 +229,7 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
     for far in (6.0, 6.2, 6.4, 6.6):
         follower = Tracker(TagMap((target,)), VGA, None)
         for k in range(12):
-            view = View(target, place(far, 0.06 + 0.002 * k), replace(Conditions(), defocus_px=4.0))
+            view = View(target, place(far, 0.06 + 0.002 * k), replace(LightConditions(), defocus_px=4.0))
             result = follower.update(view.image(k / 30, k))
             found = result.pose_of("pad")
             posed.append(found is not None)
@@ -250,7 +250,7 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
     assert found is not None
     judge, before = follower.followers[0].judge, follower.followers[0].track.branches
-    seen = Sight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
+    seen = ImageSight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
     assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
     helped = judge.judge_with_attitude(seen, vague, before)

@@ -16,7 +16,7 @@ Format = Literal["csv", "parquet", "gpx", "kml", "ros", "foxglove"]
 ENDINGS: Final[Mapping[Format, str]] = {
     "csv": "-csv", "parquet": "-parquet", "gpx": ".gpx", "kml": ".kml", "ros": "-ros", "foxglove": "-foxglove.mcap",
 }  # fmt: skip
-"""Of what is written where nobody names a file."""
+"""Of what is written without `--output`."""
 
 
 def export(

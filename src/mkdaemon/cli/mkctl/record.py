@@ -73,7 +73,7 @@ async def record(
         MkError: the disk took nothing at the end.
     """
     from mkdaemon.client.groundrecorder import EVERYTHING, GroundPlan
-    from mkdaemon.record.folder import Limits
+    from mkdaemon.record.folder import RoomLimits
 
     require_length(seconds, "--seconds")
     require_length(file_minutes, "--file-minutes")
@@ -82,7 +82,7 @@ async def record(
     plan = GroundPlan(
         endpoints=(connection.connect, *also),
         folder=folder or user_folder("XDG_STATE_HOME") / "ground" / "recordings",
-        limits=Limits(file_mb * MEGA, file_minutes * 60, total_mb * MEGA, free_mb * MEGA, delete_oldest),
+        limits=RoomLimits(file_mb * MEGA, file_minutes * 60, total_mb * MEGA, free_mb * MEGA, delete_oldest),
         expressions=key or EVERYTHING,
         zenoh_file=connection.zenoh_file,
         queue_bytes=queue_mb * MEGA,

@@ -121,7 +121,7 @@ class Pacer:
     """Thins the values of every key."""
 
     def __init__(self, hz: float | None) -> None:
-        """Let so many a second pass [Hz]; all of them for None."""
+        """Let this many a second pass [Hz]; all of them for None."""
         self._period = 0.0 if hz is None else 1.0 / hz
         self._next: dict[str, float] = {}
 

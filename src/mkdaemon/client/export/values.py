@@ -17,7 +17,7 @@ from mkdaemon.bus.keys import KEYS
 from mkdaemon.client.samples import typed_value
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError, MkError, ProtocolError
-from mkdaemon.record.entry import Entry, Kind, unpacked
+from mkdaemon.record.entry import Entry, EntryKind, unpacked
 from mkdaemon.record.reader import Recording, matches_any
 from mkdaemon.telemetry.base import Stamped
 
@@ -135,7 +135,7 @@ def read_values(path: Path, patterns: tuple[str, ...] = (), *, images: bool = Fa
     recording = Recording(path)
     if recording.read_session() is None:
         raise ConfigError(f"{path}: no recording of mkdaemon; `mkctl log list` shows recordings")
-    kinds = {Kind.SAMPLE, Kind.IMAGE} if images else {Kind.SAMPLE}
+    kinds = {EntryKind.SAMPLE, EntryKind.IMAGE} if images else {EntryKind.SAMPLE}
     for entry in recording.entries(lambda facts: facts.kind in kinds and matches_any(facts.key, patterns)):
         value = _value(entry)
         if value is not None:

@@ -162,7 +162,7 @@ class Procedure:
 
 
 @dataclass(frozen=True, slots=True)
-class Upload:
+class ListUpload:
     """A client replaces the NaviCtrl's points.
 
     Attributes:
@@ -200,5 +200,5 @@ class NaviGoto:
     concern: ClassVar = Concern.NAVI_GOTO
 
 
-Beginning = TakeLease | NewManoeuvre | BoardRequest | Procedure | Upload | StartRoute | NaviGoto
+Beginning = TakeLease | NewManoeuvre | BoardRequest | Procedure | ListUpload | StartRoute | NaviGoto
 """Everything that may begin."""

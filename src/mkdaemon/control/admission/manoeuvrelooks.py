@@ -7,7 +7,7 @@ from typing import Final
 
 from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES, Concern, NewManoeuvre
 from mkdaemon.control.admission.row import Rows, Rule, Verdict, passed, stands, when
-from mkdaemon.control.admission.situation import ASIDE, Entry, Situation
+from mkdaemon.control.admission.situation import ASIDE, EntryEstimate, Situation
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.preflight import CheckState
@@ -285,6 +285,6 @@ def _grounded(wanted: NewManoeuvre, detail: str) -> Verdict:
     return Verdict(CheckState.STANDS, f"an aircraft in the air: {detail}", refusal)
 
 
-def _feet(now: Situation, entry: Entry) -> float:
+def _feet(now: Situation, entry: EntryEstimate) -> float:
     """Height of the feet above the target [m]."""
     return entry.height - now.cfg.autopilot.stand_height

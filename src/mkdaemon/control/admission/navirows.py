@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from mkdaemon.control.admission.beginnings import Concern, NaviGoto, StartRoute, Upload
+from mkdaemon.control.admission.beginnings import Concern, ListUpload, NaviGoto, StartRoute
 from mkdaemon.control.admission.row import Rows, Verdict, passed, stands
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.frames import enu_from_geodetic
@@ -26,13 +26,13 @@ NAVI_ROWS: Final = Rows()
 """What prevents points, routes and places."""
 
 
-class Place(NamedTuple):
+class GroundPlace(NamedTuple):
     """A place on the ground, latitude and longitude [deg]."""
 
     latitude: float
     longitude: float
 
-    def distance_to(self, other: Place) -> float:
+    def distance_to(self, other: GroundPlace) -> float:
         """Distance over ground [m]."""
         here = (math.radians(self.latitude), math.radians(self.longitude), 0.0)
         east, north, _ = enu_from_geodetic(math.radians(other.latitude), math.radians(other.longitude), 0.0, here)
@@ -46,14 +46,14 @@ class Place(NamedTuple):
     "the request does not say `allow_unusual`",
     Token.POINT_UNUSUAL,
 )
-def _usual(now: Situation, wanted: Upload) -> Verdict:
+def _usual(now: Situation, wanted: ListUpload) -> Verdict:
     """Refuse implausible points, by distance from the aircraft; if its position is unknown, from the first point."""
     if wanted.allow_unusual:
         return passed()
     if now.position is None:
-        origin, of = Place(wanted.points[0].latitude_deg, wanted.points[0].longitude_deg), "point 1"
+        origin, of = GroundPlace(wanted.points[0].latitude_deg, wanted.points[0].longitude_deg), "point 1"
     else:
-        origin, of = Place(now.position.latitude_deg, now.position.longitude_deg), "the aircraft"
+        origin, of = GroundPlace(now.position.latitude_deg, now.position.longitude_deg), "the aircraft"
     for number, point in enumerate(wanted.points, 1):
         detail = _mistake(point, origin, of)
         if detail:
@@ -61,9 +61,9 @@ def _usual(now: Situation, wanted: Upload) -> Verdict:
     return passed()
 
 
-def _mistake(point: MissionPoint, origin: Place, of: str) -> str:
+def _mistake(point: MissionPoint, origin: GroundPlace, of: str) -> str:
     """What is strange about a point; empty for nothing."""
-    away = origin.distance_to(Place(point.latitude_deg, point.longitude_deg))
+    away = origin.distance_to(GroundPlace(point.latitude_deg, point.longitude_deg))
     if not away <= FAR:
         return f"is {away / 1000:,.0f} km away from {of}"
     if point.kind is not PointKind.POI and point.altitude < 0:

@@ -88,7 +88,7 @@ Look = Callable[[Situation, Any], Verdict]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class AdmissionRow:
     """One row.
 
     Attributes:
@@ -125,16 +125,16 @@ Check = Callable[[Situation], Verdict]
 """Looks at the situation alone."""
 
 
-class Rows(list[Row]):
+class Rows(list[AdmissionRow]):
     """Rows in the order in which they are declared, each at its look."""
 
     def row(
         self, name: str, concerns: tuple[Concern, ...], stands: str, *tokens: Token, **more: Any
     ) -> Callable[[Look], Look]:
-        """Declare the row of a look; `more` are other fields of `Row`."""
+        """Declare the row of a look; `more` are other fields of `AdmissionRow`."""
 
         def declare(look: Look) -> Look:
-            self.append(Row(name=name, concerns=concerns, stands=stands, tokens=tokens, look=look, **more))
+            self.append(AdmissionRow(name=name, concerns=concerns, stands=stands, tokens=tokens, look=look, **more))
             return look
 
         return declare

@@ -12,12 +12,12 @@ from mkdaemon.control.admission.beginnings import Beginning, Concern, NewManoeuv
 from mkdaemon.control.admission.boardrows import BUSY_ROWS, PROCEDURE_ROWS, REQUEST_ROWS
 from mkdaemon.control.admission.flightrows import FLIGHT_ROWS, LEASE_ROWS
 from mkdaemon.control.admission.navirows import NAVI_ROWS
-from mkdaemon.control.admission.row import Row, Rule, Verdict
+from mkdaemon.control.admission.row import AdmissionRow, Rule, Verdict
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding
 
-ROWS: Final[tuple[Row, ...]] = (
+ROWS: Final[tuple[AdmissionRow, ...]] = (
     *BUSY_ROWS,
     *LEASE_ROWS,
     *FLIGHT_ROWS,
@@ -90,7 +90,7 @@ def _refusing(beginning: Beginning, flown: Concern | None) -> tuple[Rule, ...]:
     return (Rule.ALWAYS, Rule.BEGINNING, Rule.ENTRY) if is_by_hand else (Rule.ALWAYS, Rule.BEGINNING)
 
 
-def _is_asked(row: Row, beginning: Beginning) -> bool:
+def _is_asked(row: AdmissionRow, beginning: Beginning) -> bool:
     """Whether a row about a beginning is asked; some are not about a flight that goes on."""
     return row.is_asked_again or not (isinstance(beginning, NewManoeuvre) and beginning.is_resumed)
 
@@ -101,7 +101,7 @@ def _goes_on(wanted: Concern, flown: Concern | None) -> bool:
     return wanted is flown or is_way_out
 
 
-def _shown(row: Row, verdict: Verdict) -> Finding:
+def _shown(row: AdmissionRow, verdict: Verdict) -> Finding:
     found = verdict.refusal
     return Finding(
         name=row.name,

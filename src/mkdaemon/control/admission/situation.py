@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.activeset import ActiveSet
+from mkdaemon.control.activeset import KnownSet
 from mkdaemon.control.admission.beginnings import Concern
 from mkdaemon.control.estimator.model import ModelUnknown
 from mkdaemon.control.motionmatch import Match
@@ -18,7 +18,7 @@ from mkdaemon.telemetry.vision import VisionStats
 
 
 @dataclass(frozen=True, slots=True)
-class OwedSet:
+class OwedLiveSet:
     """A live set of the FlightCtrl that must be proven before it is used.
 
     Attributes:
@@ -45,7 +45,7 @@ class Work:
 
     running: ProcedureProgress | None = None
     is_alone: bool = False
-    owed: OwedSet | None = None
+    owed: OwedLiveSet | None = None
     leases: int = 0
 
 
@@ -56,7 +56,7 @@ NO_WORK = Work()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class EntryEstimate:
     """The estimate's values for the entry conditions of a flight by the target.
 
     Attributes:
@@ -130,7 +130,7 @@ class Situation:
     has_guard: bool
     link: LinkState | None
     health: LinkHealth | None
-    active_set: ActiveSet
+    active_set: KnownSet
     motors_running: bool | None
     is_testing_motors: bool
     flight: Flight | None
@@ -146,7 +146,7 @@ class Situation:
     contradicting: tuple[str, ...]
     target_age: float | None
     in_sight: tuple[str, ...]
-    entry: Entry | None
+    entry: EntryEstimate | None
     is_touching: bool
     unanswered: str
     stamps: Match | None

@@ -14,7 +14,7 @@ SAME: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class StickFrame:
     """One stick frame in the axes of the local frame.
 
     Attributes:
@@ -28,7 +28,7 @@ class Command:
     thrust: float
 
 
-NEUTRAL: Final = Command(-math.inf, (0.0, 0.0), 0.0)
+NEUTRAL: Final = StickFrame(-math.inf, (0.0, 0.0), 0.0)
 """Nothing asked for."""
 
 
@@ -36,16 +36,16 @@ class CommandHistory:
     """Stick frames in the order in which they act, `uplink` after they were written: with the next receiver frame."""
 
     def __init__(self) -> None:
-        self._commands: deque[Command] = deque([NEUTRAL])
+        self._commands: deque[StickFrame] = deque([NEUTRAL])
 
-    def add(self, command: Command) -> None:
+    def add(self, command: StickFrame) -> None:
         """Remember a command; one that would act before an earlier one acts just after it."""
         last = self._commands[-1].at
         self._commands.append(command if command.at >= last else replace(command, at=last))
         while len(self._commands) > 2 and self._commands[1].at < command.at - KNOWN:
             self._commands.popleft()
 
-    def insert(self, command: Command) -> None:
+    def insert(self, command: StickFrame) -> None:
         """Put a command before those that act later."""
         later = [self._commands.pop() for each in tuple(self._commands) if each.at > command.at]
         self.add(command)
@@ -56,6 +56,6 @@ class CommandHistory:
         while len(self._commands) > 1 and self._commands[-1].at > time + SAME:
             self._commands.pop()
 
-    def at(self, time: float) -> Command:
+    def at(self, time: float) -> StickFrame:
         """Return the command that acts at a time [s]."""
         return next((command for command in reversed(self._commands) if command.at <= time), self._commands[0])

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
-from mkdaemon.control.estimator.commands import Command, CommandHistory
+from mkdaemon.control.estimator.commands import CommandHistory, StickFrame
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
@@ -290,7 +290,7 @@ class Estimator:
         c, s = self._turn(command.at)
         pitch, roll = (float(tilt) for tilt in self._asked(command) * self._response.gain)
         self._commands.add(
-            Command(
+            StickFrame(
                 command.at + self.model.uplink,
                 (pitch * c + roll * s, pitch * s - roll * c),
                 (command.acting_gas / self.hover_gas) ** 2 * upright(self._level.states[:, T]) - 1.0,
@@ -358,7 +358,7 @@ class Estimator:
         c, s = self._turn(at)
         believed = np.array([pitch * c + roll * s, pitch * s - roll * c])
         if at - self._sent_at > (HELD if self._is_held else UNSENT):
-            self._commands.insert(Command(at, (float(believed[0]), float(believed[1])), 0.0))
+            self._commands.insert(StickFrame(at, (float(believed[0]), float(believed[1])), 0.0))
         row = np.zeros(LEVEL_STATES)
         row[TH] = 1.0
         self._level.measure(Measurement(at, row, believed, self._tuning.attitude_sd**2))

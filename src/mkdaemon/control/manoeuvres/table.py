@@ -14,7 +14,7 @@ from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
 from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.take_off import TakeOffFlight
-from mkdaemon.control.manoeuvres.velocity import Velocity
+from mkdaemon.control.manoeuvres.velocity import FlyVelocity
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
@@ -33,7 +33,7 @@ MANOEUVRES: Final[Mapping[type[Setpoint], Make]] = MappingProxyType(
     {
         StickSetpoint: lambda sight, cfg, new: Stick(sight, cfg.autopilot, new, cfg.lease.neutral_band),
         AttitudeSetpoint: lambda sight, cfg, new: AttitudeFlight(sight, cfg.autopilot, new, cfg.autopilot.neutral_band),
-        VelocitySetpoint: lambda sight, cfg, new: Velocity(sight, cfg.autopilot, new),
+        VelocitySetpoint: lambda sight, cfg, new: FlyVelocity(sight, cfg.autopilot, new),
         PositionSetpoint: lambda sight, cfg, new: Goto(sight, cfg.autopilot, new),
         HoldSetpoint: lambda sight, cfg, new: Hold(sight, cfg.autopilot),
         TakeOffSetpoint: lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new),

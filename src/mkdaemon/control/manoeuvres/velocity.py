@@ -15,7 +15,7 @@ from mkdaemon.control.sight import turned
 from mkdaemon.telemetry.setpoint import SetpointFrame
 
 
-class Velocity(ToGoal):
+class FlyVelocity(ToGoal):
     """Flies towards a point ahead that the reference never reaches, no faster than asked."""
 
     kind: ClassVar[str] = "velocity"

@@ -9,7 +9,7 @@ from typing import Any
 
 from mkdaemon.control.admission.beginnings import Beginning, TakeLease
 from mkdaemon.control.admission.rows import refusal
-from mkdaemon.control.admission.situation import OwedSet, Situation, Work
+from mkdaemon.control.admission.situation import OwedLiveSet, Situation, Work
 from mkdaemon.daemon.procedures.journal import Note
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.procedure import ProcedureProgress
@@ -45,7 +45,7 @@ class Interlock:
             beginning: what is to begin.
             known: fields of the situation that the caller knows better.
         """
-        owed = None if self.owed is None else OwedSet(self.owed.active, self.owed.verb, self.detail)
+        owed = None if self.owed is None else OwedLiveSet(self.owed.active, self.owed.verb, self.detail)
         work = Work(self.running, self.is_alone, owed, self._leases)
         return refusal(beginning, replace(self._situation(), work=work, **known))
 

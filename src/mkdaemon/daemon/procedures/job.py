@@ -27,7 +27,7 @@ KEY = "event/progress"
 """Where progress is published."""
 
 
-class Guard(Protocol):
+class RequestGuard(Protocol):
     """Checks single requests before they are sent: `mkdaemon.daemon.requests.BoardRequests` in earnest."""
 
     async def check_step(self, board: Board, message: WireMessage) -> None:
@@ -87,7 +87,7 @@ class JobObserver:
         job: Job,
         bus: Outlet,
         journal: Journal,
-        guard: Guard,
+        guard: RequestGuard,
         clock: Clock,
         find_motors: Callable[[], Awaitable[bool | None]],
     ) -> None:

@@ -21,7 +21,7 @@ from mkdaemon.protocol.procedures.route import activate_route, switch_words
 from mkdaemon.protocol.procedures.settings_slots import Restoration, backup_settings, edit_settings, restore_settings
 from mkdaemon.protocol.procedures.steps import Patience, Procedure, Progress
 from mkdaemon.protocol.procedures.waypoint_list import (
-    Upload,
+    FinishedUpload,
     clear_points,
     content_hash,
     download_points,
@@ -206,7 +206,7 @@ def _restoration(done: Restoration) -> settings.SettingsRestoration:
     )
 
 
-def _stored_list(done: Upload) -> mission.WaypointsStored:
+def _stored_list(done: FinishedUpload) -> mission.WaypointsStored:
     return mission.WaypointsStored(count=done.count, digest=done.digest, rounds=done.rounds, writes=done.writes)
 
 

@@ -21,7 +21,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.discovery import require_discovery
 from mkdaemon.daemon.procedures.interlock import Interlock
-from mkdaemon.daemon.procedures.job import Guard, Job, JobObserver, refusal_for, state_of
+from mkdaemon.daemon.procedures.job import Job, JobObserver, RequestGuard, refusal_for, state_of
 from mkdaemon.daemon.procedures.journal import Journal, Note
 from mkdaemon.daemon.procedures.lists import WaypointListKeeper
 from mkdaemon.daemon.procedures.make import PATIENCE
@@ -64,7 +64,7 @@ class ProcedureRunner:
         feed: Feed,
         bus: Outlet,
         audit: Audit,
-        guard: Guard,
+        guard: RequestGuard,
         interlock: Interlock,
         journal: Journal,
         labels: LabelCache,

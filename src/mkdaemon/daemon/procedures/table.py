@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Final
 
 from mkdaemon.bus.keys import find
-from mkdaemon.control.admission.beginnings import Beginning, NaviGoto, StartRoute, Upload
+from mkdaemon.control.admission.beginnings import Beginning, ListUpload, NaviGoto, StartRoute
 from mkdaemon.daemon.procedures import make
 from mkdaemon.protocol.procedures.steps import Procedure
 from mkdaemon.protocol.wire import Board
@@ -46,8 +46,8 @@ class ProcedureSpec:
     prepare: Callable[[Any, Position | None], Any] = lambda request, position: request
 
 
-def _upload(request: WaypointsUploadRequest) -> Upload:
-    return Upload(request.points, request.allow_unusual)
+def _upload(request: WaypointsUploadRequest) -> ListUpload:
+    return ListUpload(request.points, request.allow_unusual)
 
 
 _settings = partial(ProcedureSpec, Board.FC, needs_live_set=True)

@@ -14,7 +14,7 @@ from foxglove import Schema
 
 from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.reading import Reading
-from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, Level, diagnoses_of, diagnosis_of, states_of
+from mkdaemon.reading.diagnoses import PARTS, VERDICT, Diagnosis, DiagnosticLevel, diagnoses_of, diagnosis_of, states_of
 from mkdaemon.reading.known import KEYS as PICTURED
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.base import Stamped
@@ -62,7 +62,7 @@ class Diagnostics:
         """
         self._names = names
         self._reading = Reading()
-        self._gists: dict[str, tuple[Level, str]] = {}
+        self._gists: dict[str, tuple[DiagnosticLevel, str]] = {}
         self._shown = float("-inf")
 
     def __call__(self, suffix: str, value: Stamped) -> bytes | None:

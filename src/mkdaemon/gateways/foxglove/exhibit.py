@@ -26,7 +26,7 @@ from mkdaemon.gateways.foxglove.topics import (
     CAMERA,
     TOPICS,
     Conversion,
-    Topic,
+    FoxgloveTopic,
     json_keys,
     json_message,
     json_schema,
@@ -62,7 +62,7 @@ class Line:
     """
 
     channel: Channel
-    topic: Topic | None
+    topic: FoxgloveTopic | None
     keys: tuple[str, ...]
     convert: Conversion | None
     clients: set[int] = field(default_factory=set)
@@ -106,7 +106,7 @@ class Exhibit:
 
     # -- channels -------------------------------------------------------------------------------------------------
 
-    def _add_topic(self, topic: Topic) -> None:
+    def _add_topic(self, topic: FoxgloveTopic) -> None:
         self._add(topic.name, topic.encoding, topic.schema(), topic, topic.keys)
 
     def _add_key(self, key: str, schema: str | None) -> None:
@@ -114,7 +114,7 @@ class Exhibit:
             self._known.add(key)
             self._add(f"/{key}", "json", json_schema(schema), None, (key,))
 
-    def _add(self, name: str, encoding: str, schema: Any, topic: Topic | None, keys: tuple[str, ...]) -> None:
+    def _add(self, name: str, encoding: str, schema: Any, topic: FoxgloveTopic | None, keys: tuple[str, ...]) -> None:
         channel = Channel(self._names.topic(name), message_encoding=encoding, schema=schema, context=self._context)
         convert = None if topic is None else topic.convert(self._names)
         self.lines[channel.id()] = Line(channel, topic, keys, convert)

@@ -56,7 +56,7 @@ def location_fix(names: Names, value: Position) -> LocationFix:
     )
 
 
-class Home:
+class HomeAnnouncer:
     """Where home is on earth: once, and when it changes."""
 
     def __init__(self, names: Names) -> None:

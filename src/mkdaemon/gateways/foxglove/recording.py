@@ -23,7 +23,7 @@ from mkdaemon.gateways.foxglove.topics import (
     SHOWN_OTHERWISE,
     TOPICS,
     Conversion,
-    Topic,
+    FoxgloveTopic,
     json_message,
     json_schema,
 )
@@ -66,7 +66,7 @@ class _Aircraft:
             lines.append((self._channel(f"/{value.suffix}", "json", json_schema(value.schema)), _JSON))
         return lines
 
-    def _line_of(self, row: Topic) -> _Line:
+    def _line_of(self, row: FoxgloveTopic) -> _Line:
         if row.name not in self._topics:
             channel = self._channel(row.name, row.encoding, row.schema())
             self._topics[row.name] = channel, row.convert(self._names)

@@ -63,7 +63,7 @@ CIRCLE: Final = 48
 """Corners of a circle."""
 
 
-class Scene:
+class VehicleScene:
     """What is in the scene of one vehicle."""
 
     def __init__(self, names: Names) -> None:

@@ -54,7 +54,7 @@ class _Refusals(logging.Filter):
 _REFUSALS: Final = _Refusals()
 
 
-class Gateway:
+class FoxgloveGateway:
     """Vehicles of one endpoint before the viewers of one server."""
 
     def __init__(self, through: Vehicle, vehicles: Sequence[str]) -> None:
@@ -187,7 +187,7 @@ async def serving(through: Vehicle, vehicles: Sequence[str], host: str = HOST, p
     Raises:
         ConfigError: the address is in use, or not of this machine.
     """
-    gateway = Gateway(through, vehicles)
+    gateway = FoxgloveGateway(through, vehicles)
     server = gateway.serve(host, port)
     try:
         async with gateway.following():

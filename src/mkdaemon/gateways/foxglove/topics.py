@@ -17,8 +17,8 @@ from pydantic_core import to_json
 from mkdaemon.client.samples import carried_schemas, viewer_schema, viewer_value
 from mkdaemon.gateways.foxglove import diagnostics, messages
 from mkdaemon.gateways.foxglove.names import Names
-from mkdaemon.gateways.foxglove.scene import Scene
-from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, Frames, Poses
+from mkdaemon.gateways.foxglove.scene import VehicleScene
+from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, FrameTree, Poses
 from mkdaemon.telemetry.base import Stamped
 
 CAMERA: Final = "<camera>"
@@ -33,7 +33,7 @@ class _Encodable(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class FoxgloveTopic:
     """One topic.
 
     Attributes:
@@ -55,7 +55,7 @@ class Topic:
         """It is there once for each camera."""
         return CAMERA in self.name
 
-    def of(self, camera: str) -> Topic:
+    def of(self, camera: str) -> FoxgloveTopic:
         """The topic of one camera."""
         keys = tuple(key.replace(CAMERA, camera) for key in self.keys)
         return replace(self, name=self.name.replace(CAMERA, camera), keys=keys)
@@ -74,21 +74,21 @@ def _each(convert: Callable[[Names, Any], _Encodable | None]) -> Callable[[Names
     return of
 
 
-def _typed(name: str, keys: tuple[str, ...], message: Any, convert: Callable[[Names], Conversion]) -> Topic:
+def _typed(name: str, keys: tuple[str, ...], message: Any, convert: Callable[[Names], Conversion]) -> FoxgloveTopic:
     """A topic with one of Foxglove's own schemas."""
-    return Topic(name, keys, "protobuf", message.get_schema, convert)
+    return FoxgloveTopic(name, keys, "protobuf", message.get_schema, convert)
 
 
 _SETUP: Final = "vision/*/setup"
 
-TOPICS: Final[tuple[Topic, ...]] = (
-    _typed("/scene", (*PLACE_KEYS, _SETUP, "control/error", "control/fence"), fg.SceneUpdate, Scene),
-    _typed("/tf", (*PLACE_KEYS, _SETUP), fg.FrameTransforms, Frames),
+TOPICS: Final[tuple[FoxgloveTopic, ...]] = (
+    _typed("/scene", (*PLACE_KEYS, _SETUP, "control/error", "control/fence"), fg.SceneUpdate, VehicleScene),
+    _typed("/tf", (*PLACE_KEYS, _SETUP), fg.FrameTransforms, FrameTree),
     _typed("/pose", PLACE_KEYS, fg.PoseInFrame, Poses),
     _typed("/fix", ("state/position",), fg.LocationFix, _each(messages.location_fix)),
-    _typed("/home", ("state/position",), fg.LocationFix, messages.Home),
+    _typed("/home", ("state/position",), fg.LocationFix, messages.HomeAnnouncer),
     _typed("/log", ("event/*",), fg.Log, _each(messages.log_line)),
-    Topic(
+    FoxgloveTopic(
         *("/diagnostics", diagnostics.KEYS, "json", diagnostics.schema),
         diagnostics.Diagnostics,
     ),

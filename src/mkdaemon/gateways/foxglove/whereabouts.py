@@ -66,7 +66,7 @@ class Whereabouts:
         return place_of_gps(self._position, self.attitude)
 
 
-class Frames:
+class FrameTree:
     """The tree of frames: the target or home, `map`, `base_link`, the cameras."""
 
     def __init__(self, names: Names) -> None:

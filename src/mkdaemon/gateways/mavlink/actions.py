@@ -12,14 +12,14 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Answered, Asked, Handler, accepted, denied
+from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Asked, CommandAnswered, Handler, accepted, denied
 from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
-from mkdaemon.gateways.mavlink.picture import Picture
-from mkdaemon.gateways.mavlink.steering import By, Order, Steering
+from mkdaemon.gateways.mavlink.picture import LinkPicture
+from mkdaemon.gateways.mavlink.steering import By, ManualSteering, Order
 from mkdaemon.gateways.mavlink.texts import INFO, REMEDIES, WARNING, Notify
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
@@ -41,8 +41,8 @@ class Actions:
     def __init__(
         self,
         uav: Vehicle,
-        picture: Picture,
-        steering: Steering,
+        picture: LinkPicture,
+        steering: ManualSteering,
         hands: HandControl,
         notify: Notify,
         parameters: ParameterServer,
@@ -84,7 +84,7 @@ class Actions:
     def _refuse(words: str) -> Handler:
         return lambda _: denied(words)
 
-    async def take_off(self, asked: Asked) -> Answered:
+    async def take_off(self, asked: Asked) -> CommandAnswered:
         """NAV_TAKEOFF: by the daemon over the target, when the pilot has started the motors."""
         given = asked.number(7)
         height = given or self._parameters.take_off_height
@@ -100,15 +100,15 @@ class Actions:
             return denied(_START_MOTORS)
         return await self._fly(asked, "takeoff", {"height": height}, "takes off")
 
-    async def land(self, asked: Asked) -> Answered:
+    async def land(self, asked: Asked) -> CommandAnswered:
         """NAV_LAND: by the daemon on the target in sight, wherever the command says."""
         return await self._fly(asked, "land", {"yaw": None}, "lands on the target in sight")
 
-    async def hold(self, asked: Asked) -> Answered:
+    async def hold(self, asked: Asked) -> CommandAnswered:
         """NAV_LOITER_UNLIM: the daemon holds the place over the target."""
         return await self._fly(asked, "hold", {}, "")
 
-    async def pause(self, asked: Asked) -> Answered:
+    async def pause(self, asked: Asked) -> CommandAnswered:
         """DO_PAUSE_CONTINUE: pausing holds the place; a list of the NaviCtrl is paused by the pilot's switch."""
         if asked.number(1) != 0:
             return denied(f"only the NaviCtrl goes on with something: {_PILOTS}")
@@ -117,7 +117,7 @@ class Actions:
             return accepted()
         return await self.hold(asked)
 
-    async def reposition(self, asked: Asked) -> Answered:
+    async def reposition(self, asked: Asked) -> CommandAnswered:
         """DO_REPOSITION: in a local frame by the daemon, on the globe by the NaviCtrl."""
         if asked.frame in LOCAL_FRAMES:
             north, east, down = (asked.number(index) for index in (5, 6, 7))
@@ -131,7 +131,7 @@ class Actions:
             return await self._reposition_above(asked)
         return await self._reposition_on_globe(asked)
 
-    async def _reposition_above(self, asked: Asked) -> Answered:
+    async def _reposition_above(self, asked: Asked) -> CommandAnswered:
         """DO_REPOSITION without a place: QGroundControl pauses, changes the height or turns a PX4 so."""
         heading, height = asked.number(4), asked.number(7)
         if heading is None and height is None:
@@ -148,7 +148,7 @@ class Actions:
         yaw = None if heading is None else compass_from_yaw(heading)
         return await self._fly(asked, "position", {"position": (x, y, up), "frame": "pad", "yaw": yaw}, "")
 
-    async def _reposition_on_globe(self, asked: Asked) -> Answered:
+    async def _reposition_on_globe(self, asked: Asked) -> CommandAnswered:
         if self._steering.order is not None:
             return denied(
                 "the aircraft is flown by the target in sight, and a place on the globe is the NaviCtrl's: give a "
@@ -178,7 +178,7 @@ class Actions:
         ground = self._picture.ground
         return None if ground is None else height - ground
 
-    async def return_home(self, asked: Asked) -> Answered:
+    async def return_home(self, asked: Asked) -> CommandAnswered:
         """NAV_RETURN_TO_LAUNCH: the pilot's switch flies home, where the NaviCtrl holds no list that it would fly."""
         if self._steering.order is not None:
             self._steering.give_back(By(asked.station, asked.program))
@@ -190,14 +190,14 @@ class Actions:
             return denied(f"the NaviCtrl holds {navi.waypoints} points, which the same switch flies: clear the mission")
         return accepted(f"{_PILOTS}, home")
 
-    async def start_mission(self, _: Asked) -> Answered:
+    async def start_mission(self, _: Asked) -> CommandAnswered:
         """MISSION_START: the list is made ready for the pilot's switch."""
         if self._steering.order is not None:
             return denied("the aircraft is flown by the target in sight: give it back first (mode Stabilized)")
         started = await self._uav.route.start(confirm=True)
         return accepted(started.switch)
 
-    async def arm(self, asked: Asked) -> Answered:
+    async def arm(self, asked: Asked) -> CommandAnswered:
         """COMPONENT_ARM_DISARM: what is so already is accepted; else only a public fork of the firmware can do it."""
         wants = asked.number(1) == 1
         if wants is is_armed(self._picture) and self._picture.get(Flight) is not None:
@@ -211,7 +211,7 @@ class Actions:
             return denied(f"{_START_MOTORS} ({refusal})")
         return accepted()
 
-    async def set_mode(self, asked: Asked) -> Answered:
+    async def set_mode(self, asked: Asked) -> CommandAnswered:
         """DO_SET_MODE, in the numbers of the link; without a custom mode by the flags of the base mode."""
         base, main, sub = int(asked.number(1) or 0), int(asked.number(2) or 0), int(asked.number(3) or 0)
         numbering = asked.station.numbering
@@ -220,11 +220,11 @@ class Actions:
         mode = mode_of_custom(numbering, main) if main > 0xFF else mode_of_numbers(numbering, main, sub)
         return await self.enter(asked, mode)
 
-    async def set_standard_mode(self, asked: Asked) -> Answered:
+    async def set_standard_mode(self, asked: Asked) -> CommandAnswered:
         """DO_SET_STANDARD_MODE."""
         return await self.enter(asked, mode_of_standard(int(asked.number(1) or 0)))
 
-    async def enter(self, asked: Asked, mode: Mode | None) -> Answered:
+    async def enter(self, asked: Asked, mode: Mode | None) -> CommandAnswered:
         """Enter a mode; see `modes.Mode` for what each is."""
         match mode:
             case None:
@@ -246,7 +246,7 @@ class Actions:
             case Mode.HOLD:
                 return await self.hold(asked)
 
-    async def _enter_streamed(self, asked: Asked, mode: Mode) -> Answered:
+    async def _enter_streamed(self, asked: Asked, mode: Mode) -> CommandAnswered:
         """Fly what the ground station streams; its sticks in Stabilized and Position, its setpoints in Offboard."""
         by = By(asked.station, asked.program)
         kind = self._hands.streamed(by, mode)
@@ -262,7 +262,7 @@ class Actions:
             return denied("Offboard flies a stream of setpoints: begin it, then set the mode")
         return denied("the pilot's GPS switch holds the place; with MANUAL_CONTROL streamed, Position flies velocities")
 
-    async def look_at(self, asked: Asked) -> Answered:
+    async def look_at(self, asked: Asked) -> CommandAnswered:
         """DO_SET_ROI_LOCATION: turn to a place of the local frame and hold; on the globe only in a mission."""
         if asked.frame not in LOCAL_FRAMES:
             return denied("a region of interest on the globe is flown in a mission only: upload it with the waypoints")
@@ -275,14 +275,14 @@ class Actions:
         fields = {"position": (x, y, z), "frame": "pad", "yaw": wrapped(yaw)}
         return await self._fly(asked, "position", fields, "")
 
-    async def hold_heading(self, asked: Asked) -> Answered:
+    async def hold_heading(self, asked: Asked) -> CommandAnswered:
         """DO_SET_ROI_NONE: keep the heading; nothing to do where nobody flies."""
         return accepted() if self._steering.order is None else await self.hold(asked)
 
-    async def check(self, asked: Asked) -> Answered:
+    async def check(self, asked: Asked) -> CommandAnswered:
         """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that prevents one."""
         if is_armed(self._picture):
-            return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "the motors turn already")
+            return CommandAnswered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "the motors turn already")
         report = await self._uav.preflight()
         for finding in report.findings:
             if finding.state is CheckState.STANDS:
@@ -291,7 +291,7 @@ class Actions:
                 self._notify(asked.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
         return accepted("all checks before a flight passed" if report.is_ready else "")
 
-    async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> Answered:
+    async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> CommandAnswered:
         await self._steering.fly(Order(By(asked.station, asked.program), kind, fields))
         return accepted(words)
 

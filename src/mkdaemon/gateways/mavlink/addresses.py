@@ -19,7 +19,7 @@ _FORM: Final = (
 )
 
 
-class Kind(Enum):
+class AddressKind(Enum):
     """How bytes are carried."""
 
     UDP_OUT = "udpout"
@@ -45,7 +45,7 @@ class Address:
         numbering: whose numbers the modes have there.
     """
 
-    kind: Kind
+    kind: AddressKind
     host: str
     port: int
     numbering: Numbering = Numbering.PX4
@@ -53,7 +53,7 @@ class Address:
     @property
     def is_local(self) -> bool:
         """Whether only this machine can be met there; a serial line is what its owner made it."""
-        if self.kind is Kind.SERIAL or self.host == "localhost":
+        if self.kind is AddressKind.SERIAL or self.host == "localhost":
             return True
         try:
             return ipaddress.ip_address(self.host).is_loopback
@@ -74,13 +74,13 @@ def read_address(text: str) -> Address:
     where, _, word = text.partition(",")
     found = re.fullmatch(r"(?P<kind>[a-z]+):(?P<host>.+):(?P<port>\d{1,7})", where.strip())
     numbers = {numbering.value: numbering for numbering in Numbering}
-    kinds = {kind.value: kind for kind in Kind}
+    kinds = {kind.value: kind for kind in AddressKind}
     numbering = numbers.get(word.strip()) if word else Numbering.PX4
     kind = kinds.get(found["kind"]) if found else None
     if found is None or kind is None or numbering is None:
         raise ConfigError(f"--link {text!r} is no address: {_FORM}")
     port = int(found["port"])
-    if kind is not Kind.SERIAL and not 0 < port < 65_536:
+    if kind is not AddressKind.SERIAL and not 0 < port < 65_536:
         raise ConfigError(f"--link {text!r}: a port is 1 to 65535")
     return Address(kind, found["host"].removeprefix("[").removesuffix("]"), port, numbering)
 

@@ -81,7 +81,7 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class CommandAnswered:
     """What becomes of a command.
 
     Attributes:
@@ -93,18 +93,18 @@ class Answered:
     words: str = ""
 
 
-ACCEPTED: Final = Answered(int(mavlink.MAV_RESULT_ACCEPTED))
-UNSUPPORTED: Final = Answered(int(mavlink.MAV_RESULT_UNSUPPORTED))
+ACCEPTED: Final = CommandAnswered(int(mavlink.MAV_RESULT_ACCEPTED))
+UNSUPPORTED: Final = CommandAnswered(int(mavlink.MAV_RESULT_UNSUPPORTED))
 
 
-def accepted(words: str = "") -> Answered:
+def accepted(words: str = "") -> CommandAnswered:
     """It is done, or begun."""
-    return Answered(int(mavlink.MAV_RESULT_ACCEPTED), words)
+    return CommandAnswered(int(mavlink.MAV_RESULT_ACCEPTED), words)
 
 
-def denied(words: str) -> Answered:
+def denied(words: str) -> CommandAnswered:
     """It cannot be done."""
-    return Answered(int(mavlink.MAV_RESULT_DENIED), words)
+    return CommandAnswered(int(mavlink.MAV_RESULT_DENIED), words)
 
 
 def asked_from(station: Station, message: Message) -> Asked:
@@ -130,7 +130,7 @@ def _place(number: int, scale: float) -> float:
     return math.nan if number == _NOT_GIVEN else number / scale
 
 
-Handler = Callable[[Asked], Awaitable[Answered] | Answered]
+Handler = Callable[[Asked], Awaitable[CommandAnswered] | CommandAnswered]
 """Does a command; raises an `MkError` for a refusal."""
 
 
@@ -147,7 +147,7 @@ class CommandDesk:
         """
         self._handlers, self._notify, self._faults = handlers, notify, faults
         self._running: dict[tuple[Any, ...], asyncio.Task[None]] = {}
-        self._answered: OrderedDict[tuple[Any, ...], Answered] = OrderedDict()
+        self._answered: OrderedDict[tuple[Any, ...], CommandAnswered] = OrderedDict()
 
     def take(self, asked: Asked) -> None:
         """Do a command and answer it."""
@@ -165,7 +165,7 @@ class CommandDesk:
             return
         if len(self._running) >= _MOST_RUNNING:
             self._answer(
-                asked, key, Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "too many commands at once")
+                asked, key, CommandAnswered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "too many commands at once")
             )
             return
         try:
@@ -173,7 +173,7 @@ class CommandDesk:
         except Exception as error:  # noqa: BLE001  # a fault ends this command
             self._answer(asked, key, self._answer_of(asked, error))
             return
-        if isinstance(made, Answered):
+        if isinstance(made, CommandAnswered):
             self._answer(asked, key, made)
             return
         self._running[key] = asyncio.create_task(self._run(asked, key, made), name=f"command {asked.command}")
@@ -184,7 +184,7 @@ class CommandDesk:
             task.cancel()
         await asyncio.gather(*self._running.values(), return_exceptions=True)
 
-    async def _run(self, asked: Asked, key: tuple[Any, ...], work: Awaitable[Answered]) -> None:
+    async def _run(self, asked: Asked, key: tuple[Any, ...], work: Awaitable[CommandAnswered]) -> None:
         doing = asyncio.ensure_future(work)
         patience = AT_ONCE
         try:
@@ -200,25 +200,25 @@ class CommandDesk:
             doing.cancel()
             self._running.pop(key, None)
 
-    def _finish(self, asked: Asked, key: tuple[Any, ...], answer: Answered, *, is_late: bool) -> None:
+    def _finish(self, asked: Asked, key: tuple[Any, ...], answer: CommandAnswered, *, is_late: bool) -> None:
         """Answer a command; a mode that was accepted meanwhile is not answered again, only its words are sent."""
         if not (is_late and asked.command in _MODES):
             self._answer(asked, key, answer)
         elif answer.words:
             self._report(asked, answer)
 
-    def _report(self, asked: Asked, answer: Answered) -> None:
+    def _report(self, asked: Asked, answer: CommandAnswered) -> None:
         is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
         self._notify(asked.station, answer.words, INFO if is_done else WARNING)
 
-    def _answer_of(self, asked: Asked, error: Exception) -> Answered:
+    def _answer_of(self, asked: Asked, error: Exception) -> CommandAnswered:
         """The answer where a handler raised."""
         if isinstance(error, MkError):
             return answer_of(error)
         self._faults.note(f"command {asked.command}", error)
-        return Answered(int(mavlink.MAV_RESULT_FAILED), f"command {asked.command}: a defect of the gateway")
+        return CommandAnswered(int(mavlink.MAV_RESULT_FAILED), f"command {asked.command}: a defect of the gateway")
 
-    def _answer(self, asked: Asked, key: tuple[Any, ...], answer: Answered) -> None:
+    def _answer(self, asked: Asked, key: tuple[Any, ...], answer: CommandAnswered) -> None:
         self._answered[(*key, asked.params)] = answer
         while len(self._answered) > _REMEMBERED:
             self._answered.popitem(last=False)
@@ -227,17 +227,17 @@ class CommandDesk:
         _acknowledge(asked, answer.result)
 
 
-def answer_of(error: MkError) -> Answered:
+def answer_of(error: MkError) -> CommandAnswered:
     """The answer that an error means: denied, or for the moment, or tried and not done."""
     if isinstance(error, CommandRejectedError):
         status = error.token.status if isinstance(error.token, Token) else Status.DENIED
         result = _BY_STATUS.get(status, mavlink.MAV_RESULT_DENIED)
         if error.token in _LATER:
             result = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
-        return Answered(int(result), words_of(error))
+        return CommandAnswered(int(result), words_of(error))
     if isinstance(error, NotEngagedError | ManoeuvreError):
-        return Answered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), str(error))
-    return Answered(int(mavlink.MAV_RESULT_FAILED), str(error))
+        return CommandAnswered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), str(error))
+    return CommandAnswered(int(mavlink.MAV_RESULT_FAILED), str(error))
 
 
 def _meanwhile(asked: Asked) -> int:

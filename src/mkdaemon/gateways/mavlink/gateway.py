@@ -24,11 +24,11 @@ from mkdaemon.gateways.mavlink.links import Links
 from mkdaemon.gateways.mavlink.missions import MissionServer
 from mkdaemon.gateways.mavlink.modes import Mode, heartbeat, mode_now
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.queries import Queries
 from mkdaemon.gateways.mavlink.recordings import LogServer
 from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
-from mkdaemon.gateways.mavlink.steering import By, Steering
+from mkdaemon.gateways.mavlink.steering import By, ManualSteering
 from mkdaemon.gateways.mavlink.telemetry import TABLE
 from mkdaemon.gateways.mavlink.texts import Texts, text_of
 from mkdaemon.telemetry.control import ControlStatus
@@ -65,7 +65,7 @@ class Options:
     backups: Path
 
 
-class Gateway:
+class MavlinkGateway:
     """A vehicle, shown to ground stations and flown for them.
 
     Attributes:
@@ -85,9 +85,9 @@ class Gateway:
             wall: the system clock [s].
         """
         self._uav, self._options, self._now = uav, options, now
-        self.picture, self.faults = Picture(), Faults("mavlink")
+        self.picture, self.faults = LinkPicture(), Faults("mavlink")
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
-        self.steering = Steering(uav, self.announce, now, self.faults)
+        self.steering = ManualSteering(uav, self.announce, now, self.faults)
         self._hands = HandControl(self.steering, self.picture, self.notify, now)
         self._missions = MissionServer(uav, self.picture, self.notify, now, self.faults)
         self._parameters = ParameterServer(uav, options.backups, self.notify, now)

@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.gateways.mavlink.dialect import Message
 from mkdaemon.gateways.mavlink.modes import Mode
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.setpoints import (
     ON_THE_GLOBE,
     Axes,
@@ -21,7 +21,7 @@ from mkdaemon.gateways.mavlink.setpoints import (
     speeds,
     sticks,
 )
-from mkdaemon.gateways.mavlink.steering import STREAMED, By, Steering
+from mkdaemon.gateways.mavlink.steering import STREAMED, By, ManualSteering
 from mkdaemon.gateways.mavlink.texts import Notify, words_of
 from mkdaemon.telemetry.control import ControlEstimate
 
@@ -42,7 +42,9 @@ _Value = TypeVar("_Value")
 class HandControl:
     """Takes what ground stations stream."""
 
-    def __init__(self, steering: Steering, picture: Picture, notify: Notify, now: Callable[[], float]) -> None:
+    def __init__(
+        self, steering: ManualSteering, picture: LinkPicture, notify: Notify, now: Callable[[], float]
+    ) -> None:
         """Watch streams.
 
         Args:

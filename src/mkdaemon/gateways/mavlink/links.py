@@ -13,7 +13,7 @@ from typing import Any, Final
 import structlog
 
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.mavlink.addresses import Address, Kind
+from mkdaemon.gateways.mavlink.addresses import Address, AddressKind
 from mkdaemon.gateways.mavlink.dialect import Message
 from mkdaemon.gateways.mavlink.framing import MAGIC, Counts, Decoder, Encoder, Signing
 from mkdaemon.gateways.mavlink.stations import SILENCE, Station
@@ -77,20 +77,20 @@ class Links:
         loop = asyncio.get_running_loop()
         try:
             match address.kind:
-                case Kind.UDP_OUT:
+                case AddressKind.UDP_OUT:
                     remote = (address.host, address.port)
                     made: Any = await loop.create_datagram_endpoint(
                         lambda: _Datagrams(self, address), remote_addr=remote
                     )
                     self._closing.append(made[0].close)
-                case Kind.UDP_IN:
+                case AddressKind.UDP_IN:
                     local = (address.host, address.port)
                     made = await loop.create_datagram_endpoint(lambda: _Datagrams(self, address), local_addr=local)
                     self._closing.append(made[0].close)
-                case Kind.TCP_IN:
+                case AddressKind.TCP_IN:
                     server = await loop.create_server(lambda: _Stream(self, address), address.host, address.port)
                     self._closing.append(server.close)
-                case Kind.TCP_OUT | Kind.SERIAL:
+                case AddressKind.TCP_OUT | AddressKind.SERIAL:
                     tasks.create_task(self._keep(address), name=f"line {address.host}")
         except OSError as error:
             raise MkError(f"--link {address} cannot be opened: {error.strerror or error}") from error
@@ -172,7 +172,7 @@ class Links:
             with suppress(OSError, ValueError):  # SerialException is an OSError
                 lost: asyncio.Future[None] = loop.create_future()
                 made = lambda lost=lost: _Stream(self, address, lost)  # noqa: E731
-                if address.kind is Kind.SERIAL:
+                if address.kind is AddressKind.SERIAL:
                     import serial_asyncio
 
                     transport, _ = await serial_asyncio.create_serial_connection(
@@ -198,14 +198,14 @@ class _Datagrams(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
-        if self._address.kind is Kind.UDP_OUT:
+        if self._address.kind is AddressKind.UDP_OUT:
             self._add(None)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         messages = self._links.read(self._decoder, data, is_datagram=True)
         if not messages:
             return
-        key = None if self._address.kind is Kind.UDP_OUT else addr
+        key = None if self._address.kind is AddressKind.UDP_OUT else addr
         station = self._stations.get(key) or self._add(key)
         if station is not None:
             self._links.received(station, messages)
@@ -251,7 +251,7 @@ class _Stream(asyncio.Protocol):
     def connection_made(self, transport: Any) -> None:
         self._transport = transport
         peer = transport.get_extra_info("peername")
-        name = f"from {peer[0]}:{peer[1]}" if peer and self._address.kind is Kind.TCP_IN else ""
+        name = f"from {peer[0]}:{peer[1]}" if peer and self._address.kind is AddressKind.TCP_IN else ""
         self._station = self._links.add(name, self._address, self._put, transport.close)
         if self._station is None:
             transport.close()
@@ -259,7 +259,7 @@ class _Stream(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         if self._station is None:
             return
-        if self._address.kind is Kind.TCP_IN and not self._has_started and data[0] not in MAGIC:
+        if self._address.kind is AddressKind.TCP_IN and not self._has_started and data[0] not in MAGIC:
             # A browser sends whatever a web page asks it to, but always behind a line of HTTP.
             self._links.log(
                 self._address, "connection closed: it does not begin with MAVLink", station=self._station.name

@@ -15,7 +15,7 @@ from mkdaemon.gateways.mavlink.dialect import mavlink
 from mkdaemon.gateways.mavlink.files import checksum
 from mkdaemon.gateways.mavlink.parameterids import ids_of
 from mkdaemon.protocol.settings import Layout, layout_of
-from mkdaemon.protocol.settings_fields import Kind
+from mkdaemon.protocol.settings_fields import ParameterKind
 
 COMPONENT_METADATA: Final = 397
 """Number of the message."""
@@ -76,7 +76,11 @@ def _parameter(layout: Layout, name: str, setting: str, place: int | None) -> di
     parameter = layout.place(setting).parameter
     words = [parameter.meaning[:1].upper() + parameter.meaning[1:] + ("" if place is None else f" ({place + 1})")]
     words += [f"Unit: {parameter.unit}."] if parameter.unit else []
-    words += ["248 to 255 stand for potentiometer 8 to 1 of the transmitter."] if parameter.kind is Kind.POTI else []
+    words += (
+        ["248 to 255 stand for potentiometer 8 to 1 of the transmitter."]
+        if parameter.kind is ParameterKind.POTI
+        else []
+    )
     found: dict[str, Any] = {
         "name": name,
         "type": "Float",  # the values cross as REAL32, whole numbers of 0 to 255
@@ -88,7 +92,7 @@ def _parameter(layout: Layout, name: str, setting: str, place: int | None) -> di
         "shortDesc": words[0],
         "longDesc": " ".join([f"{parameter.mk} in the firmware.", *words[1:]]),
     }
-    bits = layout.bits(setting) if parameter.kind is Kind.BITS else ()
+    bits = layout.bits(setting) if parameter.kind is ParameterKind.BITS else ()
     if bits:
         found["bitmask"] = [
             {"index": bit.mask.bit_length() - 1, "description": bit.name.replace("_", " ")} for bit in bits

@@ -16,7 +16,7 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
-from mkdaemon.missions.source import AltitudeReference, Place
+from mkdaemon.missions.source import AltitudeReference, FilePlace
 from mkdaemon.telemetry.mission import Mission, MissionPoint, PointKind
 
 _PLAIN: Final = {
@@ -31,7 +31,7 @@ _NOT_GIVEN: Final = 0x7FFF_FFFF
 """A coordinate that is not given."""
 
 
-class _Nth(Place):
+class _Nth(FilePlace):
     """Which item something is about, for messages."""
 
     def __str__(self) -> str:
@@ -39,7 +39,7 @@ class _Nth(Place):
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class LinkItem:
     """A mission item as it crosses the link.
 
     Attributes:
@@ -88,13 +88,13 @@ def autopilot_of(station: Station) -> int:
     return table.ARDUPILOT if station.numbering is Numbering.ARDUPILOT else table.GENERIC
 
 
-def item_from(message: Message) -> Item:
+def item_from(message: Message) -> LinkItem:
     """Read a MISSION_ITEM_INT or a MISSION_ITEM."""
     x, y = message.x, message.y
     if message.get_type() == "MISSION_ITEM":
         x, y = _scaled(x), _scaled(y)
     params = (message.param1, message.param2, message.param3, message.param4)
-    return Item(message.command, message.frame, params, x, y, message.z, message.current, message.autocontinue)
+    return LinkItem(message.command, message.frame, params, x, y, message.z, message.current, message.autocontinue)
 
 
 def _scaled(degrees: float) -> int:
@@ -102,7 +102,7 @@ def _scaled(degrees: float) -> int:
 
 
 def mission_of(
-    items: Sequence[Item], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
+    items: Sequence[LinkItem], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
 ) -> tuple[Mission, tuple[str, ...]] | Refused:
     """The mission of some items.
 
@@ -132,7 +132,7 @@ def mission_of(
         return Refused(int(mavlink.MAV_MISSION_INVALID), str(error))
 
 
-def _unsupported(item: Item, number: int) -> str:
+def _unsupported(item: LinkItem, number: int) -> str:
     try:
         qgc.draft_of([_plan_item(item)], [_Nth("item", number)])
     except ConfigError as error:
@@ -140,11 +140,11 @@ def _unsupported(item: Item, number: int) -> str:
     return f"item {number}: command {item.command} cannot be flown"
 
 
-def _places(count: int, first: int) -> Iterable[Place]:
+def _places(count: int, first: int) -> Iterable[FilePlace]:
     return (_Nth("item", number) for number in range(first, first + count))
 
 
-def _plan_item(item: Item) -> dict[str, Any]:
+def _plan_item(item: LinkItem) -> dict[str, Any]:
     place = (math.nan if number == _NOT_GIVEN else number / _E7 for number in (item.x, item.y))
     numbers = (*item.params, *place, item.z)
     return {
@@ -157,7 +157,7 @@ def _plan_item(item: Item) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldMission:
     """The mission that the NaviCtrl holds.
 
     Attributes:
@@ -166,7 +166,7 @@ class Held:
         flown: for each item the point it flies to, from 1; None for none.
     """
 
-    items: tuple[Item, ...]
+    items: tuple[LinkItem, ...]
     digest: str
     flown: tuple[int | None, ...]
 
@@ -178,9 +178,9 @@ class Held:
 def held_from(
     points: Sequence[MissionPoint],
     digest: str,
-    items: Sequence[Item] | None = None,
+    items: Sequence[LinkItem] | None = None,
     autopilot: int = table.GENERIC,
-) -> Held:
+) -> HeldMission:
     """What is sent of a list.
 
     Args:
@@ -193,23 +193,23 @@ def held_from(
         ConfigError: a point that no item says, as a fail-safe point.
     """
     if not points:
-        return Held((), digest, ())
+        return HeldMission((), digest, ())
     made = qgc.items_of(Mission(points=tuple(points)))
     flown = tuple(point for _, point in made)
     if items is None:
-        return Held(tuple(_item_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
+        return HeldMission(tuple(_item_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
     draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), 0), autopilot)
     made_of = {
         index: number
         for number, index in enumerate(draft.origins, 1)
         if draft.mission.points[number - 1].kind is not PointKind.POI
     }
-    return Held(tuple(items), digest, tuple(made_of.get(index) for index in range(len(items))))
+    return HeldMission(tuple(items), digest, tuple(made_of.get(index) for index in range(len(items))))
 
 
-def _item_of(item: dict[str, Any], is_first: bool) -> Item:
+def _item_of(item: dict[str, Any], is_first: bool) -> LinkItem:
     numbers = [NAN if value is None else float(value) for value in item["params"]]
-    return Item(
+    return LinkItem(
         item["command"],
         {plain: full for full, plain in _PLAIN.items()}.get(item["frame"], item["frame"]),
         (numbers[0], numbers[1], numbers[2], numbers[3]),

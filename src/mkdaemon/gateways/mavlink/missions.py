@@ -17,9 +17,17 @@ from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, M
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.mavlink.frames import degrees_e7
-from mkdaemon.gateways.mavlink.missionitems import Held, Item, Refused, autopilot_of, held_from, item_from, mission_of
+from mkdaemon.gateways.mavlink.missionitems import (
+    HeldMission,
+    LinkItem,
+    Refused,
+    autopilot_of,
+    held_from,
+    item_from,
+    mission_of,
+)
 from mkdaemon.gateways.mavlink.modes import Numbering
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
 from mkdaemon.telemetry.mission import Mission, MissionEvent
@@ -51,7 +59,7 @@ _RESULTS: Final[dict[str, int]] = {
 
 
 @dataclass(slots=True)
-class Upload:
+class MissionUpload:
     """An upload under way.
 
     Attributes:
@@ -69,7 +77,7 @@ class Upload:
     program: Program
     count: int
     asked_at: float
-    items: list[Item] = field(default_factory=list)
+    items: list[LinkItem] = field(default_factory=list)
     attempts: int = 0
     is_old: bool = False
     storing: asyncio.Task[None] | None = None
@@ -83,7 +91,7 @@ class MissionServer:
     """Answers the mission protocol."""
 
     def __init__(
-        self, uav: Vehicle, picture: Picture, notify: Notify, now: Callable[[], float], faults: Faults
+        self, uav: Vehicle, picture: LinkPicture, notify: Notify, now: Callable[[], float], faults: Faults
     ) -> None:
         """Serve missions.
 
@@ -95,9 +103,9 @@ class MissionServer:
             faults: counts what an upload fails by.
         """
         self._uav, self._picture, self._notify, self._now, self._faults = uav, picture, notify, now, faults
-        self._held: Held | None = None
+        self._held: HeldMission | None = None
         self._on_board: str | None = None
-        self._upload: Upload | None = None
+        self._upload: MissionUpload | None = None
         self._lock = asyncio.Lock()
         self._reached = 0
 
@@ -195,7 +203,7 @@ class MissionServer:
         self._reached = navi.waypoint
         return mavlink.MAVLink_mission_item_reached_message(seq)
 
-    async def _known(self) -> Held:
+    async def _known(self) -> HeldMission:
         """The list, read where it is not known.
 
         Raises:
@@ -207,7 +215,7 @@ class MissionServer:
                 return held
             health = self._picture.get(VehicleHealth)
             if health is not None and health.boards and "nc" not in health.boards:
-                return Held((), "", ())
+                return HeldMission((), "", ())
             found = await self._uav.waypoints.read()
             self._held = held_from(found.points, found.digest)
             self._on_board = found.digest
@@ -241,12 +249,12 @@ class MissionServer:
         message = items[seq].message(*program, seq)
         station.send(_old(message) if is_old else message)
 
-    def _home(self) -> Item:
+    def _home(self) -> LinkItem:
         """Item 0 as ArduPilot has it; zeros while home is not known."""
         here = self._picture.get(Position)
         if here is None or here.home_latitude_deg is None or here.home_longitude_deg is None:
-            return Item(16, 0, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0)
-        return Item(
+            return LinkItem(16, 0, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0)
+        return LinkItem(
             16, 0, (0.0, 0.0, 0.0, 0.0), degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg),
             self._picture.ground or 0.0,
         )  # fmt: skip
@@ -262,13 +270,13 @@ class MissionServer:
             self._notify(station, f"{count} items: no NaviCtrl holds more than 254 points")
             self._acknowledge(station, program, mavlink.MAV_MISSION_NO_SPACE)
             return
-        self._upload = upload = Upload(station, program, count, self._now())
+        self._upload = upload = MissionUpload(station, program, count, self._now())
         if count == 0:
             self._store(upload)
         else:
             self._ask(upload, 0)
 
-    def _ask(self, upload: Upload, seq: int) -> None:
+    def _ask(self, upload: MissionUpload, seq: int) -> None:
         upload.asked_at, upload.attempts = self._now(), upload.attempts + 1
         # DroneKit knows the old request only; whoever answers one of the two is asked in the same way from then on.
         is_old = upload.is_old if upload.items else upload.attempts % 2 == 0
@@ -295,11 +303,11 @@ class MissionServer:
         else:
             self._store(upload)
 
-    def _store(self, upload: Upload) -> None:
+    def _store(self, upload: MissionUpload) -> None:
         upload.asked_at = self._now()
         upload.storing = asyncio.create_task(self._store_now(upload), name="mission upload")
 
-    async def _store_now(self, upload: Upload) -> None:
+    async def _store_now(self, upload: MissionUpload) -> None:
         station, program = upload.station, upload.program
         try:
             result = await self._replace(upload)
@@ -313,7 +321,7 @@ class MissionServer:
             self._upload = None
         self._acknowledge(station, program, result)
 
-    async def _replace(self, upload: Upload) -> int:
+    async def _replace(self, upload: MissionUpload) -> int:
         """Store the items; the result of it.
 
         Raises:
@@ -334,7 +342,7 @@ class MissionServer:
         async with self._lock:
             if mission is None:
                 cleared = await self._uav.waypoints.clear(in_flight=True)
-                self._held = Held((), cleared.digest, ())
+                self._held = HeldMission((), cleared.digest, ())
                 self._on_board = cleared.digest
                 return int(mavlink.MAV_MISSION_ACCEPTED)
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
@@ -357,7 +365,7 @@ class MissionServer:
             self._require_not_flown()
             async with self._lock:
                 cleared = await self._uav.waypoints.clear(in_flight=True)
-                self._held = Held((), cleared.digest, ())
+                self._held = HeldMission((), cleared.digest, ())
                 self._on_board = cleared.digest
         except MkError as error:
             self._notify(station, f"the mission is not cleared: {words_of(error)}")

@@ -17,7 +17,7 @@ from enum import Enum
 from typing import Final
 
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.state import Flight, GpsMode
@@ -149,7 +149,7 @@ def mode_of_standard(standard: int) -> Mode | None:
     return next((row.mode for row in ROWS if row.standard == standard != 0), None)
 
 
-def mode_now(picture: Picture, by_sticks: Mode | None = None) -> Mode:
+def mode_now(picture: LinkPicture, by_sticks: Mode | None = None) -> Mode:
     """What the aircraft does now.
 
     Args:
@@ -174,13 +174,13 @@ def mode_now(picture: Picture, by_sticks: Mode | None = None) -> Mode:
     return _BY_SWITCH.get(flight.gps_mode, height)
 
 
-def is_armed(picture: Picture) -> bool:
+def is_armed(picture: LinkPicture) -> bool:
     """Whether the motors turn, as far as the boards say."""
     flight = picture.get(Flight)
     return flight is not None and bool(flight.motors_running)
 
 
-def heartbeat(picture: Picture, mode: Mode, numbering: Numbering) -> Message:
+def heartbeat(picture: LinkPicture, mode: Mode, numbering: Numbering) -> Message:
     """HEARTBEAT: a quadrotor of a generic autopilot, or of what its link says. See the module for the numbers."""
     armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if is_armed(picture) else 0
     return mavlink.MAVLink_heartbeat_message(
@@ -193,7 +193,7 @@ def heartbeat(picture: Picture, mode: Mode, numbering: Numbering) -> Message:
     )
 
 
-def system_state(picture: Picture) -> int:
+def system_state(picture: LinkPicture) -> int:
     """`MAV_STATE`: standby and active by the motors; critical while somebody must act; emergency as the boards say."""
     flight, link = picture.get(Flight), picture.link
     if flight is None or (link is not None and not link.condition.is_usable):

@@ -18,7 +18,7 @@ READ: Final = (*KEYS, "control/navi", "vision/*/setup")
 """Keys that are watched, without events; the last values are asked for at the start."""
 
 
-class Picture:
+class LinkPicture:
     """The newest values by their kind; what is older than its key allows is not shown.
 
     Attributes:

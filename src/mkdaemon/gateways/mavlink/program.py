@@ -17,7 +17,7 @@ from mkdaemon.foreignfiles import read_text
 from mkdaemon.gateways.boardset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
 from mkdaemon.gateways.mavlink.framing import Signing, key_from
-from mkdaemon.gateways.mavlink.gateway import Gateway, Options
+from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
 
 _LONGEST_KEY: Final = 1000
@@ -107,5 +107,5 @@ async def _serve(
                     is_logged = True
                 await asyncio.sleep(_AGAIN)
                 continue
-            await Gateway(uav, options, time.monotonic, time.time).run(on_ready)
+            await MavlinkGateway(uav, options, time.monotonic, time.time).run(on_ready)
             return

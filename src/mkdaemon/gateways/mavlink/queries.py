@@ -10,12 +10,12 @@ import re
 from collections.abc import Callable
 from typing import Final
 
-from mkdaemon.gateways.mavlink.commands import ACCEPTED, UNSUPPORTED, Answered, Asked, Handler, denied
+from mkdaemon.gateways.mavlink.commands import ACCEPTED, UNSUPPORTED, Asked, CommandAnswered, Handler, denied
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.files import FileServer
 from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, GENERAL, ComponentMetadata, documents
 from mkdaemon.gateways.mavlink.modes import ROWS, Mode, available_mode, current_mode, heartbeat
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.telemetry import GROUPS, IDS, TABLE
 from mkdaemon.telemetry.vehicle import VehicleHealth
@@ -45,7 +45,7 @@ class Queries:
 
     def __init__(
         self,
-        picture: Picture,
+        picture: LinkPicture,
         mode: Callable[[], Mode],
         mission: Callable[[], Message],
         revision: Callable[[], int],
@@ -70,15 +70,15 @@ class Queries:
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self.get_interval,
         }
 
-    def request(self, asked: Asked) -> Answered:
+    def request(self, asked: Asked) -> CommandAnswered:
         """REQUEST_MESSAGE: one message, now."""
         return self._send(asked, int(asked.number(1) or 0), int(asked.number(2) or 0))
 
-    def request_old(self, asked: Asked) -> Answered:
+    def request_old(self, asked: Asked) -> CommandAnswered:
         """The commands that asked for one message before REQUEST_MESSAGE."""
         return self._send(asked, _OLD_REQUESTS[asked.command], 0)
 
-    def _send(self, asked: Asked, number: int, index: int) -> Answered:
+    def _send(self, asked: Asked, number: int, index: int) -> CommandAnswered:
         station = asked.station
         if number == mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES:
             wanted = range(1, len(ROWS) + 1) if index == 0 else (index,)
@@ -114,7 +114,7 @@ class Queries:
         self._files.files = documents(self._revision())
         return ComponentMetadata(int(self._picture.boot_time * 1000) & 0xFFFF_FFFF, self._files.files[GENERAL])
 
-    def set_interval(self, asked: Asked) -> Answered:
+    def set_interval(self, asked: Asked) -> CommandAnswered:
         """SET_MESSAGE_INTERVAL: microseconds; -1 for never, 0 for as it was."""
         number, wish = int(asked.number(1) or 0), asked.number(2)
         name = IDS.get(number)
@@ -128,7 +128,7 @@ class Queries:
             asked.station.ask(name, 0.0 if wish < 0 else max(wish * 1e-6, _FASTEST))
         return ACCEPTED
 
-    def get_interval(self, asked: Asked, number: int | None = None) -> Answered:
+    def get_interval(self, asked: Asked, number: int | None = None) -> CommandAnswered:
         """GET_MESSAGE_INTERVAL: MESSAGE_INTERVAL follows; of one that is never sent -1, of an unknown one 0."""
         wanted = int(asked.number(1) or 0) if number is None else number
         name = IDS.get(wanted)
@@ -166,7 +166,7 @@ def _ask_group(station: Station, message: Message) -> None:
             station.ask(name, max(1.0 / message.req_message_rate, _FASTEST))
 
 
-def autopilot_version(picture: Picture) -> Message:
+def autopilot_version(picture: LinkPicture) -> Message:
     """AUTOPILOT_VERSION: the release of the FlightCtrl; a MikroKopter has none."""
     health = picture.get(VehicleHealth)
     words = "" if health is None else health.firmware.get("fc", "")

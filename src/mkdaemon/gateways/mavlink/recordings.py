@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.modes import Numbering, is_armed
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import Notify
 from mkdaemon.record.folder import origin_of, recordings_of
@@ -63,7 +63,7 @@ def listed(current: Path) -> list[Log]:
 class LogServer:
     """Answers the log protocol."""
 
-    def __init__(self, picture: Picture, notify: Notify) -> None:
+    def __init__(self, picture: LinkPicture, notify: Notify) -> None:
         """Serve recordings.
 
         Args:

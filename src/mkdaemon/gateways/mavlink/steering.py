@@ -82,7 +82,7 @@ class Order:
         return self.kind not in {"stick", "attitude"}
 
 
-class Steering:
+class ManualSteering:
     """Holds the lease while somebody flies through the gateway.
 
     Attributes:

@@ -30,7 +30,7 @@ from mkdaemon.gateways.mavlink.frames import (
     ned_from_enu,
     ned_from_frd,
 )
-from mkdaemon.gateways.mavlink.picture import Picture
+from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.reading.facts import battery_alarm
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
@@ -55,12 +55,12 @@ class MessageRow(NamedTuple):
         is_by_clock: it is sent by the clock, not with its value.
     """
 
-    message: Callable[[Any, Picture], Message | None]
+    message: Callable[[Any, LinkPicture], Message | None]
     of: type[Any] | None
     rate: float
     is_by_clock: bool = False
 
-    def make(self, picture: Picture) -> Message | None:
+    def make(self, picture: LinkPicture) -> Message | None:
         """The message; None while it cannot be said."""
         now = None if self.of is None else picture.get(self.of)
         return None if now is None and self.of is not None else self.message(now, picture)
@@ -76,19 +76,19 @@ def boot_us(stamp: Stamp) -> int:
     return int(stamp.monotonic * 1e6)
 
 
-def attitude(now: Attitude, picture: Picture) -> Message | None:
+def attitude(now: Attitude, picture: LinkPicture) -> Message | None:
     """ATTITUDE; rates are not reported."""
     yaw = compass_from_yaw(now.yaw)
     return mavlink.MAVLink_attitude_message(boot_ms(now.stamp), now.roll, -now.pitch, yaw, NAN, NAN, NAN)
 
 
-def attitude_quaternion(now: Attitude, picture: Picture) -> Message | None:
+def attitude_quaternion(now: Attitude, picture: LinkPicture) -> Message | None:
     """ATTITUDE_QUATERNION; rates are not reported."""
     turned = ned_from_frd(now.quaternion)
     return mavlink.MAVLink_attitude_quaternion_message(boot_ms(now.stamp), *turned, NAN, NAN, NAN)
 
 
-def global_position(now: Position, picture: Picture) -> Message | None:
+def global_position(now: Position, picture: LinkPicture) -> Message | None:
     """GLOBAL_POSITION_INT: only while the GPS position is valid and its altitude known."""
     speed, above_sea = picture.get(Velocity), picture.above_sea
     if speed is None or above_sea is None or now.altitude_above_start is None:
@@ -108,7 +108,7 @@ def global_position(now: Position, picture: Picture) -> Message | None:
     )
 
 
-def gps_raw(now: Gps, picture: Picture) -> Message | None:
+def gps_raw(now: Gps, picture: LinkPicture) -> Message | None:
     """GPS_RAW_INT: fix 3D where the board calls its position valid; a MikroKopter tells no precision."""
     place, speed = picture.get(Position), picture.get(Velocity)
     is_valid = now.fix is GpsFix.VALID and place is not None
@@ -130,7 +130,7 @@ def gps_raw(now: Gps, picture: Picture) -> Message | None:
     )
 
 
-def vfr_hud(turn: Attitude, picture: Picture) -> Message | None:
+def vfr_hud(turn: Attitude, picture: LinkPicture) -> Message | None:
     """VFR_HUD: no air speed is measured; the throttle is that of the FlightCtrl where it is reported."""
     speed, above_sea, pilot = picture.get(Velocity), picture.above_sea, picture.get(Pilot)
     throttle = None if pilot is None else _first(pilot.throttle_in_use, pilot.throttle)
@@ -144,7 +144,7 @@ def vfr_hud(turn: Attitude, picture: Picture) -> Message | None:
     )
 
 
-def altitude(now: Altitude, picture: Picture) -> Message | None:
+def altitude(now: Altitude, picture: LinkPicture) -> Message | None:
     """ALTITUDE: above the start by barometer; local is above the target."""
     above_sea, estimate = picture.above_sea, picture.get(ControlEstimate)
     pose = picture.get(VisionPose)
@@ -160,7 +160,7 @@ def altitude(now: Altitude, picture: Picture) -> Message | None:
     )
 
 
-def battery_status(now: Battery, picture: Picture) -> Message | None:
+def battery_status(now: Battery, picture: LinkPicture) -> Message | None:
     """BATTERY_STATUS: the whole voltage in cell 0; no remaining charge is estimated."""
     state = mavlink.MAV_BATTERY_CHARGE_STATE_UNDEFINED
     if now.is_low is not None:
@@ -180,7 +180,7 @@ def battery_status(now: Battery, picture: Picture) -> Message | None:
     )
 
 
-def rc_channels(now: Pilot, picture: Picture) -> Message | None:
+def rc_channels(now: Pilot, picture: LinkPicture) -> Message | None:
     """RC_CHANNELS in the order roll, pitch, throttle, yaw; where the board reports no sticks only the quality."""
     channels = [UINT16_UNKNOWN] * 18
     count = 0
@@ -194,7 +194,7 @@ def rc_channels(now: Pilot, picture: Picture) -> Message | None:
     return mavlink.MAVLink_rc_channels_message(boot_ms(now.stamp), count, *channels, quality)
 
 
-def home_position(now: Position, picture: Picture) -> Message | None:
+def home_position(now: Position, picture: LinkPicture) -> Message | None:
     """HOME_POSITION, where home and its altitude are known; the local frame is another one, so its parts are NaN."""
     if now.home_latitude_deg is None or now.home_longitude_deg is None or picture.ground is None:
         return None
@@ -209,12 +209,12 @@ def home_position(now: Position, picture: Picture) -> Message | None:
     )
 
 
-def extended_state(_: None, picture: Picture) -> Message | None:
+def extended_state(_: None, picture: LinkPicture) -> Message | None:
     """EXTENDED_SYS_STATE: where the aircraft is between ground and air."""
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, landed_state(picture))
 
 
-def landed_state(picture: Picture) -> int:
+def landed_state(picture: LinkPicture) -> int:
     """`MAV_LANDED_STATE`; undefined while the boards do not say whether it flies."""
     flight, status = picture.get(Flight), picture.get(ControlStatus)
     if flight is None or flight.is_flying is None:
@@ -229,13 +229,13 @@ def landed_state(picture: Picture) -> int:
     return int(mavlink.MAV_LANDED_STATE_IN_AIR if flight.is_flying else mavlink.MAV_LANDED_STATE_ON_GROUND)
 
 
-def local_position(now: ControlEstimate, picture: Picture) -> Message | None:
+def local_position(now: ControlEstimate, picture: LinkPicture) -> Message | None:
     """LOCAL_POSITION_NED in the frame of the target, while it is flown: before that no velocity is estimated."""
     place, speed = ned_from_enu(now.position), ned_from_enu(now.velocity)
     return mavlink.MAVLink_local_position_ned_message(boot_ms(now.stamp), *place, *speed)
 
 
-def odometry(now: VisionPose, picture: Picture) -> Message | None:
+def odometry(now: VisionPose, picture: LinkPicture) -> Message | None:
     """ODOMETRY of the tag in sight: pose by the camera; velocity by the estimate while it is flown, else NaN."""
     turned = ned_from_frd(now.quaternion_target_from_flu)
     estimate = picture.get(ControlEstimate)
@@ -290,7 +290,7 @@ def pose_covariance(pose: VisionPose) -> list[float]:
     return [float(value) for value in found[np.triu_indices(6)]]
 
 
-def landing_target(now: VisionPose, picture: Picture) -> Message | None:
+def landing_target(now: VisionPose, picture: LinkPicture) -> Message | None:
     """LANDING_TARGET of the tag in sight, in the body's frame; angles as the camera measured them."""
     right, down, ahead = now.position_cam
     distance = math.sqrt(sum(part * part for part in now.position_flu))
@@ -321,7 +321,7 @@ def _size(setup: CameraSetup | None, name: str, distance: float) -> tuple[float,
     return 0.0, 0.0
 
 
-def system_time(now: ControlStatus, picture: Picture) -> Message | None:
+def system_time(now: ControlStatus, picture: LinkPicture) -> Message | None:
     """SYSTEM_TIME: both clocks of the daemon, by its newest value."""
     return mavlink.MAVLink_system_time_message(int(now.stamp.wall * 1e6), boot_ms(now.stamp))
 
@@ -335,7 +335,7 @@ _CONTROL = (
 )
 
 
-def system_status(_: None, picture: Picture) -> Message | None:
+def system_status(_: None, picture: LinkPicture) -> Message | None:
     """SYS_STATUS: a sensor is present once its value came, and healthy while the value is fresh and good.
 
     errors_comm counts what was sent to the boards and not answered; errors_count1 to 3 are its link tests, requests and
@@ -360,7 +360,7 @@ def system_status(_: None, picture: Picture) -> Message | None:
     )
 
 
-def _sensors(picture: Picture) -> tuple[int, int]:
+def _sensors(picture: LinkPicture) -> tuple[int, int]:
     """Bits of the sensors that are present, and of those that work."""
     health = picture.get(VehicleHealth)
     gps, pilot, battery = picture.get(Gps), picture.get(Pilot), picture.get(Battery)

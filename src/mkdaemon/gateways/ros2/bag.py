@@ -18,8 +18,8 @@ from mkdaemon.client.rosmessages import LAST_SECOND
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.faults import expressible
 from mkdaemon.gateways.ros2.diagnostics import report
-from mkdaemon.gateways.ros2.messages import Frames, Scene, name_part
-from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Topic
+from mkdaemon.gateways.ros2.messages import ConversionScene, Frames, name_part
+from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Ros2Topic
 from mkdaemon.stamp import Stamp, nanoseconds
 from mkdaemon.telemetry.base import Stamped
 
@@ -78,9 +78,9 @@ class _Aircraft:
 
     def __init__(self, vehicle: str, types: BagTypes, frames: Frames) -> None:
         self._newest = Newest()
-        self._scene = Scene(types, frames, self._newest.values, vehicle)
+        self._scene = ConversionScene(types, frames, self._newest.values, vehicle)
         self._root = f"/{name_part(vehicle)}"
-        self._rows: dict[str, list[tuple[str, Topic]]] = {}
+        self._rows: dict[str, list[tuple[str, Ros2Topic]]] = {}
         self._reported = float("-inf")
 
     def messages(self, value: ExportedValue) -> Iterator[_Message]:
@@ -98,7 +98,7 @@ class _Aircraft:
             self._newest.keep(value.suffix, found)
             yield from self._report(found.stamp)
 
-    def _rows_of(self, suffix: str) -> list[tuple[str, Topic]]:
+    def _rows_of(self, suffix: str) -> list[tuple[str, Ros2Topic]]:
         if suffix not in self._rows:
             named = [(row.name_for(suffix), row) for row in TOPICS if row.is_of(suffix)]
             self._rows[suffix] = [

@@ -8,7 +8,7 @@ import numpy as np
 
 from mkdaemon.client.pictures import decoded
 from mkdaemon.client.rosmessages import Doubles, point
-from mkdaemon.gateways.ros2.messages import Scene, header
+from mkdaemon.gateways.ros2.messages import ConversionScene, header
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import CameraSetup, Tags, TagSighting
@@ -21,7 +21,7 @@ _IDEAL: Final = ((-1.0, 1.0), (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
 """Corners of a tag in the order of apriltag_msgs, from bottom left counter-clockwise, in the plane of the tag."""
 
 
-def image(value: CameraFrame, scene: Scene) -> Any | None:
+def image(value: CameraFrame, scene: ConversionScene) -> Any | None:
     """Image, mono8; None where the camera's coding needs OpenCV and it is not installed, and where it is damaged."""
     pixels = value.pixels if value.coding == "gray8" else decoded(value.pixels)
     if pixels is None or len(pixels) != value.width * value.height:
@@ -38,7 +38,7 @@ def image(value: CameraFrame, scene: Scene) -> Any | None:
     )
 
 
-def compressed(value: CameraFrame, scene: Scene) -> Any | None:
+def compressed(value: CameraFrame, scene: ConversionScene) -> Any | None:
     """CompressedImage of a JPEG or PNG as it came; None where the camera sends plain pixels: see `image`."""
     if value.coding == "gray8":
         return None
@@ -50,18 +50,18 @@ def compressed(value: CameraFrame, scene: Scene) -> Any | None:
     )
 
 
-def info(value: CameraSetup, scene: Scene) -> Any | None:
+def info(value: CameraSetup, scene: ConversionScene) -> Any | None:
     """CameraInfo of a calibrated camera, by its file; None where it is not calibrated."""
     return _info(value, value.stamp, scene)
 
 
-def info_of_image(value: CameraFrame, scene: Scene) -> Any | None:
+def info_of_image(value: CameraFrame, scene: ConversionScene) -> Any | None:
     """The same with the stamp of an image, as what works on images wants it; None before the setup is known."""
     setup = scene.latest.get(f"vision/{value.camera}/setup")
     return _info(setup, value.stamp, scene) if isinstance(setup, CameraSetup) else None
 
 
-def _info(setup: CameraSetup, stamp: Stamp, scene: Scene) -> Any | None:
+def _info(setup: CameraSetup, stamp: Stamp, scene: ConversionScene) -> Any | None:
     lens = setup.lens
     if lens is None:
         return None
@@ -84,7 +84,7 @@ def _info(setup: CameraSetup, stamp: Stamp, scene: Scene) -> Any | None:
     )
 
 
-def detections(value: Tags, scene: Scene) -> Any:
+def detections(value: Tags, scene: ConversionScene) -> Any:
     """AprilTagDetectionArray as apriltag_ros publishes it: corners from bottom left counter-clockwise."""
     types = scene.types
     found = [
@@ -105,7 +105,7 @@ def detections(value: Tags, scene: Scene) -> Any:
     return types.new("apriltag_msgs/msg/AprilTagDetectionArray", header=stamp, detections=found)
 
 
-def _point(scene: Scene, xy: Any) -> Any:
+def _point(scene: ConversionScene, xy: Any) -> Any:
     return scene.types.new("apriltag_msgs/msg/Point", x=float(xy[0]), y=float(xy[1]))
 
 
@@ -122,7 +122,7 @@ def homography(tag: TagSighting) -> Doubles:
     return np.append(solved, 1.0).reshape(3, 3)
 
 
-def markers(value: Tags, scene: Scene) -> list[Any]:
+def markers(value: Tags, scene: ConversionScene) -> list[Any]:
     """An ImageMarker a tag, its outline on the image; for machines without apriltag_msgs, and for viewers."""
     types = scene.types
     line = types.new("std_msgs/msg/ColorRGBA", r=0.0, g=1.0, b=0.0, a=1.0)
@@ -148,5 +148,5 @@ def markers(value: Tags, scene: Scene) -> list[Any]:
     ]
 
 
-def _header(scene: Scene, stamp: Stamp, camera: str) -> Any:
+def _header(scene: ConversionScene, stamp: Stamp, camera: str) -> Any:
     return header(scene.types, stamp, scene.frames.camera(camera))

@@ -20,7 +20,7 @@ from mkdaemon.client.rosmessages import (
     vector,
 )
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from mkdaemon.gateways.ros2.messages import Scene, header, name_part, stamped_transform, time
+from mkdaemon.gateways.ros2.messages import ConversionScene, header, name_part, stamped_transform, time
 from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Stamped
@@ -43,13 +43,13 @@ MOST_CELLS: Final = 14
 """Of a battery, as in the configuration; what a stranger puts as their number takes no memory."""
 
 
-def fix(value: Position, scene: Scene) -> Any:
+def fix(value: Position, scene: ConversionScene) -> Any:
     """NavSatFix of a valid position; its covariance is not told by the boards."""
     at = header(scene.types, value.stamp, scene.frames.body)
     return rosmessages.fix(scene.types, at, 0, value.latitude_deg, value.longitude_deg, value.altitude)
 
 
-def no_fix(value: Gps, scene: Scene) -> Any | None:
+def no_fix(value: Gps, scene: ConversionScene) -> Any | None:
     """NavSatFix that says that there is no position; None while there is one."""
     if value.fix is GpsFix.VALID:
         return None
@@ -57,7 +57,7 @@ def no_fix(value: Gps, scene: Scene) -> Any | None:
     return rosmessages.fix(scene.types, at, -1, math.nan, math.nan, None)
 
 
-def imu(value: Attitude, scene: Scene) -> Any:
+def imu(value: Attitude, scene: ConversionScene) -> Any:
     """Imu with the boards' orientation, ENU from FLU, and how fast it turned since the attitude before."""
     at = header(scene.types, value.stamp, scene.frames.body)
     rates, variance = turn_rates(scene.latest.get("state/attitude"), value)
@@ -85,7 +85,7 @@ def turn_rates(before: Attitude | None, now: Attitude) -> tuple[tuple[float, ...
     return tuple(part * scale for part in xyz), step * step / 6.0 / passed**2
 
 
-def velocity(value: Velocity, scene: Scene) -> Any:
+def velocity(value: Velocity, scene: ConversionScene) -> Any:
     """TwistStamped by GPS, ENU."""
     types = scene.types
     twist = types.new(
@@ -95,7 +95,7 @@ def velocity(value: Velocity, scene: Scene) -> Any:
     return types.new("geometry_msgs/msg/TwistStamped", header=stamp, twist=twist)
 
 
-def battery_state(value: Battery, scene: Scene) -> Any:
+def battery_state(value: Battery, scene: ConversionScene) -> Any:
     """BatteryState: current is negative when discharging; what the boards do not know is NaN."""
     cells = min(max(getattr(scene.latest.get("health"), "battery_cells", None) or 0, 0), MOST_CELLS)
     at = header(scene.types, value.stamp, scene.frames.body)
@@ -113,7 +113,7 @@ def target_from_flu(value: ControlEstimate) -> Doubles:
     return rotation
 
 
-def heading_variance(value: ControlEstimate, scene: Scene) -> float:
+def heading_variance(value: ControlEstimate, scene: ConversionScene) -> float:
     """Variance of an estimate's heading [rad2]: that of the newest image of its target, and the floor of all images.
 
     It is an upper bound: the flight core averages the offset between compass and target over several images.
@@ -127,7 +127,7 @@ def heading_variance(value: ControlEstimate, scene: Scene) -> float:
     return HEADING_SD**2 + (0.0 if newest is None else newest.covariance[35])
 
 
-def odometry(value: ControlEstimate, scene: Scene) -> Any:
+def odometry(value: ControlEstimate, scene: ConversionScene) -> Any:
     """Odometry of the flight core: pose in the frame of the target, twist in the body; relative to the target.
 
     The boards' tilt has no known error, so the variances of roll and pitch are `UNKNOWN_VARIANCE`.
@@ -161,7 +161,7 @@ def odometry(value: ControlEstimate, scene: Scene) -> Any:
     )
 
 
-def vision_pose(value: VisionPose, scene: Scene) -> Any:
+def vision_pose(value: VisionPose, scene: ConversionScene) -> Any:
     """PoseWithCovarianceStamped of the vehicle in the frame of a target; rows and axes are ROS's already."""
     types = scene.types
     at = header(types, value.stamp, scene.frames.target(value.target))
@@ -169,12 +169,12 @@ def vision_pose(value: VisionPose, scene: Scene) -> Any:
     return stamped_pose_with_covariance(types, at, place, value.covariance)
 
 
-def edge(value: Transform, scene: Scene) -> Any | None:
+def edge(value: Transform, scene: ConversionScene) -> Any | None:
     """TFMessage of an edge that moves: a target before a camera."""
     return None if value.static else tree(scene.types, _edge(value, scene))
 
 
-def mount(value: Transform, scene: Scene) -> Any | None:
+def mount(value: Transform, scene: ConversionScene) -> Any | None:
     """TFMessage of everything that never moves: this mount, every other one known, and odom in map."""
     if not value.static:
         return None
@@ -182,19 +182,19 @@ def mount(value: Transform, scene: Scene) -> Any | None:
     return tree(scene.types, _fixed(value.stamp, scene), *(_edge(known, scene) for known in mounts.values()))
 
 
-def origin(value: Position, scene: Scene) -> Any | None:
+def origin(value: Position, scene: ConversionScene) -> Any | None:
     """TFMessage of odom in map at the first position, for a vehicle without mounts; `mount` sends it with them."""
     if scene.latest.get("mounts") or "state/position" in scene.latest:
         return None
     return tree(scene.types, _fixed(value.stamp, scene))
 
 
-def _fixed(stamp: Stamp, scene: Scene) -> Any:
+def _fixed(stamp: Stamp, scene: ConversionScene) -> Any:
     frames = scene.frames
     return stamped_transform(scene, stamp, frames.map, frames.odom, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
-def place(value: Position, scene: Scene) -> Any | None:
+def place(value: Position, scene: ConversionScene) -> Any | None:
     """TFMessage of the body in odom; None until home is known, and without an attitude of about the same moment."""
     attitude = scene.latest.get("state/attitude")
     if value.position_enu is None or not isinstance(attitude, Attitude):
@@ -208,30 +208,30 @@ def place(value: Position, scene: Scene) -> Any | None:
     )
 
 
-def _edge(value: Transform, scene: Scene) -> Any:
+def _edge(value: Transform, scene: ConversionScene) -> Any:
     parent, child = scene.frames.of_edge(value.parent), scene.frames.of_edge(value.child)
     return stamped_transform(scene, value.stamp, parent, child, value.translation, value.quaternion)
 
 
-def sticks(value: ControlOutput, scene: Scene) -> Any:
+def sticks(value: ControlOutput, scene: ConversionScene) -> Any:
     """Joy of what is sent: pitch, roll, yaw, throttle as shares of the way, FLU; button 0: limited."""
     counts = (value.pitch, value.roll, value.yaw, value.throttle)
     return _joy(value, scene, counts, button=value.limited)
 
 
-def pilot(value: Pilot, scene: Scene) -> Any | None:
+def pilot(value: Pilot, scene: ConversionScene) -> Any | None:
     """Joy of the pilot's sticks, the same order; button 0: his receiver has a signal. None where no board reports."""
     if value.sticks is None or value.throttle is None:
         return None
     return _joy(value, scene, (*value.sticks, value.throttle), button=value.has_signal)
 
 
-def _joy(value: ControlOutput | Pilot, scene: Scene, counts: tuple[float, ...], *, button: bool) -> Any:
+def _joy(value: ControlOutput | Pilot, scene: ConversionScene, counts: tuple[float, ...], *, button: bool) -> Any:
     at = header(scene.types, value.stamp, scene.frames.body)
     return rosmessages.joy(scene.types, at, counts, button=button)
 
 
-def raw_frame(value: RawFrame, scene: Scene) -> Any:
+def raw_frame(value: RawFrame, scene: ConversionScene) -> Any:
     """UInt8MultiArray of the bytes as they crossed the line; docs/ros.md has the meaning of its dimensions."""
     types = scene.types
     stamp = time(types, value.stamp)
@@ -251,7 +251,7 @@ def raw_frame(value: RawFrame, scene: Scene) -> Any:
     return types.new("std_msgs/msg/UInt8MultiArray", layout=layout, data=types.octets(value.raw))
 
 
-def event(value: Stamped, scene: Scene) -> Any:
+def event(value: Stamped, scene: ConversionScene) -> Any:
     """Log of what happened, in words, and what to do about it."""
     line = line_of(value)
     if line is None:

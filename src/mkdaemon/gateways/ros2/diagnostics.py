@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mkdaemon.gateways.ros2.messages import Scene, header, key_value
+from mkdaemon.gateways.ros2.messages import ConversionScene, header, key_value
 from mkdaemon.reading import Picture, Reading
 from mkdaemon.reading.diagnoses import Diagnosis, diagnoses_of
 from mkdaemon.stamp import Stamp
@@ -12,7 +12,7 @@ from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlStatus
 
 
-def report(scene: Scene, now: Stamp, gateway: Diagnosis | None = None) -> Any:
+def report(scene: ConversionScene, now: Stamp, gateway: Diagnosis | None = None) -> Any:
     """DiagnosticArray of everything.
 
     Args:
@@ -25,7 +25,7 @@ def report(scene: Scene, now: Stamp, gateway: Diagnosis | None = None) -> Any:
     return scene.types.new("diagnostic_msgs/msg/DiagnosticArray", header=header(scene.types, now, ""), status=status)
 
 
-def picture_of(scene: Scene, now: Stamp) -> Picture:
+def picture_of(scene: ConversionScene, now: Stamp) -> Picture:
     """What the newest values mean together."""
     reading = Reading()
     for suffix, value in scene.latest.items():
@@ -39,7 +39,7 @@ def _age(stamp: Stamp, now: Stamp) -> float:
     return now.monotonic - stamp.monotonic if now.boot == stamp.boot else now.wall - stamp.wall
 
 
-def status_of(scene: Scene, diagnosis: Diagnosis) -> Any:
+def status_of(scene: ConversionScene, diagnosis: Diagnosis) -> Any:
     """DiagnosticStatus of one thing."""
     types = scene.types
     return types.new(
@@ -52,7 +52,7 @@ def status_of(scene: Scene, diagnosis: Diagnosis) -> Any:
     )
 
 
-def control_status(value: ControlStatus, scene: Scene) -> Any:
+def control_status(value: ControlStatus, scene: ConversionScene) -> Any:
     """DiagnosticStatus of the holder and the manoeuvre: the topic `status`."""
     reading = Reading()
     reading.take("control/status", value, 0.0)

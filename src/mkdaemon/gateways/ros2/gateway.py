@@ -34,11 +34,11 @@ from mkdaemon.gateways.ros2.commands import (
 )
 from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import report
-from mkdaemon.gateways.ros2.messages import Scene, Types, name_part
-from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, Pace, Settings, settings_of
+from mkdaemon.gateways.ros2.messages import ConversionScene, Types, name_part
+from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, NodeSettings, Pace, settings_of
 from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
-from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Topic
-from mkdaemon.reading.diagnoses import Diagnosis, Level
+from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Ros2Topic
+from mkdaemon.reading.diagnoses import Diagnosis, DiagnosticLevel
 from mkdaemon.reading.known import MOST_CAMERAS
 
 STALE: Final = 0.3
@@ -73,7 +73,7 @@ class Node(Protocol):
         """Offer a service."""
 
 
-class Outlet:
+class TopicOutlet:
     """Where the messages of one row and key go.
 
     Attributes:
@@ -82,7 +82,7 @@ class Outlet:
         publisher: None where the type's package is not installed.
     """
 
-    def __init__(self, topic: Topic, name: str, publisher: Any) -> None:
+    def __init__(self, topic: Ros2Topic, name: str, publisher: Any) -> None:
         self.topic, self.name, self.publisher = topic, name, publisher
 
     @property
@@ -92,7 +92,7 @@ class Outlet:
             return False
         return self.topic.quality is Quality.LATCHED or self.publisher.get_subscription_count() > 0
 
-    def publish(self, value: Any, scene: Scene) -> None:
+    def publish(self, value: Any, scene: ConversionScene) -> None:
         """Convert a value and publish what it makes."""
         made = self.topic.convert(value, scene)
         for message in made if isinstance(made, list) else () if made is None else (made,):
@@ -108,11 +108,13 @@ class Publishing:
         faults: each ended the one message of a value that met it.
     """
 
-    def __init__(self, node: Node, rows: Sequence[Topic], scene: Scene, newest: Newest, pace: Pace) -> None:
+    def __init__(
+        self, node: Node, rows: Sequence[Ros2Topic], scene: ConversionScene, newest: Newest, pace: Pace
+    ) -> None:
         self.newest, self.missing, self.faults = newest, set[str](), Faults("ros2")
         self._node, self._rows, self._scene, self._pace = node, rows, scene, pace
         self._publishers: dict[str, Any] = {}
-        self._outlets: dict[str, list[Outlet]] = {}
+        self._outlets: dict[str, list[TopicOutlet]] = {}
         self._cameras: set[str] = set()
         for row in rows:
             if "*" not in row.key:
@@ -154,17 +156,17 @@ class Publishing:
             self._cameras.add(name)
         return head != "vision" or name in self._cameras
 
-    def _outlets_of(self, suffix: str) -> list[Outlet]:
+    def _outlets_of(self, suffix: str) -> list[TopicOutlet]:
         outlets = self._outlets.get(suffix)
         if outlets is None:
             rows = [row for row in self._rows if row.is_of(suffix)]
             names = [row.name_for(suffix) for row in rows]
             outlets = self._outlets[suffix] = [
-                Outlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)
+                TopicOutlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)
             ]
         return outlets
 
-    def _publisher(self, row: Topic, name: str) -> Any:
+    def _publisher(self, row: Ros2Topic, name: str) -> Any:
         if name not in self._publishers:
             self._publishers[name] = self._node.publisher(name, row.type, row.quality)
             if self._publishers[name] is None and row.type not in self.missing:
@@ -174,7 +176,7 @@ class Publishing:
         return self._publishers[name]
 
 
-class Gateway:
+class Ros2Gateway:
     """One vehicle in ROS.
 
     Attributes:
@@ -189,10 +191,10 @@ class Gateway:
         self._pace = Pace({})
         given = node.parameters(PARAMETERS, self._changed, self._asked)
         self._board = BoardSettings(uav, node.declare)
-        self._settings: Settings = settings_of(given)
+        self._settings: NodeSettings = settings_of(given)
         self._pace.rates |= {key.removeprefix(RATES): float(given[key]) for key in given if key.startswith(RATES)}
         newest = Newest()
-        self._scene = Scene(types, self._settings.frames, newest.values, uav.vehicle)
+        self._scene = ConversionScene(types, self._settings.frames, newest.values, uav.vehicle)
         rows = [row for row in TOPICS if row.word in self._settings.topics]
         self.publishing = Publishing(node, rows, self._scene, newest, self._pace)
         self.deck = FlightDeck(uav, self._settings.habits, newest.values)
@@ -336,7 +338,7 @@ class Gateway:
             missing = ", ".join(sorted(self.publishing.missing))
             mistyped = self._look_for_other_types()
             values = {"flown": self.deck.flown, "not_installed": missing, "other_type": "; ".join(mistyped)}
-            level = Level.WARN if missing or mistyped else Level.OK
+            level = DiagnosticLevel.WARN if missing or mistyped else DiagnosticLevel.OK
             mine = Diagnosis("gateway", level, " ".join((*mistyped, self.deck.words)), values)
             with self.publishing.faults.contained(topics.DIAGNOSTICS):
                 self._diagnostics.publish(report(self._scene, self._clock.stamp(), mine))
@@ -391,7 +393,7 @@ async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_
         loop.add_signal_handler(number, stop.set)
     node = RosNode(f"/{name_part(namespace or uav.vehicle)}", arguments)
     try:
-        gateway = Gateway(uav, node, RosTypes())
+        gateway = Ros2Gateway(uav, node, RosTypes())
         node.start()
         on_ready(node.namespace)
         working = asyncio.create_task(gateway.run(), name="gateway ros2")

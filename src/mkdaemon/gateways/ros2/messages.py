@@ -68,7 +68,7 @@ class Frames:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ConversionScene:
     """What a conversion may look at beside its value.
 
     Attributes:
@@ -105,7 +105,7 @@ def header(types: Types, stamp: Stamp, frame: str) -> Any:
 
 
 def stamped_transform(
-    scene: Scene, stamp: Stamp, parent: str, child: str, xyz: Iterable[float], wxyz: Iterable[float]
+    scene: ConversionScene, stamp: Stamp, parent: str, child: str, xyz: Iterable[float], wxyz: Iterable[float]
 ) -> Any:
     """One edge of the tree.
 

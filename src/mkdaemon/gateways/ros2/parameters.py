@@ -19,7 +19,7 @@ RATES: Final = "rates."
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class NodeParameter:
     """One row.
 
     Attributes:
@@ -36,19 +36,19 @@ class Parameter:
 
 
 PARAMETERS: Final = (
-    Parameter("topics", [ALL], "Names of the topics that are published, as in rates; all for every one."),
-    Parameter("frame_prefix", "", "Before every frame, for several aircraft in one tree: mk1/."),
-    Parameter("commands", True, "Whether joy, cmd_vel, setpoint_pose and the verbs that fly are there."),
-    Parameter("cmd_vel.frame", "body", "Axes of cmd_vel: body, forward and left, or pad, those of the target."),
-    Parameter("cmd_vel.stamped", False, "Whether cmd_vel is a TwistStamped, as Nav2 publishes it since Kilted."),
-    Parameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
-    Parameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
-    Parameter("hold.seconds", 60.0, "How long it holds a place while nothing else is flown, before it lands [s]."),
-    Parameter("joy.mapping", "xbox", "Mapping of the pad: a name of configs/gamepads, or a file."),
-    Parameter("joy.axes", list(AXES), "The kernel's names of the axes of joy, in its order."),
-    Parameter("joy.buttons", list(BUTTONS), "The kernel's names of the buttons of joy, in its order."),
+    NodeParameter("topics", [ALL], "Names of the topics that are published, as in rates; all for every one."),
+    NodeParameter("frame_prefix", "", "Before every frame, for several aircraft in one tree: mk1/."),
+    NodeParameter("commands", True, "Whether joy, cmd_vel, setpoint_pose and the verbs that fly are there."),
+    NodeParameter("cmd_vel.frame", "body", "Axes of cmd_vel: body, forward and left, or pad, those of the target."),
+    NodeParameter("cmd_vel.stamped", False, "Whether cmd_vel is a TwistStamped, as Nav2 publishes it since Kilted."),
+    NodeParameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
+    NodeParameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
+    NodeParameter("hold.seconds", 60.0, "How long it holds a place while nothing else is flown, before it lands [s]."),
+    NodeParameter("joy.mapping", "xbox", "Mapping of the pad: a name of configs/gamepads, or a file."),
+    NodeParameter("joy.axes", list(AXES), "The kernel's names of the axes of joy, in its order."),
+    NodeParameter("joy.buttons", list(BUTTONS), "The kernel's names of the buttons of joy, in its order."),
     *(
-        Parameter(f"{RATES}{word}", 0.0, f"Most messages of {word} a second [Hz]; 0 for all.", is_fixed=False)
+        NodeParameter(f"{RATES}{word}", 0.0, f"Most messages of {word} a second [Hz]; 0 for all.", is_fixed=False)
         for word in words()
     ),
 )
@@ -56,7 +56,7 @@ PARAMETERS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class NodeSettings:
     """What the parameters say at the start.
 
     Attributes:
@@ -82,7 +82,7 @@ class Settings:
     habits: Habits
 
 
-def settings_of(given: Mapping[str, Any]) -> Settings:
+def settings_of(given: Mapping[str, Any]) -> NodeSettings:
     """Read parameters.
 
     Args:
@@ -98,7 +98,7 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
         raise ConfigError(f"take_off.height is 0.5 to 10 m, not {height:g}")
     if not 0.0 <= seconds < float("inf"):
         raise ConfigError(f"hold.seconds is a time [s], not {seconds:g}")
-    return Settings(
+    return NodeSettings(
         topics=frozenset(names_from(chosen, dict.fromkeys(words()), "topics")),
         frames=Frames(str(given["frame_prefix"])),
         commands=bool(given["commands"]),

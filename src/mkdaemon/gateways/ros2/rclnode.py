@@ -22,7 +22,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.gateways.ros2.parameters import Parameter
+from mkdaemon.gateways.ros2.parameters import NodeParameter
 from mkdaemon.gateways.ros2.topics import Quality
 
 NAME: Final = "mkdaemon"
@@ -113,7 +113,7 @@ class RosNode:
         rclpy.try_shutdown(context=self._context)
 
     def parameters(
-        self, table: Sequence[Parameter], changed: Callable[[str, Any], None], asked: Callable[[str, Any], str]
+        self, table: Sequence[NodeParameter], changed: Callable[[str, Any], None], asked: Callable[[str, Any], str]
     ) -> dict[str, Any]:
         """Declare parameters and return their values.
 
@@ -151,7 +151,7 @@ class RosNode:
     def declare(self, name: str, value: Any, about: str) -> None:
         """Declare a parameter, or give it a value that was read."""
         from rcl_interfaces.msg import ParameterDescriptor
-        from rclpy.parameter import Parameter as RosParameter
+        from rclpy.parameter import NodeParameter as RosParameter
 
         self._declaring = threading.get_ident()
         try:

@@ -13,8 +13,8 @@ from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.boardsettings import BoardSettings
 from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import status_of
-from mkdaemon.gateways.ros2.messages import Scene
-from mkdaemon.reading.diagnoses import Diagnosis, Level, diagnosis_of
+from mkdaemon.gateways.ros2.messages import ConversionScene
+from mkdaemon.reading.diagnoses import Diagnosis, DiagnosticLevel, diagnosis_of
 from mkdaemon.telemetry.preflight import CheckState, PreflightReport
 
 TRIGGER: Final = "std_srvs/srv/Trigger"
@@ -37,7 +37,7 @@ class Desk:
 
     uav: Vehicle
     deck: FlightDeck
-    scene: Scene
+    scene: ConversionScene
     settings: BoardSettings
 
 
@@ -172,13 +172,13 @@ async def answer(service: Service, desk: Desk, request: Any) -> Fields:
         return refused(service, desk.scene, str(error))
 
 
-def refused(service: Service, scene: Scene, reason: str) -> Fields:
+def refused(service: Service, scene: ConversionScene, reason: str) -> Fields:
     """Fields of the response of a service that was refused."""
     if service.type == SET_MODE:
         _log.warning("mode_refused", words=reason)  # the response has no room for words
         return {"mode_sent": False}
     if service.type == SELF_TEST:
-        status = status_of(scene, Diagnosis(service.name, Level.ERROR, reason, {}))
+        status = status_of(scene, Diagnosis(service.name, DiagnosticLevel.ERROR, reason, {}))
         return {"id": scene.vehicle, "passed": scene.types.octet(0), "status": [status]}
     return {"success": False, "message": reason}
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from mkdaemon.gateways.keys import matches
 from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
-from mkdaemon.gateways.ros2.messages import Scene, name_part
+from mkdaemon.gateways.ros2.messages import ConversionScene, name_part
 from mkdaemon.reading.known import EACH
 
 
@@ -40,12 +40,12 @@ class Quality(Enum):
 _DEPTHS: Final = {Quality.SENSOR: 5, Quality.RELIABLE: 10, Quality.LATCHED: 1, Quality.TREE: 100}
 
 
-Convert = Callable[[Any, Scene], Any]
+Convert = Callable[[Any, ConversionScene], Any]
 """Makes a message, a list of them, or None."""
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class Ros2Topic:
     """One row.
 
     Attributes:
@@ -91,32 +91,32 @@ _CAMERA: Final = "<camera>_optical_frame"
 _TARGET: Final = "target/<name>"
 
 TOPICS: Final = (
-    Topic("fix", "state/position", "sensor_msgs/msg/NavSatFix", conversions.fix, _BODY),
-    Topic("fix", "state/gps", "sensor_msgs/msg/NavSatFix", conversions.no_fix, _BODY),
-    Topic("velocity", "state/velocity", "geometry_msgs/msg/TwistStamped", conversions.velocity, "map"),
-    Topic("imu", "state/attitude", "sensor_msgs/msg/Imu", conversions.imu, _BODY),
-    Topic("battery_state", "state/battery", "sensor_msgs/msg/BatteryState", conversions.battery_state, _BODY),
-    Topic("odom", "control/estimate", "nav_msgs/msg/Odometry", conversions.odometry, _TARGET),
-    Topic("pose", "vision/*/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", conversions.vision_pose, _TARGET),
-    Topic("/tf", "tf", _TF, conversions.edge, quality=Quality.TREE),
-    Topic("/tf", "state/position", _TF, conversions.place, quality=Quality.TREE),
-    Topic("/tf_static", "tf", _TF, conversions.mount, quality=Quality.LATCHED),
-    Topic("/tf_static", "state/position", _TF, conversions.origin, quality=Quality.LATCHED),
-    Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image, _CAMERA),
-    Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed, _CAMERA),
-    Topic("{camera}/camera_info", "vision/*/setup", _INFO, cameras.info, _CAMERA, Quality.LATCHED),
-    Topic("{camera}/camera_info", _IMAGE, _INFO, cameras.info_of_image, _CAMERA, Quality.LATCHED),
-    Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections, _CAMERA),
-    Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers, _CAMERA),
-    Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
-    Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
-    Topic("status", "control/status", _STATUS, diagnostics.control_status, quality=Quality.LATCHED),
+    Ros2Topic("fix", "state/position", "sensor_msgs/msg/NavSatFix", conversions.fix, _BODY),
+    Ros2Topic("fix", "state/gps", "sensor_msgs/msg/NavSatFix", conversions.no_fix, _BODY),
+    Ros2Topic("velocity", "state/velocity", "geometry_msgs/msg/TwistStamped", conversions.velocity, "map"),
+    Ros2Topic("imu", "state/attitude", "sensor_msgs/msg/Imu", conversions.imu, _BODY),
+    Ros2Topic("battery_state", "state/battery", "sensor_msgs/msg/BatteryState", conversions.battery_state, _BODY),
+    Ros2Topic("odom", "control/estimate", "nav_msgs/msg/Odometry", conversions.odometry, _TARGET),
+    Ros2Topic("pose", "vision/*/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", conversions.vision_pose, _TARGET),
+    Ros2Topic("/tf", "tf", _TF, conversions.edge, quality=Quality.TREE),
+    Ros2Topic("/tf", "state/position", _TF, conversions.place, quality=Quality.TREE),
+    Ros2Topic("/tf_static", "tf", _TF, conversions.mount, quality=Quality.LATCHED),
+    Ros2Topic("/tf_static", "state/position", _TF, conversions.origin, quality=Quality.LATCHED),
+    Ros2Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image, _CAMERA),
+    Ros2Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed, _CAMERA),
+    Ros2Topic("{camera}/camera_info", "vision/*/setup", _INFO, cameras.info, _CAMERA, Quality.LATCHED),
+    Ros2Topic("{camera}/camera_info", _IMAGE, _INFO, cameras.info_of_image, _CAMERA, Quality.LATCHED),
+    Ros2Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections, _CAMERA),
+    Ros2Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers, _CAMERA),
+    Ros2Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
+    Ros2Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
+    Ros2Topic("status", "control/status", _STATUS, diagnostics.control_status, quality=Quality.LATCHED),
     *(
-        Topic("events", f"event/{name}", _LOG, conversions.event, quality=Quality.RELIABLE)
+        Ros2Topic("events", f"event/{name}", _LOG, conversions.event, quality=Quality.RELIABLE)
         for name in ("log", "failsafe", "mode")
     ),
-    Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
-    Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
+    Ros2Topic("raw/rx", "raw/rx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
+    Ros2Topic("raw/tx", "raw/tx", "std_msgs/msg/UInt8MultiArray", conversions.raw_frame),
 )
 """Everything that is published with a value; a further topic is one row here, and its conversion."""
 
@@ -133,7 +133,7 @@ def words() -> list[str]:
     return list(dict.fromkeys(topic.word for topic in TOPICS))
 
 
-def keys_of(topics: Iterable[Topic]) -> list[str]:
+def keys_of(topics: Iterable[Ros2Topic]) -> list[str]:
     """Every key that must be subscribed."""
     return sorted({topic.key for topic in topics} | KEPT)
 

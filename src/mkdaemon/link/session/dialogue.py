@@ -20,7 +20,7 @@ from mkdaemon.link.session.line import FORWARDING_GAP, LineRules
 from mkdaemon.link.session.peers import AFTER_PASSAGE, VERSION_KEY, Peers
 from mkdaemon.link.session.prober import Prober
 from mkdaemon.link.session.questions import Pending, Questions
-from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.scheduler import QueuedTransmission, TransmitScheduler
 from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.streams import Streams
 from mkdaemon.link.session.traffic import (
@@ -31,7 +31,7 @@ from mkdaemon.link.session.traffic import (
     SetpointQueued,
     SetpointRefused,
 )
-from mkdaemon.link.session.verdict import Finding, Verdict
+from mkdaemon.link.session.verdict import HeldFinding, VerdictFinding
 from mkdaemon.protocol.boards import board_at
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.dialect import Dialect
@@ -82,7 +82,7 @@ class Counters:
         """Bytes were no frame."""
         self.dropped[loss.reason.value] += 1
 
-    def sent(self, entry: Entry) -> None:
+    def sent(self, entry: QueuedTransmission) -> None:
         """A frame, or the escape sequence, went out."""
         self.tx_bytes += len(entry.raw)
         if entry.message is not None:
@@ -118,12 +118,12 @@ class Dialogue:
         self.is_open = False
         self.is_recording = False
         self.counters = Counters()
-        self._discarded: list[Entry] = []
+        self._discarded: list[QueuedTransmission] = []
 
     # -- the port -------------------------------------------------------------------------------------------------
 
     def port_opened(
-        self, now: float, *, baud: int, is_recording: bool = False, searching: Finding | None = None
+        self, now: float, *, baud: int, is_recording: bool = False, searching: VerdictFinding | None = None
     ) -> None:
         """A port is open. Whatever flew before may still obey its last command: a release is the first thing sent."""
         self.is_open = True
@@ -313,11 +313,11 @@ class Dialogue:
 
     def escape(self, now: float) -> None:
         """Send the sequence that ends a redirection."""
-        self.scheduler.submit(Entry(ESCAPE, Purpose.REQUEST, now + 1.0, Board.NC), now)
+        self.scheduler.submit(QueuedTransmission(ESCAPE, Purpose.REQUEST, now + 1.0, Board.NC), now)
 
     # -- what is sent ---------------------------------------------------------------------------------------------
 
-    def poll(self, now: float) -> list[Entry]:
+    def poll(self, now: float) -> list[QueuedTransmission]:
         """Return what to write now, in order."""
         if not self.is_open or self.is_recording:
             return []
@@ -327,7 +327,7 @@ class Dialogue:
         self._ask_for_streams(now)
         if now >= self._probe_time():
             self.scheduler.submit(self.prober.make(self.peers.direct, now), now)
-        out: list[Entry] = []
+        out: list[QueuedTransmission] = []
         while (entry := self.scheduler.take(now)) is not None:
             self._note_sent(entry, now)
             out.append(entry)
@@ -347,7 +347,7 @@ class Dialogue:
             times.append(self.streams.next_time())
         return min(times)
 
-    def take_discarded(self) -> list[Entry]:
+    def take_discarded(self) -> list[QueuedTransmission]:
         """Return what was never sent since the last call."""
         discarded, self._discarded = self._discarded, []
         return discarded
@@ -359,7 +359,7 @@ class Dialogue:
         """Dialect of this aircraft."""
         return self.peers.dialect
 
-    def condition_changed(self, before: Verdict, now: float) -> bool:
+    def condition_changed(self, before: HeldFinding, now: float) -> bool:
         """The condition was this and is another one; returns whether the boards must be identified again."""
         self.scheduler.resynchronise()
         if not (before.is_outage and self.health.verdict.condition.hears_board):
@@ -410,7 +410,7 @@ class Dialogue:
         nobody_answers = self.peers.direct is Board.ANY or self.peers.redirected is not None
         return math.inf if nobody_answers else self.prober.next_time()
 
-    def _note_sent(self, entry: Entry, now: float) -> None:
+    def _note_sent(self, entry: QueuedTransmission, now: float) -> None:
         self.counters.sent(entry)
         if isinstance(entry.tag, Pending):
             self.questions.sent(entry.tag, now)

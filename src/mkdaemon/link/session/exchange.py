@@ -20,11 +20,11 @@ from mkdaemon.link.ports.port import Port, parse_address
 from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.guarding import GuardFeed, LineGuard
 from mkdaemon.link.session.identity import LOOK, StandstillWatch
-from mkdaemon.link.session.questions import Answered, Outcome, Unanswered
+from mkdaemon.link.session.questions import Outcome, QuestionAnswered, Unanswered
 from mkdaemon.link.session.release import shortest_release
 from mkdaemon.link.session.reopening import BaudSearch
 from mkdaemon.link.session.reporter import Reporter
-from mkdaemon.link.session.scheduler import Entry
+from mkdaemon.link.session.scheduler import QueuedTransmission
 from mkdaemon.link.session.streamkinds import KINDS
 from mkdaemon.link.session.traffic import LineTap, LinkSink, Lost, Purpose, Received, ReleaseResult, Sent
 from mkdaemon.protocol.boards import Board, Direction
@@ -98,7 +98,7 @@ class StickQueue:
         """Whether a stick frame was written that was still waiting at the last look."""
         return self._behind is not None
 
-    def written(self, entry: Entry) -> None:
+    def written(self, entry: QueuedTransmission) -> None:
         """A frame was written."""
         if entry.purpose is Purpose.SETPOINT:
             self._behind = 0
@@ -334,7 +334,7 @@ class Exchange:
         look = now + STICK_LOOK if self._dialogue.scheduler.holds_setpoints else math.inf
         self._wake(min(self._dialogue.next_time(now), self._judge_at, look), now)
 
-    def _write(self, port: Port, entry: Entry) -> None:
+    def _write(self, port: Port, entry: QueuedTransmission) -> None:
         """Write one frame, and report it to the listeners.
 
         Raises:
@@ -449,7 +449,7 @@ class Exchange:
                 self._sink.dropped(Lost(now, Direction.FROM_BOARD, item.reason, item.raw))
 
 
-def last_words(dialogue: Dialogue, now: float) -> list[Entry]:
+def last_words(dialogue: Dialogue, now: float) -> list[QueuedTransmission]:
     """Return what is said when the aircraft is released: a FlightCtrl of the fork never ends its debug stream.
 
     Older ones do, after 4.1 s, and their dead-man is refreshed by the request: they are not asked. A release follows.
@@ -461,7 +461,7 @@ def last_words(dialogue: Dialogue, now: float) -> list[Entry]:
         return []
     stop = KINDS["debug"].ask(0)
     frames = [(Purpose.SUBSCRIPTION, stop), *((Purpose.RELEASE, frame) for frame in shortest_release(layout))]
-    entries = [Entry(frame.to_frame(Board.FC), why, now + 1.0, Board.FC, frame) for why, frame in frames]
+    entries = [QueuedTransmission(frame.to_frame(Board.FC), why, now + 1.0, Board.FC, frame) for why, frame in frames]
     for entry in entries:
         dialogue.counters.sent(entry)
     return entries
@@ -478,7 +478,7 @@ async def _until_lost(part: Callable[[], Coroutine[Any, Any, None]]) -> str | No
 
 def _resolve(waiter: Answer, outcome: Outcome, *, is_open: bool) -> None:
     match outcome:
-        case Answered():
+        case QuestionAnswered():
             waiter.set_result(outcome.answer)
         case Unanswered():
             waiter.set_exception((RequestTimeoutError if is_open else LinkLostError)(outcome.reason))

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from mkdaemon.link.ports.port import Port
 from mkdaemon.link.session import release
-from mkdaemon.link.session.scheduler import Entry
+from mkdaemon.link.session.scheduler import QueuedTransmission
 from mkdaemon.link.session.steering import ControlEntry, Steering
 from mkdaemon.link.session.traffic import UNNUMBERED, Purpose
 from mkdaemon.protocol.wire import WireMessage
@@ -64,7 +64,7 @@ class GuardFeed:
         if self._guard is not None:
             self._guard.frames_changed([message.to_frame() for message in release.shortest_release(layout)])
 
-    def written(self, entry: Entry) -> None:
+    def written(self, entry: QueuedTransmission) -> None:
         """A frame was written."""
         if self._guard is None or not isinstance(entry, ControlEntry) or entry.message is None:
             return

@@ -17,7 +17,7 @@ from typing import Final
 from mkdaemon.link.session import verdict
 from mkdaemon.link.session.evidence import STALE_PERIODS, Arrivals, OwnTime, ReceivedBytes, RoundTrips
 from mkdaemon.link.session.renewal import HeardShare
-from mkdaemon.link.session.verdict import Cause, Finding, Verdict
+from mkdaemon.link.session.verdict import HeldFinding, VerdictCause, VerdictFinding
 from mkdaemon.protocol.framing import DropReason
 from mkdaemon.telemetry.link import KindHealth, LinkCondition, Why
 
@@ -92,7 +92,7 @@ class HealthMonitor:
         self._is_recording = False
         self._open_questions: deque[float] = deque(maxlen=8)
         self._backlog_since: float | None = None
-        self._verdict = Verdict(Finding(LinkCondition.ABSENT, "not opened yet"), now)
+        self._verdict = HeldFinding(VerdictFinding(LinkCondition.ABSENT, "not opened yet"), now)
         self._paused_until = self._quiet_until = self._boots_until = -math.inf
         self._boot_text = b""
         self._degraded_at = self._stopped_until = -math.inf
@@ -102,7 +102,7 @@ class HealthMonitor:
 
     # -- what happened --------------------------------------------------------------------------------------------
 
-    def port_opened(self, now: float, *, is_recording: bool = False, searching: Finding | None = None) -> None:
+    def port_opened(self, now: float, *, is_recording: bool = False, searching: VerdictFinding | None = None) -> None:
         """A port is open; nothing is known about its other end.
 
         Args:
@@ -119,14 +119,14 @@ class HealthMonitor:
         self.backlog = 0
         self._bytes.clear()
         self._arrivals.clear()
-        self._conclude(searching or Finding(LinkCondition.DOWN, "just opened, nothing heard yet"), now)
+        self._conclude(searching or VerdictFinding(LinkCondition.DOWN, "just opened, nothing heard yet"), now)
 
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone, or could not be opened."""
         self._opened = None
         self.echo.interrupted(now)
         self.confirm.interrupted(now)
-        self._conclude(Finding(condition, reason), now)
+        self._conclude(VerdictFinding(condition, reason), now)
 
     def bytes_received(self, size: int, now: float) -> None:
         """Bytes arrived, whatever they are."""
@@ -235,7 +235,7 @@ class HealthMonitor:
     # -- what it means --------------------------------------------------------------------------------------------
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> HeldFinding:
         """The latest verdict."""
         return self._verdict
 
@@ -293,7 +293,7 @@ class HealthMonitor:
             self._outages.append(now)
         return self._conclude(self._hold(finding, now), now)
 
-    def _hold(self, finding: Finding, now: float) -> Finding:
+    def _hold(self, finding: VerdictFinding, now: float) -> VerdictFinding:
         """A line that was degraded a moment ago stays so."""
         was_degraded = self._verdict.condition is LinkCondition.DEGRADED
         if finding.condition is LinkCondition.DEGRADED:
@@ -310,10 +310,10 @@ class HealthMonitor:
         """Undecodable bytes and wrong checksums a second over the window [1/s]."""
         return self._bytes.rates(now)
 
-    def _weigh(self, opened: float, now: float) -> Finding:
+    def _weigh(self, opened: float, now: float) -> VerdictFinding:
         is_stuck = self._backlog_since is not None and self._own.elapsed(self._backlog_since, now) > STUCK_TIME
         if is_stuck:
-            return Finding(LinkCondition.DOWN, verdict.STUCK, Cause.PORT_STUCK)
+            return VerdictFinding(LinkCondition.DOWN, verdict.STUCK, VerdictCause.PORT_STUCK)
         if now < self._paused_until:
             return self._verdict.finding
         silent_for = self._own.elapsed(max(self._received_at, opened), now)
@@ -334,54 +334,56 @@ class HealthMonitor:
         """A board that hears nothing but sends what it was asked for, on time, is not mute between two frames."""
         return self._verdict.condition is LinkCondition.ONE_WAY and self._arrivals.are_on_time(now)
 
-    def _explain_deafness(self, now: float) -> Finding:
+    def _explain_deafness(self, now: float) -> VerdictFinding:
         if self.backlog:
             return self._verdict.finding  # nothing left the port: the board is not to blame
         if now < self._boots_until:
-            return Finding(LinkCondition.DEGRADED, verdict.boots(self._boot_text))
+            return VerdictFinding(LinkCondition.DEGRADED, verdict.boots(self._boot_text))
         if self._bytes.damaged_since(now - SILENCE_TIME) >= GARBAGE_BYTES:
-            return Finding(LinkCondition.DEGRADED, verdict.DAMAGED)
-        return Finding(LinkCondition.ONE_WAY, self._beside_load(verdict.UNANSWERED, now))
+            return VerdictFinding(LinkCondition.DEGRADED, verdict.DAMAGED)
+        return VerdictFinding(LinkCondition.ONE_WAY, self._beside_load(verdict.UNANSWERED, now))
 
-    def _weigh_quality(self, now: float) -> Finding:
+    def _weigh_quality(self, now: float) -> VerdictFinding:
         if now < self._stopped_until:
-            return Finding(LinkCondition.DEGRADED, verdict.stood_still(self._stopped_for))
+            return VerdictFinding(LinkCondition.DEGRADED, verdict.stood_still(self._stopped_for))
         stale = self._arrivals.overdue(now)
         if stale and now < self._boots_until:
-            return Finding(LinkCondition.DEGRADED, verdict.RESTARTING)
+            return VerdictFinding(LinkCondition.DEGRADED, verdict.RESTARTING)
         if stale:
             worst = max(stale, key=lambda kind: kind.missed(now))
             only = " (only link tests are answered)" if len(stale) == len(self._arrivals.asked) else ""
             reason = f"{worst.board} {worst.key} is overdue: asked every {worst.interval:g} s{only}"
-            return Finding(LinkCondition.DEGRADED, reason)
+            return VerdictFinding(LinkCondition.DEGRADED, reason)
         for name, trips in (("link test", self.echo), ("control frame", self.confirm)):
             sent, lost = trips.losses(now)
             # One lost probe proves nothing; the limit counts from the second on.
             if lost >= 2 and 100 * lost > self._max_loss * sent:
                 reason = f"{100 * lost / sent:.1f} % of {name}s lost in {self._window:g} s"
-                return Finding(LinkCondition.DEGRADED, reason)
+                return VerdictFinding(LinkCondition.DEGRADED, reason)
         bad, total = self._bytes.share(now)
         if bad > DAMAGE_LIMIT * total:
-            return Finding(LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged")
+            return VerdictFinding(
+                LinkCondition.DEGRADED, f"{100 * bad / total:.0f} % of the received bytes are damaged"
+            )
         outages = sum(1 for at in self._outages if now - at < self._window)
         if outages >= COMES_AND_GOES:
-            return Finding(LinkCondition.DEGRADED, verdict.comes_and_goes(outages, self._window))
-        return Finding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
+            return VerdictFinding(LinkCondition.DEGRADED, verdict.comes_and_goes(outages, self._window))
+        return VerdictFinding(LinkCondition.UP, "a recording plays" if self._is_recording else "both directions proven")
 
-    def _explain_silence(self, now: float) -> Finding:
+    def _explain_silence(self, now: float) -> VerdictFinding:
         # Half the silence: the end of a frame that was cut off is no garbage. Once it is, slow garbage stays it.
         is_garbage = self._verdict.condition is LinkCondition.GARBAGE
         since = now - (GARBAGE_MEMORY if is_garbage else SILENCE_TIME / 2)
         if now < self._boots_until and self._bytes.arrived_since(now - SILENCE_TIME) < BOOT_LENGTH:
-            return Finding(LinkCondition.MUTE, verdict.boots(self._boot_text), Cause.PLAIN_TEXT)
+            return VerdictFinding(LinkCondition.MUTE, verdict.boots(self._boot_text), VerdictCause.PLAIN_TEXT)
         if self._bytes.arrived_since(since) < GARBAGE_BYTES:
             silence = self._kind_of_silence()
             reason = verdict.QUIET if now < self._quiet_until else self._beside_load(silence, now)
-            return Finding(LinkCondition.MUTE, reason)
+            return VerdictFinding(LinkCondition.MUTE, reason)
         text = self._bytes.text_since(since)
         if text is not None:
-            return Finding(LinkCondition.GARBAGE, verdict.plain_text(text), Cause.PLAIN_TEXT)
-        return Finding(LinkCondition.GARBAGE, verdict.NO_FRAME)
+            return VerdictFinding(LinkCondition.GARBAGE, verdict.plain_text(text), VerdictCause.PLAIN_TEXT)
+        return VerdictFinding(LinkCondition.GARBAGE, verdict.NO_FRAME)
 
     def _kind_of_silence(self) -> str:
         if self._received_at == -math.inf:
@@ -411,7 +413,7 @@ class HealthMonitor:
         share = self._own.share_missed(now, self._window)
         return reason if share < BUSY else f"{reason}; {verdict.busy(share)}"
 
-    def _conclude(self, finding: Finding, now: float) -> bool:
+    def _conclude(self, finding: VerdictFinding, now: float) -> bool:
         """Make a finding the verdict; returns whether the condition changed."""
         last_arrival = max(self._received_at, self._paused_until, now if self._opened is None else self._opened)
         before, self._verdict = self._verdict, self._verdict.followed_by(finding, now, last_arrival)

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.clock import Clock, SleepWatch
-from mkdaemon.link.session.knownflight import Change, FlightMemory, KnownFlight
+from mkdaemon.link.session.knownflight import FlightChange, FlightMemory, KnownFlight
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.link.session.steering import Steering
-from mkdaemon.link.session.verdict import Verdict
+from mkdaemon.link.session.verdict import HeldFinding
 from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.protocol.wire import Board, WireMessage
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -113,7 +113,7 @@ class RebootWatch:
         """A version reply came: what is printed from now on belongs to another boot."""
         self._text_at = -math.inf
 
-    def was_gap(self, verdict: Verdict, now: float) -> bool:
+    def was_gap(self, verdict: HeldFinding, now: float) -> bool:
         """Whether the line has been silent for this time under this verdict, and not caused by us."""
         is_long = verdict.is_outage and now - verdict.silent_since > GAP
         return is_long and not self._peers.caused_silence(verdict.silent_since, now)
@@ -159,9 +159,9 @@ class Identity:
     def telemetry_received(self, message: WireMessage, now: float) -> bool:
         """Take a look at the flight; returns whether the boards must be identified again."""
         change = self.flight.telemetry_received(message, now)
-        if change is Change.SAME_FLIGHT:
+        if change is FlightChange.SAME_FLIGHT:
             self._recall(now)
-        if change is not Change.FLIGHTCTRL_LOST or self._peers.dialect.fc_release is None:
+        if change is not FlightChange.FLIGHTCTRL_LOST or self._peers.dialect.fc_release is None:
             return False
         self._peers.forget_flightctrl()
         self._release_forgotten("the NaviCtrl has lost its FlightCtrl", now)
@@ -191,11 +191,11 @@ class Identity:
             self.forget("a board boots", now)
         return is_first
 
-    def was_gap(self, verdict: Verdict, now: float) -> bool:
+    def was_gap(self, verdict: HeldFinding, now: float) -> bool:
         """Whether the line has been silent under this verdict long enough that the boards may be others."""
         return self._reboots.was_gap(verdict, now)
 
-    def telemetry_is_back(self, before: Verdict, now: float) -> bool:
+    def telemetry_is_back(self, before: HeldFinding, now: float) -> bool:
         """The line was silent until now; returns whether the boards must be identified again."""
         if self.was_gap(before, now):
             self.forget("telemetry is back after a gap", now)

@@ -141,7 +141,7 @@ class FlightMemory:
         return str(self.evidence.releases[Board.FC])
 
 
-class Change(Enum):
+class FlightChange(Enum):
     """Change by an observation of the flight."""
 
     NOTHING = auto()
@@ -193,21 +193,21 @@ class KnownFlight:
         is_proven = self._proven_at is not None and now - self._proven_at <= FRESH
         return self.memory if is_proven and self._peers.dialect.extern_control is None else None
 
-    def telemetry_received(self, message: WireMessage, now: float) -> Change:
+    def telemetry_received(self, message: WireMessage, now: float) -> FlightChange:
         """Take a look at the flight; returns what that changes."""
         look = self._reader.read(message, now)
         if look is None:
-            return Change.NOTHING
+            return FlightChange.NOTHING
         if look.state is FlightState.FC_LOST:
             is_first, self._lost_since = self._lost_since is None, self._lost_since or now
             self._proven_at = None
-            return Change.FLIGHTCTRL_LOST if is_first else Change.NOTHING
+            return FlightChange.FLIGHTCTRL_LOST if is_first else FlightChange.NOTHING
         if self._lost_since is not None:
             self._is_unbroken = self._is_unbroken and now - self._lost_since < SHORTEST_BOOT
             self._lost_since = None
         return self._compare(look)
 
-    def _compare(self, look: Sighting) -> Change:
+    def _compare(self, look: Sighting) -> FlightChange:
         """Keep what is known, or find out whether this is the flight that was known."""
         dialect = self._peers.dialect
         if dialect.extern_control_layout is not None:
@@ -216,15 +216,15 @@ class KnownFlight:
             self.memory = FlightMemory(evidence, layout, look) if is_kept else None
             self._is_unbroken = is_kept
             self._proven_at = None
-            return Change.NOTHING
+            return FlightChange.NOTHING
         memory = self.memory
         if memory is None or Board.NC not in self._peers.evidence.releases:
-            return Change.NOTHING
+            return FlightChange.NOTHING
         if not memory.sighting.continues_as(look) or not self._fits(memory):
             self.memory = self._proven_at = None
-            return Change.NOTHING
+            return FlightChange.NOTHING
         self.memory, self._proven_at = replace(memory, sighting=look), look.at
-        return Change.SAME_FLIGHT if self._is_unbroken else Change.NOTHING
+        return FlightChange.SAME_FLIGHT if self._is_unbroken else FlightChange.NOTHING
 
     def _fits(self, memory: FlightMemory) -> bool:
         """Whether the boards of today, with what was known, speak as they did then."""

@@ -10,7 +10,7 @@ import math
 from typing import Final, Literal
 
 from mkdaemon.link.session.health import PROBE_PATIENCE, HealthMonitor
-from mkdaemon.link.session.scheduler import Entry
+from mkdaemon.link.session.scheduler import QueuedTransmission
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages.linktest import EchoRequest
 from mkdaemon.protocol.messages.version import VersionRequest
@@ -55,12 +55,12 @@ class Prober:
             return max(self._sent_at, self._health.two_way_proof) + AUTO
         return self._sent_at + 1 / self._rate
 
-    def make(self, board: Board, now: float) -> Entry:
+    def make(self, board: Board, now: float) -> QueuedTransmission:
         """Return the next link test of a board."""
         self._waiting = True
         self._pattern = self._pattern % 0xFFFF + 1
         message: WireMessage = EchoRequest(pattern=self._pattern) if board is Board.NC else VersionRequest()
-        return Entry(
+        return QueuedTransmission(
             message.to_frame(board),
             Purpose.ECHO,
             now + _DEADLINE,
@@ -71,7 +71,7 @@ class Prober:
             tag=self._pattern,
         )
 
-    def sent(self, entry: Entry, now: float) -> None:
+    def sent(self, entry: QueuedTransmission, now: float) -> None:
         """One went out."""
         self._waiting = False
         self._sent_at = now

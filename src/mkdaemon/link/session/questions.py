@@ -14,7 +14,7 @@ from typing import Final
 from mkdaemon.link.session.fates import Tally
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Peers
-from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.scheduler import QueuedTransmission, TransmitScheduler
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.messages import VersionRequest, VersionRequestWhich
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -167,7 +167,7 @@ QUEUED: Final = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class QuestionAnswered:
     """A question that ended well.
 
     Attributes:
@@ -192,7 +192,7 @@ class Unanswered:
     reason: str
 
 
-Outcome = Answered | Unanswered
+Outcome = QuestionAnswered | Unanswered
 """How a question ended."""
 
 
@@ -263,14 +263,14 @@ class Questions:
             self._health.pause(now + deaf)
         if pending.message.spec.reply is None:
             self.book.sent_for_good(pending, now)
-            self._finished.append(Answered(pending, None))
+            self._finished.append(QuestionAnswered(pending, None))
 
     def received(self, message: WireMessage, board: Board, now: float) -> Pending | None:
         """A message arrived; returns the question it answers, if any."""
         pending = self.book.received(message, board, now)
         if pending is not None:
             self._health.board_answered(now)
-            self._finished.append(Answered(pending, message))
+            self._finished.append(QuestionAnswered(pending, message))
         return pending
 
     def step(self, now: float) -> None:
@@ -322,7 +322,7 @@ class Questions:
         message = pending.message
         letter = message.spec.reply
         return self._scheduler.submit(
-            Entry(
+            QueuedTransmission(
                 message.to_frame(pending.board),
                 purpose,
                 deadline=now + QUEUED,

@@ -10,7 +10,7 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError, LinkLostError
 from mkdaemon.link.ports.port import parse_address
-from mkdaemon.link.session.verdict import Cause, Finding, Verdict
+from mkdaemon.link.session.verdict import HeldFinding, VerdictCause, VerdictFinding
 from mkdaemon.telemetry.link import LinkCondition
 
 BAUDS: Final = (57600, 115200, 38400, 19200, 9600, 230400)
@@ -53,34 +53,34 @@ class BaudSearch:
 
     def __init__(self, configured: int, *, enabled: bool) -> None:
         self.current = configured
-        self.attempt: Finding | None = None
+        self.attempt: VerdictFinding | None = None
         self._configured = configured
         self._enabled = enabled
         self._others = itertools.cycle(baud for baud in BAUDS if baud != configured)
         self._understood: int | None = None
 
-    def reason_to_reopen(self, verdict: Verdict, opened: float, now: float) -> str | None:
+    def reason_to_reopen(self, verdict: HeldFinding, opened: float, now: float) -> str | None:
         """Say why the port must be closed and opened again (perhaps at another rate); None where it need not."""
         if verdict.condition.hears_board:
             self.attempt, self._understood = None, self.current
             return None
-        if verdict.cause is Cause.PORT_STUCK and now - verdict.since > STUCK_PATIENCE:
+        if verdict.cause is VerdictCause.PORT_STUCK and now - verdict.since > STUCK_PATIENCE:
             return verdict.reason
         if not self._enabled or now - self._search_time(verdict, opened) <= 0:
             return None
         condition = verdict.condition if self.attempt is None else self.attempt.condition
         tried, self.current = self.current, self._next_baud()
         doubt = " (or no board is switched on)" if condition is LinkCondition.MUTE else ""
-        self.attempt = Finding(condition, f"no frame at {tried} baud{doubt}: trying {self.current}")
+        self.attempt = VerdictFinding(condition, f"no frame at {tried} baud{doubt}: trying {self.current}")
         return self.attempt.reason
 
     def end_search(self) -> None:
         """Open the next port at the rate that was understood last: it is another device, or ours came back."""
         self.current, self.attempt = self._understood or self.current, None
 
-    def _search_time(self, verdict: Verdict, opened: float) -> float:
+    def _search_time(self, verdict: HeldFinding, opened: float) -> float:
         """When to try the next rate [s]; infinite while the line rate is not in doubt."""
-        if verdict.cause is Cause.PLAIN_TEXT:
+        if verdict.cause is VerdictCause.PLAIN_TEXT:
             return math.inf
         if self.attempt is not None:
             return opened + SILENT_PATIENCE

@@ -56,7 +56,7 @@ RESYNC_AFTER: Final = 2.0
 
 
 @dataclass(slots=True, eq=False)
-class Entry:
+class QueuedTransmission:
     """One transmission waiting for its turn.
 
     Attributes:
@@ -98,7 +98,7 @@ class TransmitScheduler:
 
     def __init__(self, rules: LineRules) -> None:
         self.rules = rules
-        self._queues: dict[Purpose, deque[Entry]] = {purpose: deque() for purpose in Purpose}
+        self._queues: dict[Purpose, deque[QueuedTransmission]] = {purpose: deque() for purpose in Purpose}
         self._taken: dict[tuple[Board, str], float] = {}
         self._line_free = 0.0
         self._fc_free = 0.0
@@ -116,12 +116,12 @@ class TransmitScheduler:
         self._quiet_until = 0.0
         self._leaving = False
         self._only: Board | None = None
-        self._expired: list[Entry] = []
+        self._expired: list[QueuedTransmission] = []
         self.holds_setpoints = False
 
     # -- what callers hand in -------------------------------------------------------------------------------------
 
-    def submit(self, entry: Entry, now: float) -> bool:
+    def submit(self, entry: QueuedTransmission, now: float) -> bool:
         """Queue an entry; False when its queue is full. A setpoint replaces the one waiting."""
         queue = self._queues[entry.purpose]
         entry.queued = now
@@ -147,7 +147,7 @@ class TransmitScheduler:
         self._queues[Purpose.SETPOINT].clear()
         self._setpoint_period = self._arrived = None
 
-    def clear(self) -> list[Entry]:
+    def clear(self) -> list[QueuedTransmission]:
         """Forget everything waiting, for example because the port was lost; returns it."""
         left = [entry for queue in self._queues.values() for entry in queue]
         for queue in self._queues.values():
@@ -202,7 +202,7 @@ class TransmitScheduler:
 
     # -- what the writer takes ------------------------------------------------------------------------------------
 
-    def take(self, now: float) -> Entry | None:
+    def take(self, now: float) -> QueuedTransmission | None:
         """Return the entry to write now, with CR CR in front where needed, and account for it; None to wait."""
         self._expire(now)
         if now < self._line_free:
@@ -223,7 +223,7 @@ class TransmitScheduler:
         ]
         return max(min(times), now) if times else None
 
-    def take_expired(self) -> list[Entry]:
+    def take_expired(self) -> list[QueuedTransmission]:
         """Return entries that were never sent: too old, or replaced by a newer setpoint."""
         expired, self._expired = self._expired, []
         return expired
@@ -245,11 +245,11 @@ class TransmitScheduler:
 
     # -- rules ----------------------------------------------------------------------------------------------------
 
-    def _touches_fc(self, entry: Entry) -> bool:
+    def _touches_fc(self, entry: QueuedTransmission) -> bool:
         """Whether a FlightCtrl sees the frame; before the first answer any board may be one."""
         return entry.reaches_fc or self.rules.direct is not Board.NC
 
-    def _ready_at(self, entry: Entry, now: float) -> float:
+    def _ready_at(self, entry: QueuedTransmission, now: float) -> float:
         """Earliest time the boards can take this entry; infinite while something else must end first."""
         touches_fc = self._touches_fc(entry)
         ready = max(entry.not_before, self._fc_free if touches_fc else 0.0)
@@ -280,7 +280,7 @@ class TransmitScheduler:
         needed = max(gap, self.distance) + gap + BOTH_FRAMES
         return self._expect_setpoint(now) is not None and (self._setpoint_period or 0.0) < needed
 
-    def _behind_setpoint(self, entry: Entry, begin: float) -> float:
+    def _behind_setpoint(self, entry: QueuedTransmission, begin: float) -> float:
         """Let a request wait for the next setpoint, within its patience, where that has no setpoint replaced [s]."""
         expected = self._expect_setpoint(begin)
         if expected is None or self._setpoint_period is None or self.holds_setpoints:
@@ -314,7 +314,7 @@ class TransmitScheduler:
                     return at + self.rules.wire_time(entry.raw) + self.rules.gap_after(reaches_fc=True)
         return 0.0
 
-    def _let_setpoint_pass(self, entry: Entry, begin: float) -> float:
+    def _let_setpoint_pass(self, entry: QueuedTransmission, begin: float) -> float:
         """Do not begin a frame that would hold up the next setpoint, within the entry's patience."""
         expected = self._expect_setpoint(begin)
         if expected is None:
@@ -343,7 +343,7 @@ class TransmitScheduler:
             self._setpoint_period = period if period <= SLOWEST_SETPOINT else None
         self._arrived = now
 
-    def _give(self, entry: Entry, now: float) -> Entry:
+    def _give(self, entry: QueuedTransmission, now: float) -> QueuedTransmission:
         silent = self._last_end is None or now - self._last_end > RESYNC_AFTER
         if entry.message is not None and (self._needs_resync or silent):
             entry.raw = RESYNC + entry.raw
@@ -365,7 +365,7 @@ class TransmitScheduler:
             self._taken[entry.slot] = end + entry.reply_within
         return entry
 
-    def _take_its_place(self, entry: Entry, now: float) -> None:
+    def _take_its_place(self, entry: QueuedTransmission, now: float) -> None:
         """Count setpoints between requests; one that waited for this request lets a newer one replace it."""
         if entry.purpose is Purpose.SETPOINT:
             self._setpoints_since += 1
@@ -374,7 +374,7 @@ class TransmitScheduler:
             for waiting in self._queues[Purpose.SETPOINT]:
                 self._let_newer_replace(waiting, now)
 
-    def _let_newer_replace(self, waiting: Entry, now: float) -> None:
+    def _let_newer_replace(self, waiting: QueuedTransmission, now: float) -> None:
         """A setpoint that has to wait for a request, and would then hold up the next one, leaves only where none comes.
 
         By cable at 44 Hz the wait is 7 ms, and the next one leaves in its time; a command that is replaced is 23 ms old

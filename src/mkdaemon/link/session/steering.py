@@ -18,7 +18,7 @@ from typing import Final
 from mkdaemon.link.session import release
 from mkdaemon.link.session.health import HealthMonitor
 from mkdaemon.link.session.peers import Peers
-from mkdaemon.link.session.scheduler import Entry, TransmitScheduler
+from mkdaemon.link.session.scheduler import QueuedTransmission, TransmitScheduler
 from mkdaemon.link.session.traffic import (
     UNNUMBERED,
     BuildControl,
@@ -43,7 +43,7 @@ _TOLERANCE_TIME: Final = 0.003
 
 
 @dataclass(slots=True, eq=False)
-class ControlEntry(Entry):
+class ControlEntry(QueuedTransmission):
     """An external control frame waiting for its turn.
 
     Attributes:

@@ -23,7 +23,7 @@ from mkdaemon.link.session import budget
 from mkdaemon.link.session.line import LineRules
 from mkdaemon.link.session.prober import AUTO
 from mkdaemon.link.session.renewal import HeardShare, renewal_interval
-from mkdaemon.link.session.scheduler import Entry
+from mkdaemon.link.session.scheduler import QueuedTransmission
 from mkdaemon.link.session.streamkinds import KINDS, TICK_TIME, kind_of, round_up_interval
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -321,13 +321,13 @@ class Streams:
         ended, self._ended = self._ended, []
         return ended
 
-    def due(self, now: float) -> list[Entry]:
+    def due(self, now: float) -> list[QueuedTransmission]:
         """Return the requests to send now, as frames for the scheduler."""
         for key in [key for key, borrowed in self._borrowed.items() if now >= borrowed.until]:
             self._give_back(key)
         board = self._subscriptions.board
         return [
-            Entry(message.to_frame(board), Purpose.SUBSCRIPTION, now + QUEUED, board, message)
+            QueuedTransmission(message.to_frame(board), Purpose.SUBSCRIPTION, now + QUEUED, board, message)
             for message in self._subscriptions.due(now)
         ]
 

@@ -74,7 +74,7 @@ def comes_and_goes(times: int, seconds: float) -> str:
     return INTERMITTENT.format(times=times, seconds=seconds)
 
 
-class Cause(Enum):
+class VerdictCause(Enum):
     """The facts behind a verdict that others act on."""
 
     PORT_STUCK = auto()
@@ -85,7 +85,7 @@ class Cause(Enum):
     """No test is sent."""
 
 
-class Finding(NamedTuple):
+class VerdictFinding(NamedTuple):
     """One look at the evidence.
 
     Attributes:
@@ -96,11 +96,11 @@ class Finding(NamedTuple):
 
     condition: LinkCondition
     reason: str
-    cause: Cause = Cause.OTHER
+    cause: VerdictCause = VerdictCause.OTHER
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class HeldFinding:
     """A finding that holds.
 
     Attributes:
@@ -110,7 +110,7 @@ class Verdict:
             first [s]; infinite while the board is heard.
     """
 
-    finding: Finding
+    finding: VerdictFinding
     since: float
     silent_since: float = math.inf
 
@@ -127,14 +127,14 @@ class Verdict:
     @property
     def is_outage(self) -> bool:
         """Whether the port is open and no right frame arrives, or it takes no bytes."""
-        return self.condition.is_silent or self.cause is Cause.PORT_STUCK
+        return self.condition.is_silent or self.cause is VerdictCause.PORT_STUCK
 
     @property
-    def cause(self) -> Cause:
+    def cause(self) -> VerdictCause:
         """What it stands on."""
         return self.finding.cause
 
-    def followed_by(self, finding: Finding, now: float, last_arrival: float) -> Verdict:
+    def followed_by(self, finding: VerdictFinding, now: float, last_arrival: float) -> HeldFinding:
         """The verdict after a new finding; another reason for the same condition does not restart it.
 
         Args:
@@ -144,4 +144,4 @@ class Verdict:
         """
         since = self.since if finding.condition is self.condition else now
         silent_since = math.inf if finding.condition.hears_board else min(self.silent_since, last_arrival, now)
-        return Verdict(finding, since, silent_since)
+        return HeldFinding(finding, since, silent_since)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from mkdaemon.protocol.fields import U8, Text
 from mkdaemon.protocol.matching import same
 from mkdaemon.protocol.sources import Source
-from mkdaemon.protocol.spec import Policy, Stream
+from mkdaemon.protocol.spec import Policy, StreamSpec
 from mkdaemon.protocol.units import TEN_MS
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 from mkdaemon.telemetry.danger import Confirm, Danger
@@ -33,7 +33,7 @@ def _fits_page(asked: Any, came: Any) -> bool:
     reply="H",
     firmware="FC 0.7x and later, NC",
     source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
-    stream=Stream("display"),
+    stream=StreamSpec("display"),
     danger=Danger(
         effect="with keys: some pages change trim or calibration",
         confirm=Confirm.IN_FLIGHT,

@@ -11,7 +11,7 @@ from mkdaemon.protocol.errorcodes import ErrorCode
 from mkdaemon.protocol.fields import S8, S16, S32, U8, U16
 from mkdaemon.protocol.flags import FlightStatus, FlightStatus2, FlightStatusOld, NaviStatus, PositionStatus
 from mkdaemon.protocol.sources import Source
-from mkdaemon.protocol.spec import Stream
+from mkdaemon.protocol.spec import StreamSpec
 from mkdaemon.protocol.units import (
     BYTES_PER_S,
     CM_PER_S,
@@ -43,7 +43,7 @@ def _asks_for_sets(payload: bytes) -> bool:
     reply="O",
     firmware="all NC",
     source=Source.NC_RECEIVE,
-    stream=Stream("osd", renews=2),
+    stream=StreamSpec("osd", renews=2),
     recognise=lambda payload: not _asks_for_sets(payload),
     any_address=True,
 )

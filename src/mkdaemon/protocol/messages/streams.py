@@ -10,7 +10,7 @@ from typing import Annotated
 from mkdaemon.protocol.fields import S8, S16, U8, U16
 from mkdaemon.protocol.flags import BoardStatus
 from mkdaemon.protocol.sources import Source
-from mkdaemon.protocol.spec import Stream
+from mkdaemon.protocol.spec import StreamSpec
 from mkdaemon.protocol.units import DECI_DEG, STICK, TEN_MS
 from mkdaemon.protocol.wire import Board, WireMessage, answer, request
 
@@ -21,7 +21,7 @@ from mkdaemon.protocol.wire import Board, WireMessage, answer, request
     reply="D",
     firmware="all",
     source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
-    stream=Stream("debug", renews=3),
+    stream=StreamSpec("debug", renews=3),
     any_address=True,
 )
 class DebugRequest(WireMessage):
@@ -61,7 +61,7 @@ class DebugDataNc(_Debug):
     firmware="FC 0.72o and later, NC",
     since=(0, 18),
     source=(Source.FC_RECEIVE, Source.NC_RECEIVE),
-    stream=Stream("attitude", renews=1, is_vital=True),
+    stream=StreamSpec("attitude", renews=1, is_vital=True),
     any_address=True,
 )
 class AttitudeRequest(WireMessage):

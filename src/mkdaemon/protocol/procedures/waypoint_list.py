@@ -39,7 +39,7 @@ _CLEAR_ROUNDS, _ROUNDS, _REFUSALS = 4, 8, 3
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
+class ListDifference:
     """Difference between the board's list and the mission.
 
     Attributes:
@@ -61,7 +61,7 @@ class Difference:
 
 
 @dataclass(frozen=True, slots=True)
-class Upload:
+class FinishedUpload:
     """A finished upload: every point was read back and agreed.
 
     Attributes:
@@ -114,7 +114,7 @@ def clear_points(kind: type[WireMessage], patience: Patience) -> Procedure[None]
     raise refuse(Token.NOT_CLEARED, count=count, rounds=_CLEAR_ROUNDS)
 
 
-def upload_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[Upload]:
+def upload_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[FinishedUpload]:
     """Replace the list by these points and prove it.
 
     Args:
@@ -140,14 +140,14 @@ def upload_points(points: Sequence[WireMessage], patience: Patience) -> Procedur
         bad, count = yield from _compare(points, patience)
         if not bad and count == total:
             yield Progress(2 * total, 2 * total, "verified")
-            return Upload(total, content_hash(points), turn, writes)
+            return FinishedUpload(total, content_hash(points), turn, writes)
         must_clear = count > total
         pending = list(range(total)) if must_clear else bad
     where = ", ".join(f"point {index + 1}" for index in bad) or "the end of the list"
     raise refuse(Token.NOT_VERIFIED, rounds=_ROUNDS, where=where)
 
 
-def verify_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[tuple[Difference, ...]]:
+def verify_points(points: Sequence[WireMessage], patience: Patience) -> Procedure[tuple[ListDifference, ...]]:
     """Compare the list on the board with these points; writes nothing.
 
     Raises:
@@ -155,12 +155,12 @@ def verify_points(points: Sequence[WireMessage], patience: Patience) -> Procedur
         CommandRejectedError: `list_changing`.
     """
     stored = yield from download_points(type(points[0]), patience)
-    found: list[Difference] = []
+    found: list[ListDifference] = []
     for number in range(1, max(len(points), len(stored)) + 1):
         if number > len(stored):
-            found.append(Difference(number, "", "stored", "absent"))
+            found.append(ListDifference(number, "", "stored", "absent"))
         elif number > len(points):
-            found.append(Difference(number, "", "absent", "one too many"))
+            found.append(ListDifference(number, "", "absent", "one too many"))
         else:
             found += _differences(number, points[number - 1], stored[number - 1])
     return tuple(found)
@@ -258,11 +258,11 @@ def _content(raw: bytes) -> bytes:
     return raw[:_STATUS] + raw[_STATUS + 1 :]
 
 
-def _differences(number: int, wanted: WireMessage, stored: WireMessage) -> list[Difference]:
+def _differences(number: int, wanted: WireMessage, stored: WireMessage) -> list[ListDifference]:
     if is_same_point(wanted.encode(), stored.encode()):
         return []
     return [
-        Difference(number, slot.name, getattr(wanted, slot.name), getattr(stored, slot.name))
+        ListDifference(number, slot.name, getattr(wanted, slot.name), getattr(stored, slot.name))
         for slot in wanted.spec.slots
         if getattr(wanted, slot.name) != getattr(stored, slot.name)
     ]

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from mkdaemon.reading import EventLine, Picture, Reading, key_spec
 from mkdaemon.reading.facts import DEAD_RECKONING
 from mkdaemon.reading.known import EACH, EVENTS
-from mkdaemon.record.entry import Entry, Kind, unpacked
+from mkdaemon.record.entry import Entry, EntryKind, unpacked
 from mkdaemon.record.summary import Summary, Taker
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.control import Phase
@@ -141,7 +141,7 @@ class ImagePlace:
     """
 
     at: float
-    kind: Kind
+    kind: EntryKind
     key: str
     sequence: int
     camera: str
@@ -238,7 +238,7 @@ class FlightReader:
     def __init__(self) -> None:
         self.flights: dict[str, RecordedFlight] = {}
         self._origin = 0
-        self._owners: dict[tuple[Kind, str], str] = {}
+        self._owners: dict[tuple[EntryKind, str], str] = {}
         self._last: dict[str, dict[str, tuple[float, Mapping[str, Any]]]] = {}
 
     def taker(self, entry: Entry) -> Taker | None:
@@ -247,10 +247,10 @@ class FlightReader:
         self._owners[entry.kind, entry.key] = entry.vehicle
         flight = self.flights.setdefault(entry.vehicle, RecordedFlight(entry.vehicle))
         pattern, camera = _pattern_of(entry.suffix)
-        if entry.kind is Kind.IMAGE or (entry.kind is Kind.SAMPLE and pattern == "vision/*/image"):
+        if entry.kind is EntryKind.IMAGE or (entry.kind is EntryKind.SAMPLE and pattern == "vision/*/image"):
             return self._images(flight, camera or "?")
-        use = _take_lost_line if entry.kind is Kind.PORT_LOST else _USES.get((entry.kind, pattern))
-        if use is None and entry.kind is Kind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
+        use = _take_lost_line if entry.kind is EntryKind.PORT_LOST else _USES.get((entry.kind, pattern))
+        if use is None and entry.kind is EntryKind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
             use = _Numbers(flight, entry.suffix).take
         return None if use is None else self._values(flight, entry.suffix, use)
 
@@ -385,11 +385,11 @@ def _take_model(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[
 
 
 _Use = Callable[[RecordedFlight, float, str, Mapping[str, Any]], None]
-_USES: Final[dict[tuple[Kind, str], _Use]] = {
-    **{(Kind.SAMPLE, suffix): _take_happening for suffix in EVENTS},
-    (Kind.SAMPLE, STATUS): _take_status,
-    (Kind.SAMPLE, "link/state"): _take_link,
-    (Kind.SAMPLE, "rx/fc/settings"): _take_settings,
-    (Kind.EVENT, "core/ModelKnown"): _take_model,
+_USES: Final[dict[tuple[EntryKind, str], _Use]] = {
+    **{(EntryKind.SAMPLE, suffix): _take_happening for suffix in EVENTS},
+    (EntryKind.SAMPLE, STATUS): _take_status,
+    (EntryKind.SAMPLE, "link/state"): _take_link,
+    (EntryKind.SAMPLE, "rx/fc/settings"): _take_settings,
+    (EntryKind.EVENT, "core/ModelKnown"): _take_model,
 }
 """What becomes of the entries of a kind and key; `COLUMNS` and `LAST` are kept, all others only counted."""

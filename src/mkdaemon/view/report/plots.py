@@ -331,7 +331,7 @@ def _tracks(flight: RecordedFlight) -> list[Plot]:
 
 
 def _path(flight: RecordedFlight, name: str) -> tuple[list[float], list[float], list[float]] | None:
-    """Times, x and y of a track, at most so many points."""
+    """Times, x and y of a track, thinned to `TRACK_POINTS`."""
     if not (flight.has(f"{name}.x") and flight.has(f"{name}.y")):
         return None
     (times, x), (_, y) = flight.series[f"{name}.x"].arrays(), flight.series[f"{name}.y"].arrays()

@@ -37,7 +37,7 @@ def number_of(fields: Any, path: str) -> float | None:
 
 
 def numbers_of(fields: Any, path: str, count: int) -> list[float] | None:
-    """A part that is a list of so many numbers or more, the first of them; else None."""
+    """The first `count` numbers of a part that is a list of at least as many; else None."""
     found = part_of(fields, path)
     if not isinstance(found, list) or len(found) < count:
         return None

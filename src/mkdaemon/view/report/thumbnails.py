@@ -10,7 +10,7 @@ from typing import Final
 
 from mkdaemon.client.pictures import small_jpeg
 from mkdaemon.reading import EventLine
-from mkdaemon.record.entry import Kind
+from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.view.report.flight import ImagePlace, RecordedFlight
 
@@ -22,7 +22,7 @@ WIDTH: Final = 300
 """Of a picture [px]; shown at half of that."""
 MOST: Final = 60
 """Pictures of a page."""
-Place = tuple[Kind, str, int]
+Place = tuple[EntryKind, str, int]
 
 
 def choose(flight: RecordedFlight, happenings: Sequence[EventLine]) -> dict[int, ImagePlace]:

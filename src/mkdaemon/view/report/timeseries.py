@@ -49,7 +49,7 @@ class TimeSeries:
 
 
 def thin(times: Array, values: Array, most: int = MOST) -> tuple[Array, Array]:
-    """At most so many points that show the same line: of every stretch the lowest and the highest stay.
+    """Up to `most` points that show the same line: of every stretch the lowest and the highest stay.
 
     Args:
         times: (n,), sorted.

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 DEGREES_A_ROW: Final = 6.0
-"""Scale: so many degrees of pitch are one row [deg]."""
+"""Scale: pitch of one row [deg]."""
 ROW_OF_COLUMNS: Final = 2.0
 """A letter is about twice as high as wide."""
 FLAT: Final = math.radians(20.0)

@@ -54,7 +54,7 @@ class Area:
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class TextLine:
     """A line of text: left end of its baseline [mm; page], height of its capitals [mm]."""
 
     x: float
@@ -70,7 +70,7 @@ class Page:
     width: float
     height: float
     areas: tuple[Area, ...]
-    words: tuple[Words, ...]
+    words: tuple[TextLine, ...]
     title: str
 
 
@@ -135,7 +135,7 @@ def _finished(areas: Iterable[Area], width: float, height: float, title: str) ->
         title,
         "Print at 100 %, on matte paper, mounted flat. Measure, then correct the size in the file.",
     )
-    words = [Words(MARGIN_MM, foot + 11.0 + 5.0 * k, 2.5, line) for k, line in enumerate(lines)]
+    words = [TextLine(MARGIN_MM, foot + 11.0 + 5.0 * k, 2.5, line) for k, line in enumerate(lines)]
     return Page(page_width, foot + FOOT_MM, (*areas, *(_box(*mark) for mark in marks)), tuple(words), title)
 
 
@@ -266,7 +266,7 @@ def tiles(page: Page, paper_mm: tuple[float, float]) -> list[Page]:
             x, y = move = np.array([EDGE_MM - column * step_x, EDGE_MM - row * step_y])
             areas = (Area(tuple(loop + move for loop in area.loops), area.grey) for area in page.areas)
             words = (replace(line, x=line.x + x, y=line.y + y) for line in page.words)
-            place = Words(EDGE_MM, height - 3, 1.7, f"row {row + 1} of {rows}, column {column + 1} of {columns}")
+            place = TextLine(EDGE_MM, height - 3, 1.7, f"row {row + 1} of {rows}, column {column + 1} of {columns}")
             sheets.append(Page(width, height, (*areas, *crosses), (*words, place), page.title))
         options.append(sheets)
     return min(options, key=len)

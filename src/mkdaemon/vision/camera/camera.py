@@ -12,7 +12,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.errors import VisionError
 from mkdaemon.telemetry.vision import EyeState
 from mkdaemon.vision.camera.exposure import ExposureControl
-from mkdaemon.vision.camera.image import CameraImage, EndOfImages, NewestSlot, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import CameraImage, EndOfImages, ImageSource, NewestSlot, PictureError, Shot
 
 WINDOW_TIME = 10.0
 """Looked back at, short against the drift of a clock [s]."""
@@ -113,7 +113,7 @@ class StreamStatus(NamedTuple):
 class CameraStream:
     """Runs a source of images in a thread; the newest one waits in `slot`."""
 
-    def __init__(self, cfg: CameraSection, source: Source, slot: NewestSlot[CameraImage]) -> None:
+    def __init__(self, cfg: CameraSection, source: ImageSource, slot: NewestSlot[CameraImage]) -> None:
         self.cfg, self._source, self._slot = cfg, source, slot
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"camera-{cfg.name}", daemon=True)

@@ -43,7 +43,7 @@ class Shot(NamedTuple):
     sequence: int | None = None
 
 
-class Source(Protocol):
+class ImageSource(Protocol):
     """A place images come from; used from one thread."""
 
     live: bool = True

@@ -25,7 +25,7 @@ from mkdaemon.foreignfiles import open_regular
 from mkdaemon.telemetry.signature import Signature, private_key
 from mkdaemon.vision.arrays import Grey
 from mkdaemon.vision.camera.exposure import AUTO, MANUAL, TICK, V4l2Controls
-from mkdaemon.vision.camera.image import EndOfImages, NewestSlot, PictureError, Shot, Source
+from mkdaemon.vision.camera.image import EndOfImages, ImageSource, NewestSlot, PictureError, Shot
 from mkdaemon.vision.camera.imagecodec import captured_pixels, read_picture, unpack
 
 STRANGERS_LOOK: Final = 1.0
@@ -59,7 +59,7 @@ Recorded = tuple[float, Callable[[], Grey]]
 """A recorded picture: the pause from the one before [s], and what decodes its pixels, or raises PictureError."""
 
 
-def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
+def source_of(cfg: CameraSection, session: Sessions = None) -> ImageSource:
     """Choose the source a configuration names; `session` gives the Zenoh session that `zenoh:` sources open by.
 
     Raises:
@@ -90,7 +90,7 @@ def source_of(cfg: CameraSection, session: Sessions = None) -> Source:
     raise ConfigError(msg)
 
 
-class ZenohSource(Source):
+class ZenohSource(ImageSource):
     """Images from a whole key on the bus: another machine's camera, or the simulator's.
 
     The sender signs them with the secret, which also gives the key; None takes all images.
@@ -146,7 +146,7 @@ class ZenohSource(Source):
         self._strangers = self._subscriber = None
 
 
-class PlayedSource(Source):
+class PlayedSource(ImageSource):
     """Recorded pictures in their time: `record` opens a clip or a folder, and raises VisionError where it cannot."""
 
     live = False
@@ -252,7 +252,7 @@ def _take_jpegs(capture: cv2.VideoCapture, backend: int) -> None:
         capture.set(*UNDECODED[backend])
 
 
-class StreamSource(Source):
+class StreamSource(ImageSource):
     """V4L2, GStreamer or a network stream through OpenCV."""
 
     def __init__(self, address: str, backend: int, cfg: CameraSection) -> None:

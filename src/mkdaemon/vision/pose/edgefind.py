@@ -27,7 +27,7 @@ from mkdaemon.vision.camera.image import BRIGHTEST
 from mkdaemon.vision.limits import HALF, LIMITS, NOISE_GREY
 from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.pose import median, quantile
-from mkdaemon.vision.pose.unknowns import Unknown
+from mkdaemon.vision.pose.unknowns import UnknownRow
 
 STEP_PX = 0.5
 """Distance of the grey values along a normal [px]; more while the reach is long."""
@@ -113,7 +113,7 @@ class FoundEdges:
     trust: Array
     room: Array
     blown: float = 0.0
-    light: Unknown | None = None
+    light: UnknownRow | None = None
 
     @property
     def width(self) -> float:
@@ -279,7 +279,7 @@ class _Light:
         self.rise = terms @ slopes
 
 
-def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tuple[Array, Unknown | None]:
+def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tuple[Array, UnknownRow | None]:
     """How far light that grows over a print moves edges `(n,)` [px], and what of that is unsure; none where it is even.
 
     Unsure are a share of that, and shifts in proportion that grow evenly over the print, e = n . (a + B x).
@@ -300,10 +300,12 @@ def _grown(samples: Samples, sides: Array, slope_sd: Array, whole: Bools) -> tup
     (x, y), (across, down) = light.place.T, samples.normals.T
     even = size * np.array([across, down, across * x, across * y, down * x, down * y])
     rows = UNSURE * np.array([moved, *even])
-    return moved, Unknown("grown", rows, np.ones(len(rows)))
+    return moved, UnknownRow("grown", rows, np.ones(len(rows)))
 
 
-def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools) -> tuple[Array, Unknown, Bools]:
+def _blown(
+    samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: Bools
+) -> tuple[Array, UnknownRow, Bools]:
     """The same by clipping where edges are `cut`, and edges whose ink is blown, too: a highlight shows nothing there.
 
     Unsure are, as shares, the blur of the edges that run either way and the contrast. A flooded edge is no missing one,
@@ -322,7 +324,7 @@ def _blown(samples: Samples, sides: Array, slope_sd: Array, found: Bools, cut: B
     flooded = light.grey[0] >= LIMITS.read.saturated - LIMITS.read.nearly_blown
     if float(flooded.mean()) >= HALF:
         flooded = np.zeros_like(flooded)
-    return moved, Unknown("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)), flooded
+    return moved, UnknownRow("blown", rows, np.full(len(rows), LIMITS.edges.clipped_sd**-2)), flooded
 
 
 def _least_cut(contrast: Array, telling: Bools, cut: Bools) -> tuple[Bools, float]:

@@ -27,7 +27,7 @@ from mkdaemon.vision.pose.edgemodel import EdgeModel, Samples, seen_across
 from mkdaemon.vision.pose.pose import LEAST_RIDGE, Pose, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import RISES, sheet_of
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Level, Prior, State, Unknown, Unknowns, not_arrived
+from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Prior, State, TargetLevel, UnknownRow, Unknowns, not_arrived
 from mkdaemon.vision.tags.cellread import sample
 from mkdaemon.vision.tags.tagmap import Target
 
@@ -236,7 +236,7 @@ class EdgeFit:
         self._terms = None if self._sheet is None else self._sheet.terms(self._points)
         self._projection = projection
 
-    def fit(self, pixels: Grey, start: Pose, iterations: int = 12, level: Level | None = None) -> Pose | None:
+    def fit(self, pixels: Grey, start: Pose, iterations: int = 12, level: TargetLevel | None = None) -> Pose | None:
         """Refine a pose.
 
         Args:
@@ -366,7 +366,7 @@ def _leverage(jacobian: Array, offsets: Array, line: Numbers) -> float:
     return max(turns)
 
 
-def shifts(toned: Array, smaller: Bools) -> Unknown:
+def shifts(toned: Array, smaller: Bools) -> UnknownRow:
     """A shift of all edges in proportion to their blur, the last unknown, and that of smaller tags.
 
     Blur does not let small cells get black or white: a tone curve or sharpening shifts their edges by less, or more.
@@ -377,4 +377,4 @@ def shifts(toned: Array, smaller: Bools) -> Unknown:
     """
     count = smaller.sum(axis=1)
     rows = np.concatenate([smaller[(count > 0) & (count < len(toned))], np.ones((1, len(toned)))]) * toned
-    return Unknown("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))
+    return UnknownRow("shift", rows, np.full(len(rows), LIMITS.edges.shift_sd_px**-2))

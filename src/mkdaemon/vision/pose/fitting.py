@@ -19,7 +19,7 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, apart, length2
 from mkdaemon.vision.pose.prints import SQUARE
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
@@ -70,7 +70,7 @@ class TargetFitter:
                 return good if photometric else [self._photo.polish(pixels, pose) for pose in good]
         return candidates
 
-    def refine(self, pixels: Grey, start: Pose, level: Level | None = None) -> Pose | None:
+    def refine(self, pixels: Grey, start: Pose, level: TargetLevel | None = None) -> Pose | None:
         """Improve a pose by the method its size, tilt and blur ask for, with a level its tilt held near it."""
         start = self._photo.prints.gathered(pixels, start)
         grey: Pose | None = None
@@ -119,7 +119,7 @@ class TargetFitter:
         start: Pose,
         *,
         photometric: bool,
-        level: Level | None = None,
+        level: TargetLevel | None = None,
         blur_px: float | None = None,
         rival: Pose | None = None,
     ) -> Pose | None:

@@ -33,7 +33,7 @@ from mkdaemon.vision.pose.edgefit import MAD
 from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, apart, correlation, damped, inverted, length2, median
 from mkdaemon.vision.pose.prints import BOX, PrintModel, Prints, PrintSamples, principal
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Level, Prior, State, Unknown, Unknowns, not_arrived
+from mkdaemon.vision.pose.unknowns import POSE, SETTLED, Prior, State, TargetLevel, UnknownRow, Unknowns, not_arrived
 from mkdaemon.vision.tags.tagmap import Target
 
 DARK, BRIGHT = 0.3, 0.7
@@ -221,7 +221,7 @@ class PhotoStep:
         is_settled: whether neither the pose nor the point spread has far to go.
     """
 
-    def __init__(self, parts: Sequence[Part], table: Sequence[Unknown], at: State) -> None:
+    def __init__(self, parts: Sequence[Part], table: Sequence[UnknownRow], at: State) -> None:
         self._parts = parts
         self._residual, table = _without_lacking(of_all([part.residual for part in parts]), table, at)
         unknowns, count = Unknowns(table), self._residual.size
@@ -309,7 +309,7 @@ def of_all(rows: Sequence[Array]) -> Array:
     return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=-1)
 
 
-def _without_lacking(residual: Array, table: Sequence[Unknown], at: State) -> tuple[Array, list[Unknown]]:
+def _without_lacking(residual: Array, table: Sequence[UnknownRow], at: State) -> tuple[Array, list[UnknownRow]]:
     """Residuals without what the bend does and the motion lacks `(n,)` [grey], and the table as it is for these."""
     line = {unknown.name: unknown for unknown in table}
     if at.rise is not None:
@@ -357,7 +357,7 @@ class PhotoFit:
         self,
         pixels: Grey,
         start: Pose,
-        level: Level | None = None,
+        level: TargetLevel | None = None,
         blur_px: float | None = None,
         rival: Pose | None = None,
     ) -> Pose | None:
@@ -393,7 +393,7 @@ class PhotoFit:
         return replace(found, rms_px=2.0 * found.rms_px, blur_px=2.0 * found.blur_px, is_halved=True)
 
     def fit_whole(
-        self, pixels: Grey, start: Pose, level: Level | None = None, blur_px: float | None = None
+        self, pixels: Grey, start: Pose, level: TargetLevel | None = None, blur_px: float | None = None
     ) -> Pose | None:
         """The same on all pixels, however large the cells are; see `fit`."""
         known = start.blur_px if start.source == "photometric" else None
@@ -467,13 +467,13 @@ class PhotoFit:
         # Columns that lie together in memory are added and multiplied faster than rows of three.
         arm, error_px = of_all([part.at.arm for part in parts]).T, LIMITS.edges.systematic_px
         table = prior.table(at, by_point.T, arm, times, heights, error_px)
-        table.insert(2, Unknown("spread", contrast * of_all([part.at.by_spread for part in parts])))
+        table.insert(2, UnknownRow("spread", contrast * of_all([part.at.by_spread for part in parts])))
         light, row, end = np.zeros((sum(len(part.gain) for part in parts), contrast.size)), 0, 0
         for part in parts:
             start, end = end, end + part.at.grey.size
             light[row : row + len(part.gain), start:end] = part.columns
             row += len(part.gain)
-        return PhotoStep(parts, [*table, Unknown("light", light)], at)
+        return PhotoStep(parts, [*table, UnknownRow("light", light)], at)
 
     def _part(self, pixels: Grey, model: PrintModel, at: State) -> Part | None:
         """What one print says; none where it is not in full view, or has too few pixels."""

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Estimate
+from mkdaemon.vision.arrays import Array, UnknownsEstimate
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.tags.cellread import Detection
@@ -83,10 +83,10 @@ class Pose:
     shift_px: float = 0.0
     blown: float = 0.0
     motion: Array | None = None
-    known_motion: Estimate | None = None
-    seen_motion: Estimate | None = None
-    bend: Estimate | None = None
-    known_bend: Estimate | None = None
+    known_motion: UnknownsEstimate | None = None
+    seen_motion: UnknownsEstimate | None = None
+    bend: UnknownsEstimate | None = None
+    known_bend: UnknownsEstimate | None = None
     shared: float = 1.0
     common: float = 1.0
     cost: float | None = None

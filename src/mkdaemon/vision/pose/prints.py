@@ -21,7 +21,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Array32, Bools, Estimate, Grey
+from mkdaemon.vision.arrays import Array, Array32, Bools, Grey, UnknownsEstimate
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import Pose, correlation, refined
 from mkdaemon.vision.pose.projection import NEAR_M, Projection
@@ -94,7 +94,7 @@ class Sheet:
     """
 
     def __init__(self, tag: Tag, rise: float) -> None:
-        self.prior = Estimate(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
+        self.prior = UnknownsEstimate(np.zeros(RISES), rise**2 * OF_A_CYLINDER)
         self.normal = tag.rotation[:, 2]
         self._origin, self._axes = tag.position, tag.rotation[:, :2]
         self._scale = 4.0 / tag.size
@@ -121,7 +121,7 @@ class Sheet:
         bent: Array = points + (np.hstack([np.outer(self.normal, rise), chord]) @ terms).T
         return bent
 
-    def plane_covariance(self, rotation: Array, bend: Estimate) -> Array:
+    def plane_covariance(self, rotation: Array, bend: UnknownsEstimate) -> Array:
         """Covariance `(3, 3)` [m^2; camera] of where the print's plane lies along its normal, seen by a rotation."""
         square = bend.covariance + np.outer(bend.mean, bend.mean)
         normal = rotation @ self.normal

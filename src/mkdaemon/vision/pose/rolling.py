@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Estimate
+from mkdaemon.vision.arrays import Array, UnknownsEstimate
 from mkdaemon.vision.limits import LIMITS
 
 MOTIONS: Final = 4
@@ -84,12 +84,12 @@ class Shutter:
         """Root mean square of the line time over the nominal one."""
         return sqrt(self._mean**2 + self._variance)
 
-    def motion(self, known: Estimate) -> Estimate:
+    def motion(self, known: UnknownsEstimate) -> UnknownsEstimate:
         """Estimate of the motion times the line time over the nominal one."""
         covariance = self.scale**2 * known.covariance + self._variance * np.diag(known.mean**2)
-        return Estimate(self._mean * known.mean, covariance)
+        return UnknownsEstimate(self._mean * known.mean, covariance)
 
-    def learn(self, known: Estimate, seen: Estimate) -> None:
+    def learn(self, known: UnknownsEstimate, seen: UnknownsEstimate) -> None:
         """Take in an image.
 
         Args:

@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from mkdaemon.vision.arrays import Array, Estimate
+from mkdaemon.vision.arrays import Array, UnknownsEstimate
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.pose import Pose, damped, turn
 from mkdaemon.vision.pose.prints import Sheet
@@ -28,7 +28,9 @@ from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, beyond_motion, cross,
 
 POSE: Final = slice(0, 6)
 """Where the pose is among the unknowns, position before rotation: first."""
-ANY_MOTION: Final = Estimate(np.zeros(MOTIONS), np.diag([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]) ** 2)
+ANY_MOTION: Final = UnknownsEstimate(
+    np.zeros(MOTIONS), np.diag([LIMITS.edges.turning_sd] * 3 + [LIMITS.edges.speed_sd]) ** 2
+)
 """Prior of an unknown motion."""
 BEYOND_SD: Final = np.array([LIMITS.edges.acceleration_sd] * 3 + [LIMITS.edges.speed_sd] * 2)
 """Deviations of what a motion lacks: three angular accelerations [rad/s^2], two speeds [m/s]."""
@@ -41,7 +43,7 @@ CARRIED: Final = ("place", "turn", "rise", "motion", "spread")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unknown:
+class UnknownRow:
     """One line of the table.
 
     Attributes:
@@ -72,7 +74,7 @@ class Unknowns:
         surprise: squared distance of the fit from what is expected, in deviations of that.
     """
 
-    def __init__(self, table: Sequence[Unknown]) -> None:
+    def __init__(self, table: Sequence[UnknownRow]) -> None:
         self._beside = [line for line in table if not line.is_asked]
         table = [line for line in table if line.is_asked]
         self.rows = np.concatenate([line.rows for line in table])
@@ -150,7 +152,7 @@ class State:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Level:
+class TargetLevel:
     """Prior of the direction of a target's normal.
 
     Attributes:
@@ -176,16 +178,16 @@ class Prior:
         bend: what is known of that; none where the print does not bend.
     """
 
-    def __init__(self, start: Pose, level: Level | None, projection: Projection, sheet: Sheet | None) -> None:
+    def __init__(self, start: Pose, level: TargetLevel | None, projection: Projection, sheet: Sheet | None) -> None:
         self.start = start
         self._level, self._projection, self._sheet = level, projection, sheet
-        self._motion: Estimate | None = None
+        self._motion: UnknownsEstimate | None = None
         shutter = projection.shutter
         if shutter.rolls:
             self._motion = motion_before(start, shutter)
             # Times the line time over the nominal one; of an acceleration twice.
             self._beyond_sd = BEYOND_SD * shutter.scale ** np.array([2, 2, 2, 1, 1])
-        self.bend: Estimate | None = None if sheet is None else start.known_bend or sheet.prior
+        self.bend: UnknownsEstimate | None = None if sheet is None else start.known_bend or sheet.prior
 
     def begin(self, blur_px: float = 0.0) -> State:
         """Start of the fit, with a round point spread of some deviation."""
@@ -196,7 +198,7 @@ class Prior:
 
     def table(
         self, at: State, by_point: Array, arm: Array, times: Array, heights: Array | None, error_px: float = 0.0
-    ) -> list[Unknown]:
+    ) -> list[UnknownRow]:
         """The unknowns that all fits have, of what is measured at points of the print.
 
         A turn w moves a point at `arm` by w x arm, so that its derivative is arm x that by the point.
@@ -209,28 +211,28 @@ class Prior:
             heights: of the points by the rise of the print `(3, n)` [m]; none where that is not asked for.
             error_px: of a length in the image that no number of measurements averages out [px].
         """
-        turning = Unknown("turn", cross(arm, by_point).T)
+        turning = UnknownRow("turn", cross(arm, by_point).T)
         if self._level is not None:
             # The turn that levels a normal n is n x up; about n it is free.
             normal = at.rotation[:, 2]
             known = (np.eye(3) - np.outer(normal, normal)) / self._level.spread**2
             turning = replace(turning, information=known, off=skew(normal) @ self._level.up)
-        table = [Unknown("place", by_point.T), turning]
+        table = [UnknownRow("place", by_point.T), turning]
         if heights is not None and self._sheet is not None and self.bend is not None and at.rise is not None:
             along = by_point @ (at.rotation @ self._sheet.normal)
-            table.append(Unknown("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
+            table.append(UnknownRow("rise", along * heights, self.bend.information, self.bend.mean - at.rise))
         if at.motion is not None and self._motion is not None:
             rows = motion_jacobian(by_point, arm + at.position, times)
             lacking = beyond_motion(rows, by_point, times, at.position)
-            table.append(Unknown("motion", rows, self._motion.information, self._motion.mean - at.motion))
-            table.append(Unknown("beyond", lacking, self._beyond_sd**-2))
+            table.append(UnknownRow("motion", rows, self._motion.information, self._motion.mean - at.motion))
+            table.append(UnknownRow("beyond", lacking, self._beyond_sd**-2))
         variance = self._projection.aspect_sd**2
         if error_px > 0.0:
             far = sqrt(float((arm[:, :2] ** 2).sum(axis=1).max())) / float(at.position[2])
             variance += (error_px / (float(self._projection.focal[0]) * far)) ** 2
         return [*table, self._aspect(by_point, arm, variance)] if variance > 0.0 else table
 
-    def _aspect(self, by_point: Array, arm: Array, variance: float) -> Unknown:
+    def _aspect(self, by_point: Array, arm: Array, variance: float) -> UnknownRow:
         """By which share an image is longer along its rows than its columns, and along one diagonal than the other.
 
         In a frontal view, a tilt t shortens one axis by the share 1 - cos t = t^2 / 2, so an error s of the aspect
@@ -239,18 +241,18 @@ class Prior:
         """
         (across, down, _), (x, y, _) = by_point.T, arm.T
         rows = HALF * np.array([across * x - down * y, across * y + down * x])
-        return Unknown("aspect", rows, np.full(len(rows), 1.0 / variance), is_asked=self._projection.aspect_sd > 0.0)
+        return UnknownRow("aspect", rows, np.full(len(rows), 1.0 / variance), is_asked=self._projection.aspect_sd > 0.0)
 
-    def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, Estimate | None]:
+    def measured(self, at: State, unknowns: Unknowns, covariance: Array) -> tuple[Array, UnknownsEstimate | None]:
         """Covariance of the pose `(6, 6)`, and what was found of the bend, by that of all unknowns `(k, k)`."""
         pose = (covariance[POSE, POSE] + covariance[POSE, POSE].T) / 2
         if self._sheet is None or at.rise is None or "rise" not in unknowns:
             return pose, None
-        bend = Estimate(at.rise, covariance[unknowns["rise"], unknowns["rise"]])
+        bend = UnknownsEstimate(at.rise, covariance[unknowns["rise"], unknowns["rise"]])
         pose[:3, :3] += self._sheet.plane_covariance(at.rotation, bend)
         return pose, bend
 
-    def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> Estimate | None:
+    def seen_motion(self, at: State, unknowns: Unknowns, covariance: Array) -> UnknownsEstimate | None:
         """Motion by the image alone, if it determines a line time; see `measured`.
 
         The prior of the fit, W and m0, is taken out of its result, C and m: C^-1 - W, and C^-1 m - W m0.
@@ -261,10 +263,10 @@ class Prior:
         given = self._motion.information
         values, axes = np.linalg.eigh(found - given)
         own = axes / (np.maximum(values, 0.0) + RIDGE) @ axes.T
-        return Estimate(own @ (found @ at.motion - given @ self._motion.mean), own)
+        return UnknownsEstimate(own @ (found @ at.motion - given @ self._motion.mean), own)
 
 
-def motion_before(pose: Pose, shutter: Shutter) -> Estimate:
+def motion_before(pose: Pose, shutter: Shutter) -> UnknownsEstimate:
     """Prior of the motion of a pose."""
     return shutter.motion(pose.known_motion or ANY_MOTION)
 

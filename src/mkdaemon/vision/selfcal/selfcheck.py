@@ -37,7 +37,7 @@ from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, turn
 from mkdaemon.vision.pose.prints import sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.pose.unknowns import POSE, Unknown, Unknowns
+from mkdaemon.vision.pose.unknowns import POSE, UnknownRow, Unknowns
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 
 ALIGNED_PX: Final = 0.08
@@ -187,12 +187,12 @@ class CameraFilter(Belief):
             edges = replace(edges, offsets=edges.offsets + pose.bend.mean @ rise)
         every = Unknowns(
             [
-                Unknown("pose", rows[POSE]),
+                UnknownRow("pose", rows[POSE]),
                 shifts(edges.toned, model.smaller[:, index]),
-                Unknown("attitude", np.zeros((LENS_AT, len(index)))),
-                Unknown("lens", np.stack([along.sum(axis=1), *normals.T, bent.sum(axis=1)])),
-                Unknown("sizes", grown * np.vstack([self._grow[:, index], melts])),
-                Unknown("rise", rise),
+                UnknownRow("attitude", np.zeros((LENS_AT, len(index)))),
+                UnknownRow("lens", np.stack([along.sum(axis=1), *normals.T, bent.sum(axis=1)])),
+                UnknownRow("sizes", grown * np.vstack([self._grow[:, index], melts])),
+                UnknownRow("rise", rise),
             ]
         )
         step = EdgeStep(every, samples, edges, 0.0)

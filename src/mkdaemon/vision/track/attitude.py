@@ -16,7 +16,7 @@ from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.pose.unknowns import Level
+from mkdaemon.vision.pose.unknowns import TargetLevel
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Turning:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class ImageSight:
     """One image with what is known about its moment.
 
     Attributes:
@@ -78,11 +78,11 @@ class Sight:
     enu_from_cam: Array | None = None
     turning: Turning | None = None
 
-    def without_attitude(self) -> Sight:
+    def without_attitude(self) -> ImageSight:
         """The image as a vehicle without attitude sees it."""
-        return Sight(self.pixels, self.time)
+        return ImageSight(self.pixels, self.time)
 
-    def turned_since(self, then: Sight) -> Array | None:
+    def turned_since(self, then: ImageSight) -> Array | None:
         """Camera now from camera then `(3, 3)`; none when one of both attitudes is unknown."""
         if self.enu_from_cam is None or then.enu_from_cam is None:
             return None
@@ -176,7 +176,7 @@ def updated(pose: Pose, observe: Array, surprise: Array, noise: Array) -> Pose:
     return replace(pose, rotation=rotation, position=position, covariance=covariance)
 
 
-def fuse_normal(pose: Pose, level: Level) -> Pose:
+def fuse_normal(pose: Pose, level: TargetLevel) -> Pose:
     """Tell a pose what is known about its target's normal."""
     return updated(pose, *tilting(pose, level))
 
@@ -193,7 +193,7 @@ def turn_between(start: Array, end: Array) -> Array:
     return np.asarray(axis / sine * float(np.arctan2(sine, start @ end)) if sine > LEAST_SINE else axis)
 
 
-def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
+def tilting(pose: Pose, level: TargetLevel) -> tuple[Array, Array, Array]:
     """Prior of a pose's normal, as `corrected` takes it.
 
     How two angles across it move with the pose `(2, 6)`, those to the expected one `(2,)` and their covariance [rad].
@@ -204,7 +204,7 @@ def tilting(pose: Pose, level: Level) -> tuple[Array, Array, Array]:
     return observe, across @ turn_between(normal, level.up), level.spread**2 * np.eye(2)
 
 
-def without_normal(pose: Pose, level: Level) -> tuple[Pose, bool]:
+def without_normal(pose: Pose, level: TargetLevel) -> tuple[Pose, bool]:
     """Undo `fuse_normal`, by the variance -spread^2: the pose by the image alone, of a fit that was given a normal.
 
     About an axis that the image says next to nothing about, the pose stays as it is and hardly anything is known of it.

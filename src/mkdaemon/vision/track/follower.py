@@ -13,7 +13,7 @@ import numpy as np
 
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.arrays import Array, Estimate, Grey
+from mkdaemon.vision.arrays import Array, Grey, UnknownsEstimate
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
@@ -23,9 +23,9 @@ from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector, Part
 from mkdaemon.vision.tags.tagmap import Tag, Target
-from mkdaemon.vision.track.attitude import Mounting, Sight, Turning
+from mkdaemon.vision.track.attitude import ImageSight, Mounting, Turning
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.judge import Decision, Judge, Verdict
+from mkdaemon.vision.track.judge import Decision, FitVerdict, Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 
 FoundBy = Literal["predicted", "flow", "roi", "search"]
@@ -71,7 +71,7 @@ class TargetPose:
 
 
 @dataclass(slots=True)
-class Frame:
+class TrackedFrame:
     """One image on its way through the tracker.
 
     Attributes:
@@ -83,7 +83,7 @@ class Frame:
         started: targets whose decoded tags were judged.
     """
 
-    sight: Sight
+    sight: ImageSight
     detections: list[Detection] = field(default_factory=list)
     poses: list[TargetPose] = field(default_factory=list)
     refused: dict[str, PoseRefusal] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class Track:
     decoded_at: float = -np.inf
     branches: Branches | None = None
     published: deque[tuple[float, Pose]] = field(default_factory=lambda: deque(maxlen=3))
-    _found: list[tuple[Sight, Pose]] = field(default_factory=list)
+    _found: list[tuple[ImageSight, Pose]] = field(default_factory=list)
 
     @property
     def is_live(self) -> bool:
@@ -126,11 +126,11 @@ class Track:
         return self._found[-1][1]
 
     @property
-    def last_seen(self) -> Sight:
+    def last_seen(self) -> ImageSight:
         """The image it was measured in."""
         return self._found[-1][0]
 
-    def accept(self, seen: Sight, pose: Pose) -> None:
+    def accept(self, seen: ImageSight, pose: Pose) -> None:
         """Remember a pose and the image it came from, in place of another one of that image."""
         if self._found and self.last_seen.time == seen.time:
             self._found.pop()
@@ -156,7 +156,7 @@ class Track:
         moved = certain.deviations * LIMITS.edges.speed_sd * (time - then)
         return abs(pose.range_m - last.range_m) <= abs(moved) + max(certain.wrong_m, certain.wrong_share * pose.range_m)
 
-    def predict(self, seen: Sight) -> Pose:
+    def predict(self, seen: ImageSight) -> Pose:
         """Expected pose in an image.
 
         Motion is taken in the camera frame: in the target's an error of tilt would swing the position by the range.
@@ -187,7 +187,7 @@ class Track:
         return replace(last, rotation=rotation, position=position, known_motion=known)
 
 
-def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> Estimate:
+def known_motion(place: Array, speed: Array | None, turning: Turning | None, speed_sd: float = 0.0) -> UnknownsEstimate:
     """Prior of the camera's motion while an image is read.
 
     Args:
@@ -204,7 +204,7 @@ def known_motion(place: Array, speed: Array | None, turning: Turning | None, spe
             spread += limits.speed_sd / float(np.linalg.norm(place))
     along = limits.speed_sd if speed is None else hypot(SINCE, speed_sd)
     expected = motion_of(place, np.zeros(3) if speed is None else speed, rate)
-    return Estimate(expected, np.diag([spread] * 3 + [along]) ** 2)
+    return UnknownsEstimate(expected, np.diag([spread] * 3 + [along]) ** 2)
 
 
 MOVED: Final = 16.3
@@ -216,17 +216,17 @@ LASTS: Final = 300.0
 class LearnedBend:
     """The bend of one print: what near edges showed is carried on, and returns to the prior within minutes."""
 
-    def __init__(self, prior: Estimate | None) -> None:
+    def __init__(self, prior: UnknownsEstimate | None) -> None:
         self._prior = self._last = prior
         self._time = -np.inf
 
-    def at(self, time: float) -> Estimate | None:
+    def at(self, time: float) -> UnknownsEstimate | None:
         """Estimate at a time; None for a target that does not bend."""
         if self._prior is None or self._last is None:
             return None
         kept = exp(-max(time - self._time, 0.0) / LASTS)
         mean = kept * self._last.mean + (1.0 - kept) * self._prior.mean
-        return Estimate(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
+        return UnknownsEstimate(mean, kept**2 * self._last.covariance + (1.0 - kept**2) * self._prior.covariance)
 
     def learn(self, time: float, pose: Pose) -> None:
         """Take in what the edges of a published pose say."""
@@ -256,7 +256,7 @@ def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> Non
     turned = -np.asarray(cv2.Rodrigues(after.rotation @ before.rotation.T)[0], dtype=np.float64).ravel()
     sight = between.position / between.range_m
     turning, speed = (turned @ sight) * sight / (end - start), (after.position - before.position) / (end - start)
-    known = Estimate(motion_of(between.position, speed, turning), RATE_SD**2 * np.eye(MOTIONS))
+    known = UnknownsEstimate(motion_of(between.position, speed, turning), RATE_SD**2 * np.eye(MOTIONS))
     shutter.learn(known, between.seen_motion)
 
 
@@ -290,7 +290,7 @@ class Follower:
         self.side_px = self._fitter.side_px
         self.judge = Judge(self._fitter, self.level, cfg)
 
-    def follow(self, frame: Frame) -> None:
+    def follow(self, frame: TrackedFrame) -> None:
         """Try to find the target where it should be."""
         sight, track = self.level.sight(frame.sight), self.track
         self._fitter.effort = 0
@@ -307,7 +307,7 @@ class Follower:
             frame.detections.extend(found)
             self.start(frame, found, "roi")
 
-    def _starts(self, seen: Sight) -> Iterator[tuple[FoundBy, Pose]]:
+    def _starts(self, seen: ImageSight) -> Iterator[tuple[FoundBy, Pose]]:
         """The prediction, and the last pose carried over: before it where the image does not show what it expects."""
         track, predicted = self.track, self._predicted(seen)
         is_expected = track.has_velocity or seen.turned_since(track.last_seen) is not None
@@ -322,7 +322,7 @@ class Follower:
         if is_expected and (carried is None or self._fitter.effort < MOST_EFFORT):
             yield "predicted", predicted
 
-    def _with_climb(self, seen: Sight, start: Pose) -> Pose:
+    def _with_climb(self, seen: ImageSight, start: Pose) -> Pose:
         """The start of a track's second image with the speed that both ranges tell: rows make a tilt of a climb."""
         if not self._fitter.projection.shutter.rolls or self.track.has_velocity:
             return start
@@ -333,7 +333,7 @@ class Follower:
         ahead.accept(seen, found)
         return replace(start, known_motion=ahead.predict(seen).known_motion)
 
-    def _measured(self, frame: Frame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
+    def _measured(self, frame: TrackedFrame, starts: Iterable[tuple[FoundBy, Pose]]) -> bool:
         """Whether the target is found from one of several starts; it is followed then, and published if believed."""
         seen = self.level.sight(frame.sight)
         for mode, start in starts:
@@ -344,10 +344,10 @@ class Follower:
         against = self.contradicting
         if against is None or not self.judge.is_plainly_there(seen, against):
             return False
-        self._follow(frame, Verdict(against, PoseRefusal.ATTITUDE), "predicted")
+        self._follow(frame, FitVerdict(against, PoseRefusal.ATTITUDE), "predicted")
         return True
 
-    def _is_believed(self, frame: Frame, verdict: Verdict) -> bool:
+    def _is_believed(self, frame: TrackedFrame, verdict: FitVerdict) -> bool:
         """Whether the target is followed where a verdict puts it: no gate, and no other start, speaks against it."""
         pose, against = verdict.pose, self.contradicting
         if pose is not None and (against is None or not prefers(against, pose)):
@@ -357,7 +357,7 @@ class Follower:
         frame.refused[self.name] = verdict.refusal or PoseRefusal.ATTITUDE
         return False
 
-    def _follow(self, frame: Frame, verdict: Verdict, mode: FoundBy) -> None:
+    def _follow(self, frame: TrackedFrame, verdict: FitVerdict, mode: FoundBy) -> None:
         """Follow a detected target, and publish it if it is certain."""
         pose, track, time = verdict.pose, self.track, frame.sight.time
         if pose is None or not self._decode_again(frame, pose):
@@ -378,7 +378,7 @@ class Follower:
         if verdict.alone is not None:
             self.level.learn(frame.sight, verdict.alone)
 
-    def settle(self, frame: Frame) -> None:
+    def settle(self, frame: TrackedFrame) -> None:
         """Let what contradicts the attitude speak against it; the image that leaves it out is looked at without."""
         against, self.contradicting = self.contradicting, None
         if against is not None and self.level.learn(frame.sight, against):
@@ -387,7 +387,7 @@ class Follower:
                 self._measured(frame, [("predicted", against)])
         self.track.misses += self.name not in frame.found
 
-    def decode_age(self, frame: Frame) -> float | None:
+    def decode_age(self, frame: TrackedFrame) -> float | None:
         """Time since a tag of the target was last decoded [s]; None without a track and without a tag in the image."""
         age = 0.0 if self._own(frame.detections) else frame.sight.time - self.track.decoded_at
         return age if isfinite(age) else None
@@ -399,7 +399,7 @@ class Follower:
         self.level.forget()
         self.contradicting = None
 
-    def start(self, frame: Frame, found: Sequence[Detection], mode: FoundBy) -> None:
+    def start(self, frame: TrackedFrame, found: Sequence[Detection], mode: FoundBy) -> None:
         """Start or restart the track from decoded tags of any target, found in some way."""
         tags = self._own(found)
         if not tags:
@@ -422,7 +422,7 @@ class Follower:
         track.decoded_at = seen.time
         self._follow(frame, verdict, mode)
 
-    def _decode_again(self, frame: Frame, pose: Pose) -> bool:
+    def _decode_again(self, frame: TrackedFrame, pose: Pose) -> bool:
         """Decode the followed target once a period; false ends the track."""
         track, pixels, now = self.track, frame.sight.pixels, frame.sight.time
         overdue = now - track.decoded_at - self._cfg.redetect_period
@@ -460,6 +460,6 @@ class Follower:
         tags = self._fitter.target.tags
         return [(tag, one) for one in found for tag in tags if tag.code == one.code]
 
-    def _predicted(self, seen: Sight) -> Pose:
+    def _predicted(self, seen: ImageSight) -> Pose:
         """What the track expects in an image, with what is known of the print's bend."""
         return replace(self.track.predict(seen), bend=None, known_bend=self._bend.at(seen.time))

@@ -17,8 +17,8 @@ from mkdaemon.vision.pose.ambiguity import prefers, residual_ratio
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal, fit_refusal
 from mkdaemon.vision.pose.pose import Pose, angle_between, turn
-from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Sight, corrected, fuse_normal, tilting, turn_between, without_normal
+from mkdaemon.vision.pose.unknowns import TargetLevel
+from mkdaemon.vision.track.attitude import ImageSight, corrected, fuse_normal, tilting, turn_between, without_normal
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.level import LevelKnowledge
 
@@ -28,7 +28,7 @@ Decision = Literal["unique", "image", "attitude", "track"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
+class FitVerdict:
     """Verdict on the fits of one image.
 
     Attributes:
@@ -65,7 +65,7 @@ class Judge:
         self.level = level
         self._fitter, self._cfg = fitter, cfg
 
-    def measure(self, seen: Sight, start: Pose, before: Branches | None = None) -> Verdict:
+    def measure(self, seen: ImageSight, start: Pose, before: Branches | None = None) -> FitVerdict:
         """Fit from one start, and judge the fit; `before` are the readings of the images before."""
         # Far away a tilt hardly shows: what the attitude knows of it belongs into the fit, which is not linear there.
         vertical = self.level.vertical(seen)
@@ -83,7 +83,9 @@ class Judge:
                 candidates = self.candidates(seen, [fit])
                 branches = self.branches(seen, candidates, before)
                 refused = None if branches.pose is fit else self.refusal(seen, branches.pose, vertical)
-                return self._judge_branches(seen, branches, candidates) if refused is None else Verdict(None, refused)
+                return (
+                    self._judge_branches(seen, branches, candidates) if refused is None else FitVerdict(None, refused)
+                )
             # The deck's tilt by the images before; with this one in it the image would count twice.
             fused = fuse_normal(fit, vertical) if held is None else fit
             return replace(self.judge_with_attitude(seen, fused, before), alone=alone)
@@ -100,9 +102,9 @@ class Judge:
                 is_sure = True
         # What lies over a near target misleads its tilt, but not its place.
         is_there = off is not None and (is_sure or self.is_plainly_there(seen, off))
-        return Verdict(off if is_there else None, refused)
+        return FitVerdict(off if is_there else None, refused)
 
-    def prefers(self, seen: Sight, first: Pose, second: Pose, before: Branches | None) -> bool:
+    def prefers(self, seen: ImageSight, first: Pose, second: Pose, before: Branches | None) -> bool:
         """Whether image and inertia together prefer one fit to another, by more than light or blur do."""
         inertia = 0.0
         if before is not None and before.is_decided:
@@ -110,14 +112,14 @@ class Judge:
             inertia = (course.mahalanobis2(second) - course.mahalanobis2(first)) / 2.0
         return prefers(first, second, inertia)
 
-    def first(self, seen: Sight, candidates: Sequence[Pose]) -> Verdict:
+    def first(self, seen: ImageSight, candidates: Sequence[Pose]) -> FitVerdict:
         """Judge poses from decoded tags; what the image alone would publish elsewhere contradicts the attitude."""
         vertical = self.level.vertical(seen)
         refusals = [self.refusal(seen, pose, vertical) for pose in candidates]
         pairs = zip(candidates, refusals, strict=True)
         fits = [pose for pose, why in pairs if why is None or why is PoseRefusal.ATTITUDE]
         if not fits:
-            return Verdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
+            return FitVerdict(None, next(filter(None, refusals), PoseRefusal.NO_FIT))
         fits = self.candidates(seen, fits)
         verdict = alone = self._judge_alone(seen, fits)
         if vertical is not None:
@@ -125,11 +127,11 @@ class Judge:
             if alone.pose is not None and alone.refusal is None:
                 chosen = verdict.pose if verdict.refusal is None else None
                 if chosen is None or angle_between(alone.pose.rotation, chosen.rotation) > CERTAINTY.wrong_angle:
-                    return Verdict(alone.pose, PoseRefusal.ATTITUDE)
+                    return FitVerdict(alone.pose, PoseRefusal.ATTITUDE)
                 verdict = replace(verdict, decided_by=alone.decided_by, ratio=alone.ratio)
-        return verdict if verdict.refusal in FOLLOWED else Verdict(None, verdict.refusal)
+        return verdict if verdict.refusal in FOLLOWED else FitVerdict(None, verdict.refusal)
 
-    def _judge_alone(self, seen: Sight, fits: Sequence[Pose]) -> Verdict:
+    def _judge_alone(self, seen: ImageSight, fits: Sequence[Pose]) -> FitVerdict:
         """Judge the first fits of a target by their image."""
         branches = self.branches(seen, fits)
         small = LIMITS.cells.small_px
@@ -141,7 +143,7 @@ class Judge:
         verdict = self._judge_branches(seen, branches, fits)
         return replace(verdict, decided_by="unique" if verdict.ratio == inf else "image")
 
-    def _judge_beside(self, seen: Sight, fits: Sequence[Pose], vertical: Level) -> Verdict:
+    def _judge_beside(self, seen: ImageSight, fits: Sequence[Pose], vertical: TargetLevel) -> FitVerdict:
         """Judge the first fits of a target by image and attitude."""
         expected = np.array([corrected(one.covariance, *tilting(one, vertical))[2] for one in fits])
         branches = self.branches(seen, fits, log_prior=expected)
@@ -154,26 +156,30 @@ class Judge:
             upright = turn(best.rotation, turn_between(best.rotation[:, 2], vertical.up))
             held = self._fitter.refine(seen.pixels, replace(best, rotation=upright), vertical)
             if held is None or self.refusal(seen, held, vertical, is_hidden=True) is not None:
-                return Verdict(None, PoseRefusal.ATTITUDE)
+                return FitVerdict(None, PoseRefusal.ATTITUDE)
             pose, branches = held, self.branches(seen, [held])
         refused = certainty_refusal(pose, has_attitude=True)
-        return Verdict(pose, refused, branches=branches, decided_by="attitude")
+        return FitVerdict(pose, refused, branches=branches, decided_by="attitude")
 
     def branches(
-        self, seen: Sight, candidates: Sequence[Pose], before: Branches | None = None, log_prior: Array | None = None
+        self,
+        seen: ImageSight,
+        candidates: Sequence[Pose],
+        before: Branches | None = None,
+        log_prior: Array | None = None,
     ) -> Branches:
         """The readings of the images before with this one, or such as start in it; see `Branches.begin`."""
         if before is not None:
             return before.after(seen.time, candidates)
         return Branches.begin(seen.time, candidates, log_prior, moving=self._fitter.target.moving)
 
-    def judge_with_attitude(self, seen: Sight, pose: Pose, before: Branches | None) -> Verdict:
+    def judge_with_attitude(self, seen: ImageSight, pose: Pose, before: Branches | None) -> FitVerdict:
         """Judge a fit that agrees with the attitude; inertia is asked where the fit alone is too uncertain."""
         refused, branches = certainty_refusal(pose, has_attitude=True), self.branches(seen, [pose], before)
         if refused is not None and self._is_on_course(branches):
             pose = branches.prior.fuse(pose)
             refused = certainty_refusal(pose, has_attitude=True)
-        return Verdict(pose, refused, branches=branches)
+        return FitVerdict(pose, refused, branches=branches)
 
     def _is_on_course(self, branches: Branches) -> bool:
         """Whether a pose is where inertia expects it, by its own covariance: branches allow for errors that last."""
@@ -181,26 +187,26 @@ class Judge:
         # Chi-square(3): one in 900 is farther.
         return is_hit and branches.prior.mahalanobis2(branches.pose) <= CERTAINTY.deviations**2
 
-    def _judge_branches(self, seen: Sight, branches: Branches, candidates: Sequence[Pose]) -> Verdict:
+    def _judge_branches(self, seen: ImageSight, branches: Branches, candidates: Sequence[Pose]) -> FitVerdict:
         """Judge the most likely hypothesis."""
         chosen = branches.pose
         if not branches.is_decided or branches.is_spoken_against:
-            return Verdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
+            return FitVerdict(chosen, PoseRefusal.AMBIGUOUS, branches=branches)
         fused = with_angle_variance(branches.prior.fuse(chosen), branches.doubt)
         if not self._is_on_course(branches):
-            return Verdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
+            return FitVerdict(fused, PoseRefusal.OFF_COURSE, branches=branches)
         is_partial = self.is_partial(chosen)
         is_plain = branches.prior.angle_sd < CERTAINTY.blind_angle_sd or self.is_plain(seen, fused)
         # Hidden parts, or a border faked by what hides them: the edges seen tell these apart.
         is_plain = is_plain or (is_partial and self._fitter.edges.evidence(seen.pixels, chosen).supports)
         if not is_plain and (is_partial or chosen.inliers < LIMITS.agreement.blind):
-            return Verdict(fused, PoseRefusal.INLIERS, branches=branches)
+            return FitVerdict(fused, PoseRefusal.INLIERS, branches=branches)
         refused = certainty_refusal(fused, has_attitude=False)
         alone = fused if refused is None else None
-        return Verdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
+        return FitVerdict(fused, refused, alone, branches, ratio=residual_ratio(chosen, candidates))
 
     def refusal(
-        self, seen: Sight, pose: Pose, vertical: Level | None, *, is_hidden: bool = False
+        self, seen: ImageSight, pose: Pose, vertical: TargetLevel | None, *, is_hidden: bool = False
     ) -> PoseRefusal | None:
         """The first sign that a pose is wrong, and, beside a normal that is expected, has another one.
 
@@ -222,7 +228,7 @@ class Judge:
         is_off = vertical is not None and self.level.refuses(vertical, pose, is_hidden=is_hidden)
         return PoseRefusal.ATTITUDE if is_off else None
 
-    def candidates(self, seen: Sight, fits: Sequence[Pose]) -> list[Pose]:
+    def candidates(self, seen: ImageSight, fits: Sequence[Pose]) -> list[Pose]:
         """Distinct fits of one image, the best first, and its mirror image unless perspective rules it out."""
         # Starts may have run into one minimum; a branch without its rival would be believed unchallenged.
         best, *others = sorted(fits, key=lambda pose: pose.loss)
@@ -235,7 +241,7 @@ class Judge:
                 distinct.append(one)
         return distinct
 
-    def _has_no_rival(self, seen: Sight, pose: Pose) -> bool:
+    def _has_no_rival(self, seen: ImageSight, pose: Pose) -> bool:
         """Whether perspective rules the mirror image of a fit out, before an image is asked."""
         if pose.blur_px is not None and pose.blur_px > LIMITS.blur.smeared_px:
             return False
@@ -252,11 +258,11 @@ class Judge:
         """Whether some edges do not agree: something lies over the target, or the pose is beside it."""
         return pose.source == "edges" and not self.is_whole(pose)
 
-    def is_plain(self, seen: Sight, pose: Pose) -> bool:
+    def is_plain(self, seen: ImageSight, pose: Pose) -> bool:
         """Whether the target is large and its cells are read clearly, so that hidden parts do not mislead."""
         return self._is_large(pose) and self._fitter.cells.evidence(seen.pixels, pose).is_clear
 
-    def is_plainly_there(self, seen: Sight, pose: Pose) -> bool:
+    def is_plainly_there(self, seen: ImageSight, pose: Pose) -> bool:
         """Whether a large target lies as a pose says, for all but the attitude."""
         return self.is_plain(seen, pose) and certainty_refusal(pose, has_attitude=False) is None
 

@@ -24,8 +24,8 @@ from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import Pose, largest_variance
 from mkdaemon.vision.pose.rolling import skew
-from mkdaemon.vision.pose.unknowns import Level
-from mkdaemon.vision.track.attitude import Mounting, Sight, angle_of, corrected
+from mkdaemon.vision.pose.unknowns import TargetLevel
+from mkdaemon.vision.track.attitude import ImageSight, Mounting, angle_of, corrected
 from mkdaemon.vision.track.branches import lasting_doubt
 
 PRIOR_SD: Final = radians(2.5)
@@ -144,27 +144,27 @@ class LevelKnowledge:
         self._belief, self._time, self._asked = PRIOR, -np.inf, (-np.inf, PRIOR)
         self.contradicted_deg: float | None = None
 
-    def sight(self, seen: Sight) -> Sight:
+    def sight(self, seen: ImageSight) -> ImageSight:
         """The image with its attitude; without, while images contradict it. One without evidence for long is tried."""
         if not 0.0 <= seen.time - self._time <= LONGEST:
             self.contradicted_deg = None
         return seen if self.contradicted_deg is None else seen.without_attitude()
 
-    def vertical(self, seen: Sight) -> Level | None:
+    def vertical(self, seen: ImageSight) -> TargetLevel | None:
         """The normal expected in camera axes, with its deviation; none where nothing is known."""
         known = self._attitude(seen)
         if known is None:
             return None
         normal, sd = self._at(seen.time).expected(known[1])
-        return Level(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
+        return TargetLevel(known[0].T @ normal, hypot(min(self._spread, FAST), sd))
 
-    def refuses(self, level: Level, pose: Pose, *, is_hidden: bool = False) -> bool:
+    def refuses(self, level: TargetLevel, pose: Pose, *, is_hidden: bool = False) -> bool:
         """Whether a pose is too far from the expectation; `is_hidden`: see `Judge.refusal`."""
         spread = min(float(np.sqrt(largest_variance(pose.covariance[3:, 3:]))), LIMITS.certainty.angle_sd)
         gate = self._gate + spread + (0.0 if is_hidden else level.spread)
         return angle_of(pose.rotation[:, 2], level.up) > gate
 
-    def learn(self, seen: Sight, pose: Pose) -> bool:
+    def learn(self, seen: ImageSight, pose: Pose) -> bool:
         """Take in how the target lies, by a pose that the image alone decided; whether that leaves the attitude out."""
         known = self._attitude(seen)
         if known is None:
@@ -184,7 +184,7 @@ class LevelKnowledge:
         self.contradicted_deg = degrees(angle_of(normal, before.expected(observe)[0])) if is_left_out else None
         return is_left_out and not was_left_out
 
-    def _attitude(self, seen: Sight) -> tuple[Array, Array] | None:
+    def _attitude(self, seen: ImageSight) -> tuple[Array, Array] | None:
         """The camera's attitude `(3, 3)`, and how deck and error move the normal that it makes of an image `(2, 4)`."""
         if seen.enu_from_cam is None or self._cam_from_flu is None:
             return None

@@ -24,8 +24,8 @@ from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
-from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting, Sight, Turning
-from mkdaemon.vision.track.follower import Follower, Frame, TargetPose
+from mkdaemon.vision.track.attitude import AttitudeHistory, ImageSight, Mounting, Turning
+from mkdaemon.vision.track.follower import Follower, TargetPose, TrackedFrame
 
 UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
 """Alarms of images that nothing is looked for in."""
@@ -164,7 +164,7 @@ class Tracker:
             return VisionResult(image.camera, image.sequence, image.captured_at, (), (), tuple(alarms))
         if self.shutter is not None and self.shutter.is_open:
             alarms.append(Alarm.LINE_TIME)
-        frame = Frame(self._sight(image, attitude))
+        frame = TrackedFrame(self._sight(image, attitude))
         self._count += 1
         if self.followers:
             for follower in self.followers:
@@ -185,7 +185,7 @@ class Tracker:
             has_attitude=frame.sight.enu_from_cam is not None and self.contradicted_deg is None,
         )
 
-    def _refused(self, frame: Frame) -> tuple[TargetRefusal, ...]:
+    def _refused(self, frame: TrackedFrame) -> tuple[TargetRefusal, ...]:
         """The targets of an image whose pose was refused."""
         ages = {one.name: one.decode_age(frame) for one in self.followers}
         return tuple(TargetRefusal(name, reason, ages[name]) for name, reason in frame.refused.items())
@@ -202,18 +202,18 @@ class Tracker:
         for follower in self.followers:
             follower.forget()
 
-    def _sight(self, image: CameraImage, attitude: AttitudeHistory | None) -> Sight:
+    def _sight(self, image: CameraImage, attitude: AttitudeHistory | None) -> ImageSight:
         """An image in light, with the attitude that was reported for it."""
         time, pixels = image.captured_at, in_light(image.pixels, self._gamma)
         if attitude is None or self._mounting is None:
-            return Sight(pixels, time)
+            return ImageSight(pixels, time)
         camera = self._mounting.flu_from_cam
         enu_from_flu, turning = attitude.at(time, self._cfg.max_attitude_age), attitude.turning_at(time)
         enu_from_cam = enu_from_flu @ camera if enu_from_flu is not None else None
         turning = Turning(camera.T @ turning.rate, turning.sd) if turning is not None else None
-        return Sight(pixels, time, enu_from_cam, turning)
+        return ImageSight(pixels, time, enu_from_cam, turning)
 
-    def _search_missing(self, frame: Frame) -> None:
+    def _search_missing(self, frame: TrackedFrame) -> None:
         """Look for what is still missing in the whole image."""
         missing = [one for one in self.followers if one.name not in frame.found | frame.started]
         if not missing or (frame.poses and self._count % LIMITS.search.beside_every):
@@ -226,7 +226,7 @@ class Tracker:
         for follower in missing:
             follower.start(frame, found, "search")
 
-    def _search(self, frame: Frame) -> list[Detection]:
+    def _search(self, frame: TrackedFrame) -> list[Detection]:
         """One of the first searches of the whole image; in every second image that shows nothing another one too."""
         pixels = frame.sight.pixels
         found = self.detector.search(pixels, *FIRST[self._searches % len(FIRST)])
