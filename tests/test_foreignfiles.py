@@ -167,6 +167,7 @@ OPENERS = {
 """Every module that opens files of others, and its reader above; empty for our own notes and for one-line secrets."""
 OWN = {
     "cli/mkdaemon/service/installing",
+    "cli/mkdaemon/service/units",
     "clock",
     "gateways/mavlink/signingtimes",
     "link/ports/serialport",

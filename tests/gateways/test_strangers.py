@@ -133,7 +133,7 @@ def test_every_screen_says_something_of_it():
 
 def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
     graph, reading = Graph(), Reading()
-    publishing = Publishing(graph, TOPICS, Scene(BagTypes()), Newest(), Pace({}))
+    publishing = Publishing(graph, TOPICS, ConversionScene(BagTypes()), Newest(), Pace({}))
     for number in range(200):
         key, value = f"vision/c{number}/tags", samples.tags()
         publishing.take(sample_of(key, value))
