@@ -97,7 +97,7 @@ def test_a_daemon_that_is_gone_is_followed_by_neutral_and_the_whole_release_and_
 def test_what_waits_in_the_port_is_discarded_once_when_the_release_begins(daemon, monkeypatch):
     lines = []
 
-    class Watched(program.Line):
+    class Watched(program.PortLine):
         def __init__(self):
             super().__init__()
             self.done = []
@@ -110,7 +110,7 @@ def test_what_waits_in_the_port_is_discarded_once_when_the_release_begins(daemon
             self.done.append(frames[-1])
             return True
 
-    monkeypatch.setattr(program, "Line", Watched)
+    monkeypatch.setattr(program, "PortLine", Watched)
     daemon.open_port()
     daemon.say(FRAMES, beat(NEUTRAL, time.monotonic()))
     daemon.end()
@@ -121,7 +121,7 @@ def test_what_waits_in_the_port_is_discarded_once_when_the_release_begins(daemon
 
 
 def test_one_packet_is_taken_at_a_time_and_none_where_there_is_none(daemon):
-    guard, line, poll = program.Guard(), program.Line(), select.poll()
+    guard, line, poll = program.Guard(), program.PortLine(), select.poll()
     poll.register(daemon.channel, select.POLLIN)
     assert program._listen(daemon.channel, guard, line, poll) is False
     daemon.say(Word.PORT, Word.PING)
