@@ -34,14 +34,12 @@ Row = dict[str, Any]
 Asked = TypeVar("Asked")
 Result = TypeVar("Result")
 
-PROGRESS_EVERY: Final = 10.0
-"""Progress of many short pieces of work is written at most this often [s]."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 """Processes of a campaign share the cores already: numpy's and OpenCV's libraries start no threads in them."""
 
 
 class CampaignError(MkError):
-    """A process of a campaign died, or its file of results is none."""
+    """A process of a campaign died, or a campaign kept no results."""
 
 
 class Ending(StrEnum):
@@ -98,11 +96,12 @@ class Campaign(Generic[Asked]):
             The rows with their keys, in the order of what was asked.
 
         Raises:
-            CampaignError: the file is no file of results, or a process died.
+            CampaignError: a process died.
+            ConfigError: the file is no file of results.
         """
         kept = Results(results)
         keys = [self.key(each) for each in asked]
-        found = {number: row for number, key in enumerate(keys) if (row := kept.find(self.name, key)) is not None}
+        found = {n: key | row for n, key in enumerate(keys) if (row := kept.find(self.name, key)) is not None}
         left = [number for number in range(len(keys)) if number not in found]
         work = partial(_row_of, self.run, self.limit)
         began = time.monotonic()
@@ -114,7 +113,7 @@ class Campaign(Generic[Asked]):
             if row.get("ending") != Ending.FAILED:
                 kept.add(self.name, keys[number], row)
             took = (time.monotonic() - began) / count
-            words = f"{count} of {len(left)}, {_minutes(took * (len(left) - count))} left"
+            words = f"{count} of {len(left)}, {minutes(took * (len(left) - count))} left"
             print(f"{self.name}: {words}: {described(keys[number], row)}", file=sys.stderr, flush=True)
         return [found[number] for number in range(len(keys))]
 
@@ -132,7 +131,7 @@ def _row_of(run: Callable[[Asked], Mapping[str, Any]], limit: float, asked: Aske
         with _limited(limit):
             row = dict(run(asked))
     except (Exception, LimitReached) as error:  # whatever keeps one from its end, the others count  # noqa: BLE001
-        row = {"ending": Ending.FAILED, "why": f"{type(error).__name__}: {error} ({_place(error)})"}
+        row = {"ending": Ending.FAILED, "why": f"{type(error).__name__}: {error} ({place_of(error)})"}
     whole: Row = plain({**row, "processor_s": round(time.process_time() - began, 1)})
     return whole
 
@@ -148,14 +147,11 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, StrEnum) else value
 
 
-def _place(error: BaseException) -> str:
-    """The last line of the lab or of a test that an error passed."""
-    calls = [call for call in traceback.extract_tb(error.__traceback__) if {"lab", "tests"} & {*_parts(call.filename)}]
+def place_of(error: BaseException) -> str:
+    """The last line of the lab or of a test that an error passed, this module apart."""
+    calls = [call for call in traceback.extract_tb(error.__traceback__) if call.filename != __file__]
+    calls = [call for call in calls if {"lab", "tests"} & {*Path(call.filename).parts}]
     return f"{Path(calls[-1].filename).name}:{calls[-1].lineno} {calls[-1].name}" if calls else "outside the campaign"
-
-
-def _parts(name: str) -> tuple[str, ...]:
-    return tuple(part for part in Path(name).parts if Path(name).name != "campaign.py" or part == "tests")
 
 
 @contextmanager
@@ -255,15 +251,19 @@ class Results:
     _found: dict[tuple[str, str], Row] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Read the file where there is one.
+        """Read the file where there is one, and cut off a last line that was not written to its end.
 
         Raises:
             ConfigError: a line of it is no row.
         """
         if self.path is None or not self.path.exists():
             return
-        lines = self.path.read_text(encoding="utf-8").splitlines()
-        for number, line in enumerate(lines, 1):
+        text = self.path.read_text(encoding="utf-8")
+        whole, end, torn = text.rpartition("\n")
+        if torn:
+            print(f"{self.path}: its last line is not whole, and is left out", file=sys.stderr)
+            self.path.write_text(whole + end, encoding="utf-8")
+        for number, line in enumerate(whole.splitlines(), 1):
             try:
                 each = json.loads(line)
                 self._take(str(each["campaign"]), dict(each["key"]), dict(each["row"]))
@@ -272,7 +272,7 @@ class Results:
                 raise ConfigError(msg) from None
 
     def find(self, campaign: str, key: Mapping[str, Any]) -> Row | None:
-        """The row with this key; None where there is none."""
+        """The row with this key, without it; None where there is none."""
         return self._found.get((campaign, _name(key)))
 
     def add(self, campaign: str, key: Mapping[str, Any], row: Mapping[str, Any]) -> None:
@@ -283,13 +283,12 @@ class Results:
                 file.write(json.dumps({"campaign": campaign, "key": key, "row": row}) + "\n")
 
     def by_key(self, campaign: str) -> dict[str, Row]:
-        """The rows of a campaign by their keys as text."""
+        """The rows of a campaign, without their keys, by their keys as text."""
         return {key: row for (of, key), row in self._found.items() if of == campaign}
 
     def _take(self, campaign: str, key: Row, row: Row) -> None:
-        whole = key | row
-        self.rows.setdefault(campaign, []).append(whole)
-        self._found[campaign, _name(key)] = whole
+        self.rows.setdefault(campaign, []).append(key | row)
+        self._found[campaign, _name(key)] = row
 
 
 def _name(key: Mapping[str, Any]) -> str:
@@ -321,43 +320,7 @@ def _is_bad(row: Mapping[str, Any]) -> bool:
     return row.get("ending", Ending.FINISHED) not in {Ending.FINISHED, Ending.REFUSED}
 
 
-# -- progress ---------------------------------------------------------------------------------------------------------
-
-
-class Progress:
-    """How far many short pieces of work are and when they will end, on stderr.
-
-    Args:
-        name: of the work.
-        total: of what is counted.
-        unit: what is counted, in the plural.
-        clock: gives the time [s].
-    """
-
-    def __init__(
-        self, name: str, total: int, unit: str = "flights", clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._name, self._total, self._unit = name, total, unit
-        self._clock = clock
-        self._start = self._written = clock()
-        self._done = 0
-
-    def add(self, count: int = 1) -> None:
-        """Some more are done."""
-        self._done += count
-        now = self._clock()
-        if now - self._written >= PROGRESS_EVERY:
-            self._written = now
-            print(self.line(now), file=sys.stderr, flush=True)
-
-    def line(self, now: float) -> str:
-        """The words for a time [s]."""
-        left = (now - self._start) * (self._total - self._done) / max(self._done, 1)
-        share = 100 * self._done // max(self._total, 1)
-        return f"{self._name}: {self._done} of {self._total} {self._unit}, {share} %, {_minutes(left)} left"
-
-
-def _minutes(seconds: float) -> str:
+def minutes(seconds: float) -> str:
     """As 1:05."""
     whole = round(seconds)
     return f"{whole // 60}:{whole % 60:02d}"

@@ -91,7 +91,7 @@ def compared(before: Mapping[str, Row], after: Mapping[str, Row]) -> dict[str, A
     for name in dict.fromkeys(name for key in keys for name in after[key]):
         sides = [(before[key].get(name), after[key].get(name)) for key in keys]
         pairs: list[tuple[Any, Any]] = [side for side in sides if all(map(_is_number, side))]
-        if pairs and not all(f"{name}=" in key for key in keys):
+        if pairs:
             columns = ([old for old, _ in pairs], [new for _, new in pairs], [new - old for old, new in pairs])
             figures[name] = dict(zip(("before", "after", "difference"), map(median, columns), strict=True))
     return {

@@ -6,13 +6,11 @@ import asyncio
 import os
 import sys
 import time
-import traceback
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final, Generic, Protocol, TypeVar
 
-from lab.campaign import in_order
+from lab.campaign import in_order, place_of
 from lab.stories.losses import silence_log
 
 LONGEST: Final = 300.0
@@ -74,9 +72,12 @@ def fly_all(plans: Sequence[Plan[AnyFlight]], seeds: range, jobs: int = 1) -> It
     Yields:
         What came of each plan, in their order.
     """
+    if jobs <= 1:  # a row is known as soon as its flights have ended
+        for plan in plans:
+            yield _put_together(plan, [_fly_once((plan, seed)) for seed in seeds])
+        return
     # The same seed of all rows first: flights at a time are different ones.
-    asked = [(plan, seed) for seed in seeds for plan in plans]
-    found = in_order(_fly_once, asked, jobs)
+    found = in_order(_fly_once, [(plan, seed) for seed in seeds for plan in plans], jobs)
     for number, plan in enumerate(plans):
         yield _put_together(plan, found[number :: len(plans)])
 
@@ -95,7 +96,7 @@ def _fly_once(asked: tuple[Plan[AnyFlight], int]) -> Flights[AnyFlight]:
         flight = asyncio.run(_fly_in_time(plan.fly(seed)))
     except Exception as error:  # noqa: BLE001
         # Whatever keeps one flight from being flown, the others count; and the row fails.
-        reason = f"{type(error).__name__}: {error} ({_place(error)})"
+        reason = f"{type(error).__name__}: {error} ({place_of(error)})"
         flights.not_flown.append({"seed": seed, "reason": reason})
         outcome = f"NOT FLOWN: {reason}"
     else:
@@ -105,12 +106,6 @@ def _fly_once(asked: tuple[Plan[AnyFlight], int]) -> Flights[AnyFlight]:
     where = f"{plan.attack}, {plan.boards}, seed {seed}"
     print(f"{where}: {outcome} ({took:.0f} s, load {load:.1f})", file=sys.stderr, flush=True)
     return flights
-
-
-def _place(error: BaseException) -> str:
-    """The line of the campaign at which a flight failed."""
-    calls = [call for call in traceback.extract_tb(error.__traceback__) if "lab" in Path(call.filename).parts]
-    return f"{Path(calls[-1].filename).name}:{calls[-1].lineno} {calls[-1].name}" if calls else "outside the campaign"
 
 
 async def _fly_in_time(flight: Coroutine[Any, Any, AnyFlight]) -> AnyFlight:

@@ -6,14 +6,19 @@ of the plan.
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import cv2
 
-from lab.campaign import Progress, each_result
+from lab.campaign import each_result, minutes
 from lab.vision.stills import SeedSet
+
+PROGRESS_EVERY: Final = 10.0
+"""Progress is written at most this often [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +73,38 @@ def run_parts(name: str, parts: Sequence[Part], jobs: int) -> list[Any]:
     Raises:
         CampaignError: a process died.
     """
-    progress, found = Progress(name, sum(part.images for part in parts), "images"), {}
+    progress, found = Progress(name, sum(part.images for part in parts)), {}
     for number, result in each_result(Part.run, parts, jobs):
         found[number] = result
         progress.add(parts[number].images)
     return [found[number] for number in range(len(parts))]
+
+
+class Progress:
+    """How far the images of a case are and when they will end, on stderr.
+
+    Args:
+        name: of the case.
+        total: images.
+        clock: gives the time [s].
+    """
+
+    def __init__(self, name: str, total: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._name, self._total = name, total
+        self._clock = clock
+        self._start = self._written = clock()
+        self._done = 0
+
+    def add(self, images: int) -> None:
+        """Some more are done."""
+        self._done += images
+        now = self._clock()
+        if now - self._written >= PROGRESS_EVERY:
+            self._written = now
+            print(self.line(now), file=sys.stderr, flush=True)
+
+    def line(self, now: float) -> str:
+        """The words for a time [s]."""
+        left = (now - self._start) * (self._total - self._done) / max(self._done, 1)
+        share = 100 * self._done // max(self._total, 1)
+        return f"{self._name}: {self._done} of {self._total} images, {share} %, {minutes(left)} left"

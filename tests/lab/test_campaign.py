@@ -9,10 +9,10 @@ from unittest.mock import ANY
 import pytest
 
 from lab import compare
-from lab.campaign import Campaign, CampaignError, Ending, Progress, Results, carried_out, endings
+from lab.campaign import Campaign, CampaignError, Ending, Results, carried_out, endings
 from lab.vision.main import CASES, main, run_case
 from lab.vision.never import Tally, all_flips
-from lab.vision.parts import Part, in_parts, run_parts
+from lab.vision.parts import Part, Progress, in_parts, run_parts
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import _tag_free
 from mkdaemon.errors import ConfigError
@@ -38,7 +38,7 @@ def test_an_error_in_a_part_is_the_caller_s():
 
 
 def test_progress_tells_what_is_left():
-    progress = Progress("cold", 400, "images", clock=iter([0.0, 1.0]).__next__)
+    progress = Progress("cold", 400, clock=iter([0.0, 1.0]).__next__)
     progress.add(100)
     assert progress.line(30.0) == "cold: 100 of 400 images, 25 %, 1:30 left"
 
@@ -132,6 +132,15 @@ def test_a_second_run_goes_on_with_the_file_and_tries_again_what_failed(tmp_path
     assert [row["seed"] for row in LANDINGS.rows([3, 2, 1], 1, kept)] == [3, 2, 1]
     assert len(capsys.readouterr().err.splitlines()) == 2
     assert [json.loads(line)["key"]["seed"] for line in kept.read_text().splitlines()] == [1, 2]
+
+
+def test_a_last_line_that_was_not_written_to_its_end_costs_its_row_only(tmp_path, capsys):
+    kept = tmp_path / "kept.jsonl"
+    LANDINGS.rows([1, 4], 1, kept)
+    kept.write_text(kept.read_text()[:-9])
+    assert [row["seed"] for row in LANDINGS.rows([1, 4], 1, kept)] == [1, 4]
+    assert "its last line is not whole" in capsys.readouterr().err
+    assert [json.loads(line)["key"]["seed"] for line in kept.read_text().splitlines()] == [1, 4]
 
 
 def test_a_file_that_is_none_of_results_is_named_with_its_line(tmp_path):

@@ -55,7 +55,7 @@ def raw_terminal(terminal: int) -> Iterator[None]:
         tty.setcbreak(terminal)
         yield
     finally:
-        termios.tcflush(terminal, termios.TCIFLUSH)  # what was typed and not read is for nobody else
+        termios.tcflush(terminal, termios.TCIFLUSH)  # the shell must not get what was typed and not read
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 
 

@@ -100,7 +100,7 @@ async def press_enable(deck, **moved):
 
 def test_the_lease_is_taken_with_the_first_setpoint_and_given_back_when_none_comes():
     async def story(deck):
-        assert "nobody flies" in deck.words
+        assert "no client flies" in deck.words
         await stream(deck, 1.0)
         assert deck.flown == "cmd_vel"
         await asyncio.sleep(GONE + 0.1)

@@ -36,7 +36,7 @@ FINE = {
 
 
 def look(latest, later=0.0):
-    mine = Diagnosis("gateway", DiagnosticLevel.OK, "nobody flies", {"flown": ""})
+    mine = Diagnosis("gateway", DiagnosticLevel.OK, "no client flies", {"flown": ""})
     made = diagnostics.report(scene(latest), samples.at(later), mine)
     read = through_cdr(made, "diagnostic_msgs/msg/DiagnosticArray")
     return {status.name: status for status in read.status}

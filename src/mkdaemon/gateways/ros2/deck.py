@@ -74,7 +74,7 @@ class FlightDeck:
     def words(self) -> str:
         """What is flown and what happened last, one line."""
         lease = self._keeper.flight.reason
-        who = f"{self.flown} flies" if self.flown else "nobody flies through the gateway"
+        who = f"{self.flown} flies" if self.flown else "no client flies through the gateway"
         return "; ".join(part for part in (who, lease, self.note) if part)
 
     async def run(self) -> None:

@@ -58,7 +58,7 @@ def _naming(process: Process) -> tuple[str, ...]:
 
 
 def _zenoh_config(patient: Patient) -> zenoh.Config | None:
-    """Configuration of the session; None where it is a mistake, which is told as one."""
+    """Configuration of the session; None if the file is wrong: another check reports that."""
     bus = patient.cfg.bus
     with suppress(ConfigError):
         return session_config("peer", listen=bus.listen, connect=bus.connect, zenoh_file=bus.zenoh_file)
