@@ -237,7 +237,7 @@ def _config(folder: Path, setting: Setting, endpoint: str) -> Path:
     pilot = f'pilot_plan = "{setting.pilot}"\npilot_wait = {TAKE_OFF}\nseed = {setting.seed}\nconnect = ["{endpoint}"]'
     for old, new in (
         ('"configs/', f'"{ROOT}/configs/'),
-        ("fps = 15", f"fps = {setting.fps:g}"),
+        ("fps = 30", f"fps = {setting.fps:g}"),
         ("latency_ms = 60.0", f"latency_ms = {setting.latency_ms:g}"),
         ("latency_jitter_ms = 5.0", f"latency_jitter_ms = {setting.jitter_ms:g}"),
         ('pilot_plan = "hover"', pilot),

@@ -267,10 +267,8 @@ class FcBoard(BoardPort):
 
     @property
     def reported_angles(self) -> tuple[float, float]:
-        """Pitch and roll as a NaviCtrl knows them now [rad]; the newest where nothing is known of the bus."""
-        sensors = self.aircraft.sensors
-        at_once = sensors.fc_angle_pitch, sensors.fc_angle_roll
-        return self.packed[0] if self.generation.packet_ticks else at_once
+        """Pitch and roll as a NaviCtrl knows them now [rad]: what was collected for its bus, or came in a packet."""
+        return self.packed[0] if self.generation.packet_ticks else self.collected
 
     def cut(self, at: float) -> None:
         """Give up the frame being sent, but for the character on the line."""
