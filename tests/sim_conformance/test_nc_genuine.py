@@ -341,9 +341,12 @@ class Turning(StillAircraft):
         self.sensors.fc_angle_pitch = math.radians(RATE_DEG * self.now)
 
 
-@pytest.mark.parametrize(("fc", "age", "distinct"), [("early", 0.080, 16), ("2.08", 0.080, 16), ("2.12a", 0.009, 50)])
+@pytest.mark.parametrize(("fc", "age", "distinct"), [("early", 0.080, 16), ("2.08", 0.080, 16), ("2.12a", 0.036, 50)])
 def test_attitudes_of_an_old_flightctrl_come_by_packets_of_the_bus(fc, age, distinct):
-    """Genuine 0.84a behind 0.24b: 80 ms old, 16 new ones a second; of later ones no NaviCtrl's sources are public."""
+    """Genuine 0.84a behind 0.24b: 80 ms old, 16 new ones a second.
+
+    The sources of no NaviCtrl for later ones are public: it has what genuine 2.12a collects for the bus, 30 ms old.
+    """
     aircraft = Turning()
     flight = FlightCtrl(FC_GENERATIONS[fc], aircraft, seed=1, gate_parameter=255, calibrated=True)
     bench = Bench(NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=1), aircraft)
