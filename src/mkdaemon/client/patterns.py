@@ -23,7 +23,7 @@ _AS_LIKE: Final = 0.1
 
 
 def require_known(pattern: str) -> None:
-    """Make sure that a pattern can match a key somebody publishes; a misspelt one would be watched for ever in silence.
+    """Make sure that a pattern can match a published key; a misspelt pattern would wait for ever.
 
     Args:
         pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.

@@ -161,7 +161,7 @@ class Transport:
         return f"the daemon gives no answer to {suffix}: is it older than this client?"
 
     async def _is_denied(self) -> bool:
-        """Whether the daemon answers what everybody may ask, and no command."""
+        """Whether the daemon answers a query that every client may make, but no command."""
         show = msgpack.packb({"action": "show"})
         commands = await self._query("do/lease", show, DENIAL_LOOK)
         return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", PATIENCE))

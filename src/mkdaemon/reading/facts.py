@@ -103,7 +103,7 @@ def age_words(seconds: float) -> str:
 
 def holder_of(status: ControlStatus) -> str:
     """Holder of the lease."""
-    return "nobody" if status.lease is None else status.lease.holder
+    return "no client" if status.lease is None else status.lease.holder
 
 
 def manoeuvre_words(status: ControlStatus) -> str:

@@ -73,7 +73,7 @@ class LinkTestPlan:
         control_hz: stick setpoints a second under full or chosen load [Hz]; see `Load`.
         seconds: of each load [s].
         tests_hz: link tests beside the daemon's own [Hz].
-        motors_off: somebody has looked: nothing has to say that the motors stand still.
+        motors_off: the user has checked that the motors stand still, so no measurement of it is needed.
     """
 
     label: str

@@ -69,7 +69,7 @@ class Lapse:
 
 
 class PadHands:
-    """One pad in somebody's hands.
+    """One pad and what its user does with it.
 
     Attributes:
         pad: its mapping.

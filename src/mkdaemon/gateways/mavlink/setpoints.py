@@ -146,7 +146,7 @@ def local_target(message: Message, estimate: ControlEstimate | None) -> Streamed
 
     Args:
         message: as it came.
-        estimate: where the aircraft is believed; None while it is not flown.
+        estimate: estimated position of the aircraft; None while it is not flown.
     """
     mask, frame = message.type_mask, message.coordinate_frame
     if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET:

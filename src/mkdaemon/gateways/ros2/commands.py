@@ -90,7 +90,7 @@ def other_type(name: str, subscribed: str, published: str) -> str:
     Args:
         name: of the topic.
         subscribed: type that the gateway takes.
-        published: type that somebody publishes.
+        published: type that another node publishes.
     """
     words = f"{name} is published as {published}, which is not read: the gateway takes {subscribed} there"
     if name == "cmd_vel" and published == TWIST_STAMPED:
@@ -191,7 +191,7 @@ class CommandStream:
         return True
 
     def ended(self) -> None:
-        """Take note that what it streamed has ended: the lease was lost or refused, or somebody let go."""
+        """Take note that its stream has ended: the lease was lost, refused or released."""
         self.is_shut = True
 
     def is_gone(self, now: float) -> bool:
