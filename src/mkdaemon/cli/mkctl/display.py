@@ -22,7 +22,7 @@ from mkdaemon.protocol.wire import Board
 
 LINES, COLUMNS = 4, 20
 INTERVAL: Final = 25
-"""Between two pictures while nobody presses a key [10 ms]."""
+"""Interval between two pictures while no key is pressed [10 ms]."""
 MEETING: Final = 5.0
 """Longest wait for the daemon to know who is on the line [s]; it takes about one."""
 RENEW: Final = 2.0

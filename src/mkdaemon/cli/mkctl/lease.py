@@ -20,7 +20,7 @@ async def take(
     *,
     holder: str | None = None,
     ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
-    force: Annotated[bool, Parameter(help="Take it from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take it from its holder.")] = False,
     use_remembered: Annotated[
         bool, Parameter(help="The FlightCtrl, which cannot be asked in flight, is the one before.")
     ] = False,
@@ -42,7 +42,7 @@ async def take(
 
 @app.command
 async def show(*, connection: Connection = HERE) -> None:
-    """Show who holds the lease.
+    """Show the holder of the lease.
 
     Example: mkctl lease show
     """

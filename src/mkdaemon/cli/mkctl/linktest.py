@@ -129,7 +129,7 @@ def _conclude(found: LinkTestFound, other: Sequence[LoadRun], files: _Files, *, 
 
 
 def _require_rates(control: float, tests: float) -> None:
-    """Refuse rates that nobody can stream.
+    """Refuse rates that cannot be streamed.
 
     Raises:
         ConfigError: names the first.

@@ -25,11 +25,11 @@ from mkdaemon.errors import ConfigError
 LONGEST_STAY: Final = 255
 """How long the NaviCtrl stays at a place at home [s]; its points take no more."""
 STAY: Final = 10.0
-"""How long the aircraft holds a place unless told otherwise [s]."""
+"""Default time for which the aircraft holds a place [s]."""
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
-Force = Annotated[bool, Parameter(help="Take the lease from whoever holds it.")]
+Force = Annotated[bool, Parameter(help="Take the lease from its holder.")]
 Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
 
 
@@ -69,7 +69,7 @@ async def goto(
 
     Raises:
         ConfigError: a number cannot be, or `--confirm` is missing.
-        MkError: the daemon refused, did not engage, or let go on the way; at home the place was not reached.
+        MkError: the daemon refused, did not engage, or released early; at home the place was not reached.
     """
     require_finite(x=x, y=y, z=z, yaw=yaw)
     require_length(seconds, "--seconds")
@@ -101,7 +101,7 @@ async def hold(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(height=height)
     require_length(seconds, "--seconds")
@@ -136,7 +136,7 @@ async def velocity(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
@@ -159,7 +159,7 @@ async def land(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go before the feet stood.
+        MkError: the daemon refused, did not engage, or released before the touchdown.
     """
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
@@ -214,7 +214,7 @@ async def attitude(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(pitch=pitch, roll=roll, yaw_rate=yaw_rate, thrust=thrust)
     require_length(seconds, "--seconds")
@@ -233,7 +233,7 @@ async def attitude(
 
 
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
-    """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
+    """Stop the manoeuvre of any client: the aircraft holds its place, or is level without a target.
 
     The holder keeps the lease, and the next call of its program ends the abort and flies on. The aircraft is released
     when the holder stops streaming. A landing below 13 cm goes on; a take-off that has not left the ground is released.
@@ -283,11 +283,11 @@ async def stick(
         throttle: From the centre, more lift positive; stock firmware takes the smaller of this and the pilot's.
         seconds: How long after the neutral lead.
         rate: Setpoints a second.
-        force: Take the lease from whoever holds it.
+        force: Take the lease from its holder.
 
     Raises:
         ConfigError: a stick is beyond its range, or no number.
-        MkError: the daemon refused the lease, did not engage, or let go on the way.
+        MkError: the daemon refused the lease, did not engage, or released early.
     """
     wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
     for name, value in wanted.items():

@@ -20,7 +20,7 @@ from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 _FILLERS: Final = ("reserved", "padding", "free_")
-"""Beginnings of the names of fields nobody sets; the table has their values."""
+"""Prefixes of fields that a user does not set; the table has their values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ def faults(*, as_json: AsJson = False) -> None:
 def _lasts(spec: FaultSpec) -> str:
     if spec.once:
         return " Happens once."
-    return "" if spec.duration is None else f" Lasts {spec.duration:g} s unless told otherwise."
+    return "" if spec.duration is None else f" Lasts {spec.duration:g} s by default."
 
 
 def _parse(values: tuple[str, ...]) -> dict[str, float | str]:

@@ -86,9 +86,9 @@ async def watch(
     Args:
         patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands
             them. Default: `state/**`.
-        seconds: End after so many seconds.
-        count: End after so many values.
-        hz: At most so many values a second of each key, the newest when one is due.
+        seconds: End after this time [s].
+        count: End after this number of values.
+        hz: Largest rate of each key [Hz]; the newest value is printed.
         lines: One line a value with all fields, in SI units.
 
     Raises:

@@ -17,7 +17,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.verbs import VERBS, Verb
 
 _HOLDER: Final = "holder"
-"""Field that says who asks."""
+"""Field with the name of the client."""
 
 app = App(
     name="do",

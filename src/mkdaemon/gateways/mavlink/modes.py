@@ -3,9 +3,9 @@
 The autopilot calls itself GENERIC: PX4 and ArduPilot would promise parameters, commands and flight modes that no
 MikroKopter has, and QGroundControl would ask for their set-up. A GENERIC autopilot may number its modes as it likes,
 but programs read its numbers as those of another autopilot: MAVSDK as PX4's (for every autopilot that is not
-ArduPilot's), pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each link
-has one of the two numberings, and may call itself PX4 for QGroundControl. AVAILABLE_MODES also gives the meaning of
-each number, by name and by MAV_STANDARD_MODE.
+ArduPilot's), pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each
+link has one of the two numberings, and may call itself PX4 for QGroundControl. AVAILABLE_MODES also gives the meaning
+of each number, by name and by MAV_STANDARD_MODE.
 Sources: https://mavlink.io/en/services/standard_modes.html; PX4 `px4_custom_mode.h`; ArduCopter `mode.h`.
 """
 
@@ -193,7 +193,7 @@ def heartbeat(picture: LinkPicture, mode: Mode, numbering: Numbering) -> Message
 
 
 def system_state(picture: LinkPicture) -> int:
-    """`MAV_STATE`: standby and active by the motors; critical if the pilot must act; emergency if the boards report it."""
+    """`MAV_STATE`: standby and active by the motors; critical if the pilot must act; emergency as the boards report."""
     flight, link = picture.get(Flight), picture.link
     if flight is None or (link is not None and not link.condition.is_usable):
         return int(mavlink.MAV_STATE_UNINIT)

@@ -100,9 +100,7 @@ class LogServer:
             if number % _AT_ONCE == _AT_ONCE - 1:
                 await asyncio.sleep(PACE)
         if not self._logs:
-            self._notify(
-                station, "no recordings: the gateway lists those on its machine while the daemon records"
-            )
+            self._notify(station, "no recordings: the gateway lists those on its machine while the daemon records")
             station.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     async def _send(self, whose: tuple[Station, Program], message: Message, first: int) -> None:

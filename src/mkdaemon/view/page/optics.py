@@ -22,7 +22,7 @@ ROUNDS: Final = 12
 STEPS: Final = 4
 """Parts of an edge of the image: a lens bends it."""
 FARTHEST: Final = 8.0
-"""A ray that never meets the target's plane is drawn so long [m]."""
+"""Drawn length of a ray that does not meet the target's plane [m]."""
 NEAR: Final = 0.05
 """A point nearer than this to the camera's plane is in no image [m]."""
 

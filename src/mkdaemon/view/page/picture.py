@@ -128,7 +128,7 @@ class VehiclePicture:
             self._draw(value, stamp.monotonic)
 
     def take_play(self, status: PlayStatus, now: float) -> bool:
-        """Take what the player of the recording says; whether it has begun at another place, and all is drawn anew."""
+        """Take the status of the recording's player; return whether it jumped, so that everything is drawn again."""
         is_new = self._play is not None and status.starts != self._play.starts
         if is_new:
             self.restart()

@@ -1,4 +1,4 @@
-"""Figures of a flight as rows of two words: the line, the eyes, the battery, what flew, what the recording lacks."""
+"""Figures of a flight as rows of two words: the link, vision, the battery, the manoeuvres, gaps of the recording."""
 
 from __future__ import annotations
 

@@ -72,13 +72,14 @@ async def teleop(
     learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
     publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
     record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
-    force: Annotated[bool, Parameter(help="Take the lease from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take the lease from its holder.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly with a gamepad, or with the keyboard. Nothing is sent unless the enable button is held: docs/teleop.md.
 
-    Pull the thrust stick to its lowest once, then hold the enable button. Letting go of it levels the aircraft at once
-    and releases it after 0.9 s; a pad that is unplugged, or a terminal that is gone, releases it too. Ctrl-C ends it.
+    Pull the thrust stick to its lowest once, then hold the enable button. If you let the button go,
+    the aircraft levels at once and is released after 0.9 s. It is also released if the pad is unplugged or the terminal
+    closes. Ctrl-C ends it.
 
     Example: mkctl teleop --keyboard
 
@@ -194,7 +195,7 @@ async def _publish(name: str, connection: Connection) -> int:
 
     Raises:
         ConfigError: the name, or no secret.
-        MkError: no pad, or nobody listens at the endpoint.
+        MkError: no pad, or no daemon at the endpoint.
     """
     _require_pad_name(name, "--publish")
     secret = os.environ.get(SECRET)

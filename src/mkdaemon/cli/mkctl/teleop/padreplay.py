@@ -59,7 +59,7 @@ async def feed(session: TeleopSession, lines: Sequence[PadLine]) -> None:
     """Give a session what its devices said, at the same distances in time; returns when the recording is over.
 
     Args:
-        session: without devices of its own.
+        session: without devices.
         lines: the recording.
     """
     devices: dict[str, ReplayedDevice] = {}

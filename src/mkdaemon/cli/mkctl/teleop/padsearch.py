@@ -41,7 +41,7 @@ class Mappings:
 
 
 async def look_for_pads(session: TeleopSession, mappings: Mappings) -> None:
-    """Attach every pad that is there or comes, for ever; one without a mapping is told of and left out."""
+    """Attach every pad that is present or appears, for ever; a pad without a mapping is reported and left out."""
     left_out: set[str] = set()
     while True:
         present = set(new_paths(()))

@@ -106,7 +106,7 @@ def _others(patient: Patient) -> Iterator[Values]:
 
     $ mkctl preflight
     """
-    named = {*GATE, HEIGHT, LINK}  # each has a row of its own
+    named = {*GATE, HEIGHT, LINK}  # each has a separate row
     return _standing(patient, tuple(token for token in patient.report.standing if token not in named))
 
 

@@ -38,7 +38,7 @@ def port_of(endpoint: str) -> int | None:
 
 
 def listener_at(patient: Patient, endpoint: str) -> Listener | None:
-    """Who listens at an endpoint of this machine; None where nobody does."""
+    """The listener at an endpoint of this machine; None if there is none."""
     port = port_of(endpoint)
     return next((found for found in patient.machine.listeners if port and found.port == port), None)
 
