@@ -38,7 +38,7 @@ _JUDGEMENT: Final = {
 
 
 def _table(found: Gains) -> Table:
-    """What is believed, and the margins beside what they must be."""
+    """The model, and its margins beside their bounds."""
     table = Table("what", "value", "must be", width=96)
     for words, value in (
         ("tilt that a stick count asks for (deg)", found.degrees_per_count),

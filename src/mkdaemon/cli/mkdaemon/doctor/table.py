@@ -48,7 +48,7 @@ def _mistakes(patient: Patient) -> Iterator[Values]:
 def _no_port(patient: Patient) -> Iterator[Values]:
     """{file} names no port
 
-    The daemon starts with --port alone.
+    The daemon starts only with --port.
 
     Set link.port.
 
