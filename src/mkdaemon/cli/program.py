@@ -38,7 +38,7 @@ EXIT_WARNING: Final = 3
 """Of `mkdaemon doctor`: there are warnings, and no error."""
 EXIT_INTERRUPTED: Final = 130
 COMPLETION: Final = "--install-completion"
-"""A command of every program that is no row of its table."""
+"""A command of every program that is not a row of its table."""
 LONGEST_COMPLAINT: Final = 1000
 """Of a longer one the middle is left out [characters]: it quotes what a stranger wrote."""
 _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
@@ -221,7 +221,7 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else EXIT_OK
     except UnicodeEncodeError as error:
-        return _complain(app, f"{error.object!a} is no text in this encoding: set LC_ALL=C.UTF-8", EXIT_CONFIG)
+        return _complain(app, f"{error.object!a} is not text in this encoding: set LC_ALL=C.UTF-8", EXIT_CONFIG)
     except BrokenPipeError:
         _mute()
         return EXIT_OK  # the reader of our output has closed it

@@ -145,7 +145,7 @@ class Fleet:
         try:
             return PlayStatus.model_validate(fields)
         except ValidationError as error:
-            raise MkError(f"the player of {name} answers nothing that is known here: update mkdaemon") from error
+            raise MkError(f"the player of {name} sends an unknown answer: update mkdaemon") from error
 
     def _seen(self, sighting: FleetSighting, is_here: bool, changed: Callable[[], None]) -> None:
         before = set(self.here)

@@ -204,7 +204,7 @@ class Lease:
         Raises:
             LeaseLostError: the lease has ended; says why.
             NotEngagedError: the daemon did not engage.
-            ManoeuvreError: not done in time, aborted, or another setpoint took its place.
+            ManoeuvreError: not done in time, aborted, or another setpoint replaced it.
             CommandRejectedError: a setpoint is refused.
         """
         session, clock = self.session, self._loop.time
@@ -224,7 +224,7 @@ class Lease:
                 await asyncio.sleep(max(session.due - clock(), 0.0))
         session.require_held(clock())
         if session.finished is not wanted:
-            raise ManoeuvreError(f"{wanted.kind}: another setpoint took its place")
+            raise ManoeuvreError(f"{wanted.kind}: another setpoint replaced it")
 
     async def stick(
         self,

@@ -92,7 +92,7 @@ def _frame_keys() -> Iterator[str]:
 
 
 def model_of(suffix: str) -> type[BaseModel] | None:
-    """What a key carries; None where it is no key, or carries no typed value."""
+    """What a key carries; None where it is not a key, or carries no typed value."""
     from mkdaemon.bus.keys import find
 
     spec = find(suffix)

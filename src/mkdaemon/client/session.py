@@ -162,7 +162,7 @@ class FlightSession:
             case SessionState.FREE:
                 return ""
             case SessionState.ASKED:
-                return "the lease is asked for"
+                return "the lease is requested"
             case SessionState.LOST:
                 return self._reason
         if self._refusal is not None:
@@ -227,7 +227,7 @@ class FlightSession:
         """
         self.require_held(now)
         if self.state is not SessionState.HELD:
-            raise LeaseLostError("the lease is asked for, and not held yet")
+            raise LeaseLostError("the lease is requested, but not held yet")
         return self._signed("renew")
 
     def release(self) -> dict[str, Any] | None:
@@ -273,7 +273,7 @@ class FlightSession:
         """
         silence = now - self._received_at
         if self.state is SessionState.HELD and silence > self._silence:
-            self.lost(f"the daemon has not been heard for {silence:.1f} s")
+            self.lost(f"the daemon has been silent for {silence:.1f} s")
         if self._failure is not None:
             raise self._failure
         if self.state is SessionState.FREE:
@@ -331,7 +331,7 @@ class FlightSession:
             ttl: age at which it no longer holds [s].
 
         Returns:
-            The setpoint; None while the lease is asked for.
+            The setpoint; None while the lease is requested.
 
         Raises:
             MkError: the lease was refused or lost, or none is held; there is no such kind of setpoint.
@@ -388,7 +388,7 @@ class FlightSession:
         """Make the next setpoint of what is repeated.
 
         Returns:
-            The setpoint; None while the lease is asked for, and when nothing is repeated: `repeated` is None when its
+            The setpoint; None while the lease is requested, and when nothing is repeated: `repeated` is None when its
             time is over or it is done.
 
         Raises:

@@ -147,5 +147,5 @@ def part_of_key(name: str) -> str:
         MkError: it would be no part, or several.
     """
     if not name or _WILD & set(name):
-        raise MkError(f"{name!r} is no part of a key: it has letters, digits, - and _")
+        raise MkError(f"{name!r} is not a part of a key: it has letters, digits, - and _")
     return name

@@ -80,7 +80,7 @@ class Transport:
             The samples by key; empty where nothing was published yet.
 
         Raises:
-            MkError: the pattern is no key expression.
+            MkError: the pattern is not a key expression.
             CommandRejectedError: the daemon has too many queries to answer.
         """
         replies = await self._query(pattern, b"", patience)
@@ -98,7 +98,7 @@ class Transport:
             The samples, those of one key in order, each with its `age`.
 
         Raises:
-            MkError: the pattern is no key expression.
+            MkError: the pattern is not a key expression.
             CommandRejectedError: the daemon has too many queries to answer.
         """
         return await self._query(pattern, b"", PATIENCE, {"past": str(past), "ahead": str(ahead)})
@@ -175,7 +175,7 @@ class Transport:
             are_known: the patterns are keys of the table, and need not be looked up there.
 
         Raises:
-            MkError: a pattern is no key expression, or no key that exists matches it.
+            MkError: a pattern is not a key expression, or no key that exists matches it.
         """
         expressions = [self._expression(pattern) for pattern in patterns]
         if not are_known:
@@ -217,13 +217,13 @@ class Transport:
         """A pattern as a user writes it; whole keys, copied from somewhere, are understood too.
 
         Raises:
-            MkError: it is no key expression.
+            MkError: it is not a key expression.
         """
         try:
             return zenoh.KeyExpr(self._key(self._suffix(pattern)))
         except zenoh.ZError as error:
             why = str(error).partition(" at /")[0].rpartition("`: ")[2]
-            raise MkError(f"{pattern!r} is no key: {why}") from error
+            raise MkError(f"{pattern!r} is not a key: {why}") from error
 
     async def _query(
         self, suffix: str, payload: bytes, patience: float, parameters: Mapping[str, str] = MappingProxyType({})

@@ -111,7 +111,7 @@ class Vehicle(VerbCalls):
             name: name and version, as an encoding names them: `Attitude.v1`.
 
         Raises:
-            MkError: the name is no part of a key.
+            MkError: the name is not a part of a key.
         """
         suffix = f"schema/{name}"
         sample = (await self.get_all(suffix)).get(suffix)

@@ -163,7 +163,7 @@ def test_the_command_prints_a_verdict_and_writes_what_it_found(tmp_path, capsys)
         assert "radio A, light load" in picture.read_text()
         words = ["linktest", *at, "--json", "--compare", str(csv), "--picture", str(picture)]
         assert run(app, words) == 2  # the picture is there already
-        assert "exists already" in capsys.readouterr().err
+        assert "already exists" in capsys.readouterr().err
         assert run(app, [*words, "--force"]) == 1
         answer = json.loads(capsys.readouterr().out)
         assert answer["verdict"]["grade"] == "poor"

@@ -11,7 +11,7 @@ from mkdaemon.telemetry.control import LeaseGrant, LeaseState
 
 app: Final = App(
     name="lease",
-    help="The right to fly: one client at a time holds it. Only who knows its secret can stream setpoints under it.",
+    help="The right to fly: one client at a time holds it. Only a client with its secret can stream setpoints.",
 )
 
 

@@ -143,7 +143,7 @@ def _stream(text: str) -> tuple[str, float]:
     """Read `osd=100ms`.
 
     Raises:
-        ConfigError: it is no stream with an interval.
+        ConfigError: it is not a stream with an interval.
     """
     name, equals, interval = text.partition("=")
     if not (name and equals):

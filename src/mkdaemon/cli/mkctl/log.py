@@ -342,7 +342,7 @@ def sender_lines(summary: Summary) -> Iterator[str]:
             counts.append(
                 f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease{late}, refused: {refused}"
             )
-        yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
+        yield f"from {one.source or 'an unknown source'}{names}: {'; '.join(counts)}"
 
 
 def _key_table(summary: Summary) -> Table:

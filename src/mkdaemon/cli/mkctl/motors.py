@@ -85,7 +85,7 @@ async def stop(
     """
     async with connection.open() as uav:
         await uav.stop(in_flight=in_flight)
-    connection.show({"stopped": None}, "asked for; only telemetry tells whether the motors stand")
+    connection.show({"stopped": None}, "requested; only telemetry shows whether the motors have stopped")
 
 
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:

@@ -37,7 +37,7 @@ async def status(*, connection: Connection = HERE) -> None:
     async with connection.open() as uav:
         found = await uav.control.navi.latest()
     if found is None:
-        connection.show({"stage": None}, "no NaviCtrl has said anything yet")
+        connection.show({"stage": None}, "no report of a NaviCtrl yet")
     else:
         connection.show(_fields(found.value), stage_line(found.value))
 

@@ -80,7 +80,7 @@ class FieldForm:
         """Turn what was typed into the field's value.
 
         Raises:
-            ConfigError: it is no value of this field; names the field and what it takes.
+            ConfigError: it is not a value of this field; names the field and what it takes.
         """
         try:
             return self._read(text)

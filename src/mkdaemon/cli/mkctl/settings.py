@@ -239,7 +239,7 @@ def _raw(sets: dict[int, SetSource]) -> list[StoredSet]:
 def _split(change: str) -> tuple[str, str]:
     name, equals, value = change.partition("=")
     if not equals or not name:
-        raise ConfigError(f"{change!r} is no change; write NAME=VALUE, for example gyro_p=85")
+        raise ConfigError(f"{change!r} is not a change; write NAME=VALUE, for example gyro_p=85")
     return name.strip().replace("-", "_"), value.strip()
 
 

@@ -38,7 +38,7 @@ async def get(*patterns: str, lines: bool = False, connection: Connection = HERE
         lines: One line a value with all fields, in SI units.
 
     Raises:
-        MkError: no value, no daemon, or a pattern is no key expression.
+        MkError: no value, no daemon, or a pattern is not a key expression.
     """
     async with connection.open() as client:
         found: dict[str, Sample] = {}
@@ -92,7 +92,7 @@ async def watch(
         lines: One line a value with all fields, in SI units.
 
     Raises:
-        MkError: a pattern is no key expression.
+        MkError: a pattern is not a key expression.
         ConfigError: `seconds`, `count` or `hz` is not above 0.
     """
     require_length(seconds, "--seconds")

@@ -277,7 +277,7 @@ async def mount_of_flight(
     file: Annotated[Path, Parameter(help="Camera file the daemon flies with.")],
     /,
     *,
-    camera: Annotated[str | None, Parameter(help="Name of the camera; the only one unless said.")] = None,
+    camera: Annotated[str | None, Parameter(help="Name of the camera; by default the only one.")] = None,
     store: Annotated[bool, Parameter(help="Write the angles into the camera file.")] = False,
     vehicle: Annotated[str, Parameter(env_var="MK_VEHICLE", help="Name of the vehicle.")] = DEFAULT_VEHICLE,
     connect_to: Annotated[
@@ -346,7 +346,7 @@ def _words(angles: tuple[float, float, float]) -> str:
 @app.command
 def shutter(
     file: Annotated[Path, Parameter(help="Camera file to write.")],
-    pictures: Annotated[Path, Parameter(help="Folder of pictures of a plain wall, nothing moving.")],
+    pictures: Annotated[Path, Parameter(help="Folder of pictures of a plain wall, without motion.")],
     /,
     *,
     mains: Annotated[Literal["50", "60"], Parameter(help="Frequency of the mains [Hz].")] = "50",

@@ -78,7 +78,7 @@ def read_address(text: str) -> Address:
     numbering = numbers.get(word.strip()) if word else Numbering.PX4
     kind = kinds.get(found["kind"]) if found else None
     if found is None or kind is None or numbering is None:
-        raise ConfigError(f"--link {text!r} is no address: {_FORM}")
+        raise ConfigError(f"--link {text!r} is not an address: {_FORM}")
     port = int(found["port"])
     if kind is not AddressKind.SERIAL and not 0 < port < 65_536:
         raise ConfigError(f"--link {text!r}: a port is 1 to 65535")

@@ -263,7 +263,7 @@ class MissionServer:
         upload = self._upload
         if upload is not None and (upload.storing is not None or not upload.is_from(station, program)):
             if not upload.is_from(station, program):
-                self._notify(station, "another ground station uploads a mission")
+                self._notify(station, "another ground station is uploading a mission")
                 self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
             return
         if count > MOST_ITEMS:

@@ -154,7 +154,7 @@ class ManualSteering:
             if self._failure is not None:
                 raise self._failure
             if self.order is not order:
-                raise ManoeuvreError("another order took its place" if self.order else "given back")
+                raise ManoeuvreError("another order replaced it" if self.order else "given back")
             if self._keeper.flight.has_started(self._now()):
                 return
 

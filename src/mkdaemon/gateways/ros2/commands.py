@@ -67,7 +67,7 @@ def pad_state(joy: Any, axes: Sequence[str], buttons: Sequence[str]) -> dict[str
     values = {name: -float(value) for name, value in zip(axes, joy.axes, strict=False)}
     values |= {name: float(value) for name, value in zip(buttons, joy.buttons, strict=False)}
     if not all(map(math.isfinite, values.values())):
-        raise MkError("joy holds a number that is none")
+        raise MkError("joy holds a NaN or an infinity")
     return values
 
 
@@ -113,7 +113,7 @@ def velocity_fields(twist: Any, frame: str) -> dict[str, Any]:
     linear = (float(twist.linear.x), float(twist.linear.y), float(twist.linear.z))
     turn = float(twist.angular.z)
     if not all(map(math.isfinite, (*linear, turn))):
-        raise MkError("cmd_vel holds a number that is none")
+        raise MkError("cmd_vel holds a NaN or an infinity")
     return {"velocity": linear, "frame": frame, "yaw_rate": turn}
 
 
@@ -130,7 +130,7 @@ def position_fields(pose: Any, frame: str) -> dict[str, Any]:
     place = (float(pose.position.x), float(pose.position.y), float(pose.position.z))
     turned = pose.orientation
     if not all(map(math.isfinite, (*place, turned.x, turned.y, turned.z, turned.w))):
-        raise MkError("setpoint_pose holds a number that is none")
+        raise MkError("setpoint_pose holds a NaN or an infinity")
     return {"position": place, "frame": frame, "yaw": yaw_of(turned)}
 
 

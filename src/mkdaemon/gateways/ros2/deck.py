@@ -99,7 +99,7 @@ class FlightDeck:
             self._fly_by_hand(now)
         for stream in (self.velocity, self.pose):
             if self.flown == stream.name and stream.is_gone(now):
-                self._let_go(f"{stream.name} says nothing any more")
+                self._let_go(f"{stream.name} has been silent too long")
 
     # -- hands ------------------------------------------------------------------------------------------------------
 
@@ -146,7 +146,7 @@ class FlightDeck:
     async def _stop_motors(self) -> None:
         try:
             await self._uav.stop()
-            self._write_note("motors: asked to stop; only telemetry tells whether they stand")
+            self._write_note("motors: asked to stop; only telemetry shows whether they have stopped")
         except MkError as error:
             self._write_note(str(error))
 
@@ -280,7 +280,7 @@ class FlightDeck:
         try:
             lease = await self._keeper.take()
             await lease.hold(seconds=self._habits.hold_for)
-            self._write_note("nothing was flown while it held: it lands")
+            self._write_note("no new command during the hold: it lands")
             await lease.land()
             self._let_go("landed")
         except MkError as error:

@@ -92,7 +92,7 @@ async def _mark(desk: Desk) -> str:
 
 async def _stop(desk: Desk) -> str:
     await desk.uav.stop()
-    return "asked to stop; only telemetry tells whether the motors stand"
+    return "asked to stop; only telemetry shows whether the motors have stopped"
 
 
 async def _preflight(desk: Desk, _: Any) -> Fields:

@@ -39,7 +39,7 @@ EVENTS: Final = 200
 SEEN: Final = 64
 """Images whose tags and poses are kept until the image itself comes, which takes longer."""
 OLD: Final = 1.0
-"""A last value that was older when it was asked for is no part of a curve [s]."""
+"""A last value that was older when it was asked for is not a part of a curve [s]."""
 IMAGE_DEPTH: Final = 0.3
 """The image is drawn in the frustum at this share of the height above the target."""
 SHALLOW: Final = 0.02

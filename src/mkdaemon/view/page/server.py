@@ -150,7 +150,7 @@ class PageServer:
             raise BadRequestError(HTTPStatus.METHOD_NOT_ALLOWED, "GET or POST")
 
     async def _answer(self, request: HttpRequest) -> bytes:
-        """Answer what is no stream.
+        """Answer what is not a stream.
 
         Raises:
             BadRequestError: there is no such thing.
@@ -232,7 +232,7 @@ def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
     """Speed and place that a page asks for.
 
     Raises:
-        BadRequestError: one is no number.
+        BadRequestError: one is not a number.
     """
     found = {name: fields[name] for name in ("speed", "place") if name in fields}
     if not all(isinstance(number, int | float) and abs(number) <= LARGEST for number in found.values()):

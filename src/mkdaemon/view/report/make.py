@@ -19,7 +19,7 @@ from mkdaemon.view.report.plots import plots_of
 from mkdaemon.view.report.verdict import head_of
 
 Progress = Callable[[int], None]
-_NOTHING: Final = "nothing to report: no value of a vehicle in it"
+_NOTHING: Final = "nothing to report: it has no value of a vehicle"
 
 
 def make_page(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> bytes:

@@ -132,7 +132,7 @@ def render(report: Report, library: str) -> bytes:
         f'<script type="text/plain" id="library">{packed}</script>',
         f"<script>{script}</script></body></html>\n",
     ]
-    # A half of a letter, which JSON can name, is no UTF-8.
+    # A half of a letter, which JSON can name, is not UTF-8.
     return "\n".join(parts).encode("utf-8", "replace")
 
 

@@ -70,7 +70,7 @@ async def teleop(
     hands: InputOptions = PADS,
     list_: Annotated[bool, Parameter(name="--list", help="Show the pads of this machine.")] = False,
     learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
-    publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
+    publish: Annotated[str | None, Parameter(help="Do not fly; send this machine's pad to `--joy NAME`.")] = None,
     record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
     force: Annotated[bool, Parameter(help="Take the lease from its holder.")] = False,
     connection: Connection = HERE,
@@ -214,7 +214,7 @@ async def _publish(name: str, connection: Connection) -> int:
 DRAWING: Final = 0.2
 """Between two pictures of the screen [s]."""
 TELLING: Final = 1.0
-"""Between two lines where the output is no terminal [s]."""
+"""Between two lines where the output is not a terminal [s]."""
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Job = Coroutine[Any, Any, None]
@@ -335,7 +335,7 @@ class TeleopProgram:
         async def ask() -> None:
             try:
                 await self._uav.stop()
-                self.session.notice = "motors: asked to stop; only telemetry tells whether they stand"
+                self.session.notice = "motors: asked to stop; only telemetry shows whether they have stopped"
             except MkError as error:
                 self.session.notice = str(error)
 

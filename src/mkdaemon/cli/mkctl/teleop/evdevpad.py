@@ -182,7 +182,7 @@ def _names(table: Any, code: int) -> tuple[str, ...]:
 
 
 def open_pad(path: str, report: Callable[[str, str, float, float], None]) -> EvdevPad | None:
-    """Open a device file; None where it is no gamepad.
+    """Open a device file; None where it is not a gamepad.
 
     Raises:
         OSError: it cannot be opened.

@@ -75,7 +75,7 @@ class JoyPad:
             DeviceLostError: nothing came for too long.
         """
         if now - self._state.at > GONE:
-            raise DeviceLostError(f"{self.facts.name} has not been heard for {GONE:g} s")
+            raise DeviceLostError(f"{self.facts.name} has been silent for {GONE:g} s")
         return self._state
 
     def alarm(self) -> None:

@@ -108,7 +108,7 @@ class Learner:
                 since, last = self._loop.time(), found or ""
             elif self._loop.time() - since >= HELD:
                 if self._is_taken(found):
-                    self._show(f"    {found} has a meaning already: another one")
+                    self._show(f"    {found} is already used: choose another one")
                 else:
                     self._answers[question.key] = found
                     self._show(f"    {found}; release it")
@@ -146,7 +146,7 @@ def save_mapping(folder: Path, name: str, text: str) -> Path:
     """Write a mapping file under the name of its pad, over an older one, and read it back.
 
     Raises:
-        MkError: it cannot be written, or is no mapping.
+        MkError: it cannot be written, or is not a mapping.
     """
     word = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "gamepad"
     path = folder / f"{word}.toml"

@@ -71,7 +71,7 @@ def _attach(session: TeleopSession, pad: EvdevPad, mappings: Mappings) -> bool:
 
 
 def describe(path: str) -> FoundPad | None:
-    """Say what a device file is; None where it is no gamepad."""
+    """Say what a device file is; None where it is not a gamepad."""
     try:
         pad = open_pad(path, lambda *_: None)
     except OSError as error:

@@ -67,7 +67,7 @@ class Watcher:
         picture = self.picture
         silence = min(picture.silence, self._loop.time() - self._began)
         if silence > SILENCE:
-            return f"the daemon has not been heard for {age_words(silence)}"
+            return f"the daemon has been silent for {age_words(silence)}"
         link = picture.link()
         if link is None or link.value.condition in {LinkCondition.UP, LinkCondition.DEGRADED}:
             return ""

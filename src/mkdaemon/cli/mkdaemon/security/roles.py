@@ -88,7 +88,7 @@ class Role(NamedTuple):
 
 
 ROLES: Final = (
-    Role("pilot", "fly, command, and all that the others may", (LOOK, HEAR, FLY, SUBSCRIBE, SERVE)),
+    Role("pilot", "fly, command, and everything that the other roles may", (LOOK, HEAR, FLY, SUBSCRIBE, SERVE)),
     Role("observer", "look at everything, and neither command nor fly", (LOOK, HEAR, SUBSCRIBE, SERVE)),
     Role(
         "recorder",

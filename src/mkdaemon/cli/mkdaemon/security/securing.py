@@ -39,7 +39,9 @@ MAY: Final = {DAEMON: "listen, and be commanded", ROUTER: "join daemons and clie
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
-app = App(name="security", help="Certificates and access rules: who may look, fly and record from another machine.")
+app = App(
+    name="security", help="Certificates and access rules: which clients of other machines may look, fly or record."
+)
 
 
 @app.command(name="new-ca")
