@@ -116,7 +116,7 @@ async def test_loads_are_asked_for_measured_and_put_back():
 
 async def test_motors_that_run_or_may_run_refuse_it_and_motors_that_start_end_it():
     async with measured() as board, connect(VEHICLE, board.daemon.endpoint) as uav:
-        for running, words in ((True, "motors run"), (None, "nothing says")):
+        for running, words in ((True, "motors run"), (None, "no stream shows")):
             board.motors_running = running
             await uav.health.until(lambda value, running=running: value.motors_running is running, patience=5)
             with pytest.raises(MkError, match=words):
