@@ -86,7 +86,7 @@ TUTORIALS: Final = (
     Page(
         "docs/quickstart.md",
         manners=(
-            Manner("make demo", shows="landed on the target, motors stand", patience=1800.0),
+            Manner("make demo", shows="landed on the target, motors off", patience=1800.0),
             Manner(".venv/bin/mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner(".venv/bin/mkdaemon run --config configs/sim.toml", Kind.STAYS, DAEMON),
             Manner(".venv/bin/mkctl status  ", Kind.REPEATED, r"no client holds the lease(.|\n)*external control v2"),

@@ -64,7 +64,7 @@ def test_a_first_look_around(serve, mkctl):
         flown.wait_for_values("state/position", "health")
         code, out, _ = mkctl("status")
         assert code == 0
-        for words in ("alive", "motors stand", "nc 0.24", "free", "battery", "satellites"):
+        for words in ("alive", "motors off", "nc 0.24", "free", "battery", "satellites"):
             assert words in out
         assert "up: " in out or "degraded: " in out  # a loaded machine may make it late
         code, out, _ = mkctl("status", "--json")

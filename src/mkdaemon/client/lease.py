@@ -397,7 +397,7 @@ class Lease:
         await self.fly(RepeatedSetpoint("position", wanted, SIGHTING, limit, rate, is_until_done=is_free))
 
     async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
-        """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.
+        """Land on the target in sight; returns after touchdown, when the daemon has released the aircraft.
 
         The motors still turn then: the pilot stops them. The lease has ended.
 

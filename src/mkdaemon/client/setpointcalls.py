@@ -132,7 +132,7 @@ class SetpointCalls:
     def land(self, *, target: str = "", yaw: float | None = None, ttl: float = 0.3) -> None:
         """Land on the target in sight.
 
-        Streamed until the feet stand; the aircraft is released then.
+        Streamed until touchdown; then the aircraft is released.
 
         Args:
             target: Name of the target; empty for the one in sight, which is refused where there are two.

@@ -140,8 +140,8 @@ def _hands(status: ControlStatus, known: Knowledge) -> Wording:
 
 # -- the aircraft -----------------------------------------------------------------------------------------------------
 
-MOTORS: Final = {True: "motors run", False: "motors stand", None: "motors not known"}
-_PLACES: Final = {True: "in the air", False: "on the ground", None: "in the air or not: not known"}
+MOTORS: Final = {True: "motors on", False: "motors off", None: "motors unknown"}
+_PLACES: Final = {True: "in the air", False: "on the ground", None: "in the air: unknown"}
 FLIGHT_ALARMS: Final = {
     "emergency_landing": Tone.BAD,
     "battery_low": Tone.BAD,

@@ -65,7 +65,7 @@ def demo(
 ) -> int:
     """Fly by itself: take off, hold over a target, step aside by 1 m, follow the target when it moves, land on it.
 
-    Needs no hardware, no network and no terminal. Exit code 0 only when it landed on the target and the motors stand
+    Needs no hardware, no network and no terminal. Exit code 0 only if it landed on the target and the motors stopped
     still.
 
     Example: mkdaemon demo --wind moderate --view
@@ -121,7 +121,7 @@ def _fly(
     else:
         console.print(summary_table(figures))
         print_files(console, picture, recording, report, reason)
-        words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
+        words = "landed on the target, motors off" if record.has_landed else f"NOT landed: {figures['outcome']}"
         console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
     return EXIT_OK if record.has_landed else EXIT_FAILURE
 

@@ -44,7 +44,7 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
     assert said["latency"] == "p50 20 ms, p99 44 ms"
     assert said["link_tests"] == "49 of 50 answered, 1 unanswered (1 lost)"
     assert said["stick_frames"] == "none sent"
-    assert said["flight"] == "in the air or not: not known, motors run"
+    assert said["flight"] == "in the air: unknown, motors on"
     assert said["hands"] == "the pilot keeps his thumbs on centred sticks"
     aircraft = shown["scene"]["aircraft"]
     assert (aircraft["position"], aircraft["source"], aircraft["frame"]) == ([0.12, -0.05, 2.01], "estimate", "pad")

@@ -151,7 +151,7 @@ async def land(
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
-    """Land on the target in sight; ends when the feet stand and the aircraft is released.
+    """Land on the target in sight; ends when it has landed and the aircraft is released.
 
     The motors still turn then: the pilot stops them.
 

@@ -108,7 +108,7 @@ class LogServer:
         station, number = whose[0], message.id - first
         self._number = mine = self._number + 1
         if is_armed(self._picture):
-            self._notify(station, "recordings are sent while the motors stand")
+            self._notify(station, "recordings are sent only while the motors are off")
             return
         if not 0 <= number < len(self._logs):
             station.send(_data(message.id, message.ofs, b""))
