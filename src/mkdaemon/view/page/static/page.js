@@ -11,7 +11,7 @@ const GONE = 2000; // without a word from the server for so long the page says s
 const TRAIL = 1500; // points drawn
 const SEEK = 250; // between two places that are asked for [ms]
 const LEAP = 5, LONG_LEAP = 30; // with an arrow key [s]
-const QUESTIONS = {abort: ["Abort what is flown?", "Abort now"], release: ["Release the aircraft?", "Release now"]};
+const QUESTIONS = {abort: ["Abort the manoeuvre?", "Abort now"], release: ["Release the aircraft?", "Release now"]};
 const sticks = (column, name, colour) => [
   {series: "sticks", column, name, colour}, {series: "sticks", column: column + 4, colour, dashed: true},
 ];
@@ -55,7 +55,7 @@ function take(shown) {
   document.body.classList.remove("gone");
   showVehicles(shown.vehicles);
   if (!shown.vehicle) {
-    say(get("verdict"), "Nobody is there: no daemon, and no recording is played", "unknown");
+    say(get("verdict"), "No vehicle: no daemon is running, and no recording is played", "unknown");
     return;
   }
   vehicle = shown.vehicle;
@@ -351,7 +351,7 @@ setInterval(() => {
   if (performance.now() - kept.heard < GONE) return;
   document.body.classList.add("gone");
   for (const name of ["abort", "release"]) get(name).disabled = true;
-  const age = kept.heard ? `: what is shown is ${ageWords((performance.now() - kept.heard) / 1000)} old` : "";
+  const age = kept.heard ? `: the values shown are ${ageWords((performance.now() - kept.heard) / 1000)} old` : "";
   say(get("verdict"), `mkctl view does not answer${age}`, "bad");
 }, 500);
 scene.listen(redraw);
