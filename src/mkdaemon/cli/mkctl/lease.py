@@ -22,7 +22,7 @@ async def take(
     ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
     force: Annotated[bool, Parameter(help="Take it from its holder.")] = False,
     use_remembered: Annotated[
-        bool, Parameter(help="The FlightCtrl, which cannot be asked in flight, is the one before.")
+        bool, Parameter(help="Assume the FlightCtrl of before, which cannot be identified in flight.")
     ] = False,
     connection: Connection = HERE,
 ) -> None:

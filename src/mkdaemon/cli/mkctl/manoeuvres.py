@@ -30,7 +30,7 @@ BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
 Force = Annotated[bool, Parameter(help="Take the lease from its holder.")]
-Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
+Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="Duration from the engagement [s].")]
 
 
 async def goto(
@@ -39,15 +39,16 @@ async def goto(
     z: float,
     /,
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
-    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Where x, y and z count from.")] = "pad",
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
+    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Origin of x, y and z.")] = "pad",
     seconds: Annotated[
-        float | None, Parameter(name=["--seconds", "-s"], help="How long it holds there; 10 s, at home 255 s.")
+        float | None,
+        Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s]; default 10, with home 255."),
     ] = None,
-    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
     force: Force = False,
-    patience: Annotated[float, Parameter(help="At home: longest time for the switch and the way [s].")] = PATIENCE,
-    confirm: Annotated[bool, Parameter(help="At home: I know that it flies there by itself.")] = False,
+    patience: Annotated[float, Parameter(help="Frame home: longest time for switch and flight [s].")] = PATIENCE,
+    confirm: Annotated[bool, Parameter(help="Frame home: I know that the NaviCtrl flies there.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
@@ -89,9 +90,9 @@ async def goto(
 
 async def hold(
     *,
-    height: Annotated[float | None, Parameter(help="Above the target [m]; else the present one.")] = None,
+    height: Annotated[float | None, Parameter(help="Height above the target [m]; default: the present one.")] = None,
     seconds: Seconds = 10.0,
-    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
     force: Force = False,
     connection: Connection = HERE,
 ) -> int:
@@ -147,7 +148,7 @@ async def velocity(
 
 async def land(
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -172,8 +173,8 @@ async def take_off(
     height: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=10.0))],
     /,
     *,
-    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="How long it holds there.")] = 10.0,
-    target: Annotated[str, Parameter(help="Name of the target; else the one in sight.")] = "",
+    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s].")] = 10.0,
+    target: Annotated[str, Parameter(help="Name of the target; by default the one in sight.")] = "",
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:

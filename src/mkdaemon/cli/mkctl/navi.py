@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 PATIENCE = 300.0
 """For the pilot to turn the switch, and for the way [s]."""
 Confirm = Annotated[
-    bool, Parameter(help="I know that the aircraft flies there by itself once the pilot turns the switch.")
+    bool, Parameter(help="I know that the NaviCtrl flies the aircraft when the pilot turns the switch.")
 ]
-Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the way [s].")]
+Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the flight [s].")]
 
 
 async def status(*, connection: Connection = HERE) -> None:
@@ -43,7 +43,7 @@ async def status(*, connection: Connection = HERE) -> None:
 
 
 async def fly(
-    file: Annotated[Path | None, Parameter(help="Mission to upload first; else the NaviCtrl's list.")] = None,
+    file: Annotated[Path | None, Parameter(help="Mission to upload first; default: the NaviCtrl's list.")] = None,
     /,
     *,
     confirm: Confirm = False,

@@ -58,7 +58,7 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
 
 
 async def labels(
-    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Whose.")] = "fc",
+    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Board.")] = "fc",
     /,
     *,
     connection: Connection = HERE,

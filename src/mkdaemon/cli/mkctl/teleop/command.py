@@ -68,10 +68,10 @@ PADS: Final = InputOptions()
 async def teleop(
     *,
     hands: InputOptions = PADS,
-    list_: Annotated[bool, Parameter(name="--list", help="Show the pads of this machine.")] = False,
-    learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
+    list_: Annotated[bool, Parameter(name="--list", help="List the gamepads of this machine.")] = False,
+    learn: Annotated[bool, Parameter(help="Write a mapping for the connected gamepad.")] = False,
     publish: Annotated[str | None, Parameter(help="Do not fly; send this machine's pad to `--joy NAME`.")] = None,
-    record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
+    record: Annotated[Path | None, Parameter(help="Record the session for --replay.")] = None,
     force: Annotated[bool, Parameter(help="Take the lease from its holder.")] = False,
     connection: Connection = HERE,
 ) -> int:
