@@ -328,7 +328,7 @@ class FlightSession:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint, without epoch and sequence.
             now: the time [s].
-            ttl: age at which it no longer holds [s].
+            ttl: age from which it is refused [s].
 
         Returns:
             The setpoint; None while the lease is requested.

@@ -78,7 +78,7 @@ VERBS: Final[tuple[Verb, ...]] = (
     Verb("release", "Release the aircraft now; every client may.", command.ReleaseRequest, control.ReleaseReport),
     Verb("gains", "The model in use, its gains and margins.", command.GainsRequest, control.Gains),
     Verb("preflight", "Make every check before a flight.", command.PreflightRequest, preflight.PreflightReport),
-    Verb("abort", "Stop the manoeuvre and hold, or level; anyone may.", command.AbortRequest),
+    Verb("abort", "Stop the manoeuvre and hold, or level; every client may.", command.AbortRequest),
     Verb(
         "accept_aircraft",
         "Accept the other aircraft that is at the port since it reopened.",

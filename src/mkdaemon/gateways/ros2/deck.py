@@ -234,7 +234,7 @@ class FlightDeck:
         """Release the aircraft from any client.
 
         Raises:
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         self._let_go("released, as asked for")
         report = await self._uav.release("asked for in ROS")
