@@ -255,6 +255,6 @@ def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_ha
     picture = picture_of([blind, *values])
     shown = picture.show(NOW)
     assert shown["scene"]["aircraft"]["is_stale"]
-    assert shown["scene"]["caption"] == "over pad, as the flight core believes; last image 2.0 s ago"
+    assert shown["scene"]["caption"] == "over pad, estimate of the flight core; last image 2.0 s ago"
     assert line(shown, "error")["text"] == "not known: no image for 2.0 s"
     assert [point[1:] for point in picture.series["error"].since(0)] == [(None, None)]

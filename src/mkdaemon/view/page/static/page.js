@@ -22,7 +22,7 @@ const PLOTS = [
     {series: "height", column: 1, name: "seen", colour: "--one"}, {series: "goal", column: 1, name: "goal", colour: "--four", dashed: true},
     {series: "barometer", column: 1, name: "baro", colour: "--two"}]},
   {id: "sticks", digits: 0, title: "sticks", unit: "counts", hint: "dashed: before the limiter", least: 20, lines: [
-    ...sticks(1, "pitch", "--one"), ...sticks(2, "roll", "--two"), ...sticks(3, "yaw", "--three"), ...sticks(4, "gas", "--four")]},
+    ...sticks(1, "pitch", "--one"), ...sticks(2, "roll", "--two"), ...sticks(3, "yaw", "--three"), ...sticks(4, "throttle", "--four")]},
   {id: "latency", digits: 0, title: "latency", unit: "ms", least: 20, lines: [
     {series: "latency", column: 1, name: "last", colour: "--one"}, {series: "latency", column: 2, name: "p50", colour: "--four"},
     {series: "latency", column: 3, name: "p99", colour: "--two", dashed: true}]},
