@@ -61,7 +61,7 @@ def test_what_nobody_has_said_is_not_known():
     shown = VehiclePicture("mk1").show(NOW)
     assert {one["text"] for one in shown["lines"]} == {"not known"}
     assert {one["tone"] for one in shown["lines"]} == {"unknown"}
-    caption = "where the aircraft is: not known"
+    caption = "position of the aircraft: unknown"
     assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None, "caption": caption}
     assert shown["verdict"]["text"] == "NOTHING FROM THE DAEMON: no value has arrived"
     assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
