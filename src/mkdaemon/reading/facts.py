@@ -497,7 +497,7 @@ def rows_of(cameras: tuple[str, ...]) -> Mapping[str, FactRow]:
     """The rows of the table by their words, then two for each camera; one where there is none."""
     rows = [*_ROWS]
     if not cameras:
-        rows.append(FactRow("eyes", "eyes", lambda _: None))
+        rows.append(FactRow("cameras", "cameras", lambda _: None))
     for camera in cameras:
         rows.append(FactRow(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye)))
         rows.append(FactRow(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera)))
