@@ -305,7 +305,7 @@ def flying_picture(_root: Path) -> str:
         svg_text(
             _EDGE,
             300,
-            "throughout: the pilot watches the aircraft and can take over by gate, sticks and GPS switch",
+            "pilot, throughout: watches the aircraft; takes over by gate, sticks or GPS switch",
             _RED,
         ),
         svg_text(width - _EDGE, 275, "pilot: motors off", _RED, anchor="end"),
