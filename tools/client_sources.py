@@ -169,7 +169,7 @@ class _Node:
     """A chunk of keys.
 
     Attributes:
-        path: the chunks so far.
+        path: the chunks before.
         spec: the key that ends here.
         children: by their chunk.
     """
@@ -180,7 +180,7 @@ class _Node:
 
     @property
     def names(self) -> list[str]:
-        """The variable chunks so far."""
+        """The variable chunks of the path."""
         return [chunk[1:-1] for chunk in self.path if chunk.startswith("<")]
 
     @property
