@@ -399,7 +399,7 @@ async def fuzz(seconds: float, seed: int, *, shows: bool = False) -> Findings:
 
 def main(
     *,
-    seconds: Annotated[float, Parameter(help="How long [s].")] = 600.0,
+    seconds: Annotated[float, Parameter(help="Duration [s].")] = 600.0,
     seed: Annotated[int, Parameter(help="Of the nonsense, or of the first sequence.")] = 1,
     bus: Annotated[bool, Parameter(help="Key expressions of every kind in place of requests, with readers.")] = False,
     count: Annotated[int, Parameter(help="With --bus: puts, deletions, queries and tokens.")] = 100_000,

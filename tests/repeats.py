@@ -36,7 +36,7 @@ def require_no_standstill(errors: str) -> None:
     Raises:
         InconclusiveError: it says so.
     """
-    if stalled := re.search(r"the daemon stood still for [\d.]+ s", errors):
+    if stalled := re.search(r"the daemon did not run for [\d.]+ s", errors):
         raise InconclusiveError(stalled[0])
 
 

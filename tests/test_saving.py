@@ -61,7 +61,7 @@ def test_a_command_overwrites_only_with_force_and_never_on_a_full_disk(command, 
     app, file, words = command(tmp_path)
     file.write_bytes(OLD)
     assert run(app, [str(word) for word in words]) == EXIT_CONFIG
-    assert f"{file}: exists already; choose another name, or overwrite it with --force" in capsys.readouterr().err
+    assert f"{file}: already exists; choose another name, or overwrite it with --force" in capsys.readouterr().err
     app, file, words = command(tmp_path, "--force")
     names = sorted(tmp_path.iterdir())
     with full_disk():
@@ -99,7 +99,7 @@ def save_settings(file, *, overwrite):
 def test_a_writer_overwrites_only_when_asked_for_and_never_on_a_full_disk(write, tmp_path):
     file = tmp_path / ("x.png" if write is save_overlay else "x.toml")
     file.write_bytes(OLD)
-    with pytest.raises(ConfigError, match=r"exists already; .* --force"):
+    with pytest.raises(ConfigError, match=r"already exists; .* --force"):
         write(file, overwrite=False)
     with pytest.raises(MkError, match=r"cannot be written .File too large."), full_disk():
         write(file, overwrite=True)

@@ -26,7 +26,7 @@ ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
 
 
 def accuracy_page(root: Path) -> str:
-    """Return docs/lab/accuracy.md with its tables made anew.
+    """Return docs/lab/accuracy.md with fresh tables.
 
     Raises:
         MkError: a table that is not known, or that has no results.

@@ -10,7 +10,7 @@ Results = Mapping[str, Any]
 
 WITH, WITHOUT = "eyes_with_attitude", "eyes_without"
 NEAR, FAR = "to_4_m", "to_8_m"
-"""Keys of the campaigns behind cameras: the eyes with and without attitude, by distance."""
+"""Keys of the campaigns behind cameras: vision with and without attitude, by distance."""
 
 CAMERAS: Final = {
     "ideal": "ideal",

@@ -2,7 +2,7 @@
 
 Modules of the packages that fly get a probe in every branch while they are imported: one assignment in the syntax tree.
 A tracer would tell the same, but it is called for every line, and tests in virtual time are nothing but lines: they
-took three times as long under one. What a process of its own does is not seen.
+took three times as long under one. Code of child processes is not seen.
 
 The report has the form of coverage.py's JSON report: for every file `summary` with `num_branches` and
 `covered_branches`, and `missing_branches` as pairs of lines, from the statement that decides to where it goes; 0 where
@@ -128,7 +128,7 @@ class _Loader(SourceFileLoader):
 
 
 class Finder(MetaPathFinder):
-    """Finds the modules of some packages, before anybody else does.
+    """Finds the modules of some packages before any other finder does.
 
     Attributes:
         taken: a byte for every branch of a file that was imported, by its path.
@@ -152,7 +152,7 @@ class Finder(MetaPathFinder):
 
 
 def build_report(taken: Mapping[str, bytearray], files: Iterable[Path]) -> dict[str, Any]:
-    """Return the report; a file that nobody imported has all its branches missing."""
+    """Return the report; a file that was never imported has all its branches missing."""
     return {"files": {str(path): _build_entry(path, taken.get(str(path))) for path in sorted(files)}}
 
 

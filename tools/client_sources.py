@@ -132,7 +132,7 @@ def _setpoint(model: type[Setpoint]) -> Iterator[str]:
     for name in fields:
         yield from _wrapped(f"{name}: {_plain_words(meanings[name])}", 12, hanging=4)
     yield "            ttl: Age at which it no longer holds [s]."
-    yield from ("", "        Raises:", "            LeaseLostError: the lease has ended; says why.")
+    yield from ("", "        Raises:", "            LeaseLostError: the lease has ended; the text says why.")
     yield from ("            CommandRejectedError: `bad_field`: a number is out of range.", '        """')
     yield f'        self._put("{kind}", {{{", ".join(f"{chr(34)}{name}{chr(34)}: {name}" for name in fields)}}}, ttl)'
 
@@ -169,7 +169,7 @@ class _Node:
     """A chunk of keys.
 
     Attributes:
-        path: the chunks so far.
+        path: the chunks before.
         spec: the key that ends here.
         children: by their chunk.
     """
@@ -180,7 +180,7 @@ class _Node:
 
     @property
     def names(self) -> list[str]:
-        """The variable chunks so far."""
+        """The variable chunks of the path."""
         return [chunk[1:-1] for chunk in self.path if chunk.startswith("<")]
 
     @property

@@ -77,7 +77,7 @@ def _lines() -> Iterator[str]:
 
 
 def _table(keys: list[ConfigKey]) -> Iterator[str]:
-    """The keys of a section; what a wrong value does where that is told."""
+    """The keys of a section, with the effect of a wrong value if it is declared."""
     columns = _COLUMNS if any(key.consequence for key in keys) else _COLUMNS[:-1]
     rows = [
         (

@@ -33,7 +33,7 @@ COLUMNS: Final = (
 
 
 def scale_page(root: Path) -> str:
-    """Return docs/lab/scale.md with its tables made anew."""
+    """Return docs/lab/scale.md with fresh tables."""
     results: Results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
     return PLACE.sub(
         lambda place: place["begin"] + "\n".join(TABLES[place["name"]](results)) + "\n" + place["end"],

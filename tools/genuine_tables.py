@@ -25,12 +25,12 @@ SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 
 
 def genuine_page(root: Path) -> str:
-    """Return docs/lab/genuine.md with its tables made anew."""
+    """Return docs/lab/genuine.md with fresh tables."""
     return _filled(root, "docs/lab/genuine.md")
 
 
 def triggers_page(root: Path) -> str:
-    """Return docs/lab/genuine-triggers.md with its table made anew."""
+    """Return docs/lab/genuine-triggers.md with a fresh table."""
     return _filled(root, "docs/lab/genuine-triggers.md")
 
 

@@ -83,7 +83,7 @@ def spell(files: Iterable[dict[str, Any]]) -> str:
 
 
 def hashes(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
-    """Write requirements-aircraft.txt anew; pip is asked, nothing is installed.
+    """Write requirements-aircraft.txt by asking pip; nothing is installed.
 
     Raises:
         MkError: pip finds no files for a machine.

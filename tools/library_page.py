@@ -23,8 +23,8 @@ from tools.markdown import table
 _HEAD = """# Reference of the Python library
 
 Made from the docstrings of `mkdaemon.client` by `make docs`. [library.md](library.md) shows how to use it.
-Other modules of `mkdaemon.client`, such as `linktest`, `cameralook` and `photocheck`, are what `mkctl` stands on, and
-may change in any release.
+Other modules of `mkdaemon.client`, such as `linktest`, `cameralook` and `photocheck`, are internal to `mkctl`, and may
+change in any release.
 """
 _ERRORS = (
     "MkError",

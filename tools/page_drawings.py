@@ -54,8 +54,8 @@ DRAWINGS: Final = {
         {
             "sim": Box(0, 0, ("first terminal", "mkdaemon sim", "aircraft, pilot, radio")),
             "run": Box(1, 0, ("second terminal", "mkdaemon run", "the daemon")),
-            "ctl": Box(2, 0, ("third terminal", "mkctl", "looks, and flies")),
-            "real": Box(0, 1, ("a real aircraft", "in place of the simulator", "section 3")),
+            "ctl": Box(2, 0, ("third terminal", "mkctl", "status and flight")),
+            "real": Box(0, 1, ("a real aircraft", "instead of the simulator", "section 3")),
             "own": Box(2, 1, ("your own program", "any Zenoh client", "section 4")),
         },
         (
@@ -92,10 +92,10 @@ DRAWINGS: Final = {
             "states": Box(1, 1, ("today's translator", "StateTranslator")),
             "events": Box(0, 2, ("recorded: events, ticks", "core/*")),
             "core": Box(1, 2, ("today's FlightCore", "at the recorded times")),
-            "images": Box(0, 3, ("recorded: images", "and the attitude known then")),
+            "images": Box(0, 3, ("recorded: images", "with their attitude")),
             "eyes": Box(1, 3, ("today's pipelines", "one for each camera")),
-            "compare": Box(2, 1, ("compared", "with what was published")),
-            "answers": Box(2, 2, ("compared", "with what was published", "and answered")),
+            "compare": Box(2, 1, ("compared", "with published values")),
+            "answers": Box(2, 2, ("compared", "with published values", "and answers")),
         },
         (
             Arrow("bytes", "decoder"),
@@ -111,19 +111,19 @@ DRAWINGS: Final = {
     ),
     "security": Drawing(
         {
-            "client": Box(0, 0, ("a program", "on this machine, or in the", "network")),
-            "known": Box(1, 0, ("certificate or password", "asked for wherever the", "network reaches the bus")),
-            "access": Box(2, 0, ("access control", "where it is set up: what is", "not allowed is dropped")),
+            "client": Box(0, 0, ("a program", "on this machine or in the", "network")),
+            "known": Box(1, 0, ("certificate or password", "required where the", "network reaches the bus")),
+            "access": Box(2, 0, ("access control", "if set up: drops what a", "role may not do")),
             "limits": Box(3, 0, ("lengths and rates", "too long: refused", "too often: `busy`")),
-            "lease": Box(3, 1, ("the lease", "a setpoint without its", "signature: not taken")),
+            "lease": Box(3, 1, ("the lease", "refuses a setpoint", "without its signature")),
             "core": Box(2, 1, ("flight core", "limits of every stick,", "release when silent")),
             "link": Box(1, 1, ("link", "one stick frame waits,", "none on a broken line")),
-            "guard": Box(1, 2, ("guard", "a process of its own, for", "a daemon that stands still")),
+            "guard": Box(1, 2, ("guard", "separate process; releases", "if the daemon stops")),
             "board": Box(0, 1, ("FlightCtrl", "its own dead-man, and", "the pilot's gate")),
         },
         (
             Arrow("client", "known", "connects"),
-            Arrow("known", "access", "who it is"),
+            Arrow("known", "access", "identity"),
             Arrow("access", "limits", "messages"),
             Arrow("limits", "lease", "setpoints"),
             Arrow("lease", "core", "setpoints"),
@@ -135,11 +135,11 @@ DRAWINGS: Final = {
     "operations": Drawing(
         {
             "new": Box(0, 0, ("/opt/mkdaemon-NEW", "make install")),
-            "old": Box(0, 1, ("/opt/mkdaemon-OLD", "stays, to go back to")),
+            "old": Box(0, 1, ("/opt/mkdaemon-OLD", "kept for a roll-back")),
             "link": Box(1, 0, ("/opt/mkdaemon", "a link to one version")),
-            "unit": Box(2, 0, ("mkdaemon.service", "a user of its own", "restarts on failure")),
+            "unit": Box(2, 0, ("mkdaemon.service", "dynamic user", "restarts on failure")),
             "config": Box(1, 1, ("/etc/mkdaemon/vehicle.toml", "port, vehicle, limits")),
-            "state": Box(3, 0, ("/var/lib/mkdaemon", "recordings, notes of what", "must be put right")),
+            "state": Box(3, 0, ("/var/lib/mkdaemon", "recordings, notes for", "recovery")),
             "log": Box(3, 1, ("journal", "journalctl -u mkdaemon")),
             "ctl": Box(2, 1, ("mkctl", "the bus, or the Unix socket", "for `release`")),
         },
@@ -302,7 +302,12 @@ def flying_picture(_root: Path) -> str:
         f'<path d="M {_EDGE} {ground} H {width - _EDGE}" stroke="{_LINE}"/>',
         f'<path d="M {path}" fill="none" stroke="{_INK}" stroke-width="3"/>',
         svg_text(_EDGE, 275, "pilot: motors on, throttle lowest, gate open", _RED),
-        svg_text(_EDGE, 300, "all the time: he looks at the aircraft; gate, sticks and GPS switch are his", _RED),
+        svg_text(
+            _EDGE,
+            300,
+            "pilot, throughout: watches the aircraft; takes over by gate, sticks or GPS switch",
+            _RED,
+        ),
         svg_text(width - _EDGE, 275, "pilot: motors off", _RED, anchor="end"),
     ]
     for (left, first), (right, second), (_, words) in zip(places, places[1:], marks[1:], strict=False):

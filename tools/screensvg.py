@@ -63,7 +63,7 @@ def svg_text(x: float, y: float, words: str, colour: str, *, bold: bool = False,
 
 
 def svg_of(width: float, height: float, parts: Sequence[str]) -> str:
-    """A picture of so many parts."""
+    """A picture of these parts."""
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
         f'height="{height:g}" font-family="monospace" font-size="14">\n'

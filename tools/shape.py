@@ -37,9 +37,9 @@ SAME_CLASSES: Final = 3
 PRODUCT: Final = ("mkdaemon", "mksim")
 """What is installed."""
 WHOLE: Final = ("mksim",)
-"""Packages that are not cut into rooms of their own: names are unique in all of them."""
+"""Packages without rooms: names are unique in all of them together."""
 PROGRAMS: Final = ("mkdaemon.cli", "mkdaemon.gateways")
-"""Each package in them is a program of its own."""
+"""Each package in them is a separate program."""
 
 
 @dataclass(frozen=True, slots=True)

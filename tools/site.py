@@ -38,6 +38,9 @@ REFERENCE: Final = "\n  - Reference:\n"
 """Begins the part of the navigation whose pages are looked up in, not read."""
 _ENTRY: Final = re.compile(r"^ +- (?:[^:\n]+: )?(?P<page>[\w/-]+\.md)$", re.MULTILINE)
 _CODE: Final = re.compile(r"(?<!<pre>)(?<!</span>)<code>(?P<words>[^<]*)</code>")
+_PRINTED: Final = re.compile(r"(?<=<code>)(?:(?!</code>).)*(?=</code></pre>)", re.DOTALL)
+_DRAWN: Final = re.compile(r"^.*[\u2500-\u257f].*$", re.MULTILINE)
+"""A line of a printed table; the range holds Unicode's box drawing characters."""
 _BREAKABLE: Final = re.compile(r"\S*[-/]\S*")
 _LONGEST_WORD: Final = 40
 """Letters of a word that fits into one line of a telephone."""
@@ -159,6 +162,11 @@ def keep_words_whole(page: str) -> str:
     return _CODE.sub(lambda code: f"<code>{_BREAKABLE.sub(word, code['words'])}</code>", page)
 
 
+def keep_tables_whole(page: str) -> str:
+    """Return the HTML of a page in which printed tables do not wrap: `site.css` wraps the other lines of a block."""
+    return _PRINTED.sub(lambda block: _DRAWN.sub(r'<span class="drawn">\g<0></span>', block[0]), page)
+
+
 def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
     """Build the site of the documentation.
 
@@ -171,7 +179,7 @@ def site(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = 
     stage = lay_out(root)
     build(root)
     for page in (root / SITE).rglob("*.html"):
-        page.write_text(keep_words_whole(page.read_text(encoding="utf-8")), encoding="utf-8")
+        page.write_text(keep_tables_whole(keep_words_whole(page.read_text(encoding="utf-8"))), encoding="utf-8")
     print(f"built {root / SITE / 'index.html'} of {len(list(stage.rglob('*.md')))} pages")
 
 

@@ -13,7 +13,7 @@ def blocks_of(node: ast.AST) -> Iterator[Iterable[ast.AST]]:
 
 
 def statements_of(block: Iterable[ast.AST]) -> Iterator[ast.AST]:
-    """Yield every statement of a block and of the blocks inside it, whoever holds the others first."""
+    """Yield every statement of a block and of the blocks inside it, the containing ones first."""
     for node in block:
         yield node
         for inner in blocks_of(node):

@@ -368,7 +368,7 @@ def walk(
     Raises:
         MkError: an answer is another one than on its page.
     """
-    # Whoever starts it in the background leaves Ctrl-C ignored, and everything it starts would be deaf to it.
+    # In the background Ctrl-C is ignored, and every program started from here would ignore it, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

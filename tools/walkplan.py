@@ -17,7 +17,7 @@ class Kind(Enum):
 
     TO_END = "to its end"
     STAYS = "runs on"
-    """In a terminal of its own, until the page is done or says that Ctrl-C ends it; first it shows what it must."""
+    """In a separate terminal, until the page is done or says that Ctrl-C ends it; it must first show its line."""
     INTERRUPTED = "until Ctrl-C"
     """Ctrl-C comes when it has shown what it must."""
     ENTERED = "until Enter"
@@ -56,7 +56,7 @@ class Page:
         before: what its sentences, not its blocks, say must run.
         stands_for: what of the world another thing stands for here.
         manners: of its lines.
-        answers: lines whose answer is a block of its own on the page, and how that begins.
+        answers: lines whose answer is a separate block of the page, and how that begins.
     """
 
     path: str
@@ -86,7 +86,7 @@ TUTORIALS: Final = (
     Page(
         "docs/quickstart.md",
         manners=(
-            Manner("make demo", shows="landed on the target, motors stand", patience=1800.0),
+            Manner("make demo", shows="landed on the target, motors off", patience=1800.0),
             Manner(".venv/bin/mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner(".venv/bin/mkdaemon run --config configs/sim.toml", Kind.STAYS, DAEMON),
             Manner(".venv/bin/mkctl status  ", Kind.REPEATED, r"no client holds the lease(.|\n)*external control v2"),

@@ -1,4 +1,4 @@
-"""A newcomer's terminals: a home of his own, nothing of the developer's environment, and programs that run on."""
+"""A newcomer's terminals: a new home, nothing of the developer's environment, and programs that keep running."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS: Final = "100"
 LOOK: Final = 0.2
 """Between two looks at what a program has printed [s]."""
 SETTLING: Final = 5.0
-"""What is ended by Ctrl-C has shown what it must, or gets so long where nothing is named [s]."""
+"""Time before Ctrl-C for a program without a line that it must show [s]."""
 ENDING: Final = 90.0
 """Longest end of a program after Ctrl-C [s]."""
 AGAIN: Final = 2.0

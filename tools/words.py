@@ -204,14 +204,14 @@ def _require_words(root: Path) -> None:
         MkError: a page says or spells something in another way than the others.
     """
     pages = [page for pattern in PAGES for page in sorted(root.glob(pattern))]
-    told = [
+    found = [
         f"{page.relative_to(root)}:{found.line}: `{found.word}`: write {found.instead}"
         for page in pages
         for found in refused_words(page.read_text(encoding="utf-8"))
     ]
-    if told:
-        print("\n".join(told))
-        msg = f"words that the pages do not use: {len(told)}; tools/words.py has the list"
+    if found:
+        print("\n".join(found))
+        msg = f"words that the pages do not use: {len(found)}; tools/words.py has the list"
         raise MkError(msg)
     print(f"{len(pages)} pages use the words of the list")
 

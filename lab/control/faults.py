@@ -159,7 +159,7 @@ def core_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The daemon stands still."""
     pause = rng.choice((rng.uniform(0.02, 0.25), rng.uniform(0.35, 1.0)))
     rig.at(at, lambda now: setattr(rig.trouble, "core_stalled", (now, now + pause)))
-    return Expectation(("the daemon stood still",), pause) if pause > 0.3 else NOTHING
+    return Expectation(("the daemon did not run",), pause) if pause > 0.3 else NOTHING
 
 
 def guard_acts(rig: FaultRig, at: float, rng: random.Random) -> Expectation:

@@ -156,7 +156,7 @@ TRIGGERS: Final = (
     Trigger(SWITCHES, gps_switch, 0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
     Trigger("the pilot's throttle is lower than ours", throttle_capped, 0.4, slack=2 * TELEMETRY),
     Trigger("the receiver is lost", receiver_lost, 0.0, slack=TELEMETRY),
-    Trigger("the daemon stood still for 0.3 s", daemon_stalled, 0.0),
+    Trigger("the daemon did not run for 0.3 s", daemon_stalled, 0.0),
     Trigger(GUARD, guard_neutral, 0.25),
     Trigger(GUARD, guard_release, 0.8),
     Trigger(PILOT, gate_shut, 0.0),

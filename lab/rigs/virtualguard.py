@@ -54,7 +54,7 @@ class VirtualGuard:
         self.daemon_stopped()
 
     def daemon_stopped(self) -> None:
-        """The link says nothing any more; the channel is open."""
+        """The link has been silent too long; the channel is open."""
         self._hears_link = False
 
     def stop(self) -> None:

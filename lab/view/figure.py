@@ -80,7 +80,7 @@ def picture_at(moment: float, seed: int = 1) -> VehiclePicture:
         rehearsal.watch(follow)
         flying = asyncio.create_task(rehearsal.fly(), name="flight")
         await asyncio.sleep(moment)
-        rehearsal.bus.followers.clear()  # the end of the flight is no part of the moment
+        rehearsal.bus.followers.clear()  # the end of the flight is not a part of the moment
         flying.cancel()
         with suppress(asyncio.CancelledError):
             await flying

@@ -105,7 +105,7 @@ def put_into(file: Path, found: dict[str, Any]) -> None:
         found: figures by campaign.
 
     Raises:
-        ConfigError: the file is no JSON object, or cannot be read or written.
+        ConfigError: the file is not a JSON object, or cannot be read or written.
     """
     try:
         kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}

@@ -54,7 +54,7 @@ def refuse_existing(path: Path, *, overwrite: bool) -> None:
         ConfigError: it is there already, and `overwrite` is off.
     """
     if path.exists() and not overwrite:
-        msg = f"{path}: exists already; choose another name, or overwrite it with --force"
+        msg = f"{path}: already exists; choose another name, or overwrite it with --force"
         raise ConfigError(msg)
 
 
@@ -107,7 +107,7 @@ def saving(path: Path, *, overwrite: bool = False) -> Iterator[BinaryIO]:
     """
     refuse_existing(path, overwrite=overwrite)
     if not path.parent.is_dir():
-        msg = f"{path}: there is no folder {path.parent}; make it first"
+        msg = f"{path}: there is no folder {path.parent}; create it first"
         raise ConfigError(msg)
     try:
         with _fresh_file(path, overwrite=overwrite) as file:

@@ -81,7 +81,7 @@ def read_bytes(path: Path, limit: int) -> bytes:
 
 
 def read_text(path: Path, *, encoding: str = "utf-8-sig", limit: int = LONGEST_TEXT) -> str:
-    """Read a regular text file; a byte order mark before it is no part of the text.
+    """Read a regular text file; a byte order mark before it is not a part of the text.
 
     Raises:
         OSError: see `open_regular`.
@@ -138,7 +138,7 @@ def parse_number(text: str) -> float:
         ValueError: it is none. Infinity and NaN are numbers here.
     """
     if "_" in text or not text.isascii():
-        raise ValueError(f"{text.strip()!r} is no number")
+        raise ValueError(f"{text.strip()!r} is not a number")
     return float(text)
 
 

@@ -35,6 +35,7 @@ def rotation_from_euler(roll: float, pitch: float, yaw: float) -> Matrix:
     Returns:
         Rotation `(3, 3)`, ENU from FLU.
     """
+    # R = Rz(yaw) Ry(pitch) Rx(roll), multiplied out.
     cr, sr = math.cos(roll), math.sin(roll)
     cp, sp = math.cos(pitch), math.sin(pitch)
     cy, sy = math.cos(yaw), math.sin(yaw)
@@ -93,6 +94,7 @@ def rotation_from_quaternion(quaternion: tuple[float, float, float, float]) -> M
     if not norm > 0.0:
         msg = "a quaternion of length zero has no rotation"
         raise ValueError(msg)
+    # R = I + 2 w [v]x + 2 [v]x [v]x with v = (x, y, z). Source: J. Diebel, "Representing Attitude", Stanford 2006, 6.
     w, x, y, z = (part / norm for part in quaternion)
     return np.array(
         [

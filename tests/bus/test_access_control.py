@@ -189,7 +189,7 @@ async def test_certificates_that_are_no_base64_are_named(certificates):
     config = session_config("client", connect=["tls/localhost:1"], zenoh_file=certificates / "ours" / "pilot.json5")
     assert explain_tls_failure(config) is None
     config.insert_json5("transport/link/tls/connect_private_key_base64", json.dumps("#"))
-    assert "connect_private_key_base64 is no base64" in explain_tls_failure(config)
+    assert "connect_private_key_base64 is not base64" in explain_tls_failure(config)
 
 
 async def test_an_observer_that_commands_is_refused_with_words(guarded, certificates, monkeypatch):

@@ -49,7 +49,7 @@ def test_a_stamp_is_signed_with_its_payload():
     forged = proof[:SIGNATURE_BYTES] + (13_000_000_000).to_bytes(8)
     assert not Signature("setpoint/stick", b"payload", forged).is_by("secret")
     moved = Signature("setpoint/stick", b"payload" + proof[SIGNATURE_BYTES:], proof[:SIGNATURE_BYTES])
-    assert not moved.is_by("secret"), "the stamp is no part of the payload"
+    assert not moved.is_by("secret"), "the stamp is not a part of the payload"
     assert stamp_of(proof[:SIGNATURE_BYTES]) is None
 
 

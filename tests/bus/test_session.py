@@ -52,7 +52,7 @@ def test_a_wrong_endpoint_is_named_with_its_place_and_a_sample(endpoint):
     ):
         with pytest.raises(ConfigError) as caught:
             session_config(mode, **arguments)
-        assert str(caught.value) == f"{place}: {endpoint!r} is no Zenoh endpoint; write it like tcp/127.0.0.1:7447"
+        assert str(caught.value) == f"{place}: {endpoint!r} is not a Zenoh endpoint; write it like tcp/127.0.0.1:7447"
 
 
 async def test_a_host_that_nobody_knows_is_named():

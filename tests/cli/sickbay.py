@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version
 from mkdaemon.cli.mkdaemon.doctor.table import Examined, examine
 from mkdaemon.cli.systemcommands import CommandOutput
@@ -52,7 +52,7 @@ class Tree:
         self.commands: dict[str, CommandOutput] = {}
         self.typed: list[tuple[str, ...]] = []
         self.forbidden: set[str] = set()
-        self.report = NOBODY
+        self.report = NO_DAEMON
         self.machine = Machine(
             root=root,
             run=self._run,
@@ -125,7 +125,7 @@ class Tree:
 
     def tell(self, **values: Any) -> None:
         """Let a daemon run here that tells something."""
-        before = {} if self.report is NOBODY else self.report._asdict()
+        before = {} if self.report is NO_DAEMON else self.report._asdict()
         self.report = report(**{**before, **values})
 
     def answers(self, **given: Any) -> None:
@@ -134,7 +134,7 @@ class Tree:
 
     def examined(self) -> Examined:
         """What the doctor sees."""
-        if self.report is not NOBODY:
+        if self.report is not NO_DAEMON:
             self.listen(7447)
         return examine(self.machine, self.config)
 

@@ -64,7 +64,7 @@ def test_a_first_look_around(serve, mkctl):
         flown.wait_for_values("state/position", "health")
         code, out, _ = mkctl("status")
         assert code == 0
-        for words in ("alive", "motors stand", "nc 0.24", "free", "battery", "satellites"):
+        for words in ("alive", "motors off", "nc 0.24", "free", "battery", "satellites"):
             assert words in out
         assert "up: " in out or "degraded: " in out  # a loaded machine may make it late
         code, out, _ = mkctl("status", "--json")
@@ -114,9 +114,9 @@ def test_mistakes_are_one_line(serve, mkctl):
     with serve():
         for arguments, words in (
             (("get", "state/nothing"), "no value for state/nothing"),
-            (("get", "a//b"), "'a//b' is no key: empty chunks are forbidden"),
+            (("get", "a//b"), "'a//b' is not a key: empty chunks are forbidden"),
             (("get", "--vehicle", "other"), "there is cockpit: use --vehicle"),
-            (("watch", ""), "'' is no key"),
+            (("watch", ""), "'' is not a key"),
             (
                 ("watch", "state/atitude"),
                 "no key matches 'state/atitude'; did you mean state/attitude or state/altitude?",
@@ -127,7 +127,7 @@ def test_mistakes_are_one_line(serve, mkctl):
             (("stick", "--throttle", "0", "--pitch", "300"), "--pitch 300: give a number from -127 to 127"),
             (("stick", "--throttle", "nan"), "--throttle nan: give a number"),
             (("stick", "--throttle", "0", "--rate", "0"), "--rate 0: give a number above 0"),
-            (("board", "rates", "osd", "soon"), "'soon' is no interval"),
+            (("board", "rates", "osd", "soon"), "'soon' is not an interval"),
             (("board", "rates", "sod", "100ms"), "no stream"),
         ):
             code, _, err = mkctl(*arguments)
@@ -163,7 +163,10 @@ def test_what_is_not_there_is_said_beside_what_is(serve, mkctl):
         (["status", "--vehicle", "a/b"], "--vehicle 'a/b': a name has lower-case letters, digits, - and _"),
         (["watch", "--count", "0"], "--count 0: give 1 or more"),
         (["watch", "--seconds", "nan"], "--seconds nan: give a number above 0"),
-        (["status", "--connect", "here"], "--connect: 'here' is no Zenoh endpoint; write it like tcp/127.0.0.1:7447"),
+        (
+            ["status", "--connect", "here"],
+            "--connect: 'here' is not a Zenoh endpoint; write it like tcp/127.0.0.1:7447",
+        ),
         (["status", "--zenoh-file", "no.json5"], "no.json5: no usable Zenoh configuration"),
     ],
 )
@@ -182,5 +185,5 @@ def test_intervals_in_the_units_people_write(text, seconds):
 
 @pytest.mark.parametrize("text", ["", "fast", "-5ms", "1 m"])
 def test_intervals_that_are_none(text):
-    with pytest.raises(ConfigError, match="no interval"):
+    with pytest.raises(ConfigError, match="not an interval"):
         read_interval(text)

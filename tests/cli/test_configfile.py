@@ -37,7 +37,7 @@ def test_a_new_file_is_right_and_says_the_defaults(config, path):
     cfg = load(path)
     assert (cfg.vehicle.name, cfg.link.port, cfg.link.baud) == ("mk7", "tcp:host:1", 57600)
     assert config("check", path)[:2] == (0, f"{path}: no mistake; 2 keys are set, all others have their defaults\n")
-    assert "exists already" in config("new", path)[2]
+    assert "already exists" in config("new", path)[2]
     assert config("new", path, "--force")[0] == 0
 
 

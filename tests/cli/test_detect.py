@@ -172,7 +172,7 @@ def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(
         (["text.png", "--intrinsics", "-1,2,3,4"], EXIT_CONFIG, "intrinsics '-1,2,3,4'"),
         (["text.png", "--camera", "none.toml"], EXIT_CONFIG, "camera file none.toml"),
         (["text.png", "--target", "none.toml"], EXIT_CONFIG, "target file none.toml"),
-        (["text.png", "--tag-size", "300"], EXIT_CONFIG, "is no tag size"),
+        (["text.png", "--tag-size", "300"], EXIT_CONFIG, "is not a tag size"),
         (["text.png", "--tag-size", "0.1", "--target", "t.toml"], EXIT_CONFIG, "not both"),
         (["text.png", "--ids", "a-b"], EXIT_CONFIG, "--ids 'a-b'"),
         (["text.png", "--ids", "5-1"], EXIT_CONFIG, "5-1 counts down"),

@@ -167,7 +167,7 @@ FAULTS = {
     "a pty without rights": (
         "port-forbidden",
         lambda t: (t.write("/dev/pts/4"), t.forbidden.add("/dev/pts/4"), t.configure(port='"pty:/dev/pts/4"')),
-        "/dev/pts/4 may not be opened by pilot",
+        "pilot may not open /dev/pts/4",
         "sudo usermod -aG ",
     ),
     "a terminal program": ("port-busy", run_minicom, "in use by minicom (process 812)", "kill 812"),
@@ -188,19 +188,19 @@ FAULTS = {
     "a name that changes": (
         "port-name",
         lambda t: t.configure(port='"/dev/ttyUSB0"'),
-        "/dev/ttyUSB0 is a name that changes",
+        "/dev/ttyUSB0 is not a stable name",
         f"sed -i 's|/dev/ttyUSB0|{PORT}|'",
     ),
     "a slow FTDI timer": (
         "ftdi-latency",
         lambda t: t.write(f"{ADAPTER}/1-1:1.0/ttyUSB0/latency_timer", "16\n"),
-        "for 16 ms",
+        "by 16 ms",
         "echo 1 | sudo tee",
     ),
     "a USB device that may sleep": (
         "usb-sleep",
         lambda t: t.write(f"{ADAPTER}/power/control", "auto\n"),
-        "put to sleep",
+        "may suspend the adapter",
         "echo on | sudo tee",
     ),
     "a chip without driver": ("adapter-driver", plug_in_without_driver, "USB Serial is plugged in", "modprobe ch341"),
@@ -236,13 +236,13 @@ FAULTS = {
     "a governor that saves power": (
         "governor",
         lambda t: t.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave\n"),
-        "under the governor powersave: cpu1",
+        "the CPU governor of cpu1",
         "echo performance | sudo tee",
     ),
     "no right to a real-time priority": (
         "real-time",
         lambda t: t.write("/proc/self/limits", "Max realtime priority     0                    0\n"),
-        "pilot may not go before",
+        "pilot may not use real-time",
         r"printf 'pilot - rtprio 2\npilot - nice -10\n' | sudo tee /etc/security",
     ),
     "grouping by session": (
@@ -254,27 +254,27 @@ FAULTS = {
     "unbounded real time": (
         "real-time-bound",
         lambda t: set_kernel(t, "sched_rt_runtime_us", "-1"),
-        "nothing bounds",
+        "real-time programs have no limit",
         "sudo sysctl -w kernel.sched_rt_runtime_us=950000",
     ),
     "no memory": ("memory", lambda t: t.write("/proc/meminfo", "MemAvailable:    90000 kB\n"), "90 MB", "ps -e"),
     "heat": (
         "heat",
         lambda t: t.write("/sys/class/thermal/thermal_zone0/temp", "84500\n"),
-        "cpu-thermal has 84 degrees",
+        "cpu-thermal is at 84 degrees",
         "thermal_zone0/temp",
     ),
     "a weak supply": (
         "voltage",
         lambda t: t.write("/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "1\n"),
-        "supply is too low",
+        "supply voltage is too low",
         "cat /sys/class/hwmon/hwmon1",
     ),
     "a full disk": ("disk-full", lambda t: t.answers(free_bytes=lambda path: 9_000_000), "9 MB are free", "du -xh"),
     "a nearly full disk": (
         "disk-short",
         lambda t: t.answers(free_bytes=lambda path: 700_000_000),
-        "record.free_mb leaves 1000",
+        "record.free_mb reserves 1000",
         "du -xh /var/lib/records",
     ),
     "a folder of somebody else": (
@@ -283,7 +283,7 @@ FAULTS = {
         "may not write in /var/lib/records",
         "sudo install -d -o pilot /var/lib/records",
     ),
-    "no NTP": ("no-time-service", no_service, "no program looks after it", "sudo timedatectl set-ntp true"),
+    "no NTP": ("no-time-service", no_service, "no time service runs", "sudo timedatectl set-ntp true"),
     "NTP without a server": (
         "clock-free",
         lambda t: t.answers(follows_server=lambda: False),
@@ -327,20 +327,20 @@ FAULTS = {
             listen_by(t, "mkdaemon", "/opt/mkdaemon/bin/mkdaemon", "run", "--config", "other.toml"),
             t.tell(daemons=0, clock=None),
         ),
-        "tcp/127.0.0.1:7447 is held by mkdaemon (process 900), which does not speak for mk1",
+        "tcp/127.0.0.1:7447 is used by mkdaemon (process 900), which does not serve mk1",
         "explain bus.listen",
     ),
     "a daemon of another user at the endpoint": (
         "endpoint-daemon",
         lambda t: (t.listen(7447), t.tell(daemons=0, clock=None)),
-        "held by a program of another user",
+        "used by a program of another user",
         "explain bus.listen",
     ),
     "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
     "a vehicle of the same name": (
         "vehicle-twice",
         lambda t: t.tell(daemons=2),
-        "2 daemons at tcp/127.0.0.1:7447 speak for mk1",
+        "2 daemons at tcp/127.0.0.1:7447 serve mk1",
         "explain vehicle.name",
     ),
     "Zenoh that does not answer": (
@@ -390,7 +390,7 @@ FAULTS = {
     "a camera without rights": (
         "camera-forbidden",
         lambda t: t.forbidden.add("/dev/video0"),
-        "/dev/video0 may not be opened by pilot",
+        "pilot may not open /dev/video0",
         "sudo usermod -aG",
     ),
     "a camera in use": (
@@ -402,7 +402,7 @@ FAULTS = {
     "a device without images": (
         "camera-node",
         lambda t: t.write("/sys/class/video4linux/video0/index", "1\n"),
-        "/dev/video0 gives no images",
+        "/dev/video0 delivers no images",
         "v4l2-ctl --list-devices",
     ),
     "a frame rate it has not": (
@@ -410,13 +410,13 @@ FAULTS = {
         lambda t: t.commands.update(
             {V4L2: CommandOutput(0, "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n")}
         ),
-        "asked for 30 images a second, and gives 10",
+        "set to 30 images a second, but delivers at most 10",
         V4L2,
     ),
     "a frame rate it does not reach": (
         "camera-slow",
         lambda t: t.tell(eyes=(eye_of(fps=7.4),)),
-        "gives 7 images a second, and 30",
+        "delivers 7 images a second instead of 30",
         "mkctl watch 'vision/*/stats'",
     ),
     "a camera that is silent": (
@@ -453,14 +453,14 @@ FAULTS = {
     "a calibration of another shape": (
         "calibration-size",
         lambda t: t.configure(width="640", height="480"),
-        "asked for 640x480, and",
+        "set to 640x480, but",
         "calibrate",
     ),
     "camera and line on one bus": ("usb-shared", share_bus, "share USB bus 1 of 480 Mbit/s", "lsusb -t"),
     "garbage on the line": (
         "line-rate",
         lambda t: t.tell(line=line_of(condition=LinkCondition.GARBAGE, reason="bytes come, none of them a frame")),
-        "none of them is a frame",
+        "but no valid frame",
         "mkctl health",
     ),
     "a line that is down": (

@@ -11,7 +11,7 @@ import zenoh
 from lab.rigs.processes import connected
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, ask_daemon
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, ask_daemon
 from mkdaemon.config.reader import load
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
@@ -93,7 +93,7 @@ async def test_a_daemon_and_a_router_are_asked(endpoint):
 
 async def test_nobody_is_asked_without_the_certificate_that_is_needed(monkeypatch):
     monkeypatch.delenv("MK_ZENOH_FILE", raising=False)
-    assert await asyncio.to_thread(ask_daemon, load(None), ["tls/127.0.0.1:1"]) == NOBODY
+    assert await asyncio.to_thread(ask_daemon, load(None), ["tls/127.0.0.1:1"]) == NO_DAEMON
 
 
 async def test_nobody_there_is_told_with_the_reason():

@@ -212,7 +212,7 @@ def test_an_argument_that_is_no_text_is_one_line(capsys):
         word.encode()
 
     assert run(app, ["\udcc3"]) == 2
-    assert capsys.readouterr().err == "x: '\\udcc3' is no text in this encoding: set LC_ALL=C.UTF-8\n"
+    assert capsys.readouterr().err == "x: '\\udcc3' is not text in this encoding: set LC_ALL=C.UTF-8\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -50,7 +50,7 @@ class Row(NamedTuple):
 
     Attributes:
         name: as the report has it.
-        board: who is asked.
+        board: the board that answers.
         request: an example.
         answers: classes of the answer; empty where there is none.
         shows: what the answer, or the board without one, must show.

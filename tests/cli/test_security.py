@@ -66,7 +66,7 @@ def test_an_authority_is_not_overwritten_by_accident(folder, security):
     before = (folder / "ca.pem").read_bytes()
     code, _, err = security("new-ca", folder)
     assert (code, (folder / "ca.pem").read_bytes()) == (2, before)
-    assert "exists already" in err
+    assert "already exists" in err
     assert security("new-ca", folder, "--force")[0] == 0
     assert (folder / "ca.pem").read_bytes() != before
 
@@ -109,7 +109,7 @@ def test_a_certificate_that_has_ended_is_shown(folder, security):
         (("issue", "bob", "--ca", "none"), "no authority is in none"),
         (("issue", "bob", "--host", "x", "--ca", "{keys}"), "only a daemon or a router is reached at a host"),
         (("issue", "a/b", "--ca", "{keys}"), "a name has letters"),
-        (("issue", "pilot", "--ca", "{keys}"), "exists already"),
+        (("issue", "pilot", "--ca", "{keys}"), "already exists"),
         (("issue", "x" * 65, "--ca", "{keys}"), "at most 64"),
         (
             ("issue", "d", "--role", "daemon", "--host", "b\u00fccher", "--ca", "{keys}"),

@@ -65,7 +65,7 @@ def test_a_folder_keeps_five_sets_and_is_never_overwritten(
     assert ctl(capsys, "backup", str(one), "--slot", "5")[0] == EXIT_OK
     assert read_sets(one)[5].parameters.raw == board.sets[5]
     code, _, err = ctl(capsys, "backup", str(one))
-    assert (code, "exists already" in err) == (EXIT_CONFIG, True)
+    assert (code, "already exists" in err) == (EXIT_CONFIG, True)
     (folder / "again.toml").write_text((folder / "set2.toml").read_text())
     with pytest.raises(ConfigError, match=r"set2\.toml: slot 2 is also in .*again\.toml; keep one of them"):
         read_sets(folder)
@@ -101,7 +101,7 @@ def test_restore_into_another_slot_and_edit_of_bits(
     ("words", "message"),
     [
         (["write"], "nothing to change; write NAME=VALUE"),
-        (["write", "gyro_p"], "'gyro_p' is no change; write NAME=VALUE"),
+        (["write", "gyro_p"], "'gyro_p' is not a change; write NAME=VALUE"),
         (["write", "gyro_q=1"], "the nearest name is 'gyro_p'"),
         (["write", "gyro_p=300"], "gyro_p takes 0..255"),
         (["write", "gyro_p=much"], "gyro_p .* cannot be 'much'"),

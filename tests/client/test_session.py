@@ -126,7 +126,7 @@ def test_a_refused_lease_is_raised_as_the_daemon_refused_it_until_it_is_acknowle
         flight.stream("stick", STICKS, 0.0)
     flight.end()
     flight.take()
-    assert flight.reason == "the lease is asked for"
+    assert flight.reason == "the lease is requested"
 
 
 def test_a_busy_daemon_is_asked_again_but_not_for_ever():
@@ -150,7 +150,7 @@ def test_a_release_is_owed_once_and_not_where_the_daemon_has_ended_the_lease():
     held.end()
     assert (held.release(), held.release()) == (wanted, None)
     silent = session(HELD)
-    with pytest.raises(LeaseLostError, match="has not been heard"):
+    with pytest.raises(LeaseLostError, match="has been silent"):
         silent.step(SILENCE + 0.1)
     assert silent.release() == wanted
     ended = session(ASKED)

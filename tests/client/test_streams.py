@@ -99,7 +99,7 @@ async def test_a_value_of_another_kind_is_an_error_and_no_surprise():
 @pytest.mark.parametrize("name", ["", "*", "a/b", "**"])
 async def test_a_name_within_a_key_is_one_part_of_it(name):
     async with connected() as (_, uav):
-        with pytest.raises(MkError, match="is no part of a key"):
+        with pytest.raises(MkError, match="is not a part of a key"):
             uav.vision(name)
 
 

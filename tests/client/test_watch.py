@@ -61,7 +61,7 @@ async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once():
         uav.watch("mk/fake/state/attitude")
         with pytest.raises(MkError, match="did you mean state/attitude"):
             uav.watch("mk/fake/state/atitude")
-        with pytest.raises(MkError, match="'a//b' is no key: empty chunks are forbidden"):
+        with pytest.raises(MkError, match="'a//b' is not a key: empty chunks are forbidden"):
             uav.watch("a//b")
 
 

@@ -183,7 +183,7 @@ def test_the_slew_cannot_walk_into_a_gesture():
     assert count(sticks) == StickCounts(0, 0, 0, -127)
 
 
-# -- what is no number ---------------------------------------------------------------------------------------------
+# -- what is not a number ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])

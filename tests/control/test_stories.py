@@ -574,4 +574,4 @@ def test_a_pose_whose_quaternion_has_no_length_is_refused_at_the_door():
     story.tell(PoseSeen(pose(story.now).model_copy(update={"quaternion_target_from_flu": (0.0, 0.0, 0.0, 0.0)})))
     assert story.core._sight.estimator is None
     story.run(0.1)
-    assert ["is no rotation" in warning.text for warning in story.of(Warn)] == [True]
+    assert ["is not a rotation" in warning.text for warning in story.of(Warn)] == [True]

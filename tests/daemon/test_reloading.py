@@ -49,7 +49,7 @@ async def test_each_question_is_answered_in_the_log():
     assert level == "error"
     assert "the running one stays: x.toml:3" in text
     reloading.ask()
-    assert await audit.lines.get() == ("info", "configuration reloaded: nothing that can be taken up differs")
+    assert await audit.lines.get() == ("info", "configuration reloaded: no key that can change at run time differs")
     assert [cfg.vehicle.note for cfg in taken] == ["one", "one"]
     assert all(cfg.link.baud == 57600 for cfg in taken)
     following.cancel()

@@ -29,13 +29,13 @@ WRONG = {
     "a stream nobody sends": (PORT + "rates = { osf = 100 }\n", "there is no stream 'osf'"),
     "more than the line carries": (PORT + "rates = { osd = 20, debug = 70 }\n", "% of the line"),
     "a port without its folder": ('[link]\nport = "ttyUSB0"\n', "/dev/ttyUSB0"),
-    "a port of no kind": ('[link]\nport = "udp:10.0.0.1:7"\n', "is no port"),
+    "a port of no kind": ('[link]\nport = "udp:10.0.0.1:7"\n', "is not a port"),
     "a loop that is not safe": (PORT + "[control.limiter]\nslew = 50\n" + CAMERA, "control.limiter.slew"),
     "a bus open to everybody": (
         PORT + '[bus]\nlisten = ["tcp/0.0.0.0:7447"]\n',
         "every program in the network could",
     ),
-    "an endpoint that is none": (PORT + '[bus]\nlisten = ["7447"]\n', "is no Zenoh endpoint"),
+    "an endpoint that is none": (PORT + '[bus]\nlisten = ["7447"]\n', "is not a Zenoh endpoint"),
     "a group that nobody is in": (PORT + '[bus]\nlocal_group = "no-such-group"\n', "no group 'no-such-group'"),
 }
 

@@ -1,4 +1,4 @@
-"""The walk of a setpoint from Zenoh's thread to the line is the one that docs/architecture.md shows."""
+"""The path of a setpoint from Zenoh's thread to the line is the one that docs/architecture.md shows."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def test_an_open_bus_is_told_to_everybody():
     assert health.open_endpoints == ("tcp/0.0.0.0:7447",)
     with StringIO() as screen:
         Console(file=screen, width=120).print(render("mk1", picture_of("health", health)))
-        assert "OPEN: everybody in the network may fly, at tcp/0.0.0.0:7447" in screen.getvalue()
+        assert "OPEN: any client in the network may fly, at tcp/0.0.0.0:7447" in screen.getvalue()
 
 
 @pytest.mark.parametrize(

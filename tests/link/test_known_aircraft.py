@@ -207,7 +207,7 @@ def knows(*messages: tuple[Board, WireMessage]) -> KnownAircraft:
         (Board.FC, Settings(index=3, parameters=bytes(144)), None),
         (Board.FC, Settings(index=2, parameters=bytes(144)), None),
         (Board.FC, Settings(index=3, parameters=b"\1" + bytes(143)), "parameter set 3 has other values"),
-        (Board.FC, Unknown(Board.FC, "V", b"", "no layout"), "fc is no MikroKopter firmware"),
+        (Board.FC, Unknown(Board.FC, "V", b"", "no layout"), "fc is not MikroKopter firmware"),
         (Board.FC, Unknown(Board.FC, "X", b"", "no such command"), None),
     ],
 )

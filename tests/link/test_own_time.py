@@ -12,7 +12,7 @@ from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.virtualtime import VirtualLoop
 
-OURS = "this program stood still"
+OURS = "this program did not run"
 
 
 async def be_busy(loop: VirtualLoop, seconds: float, longest: float, seed: int) -> None:

@@ -70,10 +70,10 @@ def test_addresses(url: str, address: PortAddress):
     ("url", "words"),
     [
         ("", "set link.port"),
-        ("usb:0", "is no port"),
+        ("usb:0", "is not a port"),
         ("tcp:host", "tcp:host:port"),
         ("tcp:host:99999", "tcp:host:port"),
-        ("pty:", "is no port"),
+        ("pty:", "is not a port"),
         ("replay:f?speed=fast", "speed"),
         ("replay:f?speed=0", "speed"),
         ("replay:f?pace=2", "speed"),
@@ -261,7 +261,7 @@ async def test_what_is_no_serial_device_is_a_port_that_may_still_come(tmp_path):
     plain.write_text("x")
     os.mkfifo(pipe)
     for path in (plain, pipe, tmp_path, Path("/dev/null")):
-        with pytest.raises(LinkLostError, match="is no serial device"):
+        with pytest.raises(LinkLostError, match="is not a serial device"):
             await open_port(str(path))
     assert plain.read_text() == "x"
 
@@ -378,7 +378,7 @@ async def test_a_tcp_connection_that_stands_still_is_told_and_ended_with_what_wa
         assert port.backlog < 20_000, "nothing is overdue yet"
         await asyncio.sleep(2 * OVERDUE)
         assert port.backlog > 0
-        with pytest.raises(LinkLostError, match="stood still"):
+        with pytest.raises(LinkLostError, match="stalled"):
             port.discard()
         await port.close()
         with peer, pytest.raises(ConnectionResetError):

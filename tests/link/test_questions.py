@@ -312,7 +312,7 @@ def test_the_loss_of_the_port_and_a_line_never_free_are_outcomes_too():
     bench.questions.never_sent(late, bench.now)
     assert bench.questions.take_finished() == [
         Unanswered(lost, "unplugged"),
-        Unanswered(late, "the line was never free for it"),
+        Unanswered(late, "the line was never free for the request"),
     ]
 
 

@@ -102,7 +102,7 @@ EXTRA = '<extensions><point xmlns="urn:mkdaemon:mission:1" altitude="5" {}="{}"/
 
 BAD = [
     ("a.gpx", "<gpx><rte>", r"a\.gpx:1: no well-formed XML"),
-    ("a.gpx", "<kml/>", r"a\.gpx:1: <kml> is no GPX document"),
+    ("a.gpx", "<kml/>", r"a\.gpx:1: <kml> is not a GPX document"),
     ("a.gpx", '<!DOCTYPE gpx [<!ENTITY x SYSTEM "file:///etc/passwd">]>\n<gpx>&x;</gpx>', "document type declaration"),
     ("a.gpx", "<gpx><trk/></gpx>", "only a recorded track"),
     ("a.gpx", '<gpx>\n<wpt lon="3"/></gpx>', r"a\.gpx:2: lat is missing; write a decimal number"),
@@ -127,15 +127,15 @@ BAD = [
     ("a.csv", "latitude_deg;longitude_deg;altitude;name\n1;2;3;Größe\n", r"a\.csv:2: name is 'Größe'"),
     ("a.gpx", "<gpx/>", "neither a route nor waypoints"),
     ("a.gpx", f'<gpx><wpt lat="1" lon="2">{EXTRA.format("kind", "hill")}</wpt></gpx>', "kind is 'hill'; use one"),
-    ("a.kml", "<gpx/>", "<gpx> is no KML document"),
+    ("a.kml", "<gpx/>", "<gpx> is not a KML document"),
     ("a.kml", f"<kml>{mark('absolute')}{mark('relativeToGround')}</kml>", "the points differ in altitudeMode"),
     ("a.kml", f"<kml>{mark('floating')}</kml>", "altitudeMode is 'floating'; use one of relativeToGround"),
     ("a.kml", "<kml><Placemark><Point/></Placemark></kml>", "a point needs one coordinate"),
     ("a.kml", "<kml><LineString/></kml>", "a path without coordinates"),
     ("a.kml", "<kml><LineString><coordinates>1</coordinates></LineString></kml>", "coordinate '1' has 1 parts"),
     ("a.wpl", "", r"a\.wpl:1: no \[General\] section"),
-    ("a.wpl", "[General]\n[general]\n", r"a\.wpl:2: section \[general\] stands twice"),
-    ("a.wpl", "[General]\nA=1\na=2\n", r"a\.wpl:3: a stands twice in one section"),
+    ("a.wpl", "[General]\n[general]\n", r"a\.wpl:2: section \[general\] occurs twice"),
+    ("a.wpl", "[General]\nA=1\na=2\n", r"a\.wpl:3: a occurs twice in one section"),
     ("a.wpl", FORMATS[".wpl"].write(ROUND).replace("Type=2", "Type=9"), "Type=9 is unknown; 1 waypoint"),
     ("a.plan", '{"fileType":"Plan"}', "the plan holds no mission"),
     ("a.plan", plan('{"type":"SimpleItem","params":[]}'), r"a\.plan:3: an item needs 7 params"),
@@ -201,7 +201,7 @@ def test_a_file_that_is_too_large_or_cannot_be_written(tmp_path: Path) -> None:
     large.write_bytes(b"0" * 4_000_001)
     with pytest.raises(ConfigError, match="larger than 4 MB"):
         read_mission(large)
-    with pytest.raises(ConfigError, match=r"there is no folder .*no; make it first"):
+    with pytest.raises(ConfigError, match=r"there is no folder .*no; create it first"):
         write_mission(ROUND, tmp_path / "no" / "where.csv")
 
 

@@ -75,7 +75,7 @@ def edited(**changes: object) -> str:
         (edited(revision=105), "revision says 105, the raw bytes say 106"),
         (edited(raw="zz"), "raw is not hexadecimal"),
         (edited(raw=""), "at least its revision byte"),
-        (edited(values=[1]), "values is no table"),
+        (edited(values=[1]), "values is not a table"),
         (edited(values={"gyro_p": 91}), "gyro_p is 91 by name but 90 in raw"),
         (edited(values={"external_control": "poti9"}), "poti 9 does not exist"),
         (edited(values={"gyro_q": 91}), "has no 'gyro_q'"),

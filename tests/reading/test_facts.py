@@ -32,15 +32,15 @@ def picture_of(changes=(), *, ages=(), now=NOW, left=None):
 @pytest.mark.parametrize(
     ("key", "fields", "word", "text", "tone"),
     [
-        ("health", {"note": "the red one"}, "vehicle", "alive; motors run; the red one", "ok"),
-        ("health", {"is_alive": False, "reason": "no byte"}, "vehicle", "NOT ALIVE: no byte; motors run", "bad"),
-        ("health", {"read_only": "old"}, "vehicle", "alive; motors run; READ ONLY: old", "warn"),
-        ("state/flight", {"is_flying": False}, "flight", "on the ground, motors run, GPS hold, flew 83 s", "note"),
+        ("health", {"note": "the red one"}, "vehicle", "alive; motors on; the red one", "ok"),
+        ("health", {"is_alive": False, "reason": "no byte"}, "vehicle", "NOT ALIVE: no byte; motors on", "bad"),
+        ("health", {"read_only": "old"}, "vehicle", "alive; motors on; READ ONLY: old", "warn"),
+        ("state/flight", {"is_flying": False}, "flight", "on the ground, motors on, GPS hold, flew 83 s", "note"),
         (
             "state/flight",
             {"rc_failsafe": True},
             "flight",
-            "RC FAILSAFE, in the air, motors run, GPS hold, flew 83 s",
+            "RC FAILSAFE, in the air, motors on, GPS hold, flew 83 s",
             "bad",
         ),
         ("state/battery", {"voltage": 13.2}, "battery", "NEARLY EMPTY, 13.2 V, 3.30 V a cell, 11.5 A, 812 mAh", "warn"),

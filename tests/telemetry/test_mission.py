@@ -18,7 +18,7 @@ def test_a_point_looks_at_a_point_of_interest_of_its_own_mission() -> None:
     looking = HERE.model_copy(update={"poi": 1})
     assert Mission(points=(poi, looking)).points[1].poi == 1
     for points in ((HERE, looking), (poi, HERE.model_copy(update={"poi": 3}))):
-        with pytest.raises(ValidationError, match="which is no point of interest of this mission"):
+        with pytest.raises(ValidationError, match="which is not a point of interest of this mission"):
             Mission(points=points)
 
 

@@ -66,7 +66,7 @@ def test_the_search_of_the_site_finds_a_message_with_its_numbers():
         "mkctl: battery_low: the battery is low: 11.3 V. Land and change the battery.",
         "holds the lease for another 5.0 s. Ask the holder, or take it with `--force`.",
         "no pose for 1.2 s",
-        "this program stood still for 0.7 s",
+        "this program did not run for 0.7 s",
         "tag in view, 4 poses refused",
         "disk_full: 12 MB are free for recordings, less than 200 MB.",
     ):

@@ -19,6 +19,7 @@ from tools.site import (
     app,
     build,
     examples_page,
+    keep_tables_whole,
     keep_words_whole,
     moved,
     pages_in_navigation,
@@ -117,6 +118,12 @@ def test_what_the_builder_says_is_told_without_its_traceback(tmp_path, monkeypat
 )
 def test_a_word_of_a_command_is_not_broken(html, whole):
     assert keep_words_whole(html) == whole
+
+
+def test_only_lines_of_a_printed_table_are_kept_from_wrapping():
+    html = "<pre><span></span><code>$ mkctl preflight\n<i>│ disk │ full │</i>\nnot ready\n</code></pre><code>│</code>"
+    kept = keep_tables_whole(html)
+    assert kept == html.replace("<i>│ disk │ full │</i>", '<span class="drawn"><i>│ disk │ full │</i></span>')
 
 
 def test_a_folder_without_a_navigation_is_refused(capsys, tmp_path):

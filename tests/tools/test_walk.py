@@ -82,7 +82,7 @@ def test_readme_has_two_commands_and_the_answer_of_the_first():
     first, second = tasks_of(ROOT, README)
     assert (first.typed, second.typed) == ("make demo", "make test")
     assert first.answer[0] == "..."
-    assert first.answer[-1] == "landed on the target, motors stand"
+    assert first.answer[-1] == "landed on the target, motors off"
 
 
 def test_what_differs_is_noted_with_its_line_and_nothing_else(followed, tmp_path, capsys):

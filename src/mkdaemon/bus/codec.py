@@ -167,7 +167,7 @@ def first_mistake(error: ValidationError) -> str:
     first = mistakes[0]
     field = ".".join(str(part) for part in first["loc"]) or "the map"
     if first["type"] == "extra_forbidden":
-        return f"{field} is no field of it"
+        return f"{field} is not a field of it"
     reason = first["msg"].removeprefix("Value error, ")
     more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
     return f"{field}: {reason[:1].lower()}{reason[1:]}{more}"

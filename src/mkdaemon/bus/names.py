@@ -26,7 +26,7 @@ def suffix_of(vehicle: str, whole: str, root: str = ROOT) -> str:
     """
     head = f"{root}/{vehicle}/"
     if not whole.startswith(head):
-        msg = f"{whole} is no key of vehicle {vehicle}"
+        msg = f"{whole} is not a key of vehicle {vehicle}"
         raise ValueError(msg)
     return whole[len(head) :]
 

@@ -36,7 +36,7 @@ class PublishedValues:
         if publisher is None:
             spec = find(suffix)
             if spec is None or spec.use is not Use.PUBLISHED:
-                msg = f"{suffix} is no published key of the table in bus/keys.py"
+                msg = f"{suffix} is not a published key of the table in bus/keys.py"
                 raise ValueError(msg)
             publisher = self._publishers[suffix] = self._session.declare_publisher(key(self._vehicle, suffix))
         payload = encode(value)

@@ -138,7 +138,7 @@ def check_endpoint(endpoint: str, place: str) -> None:
         if port is None or int(port["port"] or port["port6"]) > 65535:
             form = None
     if form is None:
-        msg = f"{place}: {endpoint!r} is no Zenoh endpoint; write it like {ENDPOINT_SAMPLE}"
+        msg = f"{place}: {endpoint!r} is not a Zenoh endpoint; write it like {ENDPOINT_SAMPLE}"
         raise ConfigError(msg)
 
 

@@ -70,7 +70,7 @@ def _file_of(settings: dict[str, str | bool | None], name: str, folder: Path) ->
     """The file of a certificate or a key; where it stands in the configuration itself, one in a folder of this user.
 
     Raises:
-        OSError: it is no base64.
+        OSError: it is not base64.
     """
     content = settings.get(f"{name}_base64")
     if not content:
@@ -78,7 +78,7 @@ def _file_of(settings: dict[str, str | bool | None], name: str, folder: Path) ->
     try:
         raw = base64.b64decode(str(content), validate=True)
     except ValueError as error:
-        raise OSError(errno.EINVAL, f"{name}_base64 is no base64") from error
+        raise OSError(errno.EINVAL, f"{name}_base64 is not base64") from error
     path = folder / name
     save(path, raw)
     return str(path)

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from mkdaemon.errors import ConfigError
 
-AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON, one object a line, in place of text.")]
+AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON, one object a line, instead of text.")]
 """Option of programs for programs; where figures are measured, the object is the last line."""
 
 

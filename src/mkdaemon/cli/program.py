@@ -38,7 +38,7 @@ EXIT_WARNING: Final = 3
 """Of `mkdaemon doctor`: there are warnings, and no error."""
 EXIT_INTERRUPTED: Final = 130
 COMPLETION: Final = "--install-completion"
-"""A command of every program that is no row of its table."""
+"""A command of every program that is not a row of its table."""
 LONGEST_COMPLAINT: Final = 1000
 """Of a longer one the middle is left out [characters]: it quotes what a stranger wrote."""
 _ENDS: Final = (signal.SIGTERM, signal.SIGHUP)
@@ -75,7 +75,7 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
 
         app.command(installer(app), name=COMPLETION)
     for flag in (*app.help_flags, *app.version_flags):
-        app[flag].show = False  # whoever reads the help has found them
+        app[flag].show = False  # a reader of the help has found them
     return app
 
 
@@ -113,7 +113,7 @@ def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str]
         _end_like_an_interrupt(ended_by)
         code = run(app, tokens)
         _end_at_once()
-    except KeyboardInterrupt:  # while a mistake was told
+    except KeyboardInterrupt:  # while a mistake was printed
         _end_at_once()
         code = EXIT_INTERRUPTED
     sys.exit(128 + ended_by[0] if ended_by and code == EXIT_INTERRUPTED else code)
@@ -149,7 +149,7 @@ def let_signals_kill() -> None:
 def _end_like_an_interrupt(came: list[int]) -> None:
     """Let a closed terminal and `kill` end a command in order too, as Ctrl-C does: motors stop, the live set is loaded.
 
-    Programs with handlers of their own replace these.
+    A program with its own handlers replaces these.
 
     Args:
         came: gets the signals that come.
@@ -221,10 +221,10 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else EXIT_OK
     except UnicodeEncodeError as error:
-        return _complain(app, f"{error.object!a} is no text in this encoding: set LC_ALL=C.UTF-8", EXIT_CONFIG)
+        return _complain(app, f"{error.object!a} is not text in this encoding: set LC_ALL=C.UTF-8", EXIT_CONFIG)
     except BrokenPipeError:
         _mute()
-        return EXIT_OK  # whoever read our output has seen enough
+        return EXIT_OK  # the reader of our output has closed it
     except OSError as error:
         if error.errno is None:  # a wait of ours, not the system's
             return _complain(app, str(error) or "it took too long", EXIT_FAILURE)
@@ -238,7 +238,7 @@ def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str
     """What is wrong with a command line, in a sentence."""
     match error:
         case MissingArgumentError() if (mistake := _unknown_option(error, app)) is not None:
-            return mistake  # told before what is missing because of it
+            return mistake  # reported before the argument that is missing because of it
         case MissingArgumentError(argument=Argument() as missing):
             name = missing.name if missing.index is None else missing.name.lstrip("-").upper()
             return f"{name} needs a value." if missing.name in tokens else f"`{command}` needs {name}."

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Final
 
 SWITCH: Final = 0.0005
-"""A thread that computes keeps the interpreter from others for so long; Python's own 5 ms would make every value that
-arrives or is due meanwhile late by as much [s]."""
+"""Longest time for which a computing thread keeps the interpreter from others [s]. With Python's default of 5 ms, every
+value that arrives or is due meanwhile would be 5 ms late."""
 
 
 def favour_threads() -> None:

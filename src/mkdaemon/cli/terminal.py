@@ -1,7 +1,7 @@
 r"""Text on its way to a terminal: nothing in it acts on the terminal, and what its encoding lacks has other letters.
 
 The texts of a program are mixed with what others wrote: keys and values from the bus, names of files, what stands in
-files, what boards call themselves. Whoever prints does not have to know: the streams of a program are guarded while it
+files, what boards call themselves. A caller of `print` need not know: the streams of a program are guarded while it
 runs (`guarded_streams`), and every control character, every mark that turns the direction of writing and every
 invisible one comes out as Python spells it, `\x1b` for example. Pictures of rich go through `mkdaemon.cli.console`,
 which guards their text and lets their own colours pass; a screen that is drawn by hand goes to `drawing_stream`.

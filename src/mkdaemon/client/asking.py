@@ -53,7 +53,7 @@ class Asking:
         Raises:
             CommandRejectedError: it was refused, or failed; says token, reason and fix.
             ProtocolError: the answer is none that this version knows.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         return _as(reply, await self._ask(verb, fields, patience))
 

@@ -165,9 +165,9 @@ def advise(stats: VisionStats, soft: float | None = None) -> Iterator[str]:
     if stats.settings_refused:
         yield f"the driver refused {', '.join(stats.settings_refused)}: set it with v4l2-ctl, or leave it unset"
     if 0 < stats.fps < SLOW:
-        yield f"{stats.fps:.0f} images a second are few: a smaller image, Motion JPEG, or more light"
+        yield f"only {stats.fps:.0f} images a second: a smaller image, Motion JPEG, or more light"
     if stats.latency_p50_ms > LATE:
-        yield f"images are {stats.latency_p50_ms:.0f} ms old: a smaller image, a wire for a network, fewer programs"
+        yield f"images are {stats.latency_p50_ms:.0f} ms old: smaller image, cable instead of radio, or fewer programs"
     seen = stats.processed + stats.dropped
     if stats.dropped > DROPPED * max(seen, 1):
         yield f"the detector is too slow ({stats.detect_p50_ms:.0f} ms an image): a smaller image, or fewer images"
@@ -183,7 +183,7 @@ def _light(stats: VisionStats) -> Iterator[str]:
     if exposure.exposure_ms > LONG_EXPOSURE:
         yield f"{exposure.exposure_ms:.1f} ms of exposure smear in flight: more light, or more gain"
     if exposure.black is not None and exposure.white is not None and exposure.white - exposure.black < FLAT_LIGHT:
-        yield "black and white are hardly apart: more light, no glare on the print"
+        yield "black and white hardly differ: more light, no glare on the print"
 
 
 def tag_words(tags: Sequence[Any]) -> str:

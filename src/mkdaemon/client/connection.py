@@ -31,7 +31,7 @@ async def connect(
 
     Raises:
         MkError: no daemon listens at the endpoint.
-        ConfigError: the endpoint, the file or the vehicle's name cannot be understood.
+        ConfigError: the endpoint, the file or the vehicle's name is invalid.
     """
     name = vehicle or os.environ.get("MK_VEHICLE") or DEFAULT_VEHICLE
     where = endpoint or os.environ.get("MK_CONNECT") or DEFAULT_ENDPOINT

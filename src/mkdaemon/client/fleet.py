@@ -29,7 +29,7 @@ ANSWER: Final = 2.0
 
 @dataclass(frozen=True, slots=True, order=True)
 class FleetSighting:
-    """Somebody who is there.
+    """A daemon or player that is present.
 
     Attributes:
         name: of the vehicle.
@@ -43,7 +43,7 @@ class FleetSighting:
 
 
 class Fleet:
-    """Everybody at one endpoint.
+    """Every daemon and player at one endpoint.
 
     Attributes:
         here: who is there now.
@@ -117,7 +117,7 @@ class Fleet:
         return Watch(self._session, expressions, read, Handover(self._loop))
 
     def client(self, sighting: FleetSighting) -> Vehicle:
-        """A client of somebody who is there."""
+        """A client of a daemon or player that is present."""
         return Vehicle(self._session, sighting.name, self._through.endpoint, root=sighting.root)
 
     async def control(self, name: str, action: PlayAction, **fields: float) -> PlayStatus:
@@ -145,7 +145,7 @@ class Fleet:
         try:
             return PlayStatus.model_validate(fields)
         except ValidationError as error:
-            raise MkError(f"the player of {name} answers nothing that is known here: update mkdaemon") from error
+            raise MkError(f"the player of {name} sends an unknown answer: update mkdaemon") from error
 
     def _seen(self, sighting: FleetSighting, is_here: bool, changed: Callable[[], None]) -> None:
         before = set(self.here)

@@ -67,7 +67,7 @@ class GroundTap:
 
     Attributes:
         vehicles: what came of each.
-        dropped: what arrived and is no value of a key: put to a wildcard, or a deletion.
+        dropped: what arrived and is not a value of a key: put to a wildcard, or a deletion.
     """
 
     def __init__(self, queue: EntryQueue, clock: Clock, base: TimeBase) -> None:
@@ -90,14 +90,14 @@ class GroundTap:
         """Take everything of some keys until the session is closed; of a simulated camera only what is named.
 
         Raises:
-            ConfigError: one of them is no key expression.
+            ConfigError: one of them is not a key expression.
         """
         for expression in expressions:
             arrive = self._arrive if SIMULATED_IMAGES in expression else self._arrive_without_images
             try:
                 session.declare_subscriber(expression, direct(arrive, self._drop))
             except zenoh.ZError as error:
-                raise ConfigError(f"{expression!r} is no key expression: {error}") from error
+                raise ConfigError(f"{expression!r} is not a key expression: {error}") from error
 
     def take(
         self,
@@ -262,7 +262,7 @@ async def record_ground(plan: GroundPlan) -> AsyncIterator[GroundRecording]:
     finally:
         is_done = await asyncio.to_thread(recording.thread.stop, CLOSING)
     if not is_done:
-        raise MkError(f"{plan.folder}: the disk took nothing for {CLOSING:g} s; what was flushed is in the file")
+        raise MkError(f"{plan.folder}: the disk accepted no data for {CLOSING:g} s; what was flushed is in the file")
 
 
 async def _connect(recording: GroundRecording, plan: GroundPlan, endpoint: str, sessions: AsyncExitStack) -> None:

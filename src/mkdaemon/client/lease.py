@@ -137,49 +137,49 @@ class Lease:
 
     @property
     def is_engaged(self) -> bool:
-        """Whether the daemon has begun to send what is streamed to the aircraft."""
+        """Whether the daemon sends the streamed setpoints to the aircraft."""
         return self.session.is_engaged
 
     @property
     def status(self) -> ControlStatus | None:
-        """What the daemon last said of this lease: phase, manoeuvre, stage; None before it said anything."""
+        """The daemon's last status of this lease: phase, manoeuvre, stage; None before the first one."""
         return self.session.status
 
     @property
     def outcome(self) -> Outcome | None:
-        """How the manoeuvre ended by itself; None while it has not."""
+        """How the manoeuvre ended; None before."""
         return self.session.outcome
 
     @property
     def reason(self) -> str:
-        """Why the lease stands where it stands, one sentence, for example what the daemon waits for."""
+        """The reason of the present state, one sentence, for example what the daemon waits for."""
         return self.session.reason
 
     def put(self, kind: str, fields: Mapping[str, Any], ttl: float = TTL) -> None:
-        """Send one setpoint of a kind that is only known by its name; see `set`.
+        """Send one setpoint by the name of its kind, for gateways; programs use `set`.
 
         Args:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint, without epoch and sequence.
-            ttl: age at which it no longer holds [s].
+            ttl: age from which it is refused [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a field is missing, unknown or out of range.
             MkError: there is no such kind of setpoint.
         """
         self.send(self.session.stream(kind, fields, self._loop.time(), ttl))
 
     def send(self, setpoint: Setpoint | None) -> None:
-        """Sign a setpoint that the session made, and put it; None is nothing."""
+        """Sign a setpoint of the session, and put it; None does nothing."""
         if setpoint is not None:
             self._sender.send(setpoint)
 
     async def renew(self) -> LeaseState:
-        """Keep the lease without streaming; it ends by itself otherwise.
+        """Keep the lease without streaming; it would expire otherwise.
 
         Raises:
-            LeaseLostError: it has ended; says why.
+            LeaseLostError: it has ended; the text says why.
             CommandRejectedError: it has ended.
         """
         from mkdaemon.telemetry.control import LeaseState
@@ -188,7 +188,7 @@ class Lease:
         return (await self._transport.command("do", "lease", fields)).as_a(LeaseState)
 
     async def pause(self, seconds: float) -> None:
-        """Keep the lease for some time without flying [s]; in flight it would grow stale.
+        """Keep the lease for a time without flying [s]; not in flight, where setpoints would grow stale.
 
         Raises:
             LeaseLostError: it has ended.
@@ -199,12 +199,12 @@ class Lease:
         self.session.require_held(self._loop.time())
 
     async def fly(self, wanted: RepeatedSetpoint) -> None:
-        """Repeat a setpoint until its time is over, or it is done. Ends a reported abort: the program flies on.
+        """Repeat a setpoint for its time, or until it is done. This also ends a reported abort.
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             NotEngagedError: the daemon did not engage.
-            ManoeuvreError: not done in time, aborted, or another setpoint took its place.
+            ManoeuvreError: not done in time, aborted, or another setpoint replaced it.
             CommandRejectedError: a setpoint is refused.
         """
         session, clock = self.session, self._loop.time
@@ -224,7 +224,7 @@ class Lease:
                 await asyncio.sleep(max(session.due - clock(), 0.0))
         session.require_held(clock())
         if session.finished is not wanted:
-            raise ManoeuvreError(f"{wanted.kind}: another setpoint took its place")
+            raise ManoeuvreError(f"{wanted.kind}: another setpoint replaced it")
 
     async def stick(
         self,
@@ -252,7 +252,7 @@ class Lease:
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: another client took the lease, or the daemon released the aircraft; says why.
+            LeaseLostError: another client took the lease, or the daemon released the aircraft; the text says why.
             NotEngagedError: the daemon did not begin to send sticks.
             CommandRejectedError: a stick is out of range.
         """
@@ -315,8 +315,8 @@ class Lease:
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: as `stick`; also because the target was out of sight for too long.
-            NotEngagedError: the daemon did not begin to fly; says what it waited for.
+            LeaseLostError: as `stick`; also if the target was out of sight for too long.
+            NotEngagedError: the daemon did not begin to fly; the text names what it waited for.
             CommandRejectedError: `no_estimate`: no target was seen; `no_frame`; `bad_field`.
         """
         wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate}
@@ -342,7 +342,7 @@ class Lease:
         """Take off from the target and hold over its middle; returns at that height.
 
         The pilot has started the motors. For `control.autopilot.takeoff_ready` seconds the throttle stays at its
-        lowest, in which he raises his above hover.
+        lowest; meanwhile the pilot raises the throttle stick above hover.
 
         Args:
             height: above the target [m].
@@ -351,8 +351,8 @@ class Lease:
             rate: setpoints a second [Hz]; 50 unless given.
 
         Raises:
-            LeaseLostError: it did not take off; says why.
-            NotEngagedError: the daemon did not begin; says what it waited for.
+            LeaseLostError: it did not take off; the text says why.
+            NotEngagedError: the daemon did not begin; the text names what it waited for.
             ManoeuvreError: not at height in time, or aborted.
             CommandRejectedError: `bad_field`: the height is out of range.
         """
@@ -397,7 +397,7 @@ class Lease:
         await self.fly(RepeatedSetpoint("position", wanted, SIGHTING, limit, rate, is_until_done=is_free))
 
     async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
-        """Land on the target in sight; returns when the feet stand and the daemon has released the aircraft.
+        """Land on the target in sight; returns after touchdown, when the daemon has released the aircraft.
 
         The motors still turn then: the pilot stops them. The lease has ended.
 
@@ -453,7 +453,7 @@ class Leases:
 
         Raises:
             CommandRejectedError: `lease_held`, `busy`, `gate_shut`, `link_down`, ...; says what to do.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         load_models()
         session, name = session or FlightSession(), holder or client_name()
@@ -480,7 +480,7 @@ class Leases:
 
         Raises:
             CommandRejectedError: as `uav.lease()`.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.telemetry.control import HolderGrant
 
@@ -507,7 +507,7 @@ class Leases:
 
         Raises:
             CommandRejectedError: no client holds it, or another one does.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         fields = {"action": "release", "epoch": epoch, "secret": secret}
         (await self._transport.command("do", "lease", fields)).require()
@@ -516,7 +516,7 @@ class Leases:
         """The lease and its holder; None if no client holds it.
 
         Raises:
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.telemetry.control import LeaseState
 

@@ -58,7 +58,7 @@ class Navi(NaviVerbs):
             CommandRejectedError: `route_on_ground`, `switch_at_home`, `position_poor`, `point_unusual`, or as
                 `uav.waypoints.upload`.
             ManoeuvreError: not reached in time, landed, or the list is gone; says where it stood.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         async with self._transport.watch(NAVI) as samples:
             await self.target((east, north, up), confirm=True, heading_deg=heading_deg, radius=radius, hold=hold)
@@ -86,7 +86,7 @@ class Navi(NaviVerbs):
         Raises:
             CommandRejectedError: `route_on_ground`, `no_route`, or as `uav.waypoints.upload`.
             ManoeuvreError: as `goto`.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         async with self._transport.watch(NAVI) as samples:
             if mission is not None:
@@ -111,7 +111,7 @@ class Navi(NaviVerbs):
         Raises:
             CommandRejectedError: as `uav.route.end`.
             ManoeuvreError: not there in time, or landed on the way.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         async with self._transport.watch(NAVI) as samples:
             await RouteVerbs(self._transport).end(confirm=True)

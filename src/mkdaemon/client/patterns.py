@@ -23,7 +23,7 @@ _AS_LIKE: Final = 0.1
 
 
 def require_known(pattern: str) -> None:
-    """Make sure that a pattern can match a key somebody publishes; a misspelt one would be watched for ever in silence.
+    """Make sure that a pattern can match a published key; a misspelt pattern would wait for ever.
 
     Args:
         pattern: key without `mk/<vehicle>/`; may hold `*` and `**`.
@@ -92,7 +92,7 @@ def _frame_keys() -> Iterator[str]:
 
 
 def model_of(suffix: str) -> type[BaseModel] | None:
-    """What a key carries; None where it is no key, or carries no typed value."""
+    """What a key carries; None where it is not a key, or carries no typed value."""
     from mkdaemon.bus.keys import find
 
     spec = find(suffix)

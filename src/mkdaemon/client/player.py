@@ -148,7 +148,7 @@ class Player:
         pace: speed and pause; changed by `adjust` only.
         sent: what was put in this round.
         rounds: how often the end was reached.
-        was_sought: somebody asked for another place, so what was put is no whole recording.
+        was_sought: a client moved the playback, so the published values are not the whole recording.
     """
 
     def __init__(self, session: zenoh.Session, selection: PlaySelection, pace: PlayPace, title: str) -> None:
@@ -199,7 +199,7 @@ class Player:
             yield
 
     def _control(self, control: PlayControl) -> PlayStatus:
-        """Do what somebody asks for; on the thread that answers."""
+        """Carry out a request; runs on the thread that answers it."""
         match control.action:
             case PlayAction.STEP:
                 self.adjust(lambda pace, now: pace.step(now))
@@ -214,7 +214,7 @@ class Player:
         return self.status()
 
     async def wait_for_subscribers(self) -> None:
-        """Return as soon as anybody subscribes to what will be played, or asks for it; or when `stop` is called."""
+        """Return as soon as a client subscribes to what will be played or queries it, or when `stop` is called."""
 
         def on_change(status: zenoh.MatchingStatus) -> None:
             if status.matching:
@@ -264,7 +264,7 @@ class Player:
         self._show_status(PlayState.STOPPED if self._is_stopped else PlayState.ENDED)
 
     def stop(self) -> None:
-        """End it before the next value, or while it waits for somebody."""
+        """End it before the next value, or while it waits for subscribers."""
         with self._turn:
             self._is_stopped = True
             self._turn.notify()

@@ -49,7 +49,7 @@ class PlayKey:
         """
         suffix = shown_suffix(self.whole)
         if suffix is None:
-            raise ValueError(f"{self.whole} is no key of published values: a player cannot put it")
+            raise ValueError(f"{self.whole} is not a key of published values: a player cannot put it")
 
 
 def shown_suffix(whole: str) -> str | None:

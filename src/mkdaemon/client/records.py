@@ -1,4 +1,4 @@
-"""Recordings: marked for everybody, made here, and read back."""
+"""Recordings: marks in all of them, a recording made by this client, and reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 that the gateway publishes and a bag holds: one table of their fields, whoever makes the types.
+"""Messages of ROS 2 that the gateway publishes and a bag holds: one table of their fields, for every maker of types.
 
 Our axes are those of REP 103: ENU world, FLU body, RDF cameras, radians, metres, so nothing is turned. Quaternions go
 from (w, x, y, z) to ROS's fields by name. What a board does not tell is marked as unknown, as each type says.

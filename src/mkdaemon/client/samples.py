@@ -68,7 +68,7 @@ class Sample:
 
 
 def read_payload(encoding: str, raw: bytes) -> dict[str, Any]:
-    """Unpack a payload; what is no map comes under `value`, what cannot be read or has another encoding under `raw`."""
+    """Unpack a payload; a value that is not a map is under `value`, an unreadable or foreign payload under `raw`."""
     value: Any = {"raw": raw}
     with suppress(ValueError, RecursionError, msgpack.UnpackException):
         if "msgpack" in encoding:

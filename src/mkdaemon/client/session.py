@@ -162,7 +162,7 @@ class FlightSession:
             case SessionState.FREE:
                 return ""
             case SessionState.ASKED:
-                return "the lease is asked for"
+                return "the lease is requested"
             case SessionState.LOST:
                 return self._reason
         if self._refusal is not None:
@@ -227,7 +227,7 @@ class FlightSession:
         """
         self.require_held(now)
         if self.state is not SessionState.HELD:
-            raise LeaseLostError("the lease is asked for, and not held yet")
+            raise LeaseLostError("the lease is requested, but not held yet")
         return self._signed("renew")
 
     def release(self) -> dict[str, Any] | None:
@@ -273,7 +273,7 @@ class FlightSession:
         """
         silence = now - self._received_at
         if self.state is SessionState.HELD and silence > self._silence:
-            self.lost(f"the daemon has not been heard for {silence:.1f} s")
+            self.lost(f"the daemon has been silent for {silence:.1f} s")
         if self._failure is not None:
             raise self._failure
         if self.state is SessionState.FREE:
@@ -328,10 +328,10 @@ class FlightSession:
             kind: last word of a key `setpoint/<kind>`.
             fields: of the setpoint, without epoch and sequence.
             now: the time [s].
-            ttl: age at which it no longer holds [s].
+            ttl: age from which it is refused [s].
 
         Returns:
-            The setpoint; None while the lease is asked for.
+            The setpoint; None while the lease is requested.
 
         Raises:
             MkError: the lease was refused or lost, or none is held; there is no such kind of setpoint.
@@ -388,7 +388,7 @@ class FlightSession:
         """Make the next setpoint of what is repeated.
 
         Returns:
-            The setpoint; None while the lease is asked for, and when nothing is repeated: `repeated` is None when its
+            The setpoint; None while the lease is requested, and when nothing is repeated: `repeated` is None when its
             time is over or it is done.
 
         Raises:

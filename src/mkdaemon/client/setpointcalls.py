@@ -30,7 +30,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("stick", {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}, ttl)
@@ -46,7 +46,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("attitude", {"roll": roll, "pitch": pitch, "yaw_rate": yaw_rate, "thrust": thrust}, ttl)
@@ -70,7 +70,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("velocity", {"target": target, "velocity": velocity, "frame": frame, "yaw_rate": yaw_rate}, ttl)
@@ -95,7 +95,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("position", {"target": target, "position": position, "frame": frame, "yaw": yaw}, ttl)
@@ -108,7 +108,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("hold", {"target": target}, ttl)
@@ -124,7 +124,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("takeoff", {"target": target, "height": height}, ttl)
@@ -132,7 +132,7 @@ class SetpointCalls:
     def land(self, *, target: str = "", yaw: float | None = None, ttl: float = 0.3) -> None:
         """Land on the target in sight.
 
-        Streamed until the feet stand; the aircraft is released then.
+        Streamed until touchdown; then the aircraft is released.
 
         Args:
             target: Name of the target; empty for the one in sight, which is refused where there are two.
@@ -140,7 +140,7 @@ class SetpointCalls:
             ttl: Age at which it no longer holds [s].
 
         Raises:
-            LeaseLostError: the lease has ended; says why.
+            LeaseLostError: the lease has ended; the text says why.
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("land", {"target": target, "yaw": yaw}, ttl)

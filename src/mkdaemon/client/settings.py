@@ -59,7 +59,7 @@ class VehicleSettings(SettingsVerbs):
         Raises:
             ConfigError: the files hold no sets.
             CommandRejectedError: as `compare`.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.client.settings_files import stored_sets
 
@@ -79,7 +79,7 @@ class VehicleSettings(SettingsVerbs):
         Raises:
             ConfigError: the files hold no sets.
             CommandRejectedError: refused (another revision, another length), or not proven: do not fly then.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.client.settings_files import stored_sets
 

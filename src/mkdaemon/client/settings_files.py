@@ -51,7 +51,7 @@ def check_target(target: Path, slots: Sequence[int], *, overwrite: bool = False)
             raise ConfigError(f"{target}: one file holds one set, not {len(slots)}; name a folder")
         return tuple(slots) if len(slots) == 1 else ()
     if target.is_file() or (target.is_dir() and any(target.glob("set*")) and not overwrite):
-        msg = f"{target}: holds something already; choose another folder, a file ending in .toml or .json, or --force"
+        msg = f"{target}: already exists; choose another folder, a file ending in .toml or .json, or --force"
         raise ConfigError(msg)
     return tuple(slots)
 
@@ -73,7 +73,7 @@ def write_backup(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise MkError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
+        raise MkError(f"{folder}: cannot be created ({error.strerror}); choose another place") from error
     for slot in sorted(slots):
         content = SettingsFile(ParameterSet.from_payload(raw[slot]), slot, found.firmware, saved)
         path = target if is_file else target / f"set{slot}.toml"

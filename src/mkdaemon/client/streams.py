@@ -25,7 +25,7 @@ class LastValue(Generic[_Value]):
 
     Attributes:
         value: the value.
-        age: time since it was true, when the daemon was asked [s].
+        age: age of the value at the query [s].
     """
 
     value: _Value
@@ -51,15 +51,15 @@ class Stream(Generic[_Value]):
         self._transport, self._model = transport, model
 
     def __call__(self, *, backlog: int = BACKLOG, silence: float | None = None) -> AsyncIterator[_Value]:
-        """Iterate over the values as they come; subscribes with the first step, ends the subscription with the loop.
+        """Iterate over the values as they arrive. The first step subscribes; the end of the loop unsubscribes.
 
         Args:
             backlog: values that may wait for a slow reader before the oldest is dropped; 1 keeps only the newest.
             silence: raise if no value arrives within this time [s]; None waits for ever.
 
         Raises:
-            SilenceError: nothing came for `silence` seconds.
-            ProtocolError: a value is none that this version knows.
+            SilenceError: no value arrived for `silence` seconds.
+            ProtocolError: this version does not know a value.
         """
         return self._values(self._watch(backlog), silence)
 
@@ -67,7 +67,7 @@ class Stream(Generic[_Value]):
     async def subscribed(
         self, *, backlog: int = BACKLOG, silence: float | None = None
     ) -> AsyncIterator[AsyncIterator[_Value]]:
-        """Subscribe at once, so that nothing is missed of what a command sets off; see `__call__`.
+        """Subscribe at once, so that no effect of a following command is missed; see `__call__`.
 
         Args:
             backlog: see `__call__`.
@@ -77,27 +77,27 @@ class Stream(Generic[_Value]):
             yield self._typed(samples, silence)
 
     async def latest(self, *, patience: float = 3.0) -> LastValue[_Value] | None:
-        """Ask the daemon for the last value; None where nothing was published yet.
+        """Ask the daemon for the last value; None if nothing was published yet.
 
         Args:
             patience: longest wait [s].
 
         Raises:
             CommandRejectedError: the daemon has too many queries to answer.
-            ProtocolError: the value is none that this version knows.
+            ProtocolError: this version does not know the value.
         """
         sample = await self._transport.get(self.suffix, patience=patience)
         return None if sample is None else LastValue(self._read(sample), sample.age or 0.0)
 
     async def until(self, condition: Callable[[_Value], bool], *, patience: float) -> _Value:
-        """Wait for a value that meets a condition, and return it; only values that come from now on count.
+        """Wait for a new value that meets a condition, and return it.
 
         Args:
-            condition: says whether a value does.
+            condition: whether a value meets it.
             patience: longest wait [s].
 
         Raises:
-            SilenceError: none came in time.
+            SilenceError: no such value arrived in time.
         """
         async with self._watch(BACKLOG) as samples:
             try:
@@ -147,5 +147,5 @@ def part_of_key(name: str) -> str:
         MkError: it would be no part, or several.
     """
     if not name or _WILD & set(name):
-        raise MkError(f"{name!r} is no part of a key: it has letters, digits, - and _")
+        raise MkError(f"{name!r} is not a part of a key: it has letters, digits, - and _")
     return name

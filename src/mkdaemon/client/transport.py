@@ -66,7 +66,7 @@ class Transport:
 
     @property
     def session(self) -> zenoh.Session:
-        """The Zenoh session, for what is no vehicle's own."""
+        """The Zenoh session, for keys outside the vehicle."""
         return self._session
 
     async def get_all(self, pattern: str, *, patience: float = 3.0) -> dict[str, Sample]:
@@ -77,10 +77,10 @@ class Transport:
             patience: longest wait [s].
 
         Returns:
-            The samples by key; empty where nothing was published yet.
+            The samples by key; empty if nothing was published yet.
 
         Raises:
-            MkError: the pattern is no key expression.
+            MkError: the pattern is not a key expression.
             CommandRejectedError: the daemon has too many queries to answer.
         """
         replies = await self._query(pattern, b"", patience)
@@ -98,13 +98,13 @@ class Transport:
             The samples, those of one key in order, each with its `age`.
 
         Raises:
-            MkError: the pattern is no key expression.
+            MkError: the pattern is not a key expression.
             CommandRejectedError: the daemon has too many queries to answer.
         """
         return await self._query(pattern, b"", PATIENCE, {"past": str(past), "ahead": str(ahead)})
 
     async def get(self, suffix: str, *, patience: float = 3.0) -> Sample | None:
-        """Ask for the last value of a key, with its `age`; None where nothing was published yet.
+        """Ask for the last value of a key, with its `age`; None if nothing was published yet.
 
         Args:
             suffix: key without `mk/<vehicle>/`.
@@ -132,7 +132,7 @@ class Transport:
             patience: longest wait for the answer [s].
 
         Raises:
-            MkError: no daemon speaks for this vehicle at the endpoint, or more than one does.
+            MkError: no daemon, or more than one, serves this vehicle at the endpoint.
         """
         suffix = f"{target}/{name}" if target in _OTHER_ROOTS else f"cmd/{target}/{name}"
         try:
@@ -161,13 +161,13 @@ class Transport:
         return f"the daemon gives no answer to {suffix}: is it older than this client?"
 
     async def _is_denied(self) -> bool:
-        """Whether the daemon answers what everybody may ask, and no command."""
+        """Whether the daemon answers a query that every client may make, but no command."""
         show = msgpack.packb({"action": "show"})
         commands = await self._query("do/lease", show, DENIAL_LOOK)
         return not commands and bool(await self._query("schema/LeaseRequest.v1", b"", PATIENCE))
 
     def watch(self, *patterns: str, backlog: int | None = None, are_known: bool = False) -> Watch:
-        """Subscribe to keys: iterate over what comes with `async for`, or enter it first with `async with`.
+        """Subscribe to keys: iterate over the samples with `async for`; `async with` subscribes at once.
 
         Args:
             patterns: keys without `mk/<vehicle>/`; may hold `*` and `**`.
@@ -175,7 +175,7 @@ class Transport:
             are_known: the patterns are keys of the table, and need not be looked up there.
 
         Raises:
-            MkError: a pattern is no key expression, or no key that exists matches it.
+            MkError: a pattern is not a key expression, or no key that exists matches it.
         """
         expressions = [self._expression(pattern) for pattern in patterns]
         if not are_known:
@@ -185,12 +185,12 @@ class Transport:
 
     @asynccontextmanager
     async def token(self, name: str) -> AsyncIterator[None]:
-        """Show the liveliness token `client/<name>` for as long as the context lives; its end ends a lease."""
+        """Declare the liveliness token `client/<name>` while the context lasts; its end ends a lease."""
         with self._session.liveliness().declare_token(self._key(f"client/{name}")):
             yield
 
     def stream(self, suffix: str) -> SetpointPublisher:
-        """Make a publisher for setpoints: newest wins, so what cannot be sent at once is dropped."""
+        """Make a publisher for setpoints: a setpoint that cannot be sent at once is dropped."""
         publisher = self._session.declare_publisher(
             self._key(suffix),
             congestion_control=zenoh.CongestionControl.DROP,
@@ -200,7 +200,7 @@ class Transport:
         return SetpointPublisher(publisher)
 
     async def vehicles(self) -> list[str]:
-        """Names of all vehicles whose daemon is alive, and of recordings that are played under a name."""
+        """Names of all vehicles with a live daemon, and of recordings played under a name."""
         # Each by its name: access control answers no question that asks for more than it allows.
         asked = [self._session.liveliness().get(f"{ROOT}/*/{token}", timeout=1) for token in ("alive", "playing")]
         replies = await asyncio.to_thread(lambda: [reply for one in asked for reply in one])
@@ -217,13 +217,13 @@ class Transport:
         """A pattern as a user writes it; whole keys, copied from somewhere, are understood too.
 
         Raises:
-            MkError: it is no key expression.
+            MkError: it is not a key expression.
         """
         try:
             return zenoh.KeyExpr(self._key(self._suffix(pattern)))
         except zenoh.ZError as error:
             why = str(error).partition(" at /")[0].rpartition("`: ")[2]
-            raise MkError(f"{pattern!r} is no key: {why}") from error
+            raise MkError(f"{pattern!r} is not a key: {why}") from error
 
     async def _query(
         self, suffix: str, payload: bytes, patience: float, parameters: Mapping[str, str] = MappingProxyType({})
@@ -269,7 +269,7 @@ class Transport:
         return None if suffix is None else read_sample(sample, suffix)
 
     async def absence(self) -> str | None:
-        """Say that there is no daemon for this vehicle, and what there is; None while there is one."""
+        """The reason why this vehicle has no daemon, with the vehicles present; None if it has one."""
         others = await self.vehicles()
         if self.vehicle in others:
             return None

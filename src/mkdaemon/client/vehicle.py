@@ -25,7 +25,7 @@ _Reply = TypeVar("_Reply", bound="WireMessage")
 
 
 class Vehicle(VerbCalls):
-    """A vehicle whose daemon this program is connected to; made by `connect`.
+    """A vehicle to whose daemon this program is connected; made by `connect`.
 
     Its values are typed streams (`uav.state.attitude()`), its verbs methods of the vehicle (`uav.release()`) or of one
     of its services (`uav.settings.backup()`).
@@ -35,7 +35,7 @@ class Vehicle(VerbCalls):
         settings: parameter sets of the FlightCtrl.
         waypoints: the NaviCtrl's list.
         route: that list, flown by the pilot's switch.
-        navi: what the NaviCtrl flies by itself.
+        navi: flights of the NaviCtrl.
         mixer: of the FlightCtrl.
         motor_controllers: their configuration.
         records: recordings.
@@ -53,7 +53,7 @@ class Vehicle(VerbCalls):
         """The aircraft, its link and the holder of the lease, from their last values.
 
         Raises:
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.reading.known import KEYS
 
@@ -76,7 +76,7 @@ class Vehicle(VerbCalls):
     ) -> AsyncIterator[Lease]:
         """Take the lease and take off; the context holds over the target, and lands on it at its end.
 
-        Before it, the pilot has started the motors; after it, the pilot stops them. Nothing is streamed between two
+        The pilot starts the motors before, and stops them afterwards. Nothing is streamed between two
         calls of the lease, so let them follow each other: `lease.hold(seconds=5)` instead of `asyncio.sleep(5)`.
 
         After an error or Ctrl-C inside, the aircraft is not landed but given back to the pilot at once. A program that
@@ -91,10 +91,10 @@ class Vehicle(VerbCalls):
 
         Raises:
             CommandRejectedError: as `uav.lease()` and `lease.take_off()`.
-            NotEngagedError: the daemon did not begin the take-off; says what it waited for.
+            NotEngagedError: the daemon did not begin the take-off; the text names what it waited for.
             ManoeuvreError: not at height or not landed in time, or aborted.
-            LeaseLostError: it did not take off or land; says why the daemon gave the aircraft back.
-            MkError: no daemon speaks for this vehicle.
+            LeaseLostError: it did not take off or land; the text says why the daemon released the aircraft.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.telemetry.control import Outcome
 
@@ -111,21 +111,21 @@ class Vehicle(VerbCalls):
             name: name and version, as an encoding names them: `Attitude.v1`.
 
         Raises:
-            MkError: the name is no part of a key.
+            MkError: the name is not a part of a key.
         """
         suffix = f"schema/{name}"
         sample = (await self.get_all(suffix)).get(suffix)
         return None if sample is None else sample.fields
 
     async def stop(self, *, in_flight: bool = False) -> None:
-        """Stop the motors. Only a public fork of the FlightCtrl can be asked to; else the pilot's sticks do it.
+        """Stop the motors. Only a public fork of the FlightCtrl has this command; otherwise the pilot stops them.
 
         Args:
-            in_flight: also where the aircraft flies, or may: it falls.
+            in_flight: also if the aircraft flies, or may fly: it falls.
 
         Raises:
             CommandRejectedError: `flying_stop`; stock firmware; `commands.fork_arming` is not set.
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         from mkdaemon.protocol import Board
         from mkdaemon.protocol.messages import DisarmMotors
@@ -151,18 +151,18 @@ class Vehicle(VerbCalls):
         """Send a MikroKopter request through the daemon and return the board's typed reply.
 
         Args:
-            board: who is asked.
+            board: the board that answers.
             message: the request, for example `SettingsRequest(index=255)`.
             expect: class the reply must have; a reply of another layout is an error.
-            confirm: the danger that the message's declaration names is known and wanted.
+            confirm: accept the danger that the message's declaration names.
 
         Returns:
-            The reply; None where the board gives none to such a request.
+            The reply; None if the board does not answer such a request.
 
         Raises:
-            CommandRejectedError: it was refused, or the board did not answer in time; says token, reason and fix.
-            ProtocolError: the reply is of another class than expected, or unknown here.
-            MkError: no daemon speaks for this vehicle.
+            CommandRejectedError: it was refused, or the board did not answer in time; has token, reason and fix.
+            ProtocolError: the reply has another class than expected, or an unknown one.
+            MkError: no daemon serves this vehicle.
         """
         fields = message.model_dump()
         if confirm:

@@ -417,7 +417,7 @@ class VerbCalls(KeyTree):
         Every client may, with or without a lease.
 
         Args:
-            reason: Published with the event; what is longer is cut, never refused.
+            reason: Published with the event; a longer text is cut, never refused.
 
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
@@ -443,10 +443,10 @@ class VerbCalls(KeyTree):
     async def abort(self, reason: str = "asked for") -> None:
         """Stop the manoeuvre that is flown.
 
-        Anyone may; the holder keeps the lease, and the aircraft holds.
+        Every client may; the holder keeps the lease.
 
         Args:
-            reason: Published with the event; what is longer is cut, never refused.
+            reason: Published with the event; a longer text is cut, never refused.
 
         Raises:
             MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
@@ -487,7 +487,7 @@ class VerbCalls(KeyTree):
     async def cancel(self, id: str | None = None) -> Cancelled:
         """End the procedure that runs.
 
-        It leaves the board as it promises to.
+        The procedure leaves the board in its documented state.
 
         Args:
             id: Which one; None for whichever runs.

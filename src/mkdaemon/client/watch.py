@@ -52,7 +52,7 @@ class Watch:
     dropped when the reader is that many behind (4096 unless given).
 
     Attributes:
-        dropped: what arrived and is no value of a key of this vehicle: put to a wildcard, or a deletion.
+        dropped: what arrived and is not a value of a key of this vehicle: put to a wildcard, or a deletion.
     """
 
     def __init__(

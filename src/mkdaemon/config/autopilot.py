@@ -84,7 +84,7 @@ class AutopilotConfig(Section):
 
     Longer drifts level with the wind before the pilot has it back."""
     stand_height: float = Field(default=0.10, ge=0, le=1)
-    """Height of the body's origin above the target when the feet stand on it [m].
+    """Height of the body's origin above the target after landing [m].
 
     Too high ends a landing in the air; too low pushes on the ground before it ends."""
     stand_time: float = Field(default=1.0, ge=0, le=5)

@@ -34,4 +34,4 @@ def load_mapping(name: str) -> Gamepad:
         if (folder / f"{name}.toml").is_file():
             return load_section(Gamepad, folder / f"{name}.toml")
     known = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
-    raise ConfigError(f"no mapping of a gamepad is called {name!r}; there is {', '.join(known) or 'none'}")
+    raise ConfigError(f"no gamepad mapping has the name {name!r}; there is {', '.join(known) or 'none'}")

@@ -42,7 +42,7 @@ class TagPlacement(Section):
             msg = "give rpy_deg or quaternion, not both"
             raise ValueError(msg)
         if self.quaternion is not None and sum(q * q for q in self.quaternion) < 1e-6:
-            msg = "quaternion has no length; (1, 0, 0, 0) is no rotation"
+            msg = "quaternion has no length; (1, 0, 0, 0) is not a rotation"
             raise ValueError(msg)
         return self
 

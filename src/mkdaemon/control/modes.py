@@ -209,7 +209,7 @@ ROWS: Final = (
     _release(Trigger.LINE_RELEASING, IN_FLIGHT, "{cause}"),
     _release(Trigger.GUIDANCE_LOST, IN_FLIGHT, "{cause}"),
     _release(Trigger.FLIGHT_FINISHED, IN_FLIGHT, "{cause}", is_asked=True),
-    _release(Trigger.STALLED, IN_FLIGHT, "the daemon stood still for {cause} s"),
+    _release(Trigger.STALLED, IN_FLIGHT, "the daemon did not run for {cause} s"),
     _release(Trigger.RECEIVER_LOST, IN_FLIGHT, "the receiver is lost: the FlightCtrl ignores stick frames and lands"),
     _release(Trigger.GUARD_ACTED, tuple(Phase), "the guard released the aircraft: {cause}"),
     Row((_RELEASING,), Trigger.RELEASE_DONE, RELEASE_OWED, _RELEASING, Reaction.NOTHING, "{reason}"),

@@ -146,5 +146,5 @@ class StickOutput:
 
 
 def _differs(counts: StickCounts, asked: Sticks) -> bool:
-    """Whether what is sent is more than rounding away from what was asked for, or that is no number."""
+    """Whether what is sent is more than rounding away from what was asked for, or that is not a number."""
     return not all(abs(sent - wanted) <= 0.5 for sent, wanted in zip(counts, asked, strict=True))

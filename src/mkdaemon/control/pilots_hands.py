@@ -60,7 +60,7 @@ HANDS: Final = (
         "raises the throttle to a quarter above hover within 3 s; nothing moves yet",
     ),
     _flying(LandSetpoint.suffix, LandingPhase.DOWN.value, _STANDS),
-    _flying(LandSetpoint.suffix, "", "holds the throttle a quarter above hover until the feet stand, then down"),
+    _flying(LandSetpoint.suffix, "", "holds the throttle a quarter above hover until touchdown, then lowers it"),
     _flying(StickSetpoint.suffix, "", _BY_HAND),
     _flying(AttitudeSetpoint.suffix, "", _BY_HAND),
     Hands(Phase.FLYING, "", "", LID),
@@ -74,7 +74,7 @@ HANDS: Final = (
     ),
     Hands(Phase.ABORTED, "", "", f"{LID}; shuts the gate to take over"),
     Hands(Phase.LANDING, _LANDING, LandingPhase.DOWN.value, _STANDS),
-    Hands(Phase.LANDING, "", "", "holds the throttle a quarter above hover until the feet stand, then down"),
+    Hands(Phase.LANDING, "", "", "holds the throttle a quarter above hover until touchdown, then lowers it"),
     Hands(Phase.RELEASING, _LANDING, LandingPhase.DOWN.value, _STANDS),
     Hands(Phase.RELEASING, "", "", "flies: throttle back to hover at once, or the aircraft climbs"),
 )

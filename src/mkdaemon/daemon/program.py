@@ -204,7 +204,7 @@ class Daemon:
             self._report.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             reason = f"{self._report.parent}: {error.strerror or error}"
-            self._audit.log("warning", f"the next daemon will not hear what the guard does: {reason}")
+            self._audit.log("warning", f"the next daemon will not get the guard's report: {reason}")
         guard.start()
         await guard.wait_for_start()
         async with asyncio.TaskGroup() as tasks:

@@ -46,7 +46,7 @@ class Reloading:
             plan = plan_reload(running, wanted)
             running = plan.cfg
             take(running)
-            taken = ", ".join(plan.taken) or "nothing that can be taken up differs"
+            taken = ", ".join(plan.taken) or "no key that can change at run time differs"
             audit.log("info", f"configuration reloaded: {taken}")
             if plan.waiting:
                 audit.log("warning", f"needs a restart, on the ground: {', '.join(plan.waiting)}")

@@ -206,8 +206,8 @@ class BoardRequests:
         async with redirection(self._link, PORTS[port], admit):
             await asyncio.sleep(PASSAGE)
         reason = (
-            f"the line led to the {port.name} for {PASSAGE:g} s and is back; what came is under raw/rx. "
-            "Requests to cmd/fc and cmd/mag are passed through by themselves."
+            f"the line led to the {port.name} for {PASSAGE:g} s and is back; received bytes are under raw/rx. "
+            "Requests to cmd/fc and cmd/mag are passed through automatically."
         )
         return CommandResult(status=Status.NOT_OBSERVABLE, reason=reason)
 

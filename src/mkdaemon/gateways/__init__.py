@@ -1,1 +1,1 @@
-"""Gateways to other systems beside the daemon: each a process of its own, and a client of the bus."""
+"""Gateways to other systems: each is a separate process and a client of the bus."""

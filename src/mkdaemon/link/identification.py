@@ -112,7 +112,7 @@ class Identification:
 
     def _find_other(self, name: str, difference: str) -> None:
         self.is_other = self._is_lost = True
-        detail = f"another aircraft, to which nothing is written: {difference}"
+        detail = f"another aircraft; the daemon writes nothing to it: {difference}"
         self._publish(refuse(Token.OTHER_AIRCRAFT, port=name, detail=detail))
 
     def _publish(self, doubt: CommandRejectedError) -> None:
@@ -147,7 +147,7 @@ class Identification:
     def _publish_unproven(self, port: Port, check: IdentityCheck) -> None:
         """Publish what is waited for, once, and once more when something arrives."""
         seen = "frames arrive, but no board answers" if check.is_answered else "nothing arrives"
-        detail = f"{seen}, so only questions are written: check power and wiring"
+        detail = f"{seen}, so the daemon sends only queries: check power and wiring"
         doubt = refuse(Token.AIRCRAFT_UNPROVEN, port=port.name, detail=detail)
         if self.doubt is None or self.doubt.reason != doubt.reason:
             self._publish(doubt)

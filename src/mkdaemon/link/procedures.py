@@ -75,7 +75,7 @@ class SilentObserver:
         Raises:
             ProtocolError: always.
         """
-        msg = f"there is no note of the live set {wanted.active}"
+        msg = f"no note exists of the live set {wanted.active}"
         raise ProtocolError(msg)
 
     async def live_set_proven(self) -> None:
@@ -127,7 +127,7 @@ async def run_procedure(
             step = move()
         except StopIteration as end:
             return end.value  # type: ignore[no-any-return]  # a generator's value is untyped at run time
-    msg = "a procedure ended before it began"
+    msg = "the procedure was cancelled before it started"
     raise ProtocolError(msg)
 
 

@@ -27,7 +27,7 @@ def read(text: str, name: str) -> MissionDraft:
     """
     root = parse_xml(text, name)
     if root.name != "gpx":
-        raise root.place.wrong(f"<{root.name}> is no GPX document", "the outermost element must be <gpx>")
+        raise root.place.wrong(f"<{root.name}> is not a GPX document", "the outermost element must be <gpx>")
     routes = [route for route in root.walk("rte") if route.find("rtept") is not None]
     if len(routes) > 1:
         raise routes[1].place.wrong(f"the file holds {len(routes)} routes", "keep the one that is to be flown")

@@ -41,7 +41,7 @@ def read(text: str, name: str) -> MissionDraft:
     """
     root = parse_xml(text, name)
     if root.name != "kml":
-        raise root.place.wrong(f"<{root.name}> is no KML document", "the outermost element must be <kml>")
+        raise root.place.wrong(f"<{root.name}> is not a KML document", "the outermost element must be <kml>")
     title = next((child.text_of("name") for child in root.children), None) or ""
     marks = [(mark, shape) for mark in root.walk("Placemark") for shape in mark.walk("Point")]
     lines = list(root.walk("LineString"))

@@ -25,8 +25,8 @@ def read_kmz(path: Path, limit: int) -> tuple[str, list[str]]:
 
     Raises:
         OSError: the file cannot be opened, or is too long.
-        UnicodeDecodeError: the document is no UTF-8 text.
-        ConfigError: it is no ZIP file, holds no document, or one that is too long, encrypted or damaged.
+        UnicodeDecodeError: the document is not UTF-8 text.
+        ConfigError: it is not a ZIP file, holds no document, or one that is too long, encrypted or damaged.
     """
     place = FilePlace(str(path), 1)
     again = "save it again as .kml"

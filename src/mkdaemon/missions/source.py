@@ -115,7 +115,7 @@ class FilePlace:
         """A number of a document; None where it is not given, which NaN says too.
 
         Raises:
-            ConfigError: it is no number, or infinite.
+            ConfigError: it is not a number, or infinite.
         """
         if value is None or (isinstance(value, float) and math.isnan(value)):
             return None
@@ -183,7 +183,7 @@ def assemble(name: str, points: list[MissionPoint], title: str = "") -> Mission:
     """Join points to a mission.
 
     Raises:
-        ConfigError: there is none, or a point looks at one that is no point of interest.
+        ConfigError: there is none, or a point looks at one that is not a point of interest.
     """
     if not points:
         msg = f"{name}:1: no waypoint in this file; export a route with at least one point"

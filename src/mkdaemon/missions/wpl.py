@@ -109,14 +109,14 @@ def _split(text: str, name: str) -> dict[str, Section]:
         if header:
             title = header["name"].strip().lower()
             if title in sections:
-                raise place.wrong(f"section [{header['name']}] stands twice", "delete one")
+                raise place.wrong(f"section [{header['name']}] occurs twice", "delete one")
             current = sections[title] = {"": (header["name"], place)}
             continue
         key, equals, value = content.partition("=")
         if not equals or current is None:
             raise place.wrong(f"{content[:30]!r} is neither [Section] nor key=value", "correct or delete the line")
         if key.strip().lower() in current:
-            raise place.wrong(f"{key.strip()} stands twice in one section", "delete one")
+            raise place.wrong(f"{key.strip()} occurs twice in one section", "delete one")
         current[key.strip().lower()] = (value.strip(), place)
     return sections
 

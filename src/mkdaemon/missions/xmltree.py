@@ -77,7 +77,7 @@ def parse_xml(text: str, name: str) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(stack) > MAX_DEPTH:
-            raise here().wrong(f"elements nest deeper than {MAX_DEPTH}", "this is no mission file")
+            raise here().wrong(f"elements nest deeper than {MAX_DEPTH}", "this is not a mission file")
         element = Element(_local(tag), {_local(key): value for key, value in attributes.items()}, here())
         stack[-1].children.append(element)
         stack.append(element)

@@ -126,7 +126,7 @@ class WireField:
         """Return the nearest wire value of an SI value [`si`; FLU].
 
         Raises:
-            EncodeError: the value is no finite number or beyond what may be sent.
+            EncodeError: the value is not a finite number or beyond what may be sent.
         """
         if not math.isfinite(value):
             msg = f"{self.mk}: {value} cannot be sent"

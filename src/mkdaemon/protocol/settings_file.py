@@ -205,7 +205,7 @@ def _load(text: str) -> dict[str, Any]:
 def _parameters(content: Mapping[str, Any], revision: int) -> ParameterSet:
     values, raw_hex = content.get("values") or {}, content.get("raw")
     if not isinstance(values, dict):
-        msg = "values is no table of names"
+        msg = "values is not a table of names"
         raise ProtocolError(msg)
     layout = layout_of(revision)
     if raw_hex is None:

@@ -180,7 +180,7 @@ def _rest(known: Knowledge) -> Iterator[_Check]:
     if health is not None and health.read_only:
         yield "read_only", f"READ ONLY: {health.read_only}", Tone.WARN
     if health is not None and health.open_endpoints:
-        yield "open", f"OPEN: everybody in the network may fly, at {', '.join(health.open_endpoints)}", Tone.WARN
+        yield "open", f"OPEN: any client in the network may fly, at {', '.join(health.open_endpoints)}", Tone.WARN
     status = known.fresh("record/status", RecordStatus)
     if status is not None:
         yield "recorder", because(status.state.words, status.reason), status.state.tone

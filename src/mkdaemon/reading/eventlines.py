@@ -91,7 +91,7 @@ def line_of(event: object) -> EventLine | None:
         case ClockEvent():
             sort, tone, text = Sort.CLOCK, Tone.WARN, f"the system clock was set by {event.step:+.3f} s"
         case MarkEvent():
-            sort, text = Sort.MARK, f"mark by {event.holder or 'somebody'}: {event.text}"
+            sort, text = Sort.MARK, f"mark by {event.holder or 'unknown'}: {event.text}"
         case LogEvent():
             tone, text = _LEVELS.get(event.level, Tone.NOTE), event.text
             sort = Sort.WARNING if tone.is_wrong else Sort.LOG

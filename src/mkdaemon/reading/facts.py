@@ -103,7 +103,7 @@ def age_words(seconds: float) -> str:
 
 def holder_of(status: ControlStatus) -> str:
     """Holder of the lease."""
-    return "nobody" if status.lease is None else status.lease.holder
+    return "no client" if status.lease is None else status.lease.holder
 
 
 def manoeuvre_words(status: ControlStatus) -> str:
@@ -140,8 +140,8 @@ def _hands(status: ControlStatus, known: Knowledge) -> Wording:
 
 # -- the aircraft -----------------------------------------------------------------------------------------------------
 
-MOTORS: Final = {True: "motors run", False: "motors stand", None: "motors not known"}
-_PLACES: Final = {True: "in the air", False: "on the ground", None: "in the air or not: not known"}
+MOTORS: Final = {True: "motors on", False: "motors off", None: "motors unknown"}
+_PLACES: Final = {True: "in the air", False: "on the ground", None: "in the air: unknown"}
 FLIGHT_ALARMS: Final = {
     "emergency_landing": Tone.BAD,
     "battery_low": Tone.BAD,
@@ -497,7 +497,7 @@ def rows_of(cameras: tuple[str, ...]) -> Mapping[str, FactRow]:
     """The rows of the table by their words, then two for each camera; one where there is none."""
     rows = [*_ROWS]
     if not cameras:
-        rows.append(FactRow("eyes", "eyes", lambda _: None))
+        rows.append(FactRow("cameras", "cameras", lambda _: None))
     for camera in cameras:
         rows.append(FactRow(f"eye-{camera}", f"camera {camera}", _last(f"vision/{camera}/stats", VisionStats, _eye)))
         rows.append(FactRow(f"sight-{camera}", f"sight {camera}", partial(_sight, camera=camera)))

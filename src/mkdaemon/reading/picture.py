@@ -39,7 +39,7 @@ _MEANINGS: Final = {
     "lease": "Takes the lease: the right to fly, until it is given back.",
     "abort": "Stops the manoeuvre: the aircraft holds its place over a target in sight, else it flies level. The lease "
     "stays.",
-    "release": "Ends external control: the pilot's sticks alone fly, at once. His hands must be on them.",
+    "release": "Ends external control: the pilot's sticks alone fly, at once. The pilot's hands must be on the sticks.",
 }
 
 

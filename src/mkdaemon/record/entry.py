@@ -179,7 +179,7 @@ _ONLY_TEXT: Final = frozenset({str})
 
 
 def unpacked(payload: bytes) -> dict[str, Any]:
-    """The content of a payload; empty if it is no map with names."""
+    """The content of a payload; empty if it is not a map with names."""
     try:
         found = msgpack.unpackb(payload, strict_map_key=False)
     except (ValueError, TypeError, RecursionError, msgpack.exceptions.UnpackException):

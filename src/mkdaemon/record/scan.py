@@ -236,7 +236,7 @@ class Scanner:
         # From `unproven` on a chunk is looked for when no record begins where one should.
         at = unproven = start or len(MAGIC)
         if not start and self._read(0, len(MAGIC)) != MAGIC:
-            at = unproven = self._resume(0, 0, "its beginning is damaged, or it is no MCAP file")
+            at = unproven = self._resume(0, 0, "its beginning is damaged, or it is not an MCAP file")
         while at < self._size:
             record = self._record_at(at)
             if isinstance(record, str):

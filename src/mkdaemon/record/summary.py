@@ -315,7 +315,7 @@ class _Route(NamedTuple):
 
     Attributes:
         found: their figures.
-        check: of the daemon's counts; None for what is no published value.
+        check: of the daemon's counts; None for what is not a published value.
         suffix: of the key.
         is_sent: they tell of senders.
         taker: is given them as well.

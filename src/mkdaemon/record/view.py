@@ -121,7 +121,7 @@ class JsonView:
         return f"mk.{name}", json.dumps(flatten_schema(json.loads(source))).encode()
 
     def show(self, entry: Entry) -> bytes | None:
-        """An entry as JSON; None where its payload is no map."""
+        """An entry as JSON; None where its payload is not a map."""
         try:
             value = msgpack.unpackb(entry.payload)
             known = _WELL_KNOWN.get(_name_of(entry.encoding) or "")

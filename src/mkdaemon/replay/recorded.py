@@ -196,7 +196,7 @@ def _check_parts(sessions: Sequence[tuple[Session, Recording]]) -> None:
 
 
 def fields_of(entry: Entry) -> dict[str, Any]:
-    """What a payload says; nothing where it is no map."""
+    """What a payload says; nothing where it is not a map."""
     return unpacked(entry.payload)
 
 

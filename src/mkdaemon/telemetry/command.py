@@ -77,14 +77,14 @@ class ReleaseRequest(Command):
     """Release the aircraft now: `do/release`. Every client may, with or without a lease."""
 
     reason: Reason = "asked for"
-    """Published with the event; what is longer is cut, never refused."""
+    """Published with the event; a longer text is cut, never refused."""
 
 
 class AbortRequest(Command):
-    """Stop the manoeuvre that is flown: `do/abort`. Anyone may; the holder keeps the lease, and the aircraft holds."""
+    """Stop the manoeuvre that is flown: `do/abort`. Every client may; the holder keeps the lease."""
 
     reason: Reason = "asked for"
-    """Published with the event; what is longer is cut, never refused."""
+    """Published with the event; a longer text is cut, never refused."""
 
 
 class AcceptAircraftRequest(Command):

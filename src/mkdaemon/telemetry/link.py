@@ -108,7 +108,7 @@ class Fates(Telemetry):
     """Unanswered because the board was sending something else until a newer frame replaced the number to confirm: a
     FlightCtrl keeps one."""
     outage: int = 0
-    """Unanswered while the line was lost, or while this program stood still."""
+    """Unanswered while the line was lost, or while this program did not run."""
     withdrawn: int = 0
     """Unanswered when the requester stopped waiting."""
 

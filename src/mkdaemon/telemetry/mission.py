@@ -88,7 +88,7 @@ class Mission(Described):
             if point.poi is None:
                 continue
             if point.poi > len(self.points) or self.points[point.poi - 1].kind is not PointKind.POI:
-                msg = f"point {number} looks at point {point.poi}, which is no point of interest of this mission"
+                msg = f"point {number} looks at point {point.poi}, which is not a point of interest of this mission"
                 raise ValueError(msg)
         return self
 

@@ -87,7 +87,7 @@ class InFlightRequest(ProcedureRequest):
 
 
 class CancelRequest(Command):
-    """End the procedure that runs: `do/cancel`. It leaves the board as it promises to."""
+    """End the procedure that runs: `do/cancel`. The procedure leaves the board in its documented state."""
 
     id: str | None = None
     """Which one; null for whichever runs."""

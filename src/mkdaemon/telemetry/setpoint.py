@@ -139,7 +139,7 @@ class TakeOffSetpoint(TargetSetpoint):
 
 
 class LandSetpoint(TargetSetpoint):
-    """Land on the target in sight: `setpoint/land`. Streamed until the feet stand; the aircraft is released then."""
+    """Land on the target in sight: `setpoint/land`. Streamed until touchdown; then the aircraft is released."""
 
     suffix: ClassVar[str] = "setpoint/land"
     about: ClassVar[str] = "Land on the target in sight"

@@ -72,19 +72,19 @@ FAULTS: Final[dict[str, FaultSpec]] = {
             "share": _number(0.8, 0.0, 1.0, "", "thrust left"),
         },
     ),
-    "rc_lost": FaultSpec(Reader.WORLD, "The receiver hears no transmitter."),
+    "rc_lost": FaultSpec(Reader.WORLD, "The receiver gets no signal from the transmitter."),
     "gate_closed": FaultSpec(Reader.WORLD, "The pilot's external-control switch is closed."),
     "gps_switch": FaultSpec(
         Reader.WORLD,
-        "The pilot turns his GPS switch, and leaves pitch and roll to the NaviCtrl while it is not at free.",
-        {"to": FaultChoice("home", ("free", "hold", "home"), "where he turns it")},
+        "The pilot turns the GPS switch, and leaves pitch and roll to the NaviCtrl while it is not at free.",
+        {"to": FaultChoice("home", ("free", "hold", "home"), "new position of the switch")},
     ),
     "wind_gust": FaultSpec(
         Reader.WORLD,
-        "A single gust on top of the wind.",
+        "A single gust in addition to the wind.",
         {
             "speed": _number(4.0, 0.0, 15.0, "m/s", "peak"),
-            "from_deg": _number(0.0, 0.0, 360.0, "deg", "where it comes from, clockwise from north"),
+            "from_deg": _number(0.0, 0.0, 360.0, "deg", "direction of origin, clockwise from north"),
         },
         duration=2.0,
     ),
@@ -96,12 +96,12 @@ FAULTS: Final[dict[str, FaultSpec]] = {
     "gps_lost": FaultSpec(Reader.WORLD, "The GPS receiver has no fix and no satellites."),
     "compass_bias": FaultSpec(
         Reader.WORLD,
-        "The compass is turned away, as beside steel.",
+        "The compass is deflected, as near steel.",
         {"deg": _number(30.0, -180.0, 180.0, "deg", "added to the heading, clockwise")},
     ),
     "imu_bias": FaultSpec(
         Reader.WORLD,
-        "Gyros drift and the accelerometer leans.",
+        "The gyros drift and the accelerometer has an offset.",
         {
             "rate_deg": _number(1.0, -30.0, 30.0, "deg/s", "added to the pitch and roll gyros"),
             "lean_deg": _number(2.0, -20.0, 20.0, "deg", "added to the accelerometer's pitch and roll"),
@@ -125,7 +125,7 @@ FAULTS: Final[dict[str, FaultSpec]] = {
     "camera_off": FaultSpec(Reader.SCENE, "The camera delivers nothing."),
     "fc_reboot": FaultSpec(Reader.BOARDS, "The FlightCtrl restarts, in flight too.", once=True),
     "nc_reboot": FaultSpec(Reader.BOARDS, "The NaviCtrl restarts and loses its waypoints, in flight too.", once=True),
-    "spi_lost": FaultSpec(Reader.BOARDS, "The NaviCtrl hears nothing from the FlightCtrl behind it."),
+    "spi_lost": FaultSpec(Reader.BOARDS, "The NaviCtrl receives nothing from its FlightCtrl."),
     "nc_sd_stall": FaultSpec(Reader.BOARDS, "The NaviCtrl is busy with its SD card.", duration=2.0),
 }
 """Every fault there is; keys, CLI, help and documentation are read from here."""

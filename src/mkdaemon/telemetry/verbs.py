@@ -76,12 +76,12 @@ VERBS: Final[tuple[Verb, ...]] = (
         has_method=False,
     ),
     Verb("release", "Release the aircraft now; every client may.", command.ReleaseRequest, control.ReleaseReport),
-    Verb("gains", "The model flown on, its gains and margins.", command.GainsRequest, control.Gains),
+    Verb("gains", "The model in use, its gains and margins.", command.GainsRequest, control.Gains),
     Verb("preflight", "Make every check before a flight.", command.PreflightRequest, preflight.PreflightReport),
-    Verb("abort", "Stop the manoeuvre and hold, or level; anyone may.", command.AbortRequest),
+    Verb("abort", "Stop the manoeuvre and hold, or level; every client may.", command.AbortRequest),
     Verb(
         "accept_aircraft",
-        "Speak to the other aircraft that is at the port since it came back.",
+        "Accept the other aircraft that is at the port since it reopened.",
         command.AcceptAircraftRequest,
         call="accept_aircraft",
     ),
@@ -103,7 +103,10 @@ VERBS: Final[tuple[Verb, ...]] = (
     ),
     Verb("settings_write", "Change parameters by name.", settings.SettingsWriteRequest, settings.SettingsRestoration),
     Verb(
-        "settings_recover", "Look after a live set left unproven.", settings.SettingsRecoverRequest, settings.OwedSets
+        "settings_recover",
+        "Restore a live set left unproven.",
+        settings.SettingsRecoverRequest,
+        settings.OwedSets,
     ),
     Verb("waypoints_upload", "Replace the NaviCtrl's list.", mission.WaypointsUploadRequest, mission.WaypointsStored),
     Verb("waypoints_read", "Read the NaviCtrl's list.", mission.WaypointsReadRequest, mission.WaypointList),
@@ -118,7 +121,7 @@ VERBS: Final[tuple[Verb, ...]] = (
     Verb("route_end", "Empty the list, in flight too.", mission.RouteEndRequest, mission.WaypointsStored),
     Verb(
         "navi_goto",
-        "Make a place the NaviCtrl's target, in flight.",
+        "Set the NaviCtrl's target, in flight.",
         navi.NaviGotoRequest,
         navi.NaviTarget,
         call="navi.target",

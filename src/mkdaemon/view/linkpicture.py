@@ -25,7 +25,7 @@ _STYLE: Final = (
 
 
 def link_picture(runs: Sequence[LoadRun], title: str) -> str:
-    """Draw every load of one line, or of two beside each other, in a row of its own.
+    """Draw each load of one link, or of two beside each other, in a separate row.
 
     Args:
         runs: what was measured; all rows have one scale.

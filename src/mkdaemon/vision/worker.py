@@ -130,7 +130,7 @@ class VisionWorker:
             self._thread.join(max(end - time.monotonic(), 0.0))
 
     def attitude_arrived(self, sample: AttitudeSample) -> None:
-        """Take the vehicle's attitude; from one thread. One that is no number is counted; the history leaves it out."""
+        """Take the vehicle's attitude; from one thread. NaN is counted, and left out of the history."""
         if not sample.is_number:
             for eye in self._eyes.values():
                 eye.pipeline.attitude_lost[AttitudeLoss.NOT_A_NUMBER] += 1

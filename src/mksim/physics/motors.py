@@ -159,6 +159,8 @@ class Motors:
         # Mixer of the plus frame: front, rear, right, left; front and rear turn against right and left.
         counts = (base + yaw - pitch, base + yaw + pitch, base - yaw - roll, base - yaw + roll)
         health, setpoints = self.health, self.setpoints
+        # Thrust T = k n^2 of each rotor; torque about forward a (T_left - T_right), left a (T_rear - T_front), and up
+        # c (T_front + T_rear - T_right - T_left).
         factor = self._thrust_per_count2
         thrusts = []
         load = 0.0

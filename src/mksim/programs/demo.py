@@ -47,26 +47,25 @@ SHOWN: Final = {
 
 def demo(
     *,
-    fast: Annotated[bool, Parameter(negative=(), help="In virtual time, as fast as it goes.")] = False,
-    headless: Annotated[bool, Parameter(negative=(), help="No live table: a line every 5 s of flight.")] = False,
+    fast: Annotated[bool, Parameter(negative=(), help="Run in virtual time, as fast as possible.")] = False,
+    headless: Annotated[bool, Parameter(negative=(), help="Print lines instead of a live table.")] = False,
     picture: Annotated[
         Path,
-        Parameter(help="Where the picture of the flight goes (SVG), with recording and report beside it; replaced."),
+        Parameter(help="File of the picture (SVG); recording and report go to the same folder. Replaces files."),
     ] = PICTURE,
-    wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="In the simulation.")] = "light",
-    seed: Annotated[int, Parameter(help="Of everything random.")] = 1,
+    wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="Simulated wind.")] = "light",
+    seed: Annotated[int, Parameter(help="Random seed.")] = 1,
     fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
-    view: Annotated[bool, Parameter(negative=(), help="Open `mkctl view`, and look at the flight.")] = False,
+    view: Annotated[bool, Parameter(negative=(), help="Show the flight in `mkctl view`.")] = False,
     telemetry: Annotated[
-        bool, Parameter(negative=(), help="Instead: simulator, daemon and bus as processes, and what they tell.")
+        bool, Parameter(negative=(), help="Instead, start simulator and daemon as processes, and print values.")
     ] = False,
-    seconds: Annotated[float, Parameter(help="With --telemetry: how long to watch.")] = 30.0,
+    seconds: Annotated[float, Parameter(help="With --telemetry: duration [s].")] = 30.0,
     as_json: AsJson = False,
 ) -> int:
-    """Fly by itself: take off, hold over a target, step aside by 1 m, follow the target when it moves, land on it.
+    """Fly the simulation: take off, hold over a target, step aside by 1 m, follow the moving target, land on it.
 
-    Needs no hardware, no network and no terminal. Exit code 0 only when it landed on the target and the motors stand
-    still.
+    Needs no hardware, no network and no terminal. Exit code 0 only if it landed on the target and stopped its motors.
 
     Example: mkdaemon demo --wind moderate --view
 
@@ -121,7 +120,7 @@ def _fly(
     else:
         console.print(summary_table(figures))
         print_files(console, picture, recording, report, reason)
-        words = "landed on the target, motors stand" if record.has_landed else f"NOT landed: {figures['outcome']}"
+        words = "landed on the target, motors off" if record.has_landed else f"NOT landed: {figures['outcome']}"
         console.print(Text(words, style="bold green" if record.has_landed else "bold red"))
     return EXIT_OK if record.has_landed else EXIT_FAILURE
 

@@ -110,7 +110,7 @@ def _read(encoding: str, raw: bytes) -> ScenePose:
 
     Raises:
         ValueError: it is none, or too long.
-        CommandRejectedError: it is no msgpack map.
+        CommandRejectedError: it is not a msgpack map.
     """
     if len(raw) > LONGEST:
         raise ValueError(f"{len(raw)} bytes, more than {LONGEST}")

@@ -36,20 +36,20 @@ def sim(
     ] = None,
     fc: Annotated[str | None, Parameter(help="FlightCtrl release: early, 2.08, 2.12a, 2.14.")] = None,
     nc: Annotated[str | None, Parameter(help="NaviCtrl release: 0.24, 2.14.")] = None,
-    seed: Annotated[int | None, Parameter(help="Of every random stream.")] = None,
+    seed: Annotated[int | None, Parameter(help="Random seed.")] = None,
     pilot: Annotated[str | None, Parameter(help=PILOTS)] = None,
     pilot_wait: Annotated[
         float | None,
-        Parameter(help="Seconds before he touches the sticks, 20 by default; `mkctl sim start` asks him earlier."),
+        Parameter(help="Delay before the pilot uses the sticks, 20 by default [s]; `mkctl sim start` ends it."),
     ] = None,
-    vehicle: Annotated[str | None, Parameter(help="Name under which truth and faults stand on the bus.")] = None,
+    vehicle: Annotated[str | None, Parameter(help="Vehicle name of the keys of truth and faults.")] = None,
     connect: Annotated[str | None, Parameter(help="Zenoh endpoint of the daemon, for truth and faults.")] = None,
     listen: Annotated[str | None, Parameter(help="Also offer the port over TCP, host:port.")] = None,
     scene_only: Annotated[
-        bool, Parameter(negative=(), help="Only the camera: no aircraft; its pose comes from the bus.")
+        bool, Parameter(negative=(), help="Simulate only the camera; its pose comes from the bus.")
     ] = False,
-    truth: Annotated[str | None, Parameter(help="With --scene-only: key of the poses; else mk/NAME/sim/pose.")] = None,
-    seconds: Annotated[float | None, Parameter(help="End after this time; otherwise on Ctrl-C.")] = None,
+    truth: Annotated[str | None, Parameter(help="With --scene-only: key of poses; default mk/NAME/sim/pose.")] = None,
+    seconds: Annotated[float | None, Parameter(help="End after this time [s]; default: on Ctrl-C.")] = None,
 ) -> None:
     """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
 

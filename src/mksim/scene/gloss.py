@@ -52,6 +52,8 @@ def add_gloss(image: Image32, mask: Image32, gloss: Gloss, rays: RayGrid, cam_fr
     sun = cam_from_target @ (np.array(gloss.to_sun) / np.linalg.norm(gloss.to_sun))
     normal = cam_from_target[:, 2].astype(np.float32)
     length = np.sqrt(rays.x**2 + rays.y**2 + 1)
+    # Blinn's half vector h = (sun - ray) / |sun - ray|; Beckmann's lobe exp(-tan^2 / (2 s^2)) / (8 s^2) of its angle to
+    # the normal (the module's docstring has the factor); Schlick's share m + (1 - m) (1 - cos)^5.
     # halfway between the direction to the eye (minus the ray) and to the sun: the normal of a mirror
     half = [np.float32(sun[k]) - part / length for k, part in enumerate((rays.x, rays.y, np.float32(1.0)))]
     size = np.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)

@@ -161,6 +161,8 @@ class Ground:
             return np.full_like(slope, SKY)
         x, y = rays.x[rows, columns], rays.y[rows, columns]
         r, position = view.enu_from_cam, view.position_enu
+        # A ray d from height z meets the ground after z / -d_z. At level log2(footprint / texel) a texel is as large as
+        # a pixel there (a mipmap, L. Williams, SIGGRAPH 1983).
         reach = np.float32(position[2]) / np.maximum(slope, np.float32(1e-3))
         middle = float(reach[slope.shape[0] // 2, slope.shape[1] // 2])
         grazing = max(float(position[2]) / (middle * 1.2), 0.05)

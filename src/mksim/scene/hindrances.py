@@ -145,6 +145,7 @@ def add_propellers(light: Image32, propellers: Propellers, view: CameraView) -> 
     A blade that covers an angle w and turns by s while the shutter is open hides a direction for a share of that time:
     of its angle from the middle of the blade a trapezoid, the box of w through the box of s.
     """
+    # share(a) = clip(((w + s) / 2 - |a|) / min(w, s), 0, 1) * w / max(w, s), a the angle from the middle of a blade.
     height, width = light.shape
     v, u = np.mgrid[:height, :width].astype(np.float32)
     turns = 2.0 * np.pi * propellers.rate * row_times(view)[:, None]

@@ -49,6 +49,7 @@ class Platform:
         heading, time = self.heading, max(time - self.delay, 0.0)
         start = np.array(self.start_enu)
         if self.kind == "circle":
+            # p = start + r (sin(a) ahead + (1 - cos(a)) side), a = v t / r: tangent to the heading at the start.
             turned = self.speed * time / self.radius
             side = np.array([-np.sin(heading), np.cos(heading), 0.0])
             ahead = np.array([np.cos(heading), np.sin(heading), 0.0])

@@ -47,7 +47,7 @@ class VideoWriter:
         lossless = path.suffix.lower() in {".avi", ".mkv"}
         code = cv2.VideoWriter.fourcc(*("FFV1" if lossless else "mp4v"))
         if path.exists():
-            msg = f"sim.scene.video {path}: exists already; name another file, or remove it"
+            msg = f"sim.scene.video {path}: already exists; name another file, or remove it"
             raise ConfigError(msg)
         self._path, self._fresh = path, path.with_name(f".{path.stem}.new{path.suffix}")
         self._writer = cv2.VideoWriter(str(self._fresh), cv2.CAP_FFMPEG, code, fps, (width, height), isColor=False)

@@ -205,6 +205,7 @@ def _undistorted(xd: Array, yd: Array, intrinsics: Intrinsics) -> tuple[Array, A
         found = cv2.fisheye.undistortPoints(bent, np.eye(3), intrinsics.distortion.reshape(4, 1))
         straight = np.asarray(found, dtype=np.float64).reshape(*xd.shape, 2)
         return straight[..., 0], straight[..., 1]
+    # `project` bends by xd = x radial(r) + dx(x, y). The fixed point of x = (xd - dx(x, y)) / radial(r) is its inverse.
     x, y = xd.copy(), yd.copy()
     for _ in range(60):
         r2 = x * x + y * y

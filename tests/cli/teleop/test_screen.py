@@ -111,7 +111,7 @@ def test_screen_says_what_the_daemon_waits_for() -> None:
         return asked + "\n".join(line.plain for line in lines)
 
     text = run_virtually(main())
-    assert "the lease is asked for" in text
+    assert "the lease is requested" in text
     assert "waiting for neutral sticks" in text
 
 
@@ -159,7 +159,7 @@ def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:
 
     alarms = run_virtually(main())
     assert alarms[0] == "the link is mute: no byte"
-    assert "has not been heard" in alarms[1]
+    assert "has been silent" in alarms[1]
     assert len(alarms) == 2
 
 

@@ -116,7 +116,7 @@ async def test_loads_are_asked_for_measured_and_put_back():
 
 async def test_motors_that_run_or_may_run_refuse_it_and_motors_that_start_end_it():
     async with measured() as board, connect(VEHICLE, board.daemon.endpoint) as uav:
-        for running, words in ((True, "motors run"), (None, "nothing says")):
+        for running, words in ((True, "motors run"), (None, "no stream shows")):
             board.motors_running = running
             await uav.health.until(lambda value, running=running: value.motors_running is running, patience=5)
             with pytest.raises(MkError, match=words):
@@ -163,7 +163,7 @@ def test_the_command_prints_a_verdict_and_writes_what_it_found(tmp_path, capsys)
         assert "radio A, light load" in picture.read_text()
         words = ["linktest", *at, "--json", "--compare", str(csv), "--picture", str(picture)]
         assert run(app, words) == 2  # the picture is there already
-        assert "exists already" in capsys.readouterr().err
+        assert "already exists" in capsys.readouterr().err
         assert run(app, [*words, "--force"]) == 1
         answer = json.loads(capsys.readouterr().out)
         assert answer["verdict"]["grade"] == "poor"

@@ -30,8 +30,8 @@ def test_what_was_written_is_read_again(tmp_path):
         (",".join(HEADER).encode() + b"\n", "no measurement"),
         (",".join(HEADER).encode() + b"\nx,light,0,link test,0.1\n", "line 2: not enough values"),
         (",".join(HEADER).encode() + b"\nx,light,0,telepathy,0.1,5\n", "line 2: 'telepathy'"),
-        (",".join(HEADER).encode() + b"\nx,light,0,link test,nan,5\n", "line 2: nan is no figure"),
-        (",".join(HEADER).encode() + b"\nx,light,0,link test,0,-5\n", "line 2: -5 is no figure"),
+        (",".join(HEADER).encode() + b"\nx,light,0,link test,nan,5\n", "line 2: nan is not a figure"),
+        (",".join(HEADER).encode() + b"\nx,light,0,link test,0,-5\n", "line 2: -5 is not a figure"),
     ],
 )
 def test_another_file_is_refused_by_line(tmp_path, content, complaint):

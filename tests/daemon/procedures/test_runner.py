@@ -507,11 +507,11 @@ async def test_a_mission_that_contradicts_itself_is_refused_by_its_mistake(tmp_p
         await rig.until_ready()
         result = await rig.ask("waypoints_verify", points=[{**POINTS[0], "poi": 9}])
         assert (result.token, bool(result.fix)) == ("bad_value", True)
-        assert "point 1 looks at point 9, which is no point of interest" in result.reason
+        assert "point 1 looks at point 9, which is not a point of interest" in result.reason
 
 
 def test_what_is_no_procedure_of_the_table_of_keys_is_a_mistake_of_ours():
     for verb in ("fly", "lease"):
-        with pytest.raises(ValueError, match=f"do/{verb} is no procedure"):
+        with pytest.raises(ValueError, match=f"do/{verb} is not a procedure"):
             request_model(verb)
     assert {verb for verb in PROCEDURES if not issubclass(request_model(verb), ProcedureRequest)} == set()

@@ -35,7 +35,7 @@ def test_what_is_no_address(text):
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "ground.example", "::"])
 def test_a_network_needs_a_key_or_leave(host):
     address = (Address(AddressKind.UDP_IN, host, 14550),)
-    with pytest.raises(ConfigError, match="whoever is in that network could fly"):
+    with pytest.raises(ConfigError, match="any program in that network could fly"):
         check_addresses(address, has_key=False, allow_open=False)
     check_addresses(address, has_key=True, allow_open=False)
     check_addresses(address, has_key=False, allow_open=True)

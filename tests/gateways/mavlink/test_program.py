@@ -38,7 +38,7 @@ def test_a_key_opens_a_network(tmp_path):
     key = tmp_path / "key"
     key.write_text("ab" * 32)
     assert options("udpin:0.0.0.0:14550", key=key).signing.key == bytes([0xAB]) * 32
-    with pytest.raises(ConfigError, match="whoever is in that network"):
+    with pytest.raises(ConfigError, match="any program in that network"):
         options("udpin:0.0.0.0:14550")
     assert options("udpin:0.0.0.0:14550", allow_open=True).addresses
 

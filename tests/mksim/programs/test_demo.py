@@ -38,7 +38,7 @@ def test_a_landing_is_a_success_with_figures_and_a_picture(flown, tmp_path, caps
     picture = tmp_path / "flight.svg"
     assert run(app, ["demo", "--fast", "--headless", "--picture", str(picture)]) == 0
     shown = capsys.readouterr().out
-    assert "landed on the target, motors stand" in shown
+    assert "landed on the target, motors off" in shown
     assert "hold over the target, horizontal RMS (cm)" in shown
     assert max(len(line) for line in shown.splitlines() if str(tmp_path) not in line) <= 80
     assert "<h1>mk1</h1>" in picture.with_suffix(".html").read_text(encoding="utf-8")

@@ -238,7 +238,7 @@ def test_an_invalid_stored_point_is_named() -> None:
 
 def test_a_stored_point_that_looks_at_none_is_named() -> None:
     looking = WriteWaypoint024.decode(route(1)[0].encode()).model_copy(update={"heading": -7})
-    with pytest.raises(CommandRejectedError, match=r"point 1: it looks at point 7, which is no point of interest"):
+    with pytest.raises(CommandRejectedError, match=r"point 1: it looks at point 7, which is not a point of interest"):
         from_points([looking], FORM)
 
 

@@ -44,7 +44,7 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
     assert said["latency"] == "p50 20 ms, p99 44 ms"
     assert said["link_tests"] == "49 of 50 answered, 1 unanswered (1 lost)"
     assert said["stick_frames"] == "none sent"
-    assert said["flight"] == "in the air or not: not known, motors run"
+    assert said["flight"] == "in the air: unknown, motors on"
     assert said["hands"] == "the pilot keeps his thumbs on centred sticks"
     aircraft = shown["scene"]["aircraft"]
     assert (aircraft["position"], aircraft["source"], aircraft["frame"]) == ([0.12, -0.05, 2.01], "estimate", "pad")
@@ -61,7 +61,7 @@ def test_what_nobody_has_said_is_not_known():
     shown = VehiclePicture("mk1").show(NOW)
     assert {one["text"] for one in shown["lines"]} == {"not known"}
     assert {one["tone"] for one in shown["lines"]} == {"unknown"}
-    caption = "where the aircraft is: not known"
+    caption = "position of the aircraft: unknown"
     assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None, "caption": caption}
     assert shown["verdict"]["text"] == "NOTHING FROM THE DAEMON: no value has arrived"
     assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
@@ -255,6 +255,6 @@ def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_ha
     picture = picture_of([blind, *values])
     shown = picture.show(NOW)
     assert shown["scene"]["aircraft"]["is_stale"]
-    assert shown["scene"]["caption"] == "over pad, as the flight core believes; last image 2.0 s ago"
+    assert shown["scene"]["caption"] == "over pad, estimate of the flight core; last image 2.0 s ago"
     assert line(shown, "error")["text"] == "not known: no image for 2.0 s"
     assert [point[1:] for point in picture.series["error"].since(0)] == [(None, None)]

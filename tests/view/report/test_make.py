@@ -29,7 +29,7 @@ def known(tmp_path_factory):
 def test_every_recorded_flight_has_its_report(path):
     report = report_of(path, None)
     assert report.losses == []
-    assert "The machine flew for" in report.sentences[1]
+    assert "Automatic flight for " in report.sentences[1]
     assert {plot.name for plot in report.plots} >= {"events", "attitude", "sticks", "link", "battery"}
     name, parameters = report.parameters
     assert (name, len(parameters) > 100) == ("Easy", True) if "nc" not in path.stem else (name, not parameters)
@@ -47,7 +47,7 @@ def test_a_recording_that_was_cut_off_tells_so(known, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(known.read_bytes()[:-200])
     report = report_of(path, None)
-    assert "was not finished" in report.losses[0]
+    assert "is not finished" in report.losses[0]
     assert "The recording is not whole" in render(report, "").decode()
 
 
@@ -128,7 +128,7 @@ def test_a_recording_of_several_vehicles_asks_which(known, tmp_path):
     with pytest.raises(ConfigError, match=r"choose one with --vehicle: mk1, mk2"):
         report_of(both, None)
     assert report_of(both, "mk2").vehicle == "mk2"
-    with pytest.raises(ConfigError, match=r"nothing of vehicle mk3 in it; there is mk1, mk2"):
+    with pytest.raises(ConfigError, match=r"no values of vehicle mk3, only of mk1, mk2"):
         report_of(both, "mk3")
 
 

@@ -116,7 +116,7 @@ def test_the_known_values_are_in_the_plots(pages):
 def test_the_tables_tell_the_figures(pages):
     text = pages["known"].text
     for words in (
-        *("5.0 / 5.0", "1.00, 0.00, 2.00", "not_leased", "nobody holds it", "what was refused"),
+        *("5.0 / 5.0", "1.00, 0.00, 2.00", "not_leased", "nobody holds it", "refusals and remedies"),
         *("15.0 to 16.0, on average 15.5; first 16.0, last 15.0", "15.0 V, 3.75 V a cell, 10.0 A, 30 mAh"),
         *("50.0 to 50.0, on average 50.0", "97 of 100 answered, 1 late, 2 unanswered (2 lost)"),
         *("up 8.0 s, degraded 2.0 s", "10 images/s, 50 % posed, 60 ms", "images processed100"),

@@ -50,7 +50,7 @@ def test_a_release_begins_with_its_chain_the_effect_first_each_with_its_time():
         "no pose for 3.0 s",
         "36 poses refused off_course",
         "attitude silent 3.4 s",
-        "outlived: no pose for 1.2 s; attitude silent 1.6 s; over at 20.8 s",
+        "survived: no pose for 1.2 s; attitude silent 1.6 s; ended at 20.8 s",
     )
     assert times == pytest.approx((41.8, 42.6, 41.4, 19.0), abs=0.01)
 
@@ -58,7 +58,7 @@ def test_a_release_begins_with_its_chain_the_effect_first_each_with_its_time():
 def test_a_flight_that_lands_says_so_with_the_trouble_that_it_outlived():
     head = head_of(flight_of(released=False))
     assert (head.text, head.is_bad) == ("Ended at 44.8 s: landed on pad (landed).", False)
-    assert [text for _, text in head.chain] == ["outlived: no pose for 1.2 s; attitude silent 1.6 s; over at 20.8 s"]
+    assert [text for _, text in head.chain] == ["survived: no pose for 1.2 s; attitude silent 1.6 s; ended at 20.8 s"]
 
 
 def test_a_step_of_the_ladder_in_the_middle_of_a_flight_is_no_release():
@@ -69,10 +69,10 @@ def test_a_flight_that_goes_on_and_none_at_all():
     tape = Tape()
     tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
     tape.add(3.0, "control/output", {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1})
-    assert head_of(read(tape)).text == "The recording ends while it flies."
+    assert head_of(read(tape)).text == "The recording ends in flight."
     tape = Tape()
     tape.add(0.0, "state/altitude", {"above_start": 1.0})
-    assert head_of(read(tape)).text == "The machine did not fly."
+    assert head_of(read(tape)).text == "No automatic flight."
 
 
 @pytest.mark.parametrize("strange", [None, "x", [], [None], [{"text": ""}], [3], {"kind": "no_pose"}])

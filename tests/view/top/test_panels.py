@@ -33,7 +33,7 @@ def test_every_value_of_a_known_state_is_shown():
         "15.2 V, 3.80 V a cell, 11.5 A, 812 mAh",
         "0.0 s of pad",
         "roll +10.0°, pitch -5.0°, heading 060°",
-        "in the air, motors run, GPS hold, flew 83 s",
+        "in the air, motors on, GPS hold, flew 83 s",
         "1.2 m/s over ground, -0.4 m/s up",
         "9 satellites, position valid, usable",
         "receiver  97 %",

@@ -120,7 +120,7 @@ async def test_the_screen_says_what_was_published_and_asks_before_it_acts(monkey
     async with shown() as (daemon, view, pilot, acts):
         text = screen(view)
         for words in (
-            "in the air or not: not known, motors run",
+            "in the air: unknown, motors on",
             "roll +10.0°, pitch -5.0°, heading 090°",
             "15.2 V, 3.80 V a cell, 11.5 A, 812 mAh",
         ):

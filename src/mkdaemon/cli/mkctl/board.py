@@ -8,6 +8,6 @@ from cyclopts import App
 
 from mkdaemon.cli.mkctl.commands import BOARD
 
-app: Final = App(name="board", help="A board's own: mixer, motors, parameters, labels, display, rates, any request.")
+app: Final = App(name="board", help="Requests to a board: mixer, motors, parameters, labels, display, rates, others.")
 for _name, _target in BOARD.items():
     app.command(_target, name=_name)

@@ -48,7 +48,7 @@ async def camera(
     Args:
         name: Of the camera; not needed where there is one.
         once: Print what is known now and end; this is also what happens without a terminal.
-        seconds: End after so many seconds.
+        seconds: End after this time [s].
         picture: Write the newest image with its tags into this file (.png, .jpg), and end.
         force: Overwrite a picture that is there.
 

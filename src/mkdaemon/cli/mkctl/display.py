@@ -22,7 +22,7 @@ from mkdaemon.protocol.wire import Board
 
 LINES, COLUMNS = 4, 20
 INTERVAL: Final = 25
-"""Between two pictures while nobody presses a key [10 ms]."""
+"""Interval between two pictures while no key is pressed [10 ms]."""
 MEETING: Final = 5.0
 """Longest wait for the daemon to know who is on the line [s]; it takes about one."""
 RENEW: Final = 2.0
@@ -45,12 +45,12 @@ LEGEND: Final = "left/right page, 0 first page, 3 and 4 keys of the page, q leav
 
 async def display(
     board: Annotated[
-        Literal["fc", "nc"] | None, Parameter(help="Whose menu; that of the board the wire ends at, without it.")
+        Literal["fc", "nc"] | None, Parameter(help="Board of the menu; default: the board at the end of the wire.")
     ] = None,
     /,
     *,
-    once: Annotated[bool, Parameter(help="Print one picture and leave.")] = False,
-    keys: Annotated[bool, Parameter(help="Let 3 and 4 change values: on some pages trim or calibration.")] = False,
+    once: Annotated[bool, Parameter(help="Print one picture and exit.")] = False,
+    keys: Annotated[bool, Parameter(help="Allow keys 3 and 4, which can change trim or calibration.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show a board's menu and press its keys.

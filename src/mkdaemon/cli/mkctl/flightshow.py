@@ -18,7 +18,7 @@ from mkdaemon.reading.facts import DEAD_RECKONING, age_words
 PROGRESS_PERIOD: Final = 0.2
 """Between two lines of progress on a terminal [s]."""
 LOG_PERIOD: Final = 1.0
-"""The same where nobody looks, and with `--json` [s]."""
+"""The same without a terminal, and with `--json` [s]."""
 SHOWN_AFTER: Final = 0.3
 """How long the daemon has to show a lease that it has granted, before a line says that it has not [s]."""
 
@@ -92,7 +92,7 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
                 words = words if status.pilots_throttle is None else words.upper()
                 is_leaving = status.phase is status.phase.RELEASING
                 has_flown = has_flown or status.phase is status.phase.FLYING
-                # On the ground nobody has to take over what was never flown.
+                # On the ground, nothing that has not flown needs a pilot to take over.
                 if words != hands and not is_free and (has_flown or not is_leaving):
                     hands = words
                     _put(f"{clear}{on_one_line(hands)}\n")

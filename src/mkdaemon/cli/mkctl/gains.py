@@ -1,4 +1,4 @@
-"""`mkctl preflight --gains`: what is believed of the aircraft, the gains that follow, and how wrong it may be."""
+"""`mkctl preflight --gains`: the model of the aircraft, its gains, and the model error that they tolerate."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 async def show_gains(connection: Connection) -> None:
     """Show model, gains and margins of the control loop.
 
-    The model is that of set 3 as the factory ships it until somebody has taken the lease: then the daemon reads the
-    active parameter set, on a cable to the FlightCtrl. The margins are those of a loop that knows the true state, with
+    The model is that of the factory's set 3 until a client takes the lease. Then the daemon reads the active parameter
+    set, if a cable leads to the FlightCtrl. The margins are those of a loop that knows the true state, with
     the configured rate and limits. A configuration that is not safe on the model is refused when the daemon starts, and
     by `mkctl preflight` where only this aircraft's own set shows it.
 
@@ -38,7 +38,7 @@ _JUDGEMENT: Final = {
 
 
 def _table(found: Gains) -> Table:
-    """What is believed, and the margins beside what they must be."""
+    """The model, and its margins beside their bounds."""
     table = Table("what", "value", "must be", width=96)
     for words, value in (
         ("tilt that a stick count asks for (deg)", found.degrees_per_count),
@@ -57,8 +57,8 @@ def _table(found: Gains) -> Table:
         "stable with a stick gain over the model's of", f"{low:.2f} to {high:.2f}", f"{least} to {most}, or more"
     )
     table.add_row(
-        "stable with so much more delay (s)", f"{found.delay_margin:.2f}", f"at least {found.needed_delay:.2g}"
+        "additional delay that stays stable (s)", f"{found.delay_margin:.2f}", f"at least {found.needed_delay:.2g}"
     )
-    table.add_row("flight on the model ends so far beside its goal (m)", f"{found.rest_level:.2g}", farthest)
-    table.add_row("and so far above or below (m)", f"{found.rest_height:.2g}", farthest)
+    table.add_row("end of a flight on the model, beside its goal (m)", f"{found.rest_level:.2g}", farthest)
+    table.add_row("the same, above or below (m)", f"{found.rest_height:.2g}", farthest)
     return table

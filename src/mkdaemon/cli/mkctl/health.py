@@ -37,7 +37,7 @@ async def health(*, once: bool = False, seconds: float | None = None, connection
 
     Args:
         once: Print what is known now and end; this is also what happens without a terminal.
-        seconds: End after so many seconds.
+        seconds: End after this time [s].
 
     Raises:
         MkError: nothing has been measured: no daemon, or not this vehicle's.

@@ -11,7 +11,7 @@ from mkdaemon.telemetry.control import LeaseGrant, LeaseState
 
 app: Final = App(
     name="lease",
-    help="The right to fly: one client at a time holds it. Only who knows its secret can stream setpoints under it.",
+    help="The right to fly: one client at a time holds it. Only a client with its secret can stream setpoints.",
 )
 
 
@@ -20,9 +20,9 @@ async def take(
     *,
     holder: str | None = None,
     ttl: Annotated[float | None, Parameter(help="Life without setpoints [s], if shorter than configured.")] = None,
-    force: Annotated[bool, Parameter(help="Take it from whoever holds it.")] = False,
+    force: Annotated[bool, Parameter(help="Take it from its holder.")] = False,
     use_remembered: Annotated[
-        bool, Parameter(help="The FlightCtrl, which cannot be asked in flight, is the one before.")
+        bool, Parameter(help="Assume the FlightCtrl of before, which cannot be identified in flight.")
     ] = False,
     connection: Connection = HERE,
 ) -> None:
@@ -42,7 +42,7 @@ async def take(
 
 @app.command
 async def show(*, connection: Connection = HERE) -> None:
-    """Show who holds the lease.
+    """Show the holder of the lease.
 
     Example: mkctl lease show
     """

@@ -129,7 +129,7 @@ def _conclude(found: LinkTestFound, other: Sequence[LoadRun], files: _Files, *, 
 
 
 def _require_rates(control: float, tests: float) -> None:
-    """Refuse rates that nobody can stream.
+    """Refuse rates that cannot be streamed.
 
     Raises:
         ConfigError: names the first.
@@ -143,7 +143,7 @@ def _stream(text: str) -> tuple[str, float]:
     """Read `osd=100ms`.
 
     Raises:
-        ConfigError: it is no stream with an interval.
+        ConfigError: it is not a stream with an interval.
     """
     name, equals, interval = text.partition("=")
     if not (name and equals):

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from mkdaemon.record.summary import Glance, KeySummary, Summary
     from mkdaemon.record.writer import View
 
-Force = Annotated[bool, Parameter(help="Replace a file that is there.")]
+Force = Annotated[bool, Parameter(help="Replace an existing file.")]
 Viewer = Annotated[bool, Parameter(help="Add JSON, for Foxglove, Lichtblick and PlotJuggler.")]
 
 app: Final = App(
     name="log",
-    help="Recordings: make, play, export and repair them, look at them, and mark a moment in those being made.",
+    help="Recordings: make, inspect, play, export and repair them, and mark a moment.",
 )
 for _name in ("record", "play", "export", "report"):
     app.command(f"mkdaemon.cli.mkctl.{_name}:{_name}", name=_name)
@@ -342,7 +342,7 @@ def sender_lines(summary: Summary) -> Iterator[str]:
             counts.append(
                 f"{one.setpoints} setpoints, {one.signed} signed by the holder of the lease{late}, refused: {refused}"
             )
-        yield f"from {one.source or 'who does not say'}{names}: {'; '.join(counts)}"
+        yield f"from {one.source or 'an unknown source'}{names}: {'; '.join(counts)}"
 
 
 def _key_table(summary: Summary) -> Table:

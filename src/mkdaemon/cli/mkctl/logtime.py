@@ -19,7 +19,7 @@ def recording_folders() -> list[Path]:
     """Where daemons and recorders of this machine write, as far as this user may look."""
     found: list[Path] = []
     places = [SERVICE_FOLDER]
-    with suppress(ConfigError):  # a user without a home has none of his own
+    with suppress(ConfigError):  # a user without a home has no such folder
         places.append(user_folder("XDG_STATE_HOME"))
     for place in places:
         found += sorted(path for path in place.glob("*/recordings") if os.access(path, os.R_OK))

@@ -25,12 +25,12 @@ from mkdaemon.errors import ConfigError
 LONGEST_STAY: Final = 255
 """How long the NaviCtrl stays at a place at home [s]; its points take no more."""
 STAY: Final = 10.0
-"""How long the aircraft holds a place unless told otherwise [s]."""
+"""Default time for which the aircraft holds a place [s]."""
 BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
-Force = Annotated[bool, Parameter(help="Take the lease from whoever holds it.")]
-Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="How long from the engagement on.")]
+Force = Annotated[bool, Parameter(help="Take the lease from its holder.")]
+Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="Duration from the engagement [s].")]
 
 
 async def goto(
@@ -39,15 +39,16 @@ async def goto(
     z: float,
     /,
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
-    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Where x, y and z count from.")] = "pad",
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
+    frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Origin of x, y and z.")] = "pad",
     seconds: Annotated[
-        float | None, Parameter(name=["--seconds", "-s"], help="How long it holds there; 10 s, at home 255 s.")
+        float | None,
+        Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s]; default 10, with home 255."),
     ] = None,
-    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
     force: Force = False,
-    patience: Annotated[float, Parameter(help="At home: longest time for the switch and the way [s].")] = PATIENCE,
-    confirm: Annotated[bool, Parameter(help="At home: I know that it flies there by itself.")] = False,
+    patience: Annotated[float, Parameter(help="Frame home: longest time for switch and flight [s].")] = PATIENCE,
+    confirm: Annotated[bool, Parameter(help="Frame home: I know that the NaviCtrl flies there.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly to a place over the target in sight, hold it, then release.
@@ -69,7 +70,7 @@ async def goto(
 
     Raises:
         ConfigError: a number cannot be, or `--confirm` is missing.
-        MkError: the daemon refused, did not engage, or let go on the way; at home the place was not reached.
+        MkError: the daemon refused, did not engage, or released early; at home the place was not reached.
     """
     require_finite(x=x, y=y, z=z, yaw=yaw)
     require_length(seconds, "--seconds")
@@ -89,9 +90,9 @@ async def goto(
 
 async def hold(
     *,
-    height: Annotated[float | None, Parameter(help="Above the target [m]; else the present one.")] = None,
+    height: Annotated[float | None, Parameter(help="Height above the target [m]; default: the present one.")] = None,
     seconds: Seconds = 10.0,
-    within: Annotated[float, Parameter(help="Exit code 0 only if it is so close at the end [m].")] = 0.3,
+    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
     force: Force = False,
     connection: Connection = HERE,
 ) -> int:
@@ -101,7 +102,7 @@ async def hold(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(height=height)
     require_length(seconds, "--seconds")
@@ -136,7 +137,7 @@ async def velocity(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
@@ -147,11 +148,11 @@ async def velocity(
 
 async def land(
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; else it is kept.")] = None,
+    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
-    """Land on the target in sight; ends when the feet stand and the aircraft is released.
+    """Land on the target in sight; ends when it has landed and the aircraft is released.
 
     The motors still turn then: the pilot stops them.
 
@@ -159,7 +160,7 @@ async def land(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go before the feet stood.
+        MkError: the daemon refused, did not engage, or released before the touchdown.
     """
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
@@ -172,8 +173,8 @@ async def take_off(
     height: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=10.0))],
     /,
     *,
-    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="How long it holds there.")] = 10.0,
-    target: Annotated[str, Parameter(help="Name of the target; else the one in sight.")] = "",
+    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s].")] = 10.0,
+    target: Annotated[str, Parameter(help="Name of the target; by default the one in sight.")] = "",
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -214,7 +215,7 @@ async def attitude(
 
     Raises:
         ConfigError: a number cannot be.
-        MkError: the daemon refused, did not engage, or let go on the way.
+        MkError: the daemon refused, did not engage, or released early.
     """
     require_finite(pitch=pitch, roll=roll, yaw_rate=yaw_rate, thrust=thrust)
     require_length(seconds, "--seconds")
@@ -233,7 +234,7 @@ async def attitude(
 
 
 async def abort(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> None:
-    """Stop the manoeuvre that is flown, whoever flies: the aircraft holds its place, or is level without a target.
+    """Stop the manoeuvre of any client: the aircraft holds its place, or is level without a target.
 
     The holder keeps the lease, and the next call of its program ends the abort and flies on. The aircraft is released
     when the holder stops streaming. A landing below 13 cm goes on; a take-off that has not left the ground is released.
@@ -283,11 +284,11 @@ async def stick(
         throttle: From the centre, more lift positive; stock firmware takes the smaller of this and the pilot's.
         seconds: How long after the neutral lead.
         rate: Setpoints a second.
-        force: Take the lease from whoever holds it.
+        force: Take the lease from its holder.
 
     Raises:
         ConfigError: a stick is beyond its range, or no number.
-        MkError: the daemon refused the lease, did not engage, or let go on the way.
+        MkError: the daemon refused the lease, did not engage, or released early.
     """
     wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
     for name, value in wanted.items():

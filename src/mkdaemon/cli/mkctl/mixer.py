@@ -23,10 +23,10 @@ ROWS: Final = 16
 
 @app.command
 async def read(
-    file: Annotated[Path | None, Parameter(help="Save it as TOML; without it the table is shown.")] = None,
+    file: Annotated[Path | None, Parameter(help="Save as TOML; by default print the table.")] = None,
     /,
     *,
-    force: Annotated[bool, Parameter(help="Overwrite a file that is there.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite an existing file.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Show or save the mixer.

@@ -18,7 +18,7 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.reading import fresh_for
 from mkdaemon.telemetry.refusals import Token, refuse
 
-app = App(name="motors", help="Motor test, propellers off; and the stop that a public fork of the FlightCtrl takes.")
+app = App(name="motors", help="Motor test, propellers off; and the motor stop of a public fork of the FlightCtrl.")
 
 PERIOD: Final = 0.1
 """Between two frames [s]; each turns the motors for 0.5 s. Source: docs/firmware-notes, "Side effects"."""
@@ -33,7 +33,7 @@ SENTENCE: Final = "propellers off"
 @app.command
 async def test(
     *motors: Annotated[
-        int, Parameter(help="Motors 1..16; several turn together.", validator=validators.Number(gte=1, lte=16))
+        int, Parameter(help="Motors 1..16; several run together.", validator=validators.Number(gte=1, lte=16))
     ],
     setpoint: Annotated[
         int,
@@ -41,8 +41,8 @@ async def test(
             help="Set point of each motor, 1..255; idle is about 17.", validator=validators.Number(gte=1, lte=255)
         ),
     ] = 20,
-    seconds: Annotated[float, Parameter(help="How long [s].", validator=validators.Number(gt=0, lte=30))] = 2.0,
-    propellers_off: Annotated[bool, Parameter(help="I have taken the propellers off; asks no more.")] = False,
+    seconds: Annotated[float, Parameter(help="Duration [s].", validator=validators.Number(gt=0, lte=30))] = 2.0,
+    propellers_off: Annotated[bool, Parameter(help="I have taken the propellers off; do not ask.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Turn motors for some seconds, and stop them at the end whatever happens.
@@ -73,7 +73,7 @@ async def test(
 @app.command
 async def stop(
     *,
-    in_flight: Annotated[bool, Parameter(help="I know that an aircraft in the air falls.")] = False,
+    in_flight: Annotated[bool, Parameter(help="I know that an aircraft in the air drops.")] = False,
     connection: Connection = HERE,
 ) -> None:
     """Stop the motors. Only a public fork of the FlightCtrl can be asked to; on any other the pilot's sticks do it.
@@ -85,7 +85,7 @@ async def stop(
     """
     async with connection.open() as uav:
         await uav.stop(in_flight=in_flight)
-    connection.show({"stopped": None}, "asked for; only telemetry tells whether the motors stand")
+    connection.show({"stopped": None}, "requested; only telemetry shows whether the motors have stopped")
 
 
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 PATIENCE = 300.0
 """For the pilot to turn the switch, and for the way [s]."""
 Confirm = Annotated[
-    bool, Parameter(help="I know that the aircraft flies there by itself once the pilot turns the switch.")
+    bool, Parameter(help="I know that the NaviCtrl flies the aircraft when the pilot turns the switch.")
 ]
-Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the way [s].")]
+Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the flight [s].")]
 
 
 async def status(*, connection: Connection = HERE) -> None:
@@ -37,13 +37,13 @@ async def status(*, connection: Connection = HERE) -> None:
     async with connection.open() as uav:
         found = await uav.control.navi.latest()
     if found is None:
-        connection.show({"stage": None}, "no NaviCtrl has said anything yet")
+        connection.show({"stage": None}, "no report of a NaviCtrl yet")
     else:
         connection.show(_fields(found.value), stage_line(found.value))
 
 
 async def fly(
-    file: Annotated[Path | None, Parameter(help="Mission to upload first; else the NaviCtrl's list.")] = None,
+    file: Annotated[Path | None, Parameter(help="Mission to upload first; default: the NaviCtrl's list.")] = None,
     /,
     *,
     confirm: Confirm = False,

@@ -63,7 +63,7 @@ async def play(
         key: Only these keys, for example `-k 'state/*'`.
         name: Vehicle to play as.
         listen: Zenoh endpoint for clients, for example tcp/127.0.0.1:7448; without it they meet at that of --connect.
-        wait: Longest wait for somebody who subscribes or asks [s]; 0 for none.
+        wait: Longest wait for a client that subscribes or queries [s]; 0 for none.
 
     Raises:
         MkError: the recording cannot be read, nothing of it is left to play, or a daemon has this name.
@@ -92,17 +92,17 @@ async def play(
 
 
 async def _wait(player: Player, seconds: float) -> None:
-    """Wait for somebody who subscribes or asks, and say so.
+    """Wait for a client that subscribes or queries, and print that it waits.
 
     Raises:
-        MkError: nobody came.
+        MkError: no client came.
     """
     print("waiting for a subscriber; q ends", file=sys.stderr)
     try:
         async with asyncio.timeout(seconds):
             await player.wait_for_subscribers()
     except TimeoutError:
-        msg = f"nobody subscribed within {seconds:g} s: start a viewer first, or wait longer (--wait; 0: do not wait)"
+        msg = f"no client subscribed within {seconds:g} s: start a viewer first, or wait longer (--wait; 0: no wait)"
         raise MkError(msg) from None
 
 

@@ -1,4 +1,4 @@
-"""`mkctl preflight`: every check before a flight, and what to do about what stands in the way."""
+"""`mkctl preflight`: every check before a flight, with a remedy for each that fails."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ async def preflight(
 ) -> int:
     """Make every check before a flight, and show what to do.
 
-    The daemon makes the same checks when somebody takes the lease and when a flight against a target is to begin, and
-    refuses while one stands. What nobody can tell from here is "unknown": look yourself. Exit code 0 when nothing
+    The daemon makes the same checks when a client takes the lease and before a flight against a target, and refuses
+    while one fails. A check that the daemon cannot make is "unknown": look yourself. Exit code 0 when nothing
     prevents a flight against a target, else 1.
 
     Example: mkctl preflight
@@ -50,12 +50,12 @@ async def preflight(
 
 
 def _urgency(finding: Finding) -> tuple[int, int]:
-    """What must be put right comes first, then what somebody must look at; as the daemon has it within that."""
+    """Failed checks come first, then those that the user must look at; otherwise in the daemon's order."""
     return _FIRST.index(finding.state), list(Blocks).index(finding.blocks)
 
 
 def _conclusion(report: PreflightReport) -> str:
-    """Whether a flight may begin, and how much of that nobody could see."""
+    """Whether a flight may begin, and how many checks could not be made."""
     if not report.is_ready:
         return "not ready: see above"
     unseen = sum(finding.state is CheckState.UNKNOWN for finding in report.findings)

@@ -17,8 +17,8 @@ from mkdaemon.telemetry.procedure import ProcedureProgress
 async def showing_progress(uav: Vehicle, title: str, *, quiet: bool = False) -> AsyncIterator[OnProgress]:
     """Show a bar on standard error while the context lives; nothing when `quiet` or no terminal is there.
 
-    Ctrl-C meanwhile ends the procedure as well, which leaves the board as it promises to; whoever is killed ends only
-    the bar.
+    Ctrl-C ends the procedure too, and the procedure leaves the board in the state that it documents. Killing this
+    program ends only the bar.
     """
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 

@@ -59,14 +59,14 @@ async def record(
         key: Key expressions that are recorded: default `mk/**`, every vehicle. What begins with `@` is matched by no
             wildcard and must be given in full; images of a simulated camera are recorded with 'mk/*/sim/camera/*' only.
         also: Further endpoints, beside that of `--connect`.
-        seconds: End after so many seconds.
+        seconds: End after this time [s].
         no_viewer: Leave out the JSON for Foxglove, Lichtblick and PlotJuggler.
         file_mb: A new file at this size [MB].
         file_minutes: A new file at this age [min].
         total_mb: All recordings in the folder together [MB].
         free_mb: Left free on the disk [MB].
         delete_oldest: Delete the oldest recordings of the folder where there is no more room; else recording stops.
-        queue_mb: So much may wait in memory for a slow disk [MB].
+        queue_mb: Largest amount that may wait in memory for a slow disk [MB].
 
     Raises:
         ConfigError: an option cannot be.

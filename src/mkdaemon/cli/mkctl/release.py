@@ -1,4 +1,4 @@
-"""`mkctl release`: let go of the aircraft."""
+"""`mkctl release`: release the aircraft."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BUS_TIME: Final = 1.0
 
 
 async def release(reason: str = "asked for by mkctl", *, connection: Connection = HERE) -> int:
-    """Give the aircraft back to the pilot, now, whoever flies: neutral sticks, then the pilot's sticks rule again.
+    """Give the aircraft back to the pilot now, from any client: neutral sticks, then the pilot's sticks rule again.
 
     The lease ends. If the bus is too busy and the daemon runs on this machine, it is asked over its Unix socket.
     Exit code 0 when it was confirmed or cannot be, 1 otherwise.
@@ -47,7 +47,7 @@ async def release_somehow(connection: Connection, reason: str) -> ReleaseReport:
 
     Raises:
         CommandRejectedError: the daemon refused.
-        MkError: nobody answers.
+        MkError: no daemon answers.
     """
     over_bus = asyncio.create_task(_release_over_bus(connection, reason), name="release over the bus")
     path = find_socket(connection.vehicle, connection.connect)

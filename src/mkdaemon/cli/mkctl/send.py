@@ -20,7 +20,7 @@ from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, WireMessage
 
 _FILLERS: Final = ("reserved", "padding", "free_")
-"""Beginnings of the names of fields nobody sets; the table has their values."""
+"""Prefixes of fields that a user does not set; the table has their values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class FieldForm:
         """Turn what was typed into the field's value.
 
         Raises:
-            ConfigError: it is no value of this field; names the field and what it takes.
+            ConfigError: it is not a value of this field; names the field and what it takes.
         """
         try:
             return self._read(text)

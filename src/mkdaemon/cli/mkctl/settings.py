@@ -24,14 +24,14 @@ app = App(
     "again at the end and proven by comparing bytes.",
 )
 
-Slot = Annotated[Literal[1, 2, 3, 4, 5] | None, Parameter(help="Set 1..5; without it the active one.")]
-Names = Annotated[str, Parameter(help="Parameters to show; all without any.")]
+Slot = Annotated[Literal[1, 2, 3, 4, 5] | None, Parameter(help="Set 1..5; default: the active one.")]
+Names = Annotated[str, Parameter(help="Parameters to show; default: all.")]
 Changes = Annotated[str, Parameter(help="NAME=VALUE; potis as `poti1`, bits as `name,name`.")]
 Saved = Annotated[Path, Parameter(help="File or folder of a backup.")]
-Other = Annotated[Path | None, Parameter(help="Another; without it the board is read.")]
+Other = Annotated[Path | None, Parameter(help="A second backup; default: the board.")]
 Target = Annotated[Path, Parameter(help="A folder for all five sets, or one `.toml` or `.json` file for one.")]
 DryRun = Annotated[bool, Parameter(help="Read and compare only.")]
-Force = Annotated[bool, Parameter(help="Overwrite files that are there.")]
+Force = Annotated[bool, Parameter(help="Overwrite existing files.")]
 
 
 @app.command(name="list")
@@ -164,8 +164,8 @@ async def write(*changes: Changes, slot: Slot = None, dry_run: DryRun = False, c
 @app.command
 async def recover(
     *,
-    retry: Annotated[bool, Parameter(help="Try at once.")] = False,
-    discard: Annotated[bool, Parameter(help="Forget it: you know what is live.")] = False,
+    retry: Annotated[bool, Parameter(help="Retry now.")] = False,
+    discard: Annotated[bool, Parameter(help="Discard the note: you know which set is live.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Show live sets that a procedure left unproven; the daemon restores them when it can. Exit code 1 if any is owed.
@@ -239,7 +239,7 @@ def _raw(sets: dict[int, SetSource]) -> list[StoredSet]:
 def _split(change: str) -> tuple[str, str]:
     name, equals, value = change.partition("=")
     if not equals or not name:
-        raise ConfigError(f"{change!r} is no change; write NAME=VALUE, for example gyro_p=85")
+        raise ConfigError(f"{change!r} is not a change; write NAME=VALUE, for example gyro_p=85")
     return name.strip().replace("-", "_"), value.strip()
 
 

@@ -13,7 +13,9 @@ from mkdaemon.cli.printing import json_line
 from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.sim_faults import FAULTS, FaultNumber, FaultSpec
 
-app: Final = App(name="sim", help="Steer a running simulator: its pilot, its faults. An aircraft has no such command.")
+app: Final = App(
+    name="sim", help="Control a running simulator: its pilot and its faults. An aircraft has no such command."
+)
 
 
 @app.command
@@ -34,7 +36,7 @@ async def start(connection: Connection = HERE) -> None:
 async def fault(
     name: str,
     *values: Annotated[str, Parameter(help="parameter=value; `mkctl sim faults` shows them.")],
-    seconds: Annotated[float | None, Parameter(help="How long; otherwise as the table says.")] = None,
+    seconds: Annotated[float | None, Parameter(help="Duration; by default as the table says.")] = None,
     stop: Annotated[bool, Parameter(help="Stop it instead.")] = False,
     connection: Connection = HERE,
 ) -> None:
@@ -80,7 +82,7 @@ def faults(*, as_json: AsJson = False) -> None:
 def _lasts(spec: FaultSpec) -> str:
     if spec.once:
         return " Happens once."
-    return "" if spec.duration is None else f" Lasts {spec.duration:g} s unless told otherwise."
+    return "" if spec.duration is None else f" Lasts {spec.duration:g} s by default."
 
 
 def _parse(values: tuple[str, ...]) -> dict[str, float | str]:
@@ -89,7 +91,7 @@ def _parse(values: tuple[str, ...]) -> dict[str, float | str]:
     for word in values:
         key, equals, value = word.partition("=")
         if not equals or not key:
-            raise ConfigError(f"'{word}' is no parameter=value; `mkctl sim faults` shows what each fault takes")
+            raise ConfigError(f"'{word}' is not a parameter=value; `mkctl sim faults` shows what each fault takes")
         try:
             parsed[key] = float(value)
         except ValueError:

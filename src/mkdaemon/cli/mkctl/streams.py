@@ -23,7 +23,7 @@ def read_interval(text: str) -> float:
         return 0.0
     match = _INTERVAL.fullmatch(text.strip())
     if match is None:
-        raise ConfigError(f"{text!r} is no interval: write 100ms, 0.1s, 10Hz or off")
+        raise ConfigError(f"{text!r} is not an interval: write 100ms, 0.1s, 10Hz or off")
     number, unit = float(match[1]), (match[2] or "ms").lower()
     if unit == "hz":
         return 1.0 / number if number else 0.0
@@ -58,7 +58,7 @@ async def rates(stream: str | None = None, interval: str | None = None, *, conne
 
 
 async def labels(
-    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Whose.")] = "fc",
+    board: Annotated[Literal["fc", "nc", "mag"], Parameter(help="Board.")] = "fc",
     /,
     *,
     connection: Connection = HERE,

@@ -21,10 +21,10 @@ async def top(
     fleet: Annotated[bool, Parameter(name="--all", help="A row for each vehicle of this endpoint.")] = False,
     connection: Connection = HERE,
 ) -> None:
-    """Show a vehicle on one screen of 80 x 24, also over ssh: health, attitude, battery, link, eyes, who flies, events.
+    """Show a vehicle on one screen of 80 x 24, also over ssh: health, attitude, battery, link, vision, holder, events.
 
     Keys: `r` releases, `l` lands on the target in sight, both after a question; `v` chooses another vehicle, `q` ends.
-    With `--all`, all vehicles: who flies, link, battery, place; who has gone stays, with since when.
+    With `--all`, all vehicles: holder, link, battery, place; a vehicle that has gone stays, with the time since.
     What is stale says so, with its age. Needs the extra `top`: pip install 'mkdaemon[top]'.
 
     Example: mkctl top --vehicle mk2

@@ -38,7 +38,7 @@ async def get(*patterns: str, lines: bool = False, connection: Connection = HERE
         lines: One line a value with all fields, in SI units.
 
     Raises:
-        MkError: no value, no daemon, or a pattern is no key expression.
+        MkError: no value, no daemon, or a pattern is not a key expression.
     """
     async with connection.open() as client:
         found: dict[str, Sample] = {}
@@ -86,13 +86,13 @@ async def watch(
     Args:
         patterns: Keys without `mk/<vehicle>/`: `state/**`, `event/*`, `rx/nc/osd`. Quote them, or the shell expands
             them. Default: `state/**`.
-        seconds: End after so many seconds.
-        count: End after so many values.
-        hz: At most so many values a second of each key, the newest when one is due.
+        seconds: End after this time [s].
+        count: End after this number of values.
+        hz: Largest rate of each key [Hz]; the newest value is printed.
         lines: One line a value with all fields, in SI units.
 
     Raises:
-        MkError: a pattern is no key expression.
+        MkError: a pattern is not a key expression.
         ConfigError: `seconds`, `count` or `hz` is not above 0.
     """
     require_length(seconds, "--seconds")

@@ -17,7 +17,7 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.telemetry.verbs import VERBS, Verb
 
 _HOLDER: Final = "holder"
-"""Field that says who asks."""
+"""Field with the name of the client."""
 
 app = App(
     name="do",
@@ -29,7 +29,7 @@ async def ask(verb: Verb, given: dict[str, str | bool | None], connection: Conne
     """Ask for a verb and print the answer.
 
     Raises:
-        ConfigError: a value is no JSON where it has to be.
+        ConfigError: a value is not JSON where it has to be.
         CommandRejectedError: it was refused; says token, reason and fix.
     """
     fields: dict[str, Any] = {}

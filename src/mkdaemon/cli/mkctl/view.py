@@ -35,7 +35,7 @@ async def view(
     loop: bool = False,
     connection: Connection = HERE,
 ) -> None:
-    """Show the aircraft in a browser: where it is, what its cameras see, who flies it, link, battery and events.
+    """Show the aircraft in a browser: where it is, what its cameras see, its holder, link, battery and events.
 
     The page is served at 127.0.0.1 only, needs no network, and shows every vehicle and every recording that is played
     at the daemon's endpoint. Given a file, it shows that recording, and needs no daemon. Ctrl-C ends it. Two buttons
@@ -53,7 +53,7 @@ async def view(
         connection: Which vehicle is shown first, and where its daemon is.
 
     Raises:
-        MkError: nobody listens at the endpoint, or the recording cannot be read.
+        MkError: no daemon at the endpoint, or the recording cannot be read.
         ConfigError: the port is in use, or a number cannot be.
     """
     from mkdaemon.view.page.viewer import serving
@@ -73,7 +73,7 @@ async def view(
 
 @asynccontextmanager
 async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> AsyncIterator[Vehicle]:
-    """Play a recording in this process, on a bus of its own; a client of what is played."""
+    """Play a recording in this process, on a separate bus; yield a client of it."""
     from mkdaemon.client.player import Player, PlayPace, open_player_session
     from mkdaemon.client.playselection import PlaySelection
     from mkdaemon.client.playsource import RecordedSamples

@@ -23,12 +23,12 @@ for _name in ("fly", "home", "status"):
 for _name in ("start", "end"):
     app.command(f"mkdaemon.cli.mkctl.verbforms:route_{_name}", name=_name)
 
-MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix tells the format.")]
+MissionFile = Annotated[Path, Parameter(help="Mission file; its suffix selects the format.")]
 Elevation = Annotated[float | None, Parameter(help="Elevation of the starting place, for heights above sea level [m].")]
 Height = Annotated[float | None, Parameter(help="Put every point at this height above the start [m].")]
-InFlight = Annotated[bool, Parameter(help="Allow it with running motors: a changed list takes effect at once.")]
+InFlight = Annotated[bool, Parameter(help="Allow it while motors run: a changed list takes effect at once.")]
 Unusual = Annotated[bool, Parameter(help="Take points over 5 km away, below the start or over 500 m above it.")]
-Force = Annotated[bool, Parameter(help="Overwrite a file that is there.")]
+Force = Annotated[bool, Parameter(help="Overwrite an existing file.")]
 
 
 @app.command

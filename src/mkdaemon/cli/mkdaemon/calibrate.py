@@ -38,7 +38,7 @@ from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.sources import list_pictures, source_of
 from mkdaemon.vision.tags.tagmap import load
 
-app = App(name="calibrate", help="Prints to look at, what a camera's pixels mean, how it sits on the vehicle.")
+app = App(name="calibrate", help="Targets to print, camera calibration, camera mounting.")
 app.command("mkdaemon.cli.mkdaemon.printtarget:print_target", name="print")
 app.command("mkdaemon.cli.mkdaemon.checkprint:check_print", name="check-print")
 
@@ -56,9 +56,7 @@ Looks = Literal["down", "forward", "back", "left", "right", "up"]
 
 @app.command
 def camera(
-    images: Annotated[
-        Path | None, Parameter(help="Folder of pictures of the board; leave out for a live camera.")
-    ] = None,
+    images: Annotated[Path | None, Parameter(help="Folder of pictures of the board; default: a live camera.")] = None,
     /,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Camera file to write.")] = Path("camera.toml"),
@@ -82,8 +80,8 @@ def camera(
         0.0,
     ),
     fisheye: Annotated[bool, Parameter(help="A fisheye: wider than about 100 deg.")] = False,
-    accept_poor: Annotated[bool, Parameter(help="Store a poor calibration all the same.")] = False,
-    force: Annotated[bool, Parameter(help="Overwrite files that are there.")] = False,
+    accept_poor: Annotated[bool, Parameter(help="Store a poor calibration anyway.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Calibrate a camera and write its camera file.
@@ -277,7 +275,7 @@ async def mount_of_flight(
     file: Annotated[Path, Parameter(help="Camera file the daemon flies with.")],
     /,
     *,
-    camera: Annotated[str | None, Parameter(help="Name of the camera; the only one unless said.")] = None,
+    camera: Annotated[str | None, Parameter(help="Name of the camera; by default the only one.")] = None,
     store: Annotated[bool, Parameter(help="Write the angles into the camera file.")] = False,
     vehicle: Annotated[str, Parameter(env_var="MK_VEHICLE", help="Name of the vehicle.")] = DEFAULT_VEHICLE,
     connect_to: Annotated[
@@ -346,7 +344,7 @@ def _words(angles: tuple[float, float, float]) -> str:
 @app.command
 def shutter(
     file: Annotated[Path, Parameter(help="Camera file to write.")],
-    pictures: Annotated[Path, Parameter(help="Folder of pictures of a plain wall, nothing moving.")],
+    pictures: Annotated[Path, Parameter(help="Folder of pictures of a plain wall, without motion.")],
     /,
     *,
     mains: Annotated[Literal["50", "60"], Parameter(help="Frequency of the mains [Hz].")] = "50",
@@ -391,7 +389,7 @@ def import_camera(
     file: Annotated[Path, Parameter(help="Camera file to write.")],
     /,
     *,
-    force: Annotated[bool, Parameter(help="Overwrite a file that is there.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite an existing file.")] = False,
 ) -> None:
     """Make a camera file of another program's calibration; fill in mount and line_time afterwards.
 

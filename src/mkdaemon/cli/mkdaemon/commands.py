@@ -10,7 +10,7 @@ COMMANDS: Final = (
     CommandEntry("run", "mkdaemon.cli.mkdaemon.run:run", "The daemon: serial line, link check, control, bus.", "Fly"),
     CommandEntry("sim", "mkdaemon.cli.mkdaemon.extraprograms:sim", "A simulated aircraft on a pseudo terminal.", "Fly"),
     CommandEntry(
-        "demo", "mkdaemon.cli.mkdaemon.extraprograms:demo", "A whole flight by itself, simulated: a first look.", "Fly"
+        "demo", "mkdaemon.cli.mkdaemon.extraprograms:demo", "A complete simulated flight: a first look.", "Fly"
     ),
     CommandEntry(
         "doctor", "mkdaemon.cli.mkdaemon.doctor:doctor", "Check this machine: port, permissions, bus, camera.", "Fly"
@@ -33,7 +33,7 @@ COMMANDS: Final = (
     CommandEntry(
         "security",
         "mkdaemon.cli.mkdaemon.security.securing:app",
-        "Certificates: who may look, fly and record.",
+        "Certificates: which clients may look, fly and record.",
         "Set up",
     ),
     CommandEntry(

@@ -51,7 +51,7 @@ BEGIN_WITH: Final = (
 """Keys that every aircraft has to think of."""
 _RELOAD: Final = {True: "taken up by a running daemon (`systemctl reload mkdaemon`)", False: "needs a restart"}
 
-app = App(name="config", help="Check, show, explain and begin the configuration file of an aircraft.")
+app = App(name="config", help="Check, show, explain or create the configuration file of an aircraft.")
 
 
 @app.command

@@ -35,7 +35,7 @@ class Decoding:
     turned: int = 0
 
     def run(self, chunks: Iterable[Chunk]) -> Iterator[dict[str, Any]]:
-        """Decode all chunks; what is unfinished at the end is a loss of its own.
+        """Decode all chunks; an unfinished frame at the end counts as a separate loss.
 
         Raises:
             MkError: see `read_chunks`.

@@ -49,18 +49,16 @@ def detect(
     camera: Annotated[Path | None, Parameter(help="Camera file of mkdaemon calibrate camera.")] = None,
     target: Annotated[tuple[Path, ...], Parameter(help="Target file; may be given again.")] = (),
     intrinsics: Annotated[
-        str | None, Parameter(help="FX,FY,CX,CY[,K1,K2,P1,P2,K3] in place of a camera file.", allow_leading_hyphen=True)
+        str | None, Parameter(help="FX,FY,CX,CY[,K1,K2,P1,P2,K3] instead of a camera file.", allow_leading_hyphen=True)
     ] = None,
-    tag_size: Annotated[
-        float | None, Parameter(help="Side of every tag's black square [m]: each stands alone.")
-    ] = None,
-    family: Annotated[tuple[str, ...], Parameter(help="Families of tags that stand alone.")] = ("tag36h11",),
-    ids: Annotated[str | None, Parameter(help="Only these codes, for example 0,3,7-9; fewer are found surer.")] = None,
+    tag_size: Annotated[float | None, Parameter(help="Side of the black square of single tags [m].")] = None,
+    family: Annotated[tuple[str, ...], Parameter(help="Families of single tags.")] = ("tag36h11",),
+    ids: Annotated[str | None, Parameter(help="Search only these codes, for example 0,3,7-9.")] = None,
     as_json: AsJson = False,
     overlay: Annotated[
-        Path | None, Parameter(help="Write pictures with the findings: a folder, or a picture for one image.")
+        Path | None, Parameter(help="Write pictures with the results: a folder, or one file for one image.")
     ] = None,
-    force: Annotated[bool, Parameter(help="Overwrite pictures that are there.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite existing pictures.")] = False,
 ) -> int:
     """Find tags and their poses.
 

@@ -1,4 +1,4 @@
-"""Standard error behind a queue: whoever reads it, or does not, holds up and ends nothing."""
+"""Standard error behind a queue: a slow or missing reader neither delays nor ends the program."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ LEAVE: Final = 0.5
 
 
 class LogQueue(io.TextIOBase):
-    """A text stream whose writes return at once; a thread of its own writes them to a descriptor.
+    """A text stream whose writes return at once; a separate thread writes them to a descriptor.
 
-    An error of the descriptor (nobody reads, the disk is full) costs the text and nothing else. Text that was dropped
+    An error of the descriptor (no reader, a full disk) costs the text and nothing else. Text that was dropped
     is counted, and the count is written as soon as something can be written again.
     """
 
@@ -85,7 +85,7 @@ class LogQueue(io.TextIOBase):
                 self._size -= len(raw)
                 self._is_writing = True
                 dropped, self._dropped = self._dropped, 0
-            note = f"({dropped} texts dropped: too many, or nobody reads)\n".encode() if dropped else b""
+            note = f"({dropped} texts dropped: too many, or no reader)\n".encode() if dropped else b""
             try:
                 write_whole(self._descriptor, note + raw)
             except OSError:

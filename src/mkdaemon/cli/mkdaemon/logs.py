@@ -26,7 +26,7 @@ LONGEST: Final = 500
 """Longest text value in a line, tracebacks excepted [characters]."""
 
 MOST_KINDS: Final = 200
-"""Kinds told apart; further ones count together."""
+"""Number of kinds counted separately; further ones count together."""
 
 
 class KindLimit:

@@ -31,8 +31,8 @@ def print_target(
     charuco: Annotated[str | None, Parameter(help="Calibration board COLUMNSxROWS, for example 9x6.")] = None,
     square: Annotated[float, Parameter(help="Side of a square of the calibration board [m].")] = 0.03,
     tile: Annotated[str | None, Parameter(help="Cut a PDF for this paper: a4, a3, a2, a1 or a0.")] = None,
-    write_target: Annotated[Path | None, Parameter(help="Also write the target file of the given tags here.")] = None,
-    force: Annotated[bool, Parameter(help="Overwrite files that are there.")] = False,
+    write_target: Annotated[Path | None, Parameter(help="Also write a target file of the given tags.")] = None,
+    force: Annotated[bool, Parameter(help="Overwrite existing files.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a target or calibration board as SVG or PDF in true size, with a ruler to check the print.

@@ -42,7 +42,7 @@ def replay(
 
     Raises:
         MkError: a file cannot be opened.
-        ConfigError: a file is no recording of a black box, or not its beginning.
+        ConfigError: a file is not a recording of a black box, or not its beginning.
     """
     from mkdaemon.config.reader import load
     from mkdaemon.replay.report import verify as verify_recording

@@ -72,7 +72,7 @@ class RowGroups:
             columns = {name: [_as(row.get(name), kind) for row in self._rows] for name, kind in self._kinds.items()}
             self._writer.write_table(pyarrow.table(columns, schema=self._schema))
         except (pyarrow.ArrowException, OverflowError) as error:
-            msg = f"{self._path}: a column of it is no column of Parquet ({error}); --format csv takes everything"
+            msg = f"{self._path}: a column does not fit Parquet ({error}); --format csv takes everything"
             raise MkError(msg) from error
         self._rows.clear()
         return written

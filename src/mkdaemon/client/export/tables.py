@@ -134,7 +134,7 @@ def _paths(tables: dict[Place, Table], folder: Path, suffix: str, *, overwrite: 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise MkError(f"{folder}: cannot be made ({error.strerror}); choose another place") from error
+        raise MkError(f"{folder}: cannot be created ({error.strerror}); choose another place") from error
     paths = {place: folder / f"{table.name}.{suffix}" for place, table in tables.items()}
     for path in paths.values():
         refuse_existing(path, overwrite=overwrite)

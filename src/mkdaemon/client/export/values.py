@@ -61,7 +61,7 @@ class ExportedValue:
         """The telemetry value.
 
         Raises:
-            MkError: it is not what its key carries: somebody else wrote it, or another version.
+            MkError: it is not a value of its key: another program or another version wrote it.
         """
         try:
             found, why = self.typed, f"its schema {self.schema!r} is unknown here"
@@ -75,7 +75,7 @@ class ExportedValue:
         """A field that is a number.
 
         Raises:
-            MkError: it is none: somebody else wrote it, or another version.
+            MkError: it is none: another program or another version wrote it.
         """
         found = self.fields.get(name)
         if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):

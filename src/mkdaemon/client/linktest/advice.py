@@ -157,9 +157,9 @@ def _interference(loads: Sequence[_Load], *, is_radio: bool) -> Iterator[str]:
     if worst.echo.mean_run >= 1.5 or worst.echo.longest_run >= ENOUGH:
         yield (
             f"Interference: losses come {worst.echo.mean_run:.1f} in a row on average, up to {worst.echo.longest_run}: "
-            "another channel, other transmitters off, antennas upright, less distance."
+            "use another channel, switch other transmitters off, set antennas upright, or reduce the distance."
         )
     elif is_radio:
-        yield "Range: single packets are lost all the time: antennas upright, less distance, more power."
+        yield "Range: single packets are lost all the time: set antennas upright, reduce the distance, use more power."
     else:
         yield "Wire: answers are lost one at a time: look at plugs and wires towards the board."

@@ -73,7 +73,7 @@ class LinkTestPlan:
         control_hz: stick setpoints a second under full or chosen load [Hz]; see `Load`.
         seconds: of each load [s].
         tests_hz: link tests beside the daemon's own [Hz].
-        motors_off: somebody has looked: nothing has to say that the motors stand still.
+        motors_off: the user has checked that the motors stand still, so no measurement of it is needed.
     """
 
     label: str
@@ -176,13 +176,13 @@ async def _require_still(uav: Vehicle, plan: LinkTestPlan) -> None:
     """
     known = await uav.health.latest()
     if known is None:
-        raise MkError(await uav.absence() or f"vehicle {uav.vehicle} has not said yet whether it is alive")
+        raise MkError(await uav.absence() or f"vehicle {uav.vehicle} has not reported yet whether it is alive")
     if known.value.motors_running:
         raise MkError("motors run: the line is measured on the ground only, motors off")
     if known.value.motors_running is None and not plan.motors_off:
         raise MkError(
-            "nothing says whether motors run: ask for a stream that does (`mkctl board rates osd 500ms`; debug where "
-            "there is no NaviCtrl), or look yourself and say --motors-off"
+            "no stream shows whether the motors run: request one (`mkctl board rates osd 500ms`; debug where "
+            "there is no NaviCtrl), or check them and give --motors-off"
         )
 
 

@@ -72,5 +72,5 @@ def _number(text: str) -> float:
     """
     number = parse_number(text)
     if not (math.isfinite(number) and number >= 0.0):
-        raise ValueError(f"{text} is no figure")
+        raise ValueError(f"{text} is not a figure")
     return number

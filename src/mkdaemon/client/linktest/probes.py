@@ -27,8 +27,8 @@ PATTERNS: Final = (
     "tx/fc/version_request",
     "tx/*/extern_control",
 )
-"""Keys of the frames that are followed; they are subscribed one after the other, answers first: a question whose answer
-came before anybody listened would seem lost."""
+"""Keys of the frames that are followed. Answers are subscribed first: an answer that came before its subscription would
+count as lost."""
 
 
 class ProbeKind(StrEnum):

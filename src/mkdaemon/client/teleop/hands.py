@@ -69,7 +69,7 @@ class Lapse:
 
 
 class PadHands:
-    """One pad in somebody's hands.
+    """One pad and what its user does with it.
 
     Attributes:
         pad: its mapping.
@@ -211,7 +211,7 @@ class PadHands:
     def _input_lost(self, now: float) -> Lapse | None:
         name, age = self.inputs.oldest([*self.axes.all, self._buttons[Function.ENABLE]], now)
         if age > AXIS_AGE:
-            silent = f"{self.facts.speaker} has not answered" if self.facts.speaker else f"nothing is known of {name}"
+            silent = f"{self.facts.speaker} has not answered" if self.facts.speaker else f"no state is known of {name}"
             return Lapse(f"{silent} for {age:.2f} s", now - age, is_input_lost=True)
         quiet = now - self.inputs.reported_at
         if self._quiet is not None and quiet > self._quiet and self.deflection() > DEFLECTED:

@@ -1,4 +1,4 @@
-"""How a mapping is learned: which control moved when somebody was asked to move one, and the file that follows."""
+"""How a mapping is learned: which control moved when the user was asked to move one, and the file that follows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CALM: Final = 0.15
 
 
 class LearningQuestion(NamedTuple):
-    """One thing somebody is asked for.
+    """One thing that the user is asked to move.
 
     Attributes:
         key: in the mapping.

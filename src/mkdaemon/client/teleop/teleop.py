@@ -42,7 +42,7 @@ class TeleopOutput:
         setpoint: what to stream under the lease; None for nothing.
         let_go: the lease is given back now.
         reason: what is done and why, one sentence for a person.
-        stop_motors: somebody asks for the motors to stop.
+        stop_motors: the user asks to stop the motors.
         is_neutral: the sticks are neutral because of a lapse.
     """
 

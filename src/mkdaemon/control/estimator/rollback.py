@@ -224,7 +224,7 @@ class RollbackFilter:
         if self._fed_back is not None:  # the count is unknown after a coast: use the linear mean of the quantised term
             f = f + self._fed_back
         # x(n) = F^n x + (sum of F^k g) u, P(n) = F^n P F^n' + sum of F^k Q F^k' + var(u) (sum) (sum)': the input is
-        # unknown but constant. Each round doubles the length of the step (F, g, Q), as in powers by squaring.
+        # unknown but constant. Each round doubles the length of the step (F, g, Q): powers by squaring.
         while steps:
             if steps % 2:
                 whole, pushed, grown = f @ whole, f @ pushed + g, f @ grown @ f.T + noise

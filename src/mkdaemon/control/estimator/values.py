@@ -150,7 +150,7 @@ class ViewFault(Enum):
 
     NOT_FINITE = "it has numbers that are not finite"
     TOO_FAR = "it shows the target farther away, or knows it worse, than any camera does"
-    NO_ROTATION = "its attitude is no rotation"
+    NO_ROTATION = "its attitude is not a rotation"
     NO_COVARIANCE = "its covariance is not symmetric and positive definite"
     CALIBRATION = "its calibration is less certain than the pose that it is a part of"
     FUTURE = "it was taken in the future"

@@ -241,7 +241,7 @@ class ProcedureRunner:
             raise
         finally:
             if not job.done.done():
-                self._fail(job, observer, InterruptedProcedureError("it was ended where it stood"))
+                self._fail(job, observer, InterruptedProcedureError("it was stopped at its present step"))
 
     def _free_line(self, job: Job) -> None:
         """Let the next procedure start, before the waiting client gets the end and may ask for it."""

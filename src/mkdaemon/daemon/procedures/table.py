@@ -115,6 +115,6 @@ def request_model(verb: str) -> type[ProcedureRequest]:
     """
     spec = find(f"do/{verb}")
     if spec is None or spec.carries is None or not issubclass(spec.carries, ProcedureRequest):
-        msg = f"do/{verb} is no procedure of the table in bus/keys.py"
+        msg = f"do/{verb} is not a procedure of the table in bus/keys.py"
         raise ValueError(msg)
     return spec.carries

@@ -1,7 +1,7 @@
 """One vehicle before its viewers: its channels, who looks at them, and what they are given.
 
-A channel costs nothing until somebody subscribes to it. Then its keys are subscribed on the bus; who subscribes is
-given the last values at once, and nobody else is given them again.
+A channel costs nothing until a viewer subscribes to it. Then the gateway subscribes to its keys on the bus. A new
+viewer gets the last values at once; viewers that have them do not get them twice.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.record import BusCounts
 
 LOOK_PERIOD: Final = 2.0
-"""Between two looks for new keys, while somebody is subscribed to anything [s]."""
+"""Interval between searches for new keys while a viewer is subscribed to any channel [s]."""
 FOUND: Final = ("vision/*/setup", "vision/*/stats", "rx/*/*", "tx/*/*")
 """Where keys are looked for that not every vehicle has."""
 _LISTENED: Final = 512
@@ -83,7 +83,7 @@ class Exhibit:
         Args:
             context: where channels are made.
             names: of the vehicle.
-            clock: told the time of every value that comes [ns; Unix time].
+            clock: called with the time of every value that arrives [ns; Unix time].
         """
         self.lines: dict[int, Line] = {}
         self.faults = Faults("foxglove")
@@ -152,10 +152,10 @@ class Exhibit:
 
         Args:
             client: of the daemon, or of the player, that speaks for it.
-            is_played: a recording, which is not asked for anything before somebody looks: then it would begin.
+            is_played: a recording; it is not queried before a viewer subscribes, because the query would start it.
         """
         self._client = client
-        self._begin_anew()
+        self._restart()
         self._feed.follow(client)
         if self._looking is not None:
             self._looking.cancel()
@@ -174,14 +174,14 @@ class Exhibit:
             line.channel.close()
 
     def _want(self) -> None:
-        """Subscribe on the bus to what somebody looks at."""
+        """Subscribe on the bus to the keys of the channels in use."""
         self._listeners.cache_clear()
         wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
         self._feed.want(wanted)
         (self._is_watched.set if wanted else self._is_watched.clear)()
 
     def _listening(self, suffix: str) -> list[Line]:
-        """Channels that somebody looks at and that are made of a key."""
+        """Channels in use that are made of a key."""
         watched = (line for line in self.lines.values() if line.clients)
         return [line for line in watched if any(matches(key, suffix) for key in line.keys)]
 
@@ -192,7 +192,7 @@ class Exhibit:
         return task
 
     async def _look(self, client: Vehicle, *, is_played: bool) -> None:
-        """Look for keys that not every vehicle has: once, and again while somebody is subscribed to anything."""
+        """Search for keys that not every vehicle has: once, and again while a viewer is subscribed to any channel."""
         if is_played:
             await self._is_watched.wait()
         while True:
@@ -225,7 +225,7 @@ class Exhibit:
         boot, at, wall = _moment(sample)
         known_boot, known = self._newest.get(sample.suffix, (boot, at))
         if boot != known_boot or at < known - LEAP:
-            self._begin_anew()
+            self._restart()
         self._newest[sample.suffix] = (boot, at)
         self._clock(wall)
         for line in self._listeners(sample.suffix):
@@ -235,20 +235,20 @@ class Exhibit:
     def _show(
         self, line: Line, convert: Conversion | None, sample: Sample, wall: int, client: int | None = None
     ) -> None:
-        """Give a value to everybody who looks at a channel, or to one of them."""
+        """Send a value to every viewer of a channel, or to one of them."""
         with self.faults.contained(line.channel.topic()):  # a stranger may put numbers that no message can have
             message = _message(convert, sample)
             if message is not None:
                 line.channel.log(message, log_time=wall, sink_id=client)
 
-    def _begin_anew(self) -> None:
-        """A recording goes on at another place, or somebody else speaks for the vehicle: what was known is not true."""
+    def _restart(self) -> None:
+        """Forget all values: a recording was moved to another time, or another source publishes the vehicle."""
         self._newest.clear()
         for line in self.lines.values():
             self._forget(line)
 
     def _forget(self, line: Line) -> None:
-        """Nobody was given anything."""
+        """Forget which values the viewers have."""
         line.given.clear()
         if line.topic is not None:
             line.convert = line.topic.convert(self._names)
@@ -259,7 +259,7 @@ class Exhibit:
         Args:
             line: the channel.
             client: the viewer.
-            is_first: nobody else looks at the channel, so its conversion learns from them too.
+            is_first: the channel has no other viewer, so its conversion learns from these values too.
         """
         bus, samples = self._client, []
         if bus is None:

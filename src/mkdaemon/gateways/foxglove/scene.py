@@ -58,7 +58,7 @@ ELLIPSE_PERIOD: Final = 0.05
 GOAL_LIFE: Final = 1.0
 """A goal disappears this time after its last value [s]."""
 LIFT: Final = 0.0005
-"""A layer of print lies so far above the one below it, so that they do not flicker [m]."""
+"""Distance between two layers of print, so that they do not flicker [m]."""
 CIRCLE: Final = 48
 """Corners of a circle."""
 

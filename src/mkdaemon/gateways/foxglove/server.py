@@ -27,7 +27,7 @@ PORT: Final = 8765
 BACKLOG: Final = 256
 """Messages that wait for a viewer; the oldest is dropped when one more comes."""
 TICK_NS: Final = 50_000_000
-"""Between two times that viewers are told [ns]."""
+"""Interval between two times sent to viewers [ns]."""
 BACK_NS: Final = 5_000_000_000
 """A time that goes back by less is a value that came late; by more, a recording goes on at another place [ns]."""
 OLD_VIEWER: Final = (
@@ -77,7 +77,7 @@ class FoxgloveGateway:
 
     @asynccontextmanager
     async def following(self) -> AsyncIterator[None]:
-        """Follow who comes and goes on the bus while the context lasts."""
+        """Follow vehicles that appear on the bus or leave it while the context lasts."""
         try:
             async with self._fleet.watch(self._changed, lambda *_: None):
                 yield
@@ -117,7 +117,7 @@ class FoxgloveGateway:
                 (exhibit.subscribed if is_there else exhibit.unsubscribed)(channel, client)
 
     def _changed(self) -> None:
-        """Somebody came or went; a live vehicle is shown before one that is played.
+        """Update the vehicles shown; a live vehicle takes precedence over a played one.
 
         One that goes is followed on: its last values may come later than the word that it is gone.
         """

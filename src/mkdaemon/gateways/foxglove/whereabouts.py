@@ -96,7 +96,7 @@ class FrameTree:
         return None
 
     def _mount(self, setup: CameraSetup) -> bytes | None:
-        """Where a camera sits; None where nobody said."""
+        """Mounting of a camera; None if it is not configured."""
         place, turn = setup.position_flu, setup.quaternion_flu_from_cam
         if place is None or turn is None:
             return None

@@ -170,7 +170,7 @@ class Actions:
         return accepted(f"the NaviCtrl has the target: {target.switch}")
 
     def _height_above_home(self, asked: Asked, height: float | None, here: Position) -> float | None:
-        """Height above home of a place; that of now where none is given; None where it cannot be told [m]."""
+        """Height of a place above home [m]; the present height if none is given; None if it is unknown."""
         if height is None:
             return here.altitude_above_start
         if asked.frame in _ABOVE_HOME:
@@ -276,7 +276,7 @@ class Actions:
         return await self._fly(asked, "position", fields, "")
 
     async def hold_heading(self, asked: Asked) -> CommandAnswered:
-        """DO_SET_ROI_NONE: keep the heading; nothing to do where nobody flies."""
+        """DO_SET_ROI_NONE: keep the heading; does nothing unless the gateway flies."""
         return accepted() if self._steering.order is None else await self.hold(asked)
 
     async def check(self, asked: Asked) -> CommandAnswered:

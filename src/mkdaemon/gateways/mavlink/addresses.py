@@ -25,9 +25,9 @@ class AddressKind(Enum):
     UDP_OUT = "udpout"
     """To one program that listens there."""
     UDP_IN = "udpin"
-    """From whoever sends there; each address is a station."""
+    """Receives from any sender; each source address is a station."""
     TCP_IN = "tcpin"
-    """From whoever connects there."""
+    """Accepts any connection; each is a station."""
     TCP_OUT = "tcpout"
     """To one program that listens there, as mavlink-router does; again and again while there is none."""
     SERIAL = "serial"
@@ -78,7 +78,7 @@ def read_address(text: str) -> Address:
     numbering = numbers.get(word.strip()) if word else Numbering.PX4
     kind = kinds.get(found["kind"]) if found else None
     if found is None or kind is None or numbering is None:
-        raise ConfigError(f"--link {text!r} is no address: {_FORM}")
+        raise ConfigError(f"--link {text!r} is not an address: {_FORM}")
     port = int(found["port"])
     if kind is not AddressKind.SERIAL and not 0 < port < 65_536:
         raise ConfigError(f"--link {text!r}: a port is 1 to 65535")
@@ -86,14 +86,14 @@ def read_address(text: str) -> Address:
 
 
 def check_addresses(addresses: tuple[Address, ...], *, has_key: bool, allow_open: bool) -> None:
-    """Refuse to be met by everybody in a network, who could fly then.
+    """Refuse addresses that would let any program in a network fly.
 
     Raises:
-        ConfigError: an address is not of this machine, no key signs the messages, and nobody has allowed that.
+        ConfigError: an address is reachable from other machines, without signed messages and without `--allow-open`.
     """
     for address in addresses:
         if not (address.is_local or has_key or allow_open):
             raise ConfigError(
-                f"--link {address}: whoever is in that network could fly; give --signing-key FILE to both ends, "
+                f"--link {address}: any program in that network could fly; give --signing-key FILE to both ends, "
                 "or --allow-open, knowing why"
             )

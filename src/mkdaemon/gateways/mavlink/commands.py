@@ -86,7 +86,7 @@ class CommandAnswered:
 
     Attributes:
         result: of `MAV_RESULT`.
-        words: told to who asked; empty for none.
+        words: text for the station that asked; empty for none.
     """
 
     result: int

@@ -20,5 +20,5 @@ INT16_UNKNOWN: Final = 0x7FFF
 NAN: Final = float("nan")
 COMPONENT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 """What the gateway is on the network: the autopilot, for it speaks in its place."""
-EVERYBODY: Final = 0
+BROADCAST: Final = 0
 """System or component that means all of them."""

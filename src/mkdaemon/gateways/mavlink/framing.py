@@ -24,7 +24,7 @@ _SIGNATURE: Final = 13
 _EPOCH: Final = 1_420_070_400
 """Signatures count time from 2015-01-01 00:00 UTC [s; Unix time]."""
 _LATE: Final = 60 * 100_000
-"""A stream that begins may be so much behind our clock [10 us]."""
+"""Largest lag of a new stream behind our clock [10 us]."""
 _MOST_STREAMS: Final = 64
 """Signed streams (link, system, component) that are remembered."""
 
@@ -36,7 +36,7 @@ class Counts:
     Attributes:
         messages: taken.
         garbage: bytes that are no part of a frame.
-        bad: frames with a wrong checksum, or of a message nobody knows.
+        bad: frames with a wrong checksum, or of an unknown message.
         unsigned: frames without a right signature where one is asked for.
     """
 
@@ -176,7 +176,7 @@ class Decoder:
         except (mavlink.MAVError, ValueError, struct.error):  # the last two by a field that pymavlink cannot unpack
             self.counts.bad += 1
             return None
-        if message.get_msgId() < 0:  # a message nobody knows; its checksum cannot be proven
+        if message.get_msgId() < 0:  # an unknown message; its checksum cannot be checked
             self.counts.bad += 1
             return None
         if self._signing is not None and not (_is_signed(frame) and self._signing.is_right(frame, wall)):

@@ -17,7 +17,7 @@ from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture
 from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
-from mkdaemon.gateways.mavlink.dialect import COMPONENT, EVERYBODY, Message, mavlink
+from mkdaemon.gateways.mavlink.dialect import BROADCAST, COMPONENT, Message, mavlink
 from mkdaemon.gateways.mavlink.framing import Signing
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.links import Links
@@ -177,7 +177,7 @@ class MavlinkGateway:
         self._hands_words = status.hands
 
     def _send(self, name: str, now: float) -> None:
-        """Send a message to everybody to whom it is due."""
+        """Send a message to every station to which it is due."""
         made: Message | None = None
         for station in self.links.stations:
             if station.is_present(now) and station.is_due(name, now):
@@ -238,12 +238,12 @@ class MavlinkGateway:
     def _take(self, station: Station, message: Message) -> None:
         now, name = self._now(), message.get_type()
         program = Program(message.get_srcSystem(), message.get_srcComponent())
-        if program.system in (EVERYBODY, self._options.system):  # ourselves, or nobody
+        if program.system in (BROADCAST, self._options.system):  # ourselves, or no sender
             return
         if not station.note_message(program, now, is_heartbeat=name == "HEARTBEAT"):
             return
         if name in ("COMMAND_LONG", "COMMAND_INT"):
-            if message.target_system in (EVERYBODY, self._options.system):
+            if message.target_system in (BROADCAST, self._options.system):
                 self._desk.take(asked_from(station, message))
             return
         if not is_for(message, self._options.system, COMPONENT):

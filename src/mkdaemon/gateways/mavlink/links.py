@@ -1,6 +1,6 @@
 """The links: UDP, TCP and serial; bytes in and out, each address a station.
 
-A station that does not read holds nobody up: what its connection cannot take is dropped. Nothing that comes raises.
+A station that does not read delays no other: what its connection cannot take is dropped. No input raises an error.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ class _Datagrams(asyncio.DatagramProtocol):
             self._links.received(station, messages)
 
     def error_received(self, exc: Exception) -> None:
-        """Nobody listens at the port, which the machine there says at once: a program that was met there has ended."""
+        """The port is closed, as the machine there reports at once: the program that used it has ended."""
         station = self._stations.get(None)
         if station is not None and isinstance(exc, ConnectionRefusedError):
             station.forget()

@@ -110,7 +110,7 @@ class MissionServer:
         self._reached = 0
 
     def event_arrived(self, event: MissionEvent) -> None:
-        """Somebody has changed the list; from here or not, its digest tells."""
+        """Take note of a changed list; its digest shows whether the change came from here."""
         self._on_board = event.digest or None
         if self._held is not None and event.action != "started" and self._held.digest != event.digest:
             self._held = None
@@ -263,7 +263,7 @@ class MissionServer:
         upload = self._upload
         if upload is not None and (upload.storing is not None or not upload.is_from(station, program)):
             if not upload.is_from(station, program):
-                self._notify(station, "another ground station uploads a mission")
+                self._notify(station, "another ground station is uploading a mission")
                 self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
             return
         if count > MOST_ITEMS:
@@ -278,7 +278,7 @@ class MissionServer:
 
     def _ask(self, upload: MissionUpload, seq: int) -> None:
         upload.asked_at, upload.attempts = self._now(), upload.attempts + 1
-        # DroneKit knows the old request only; whoever answers one of the two is asked in the same way from then on.
+        # DroneKit knows only the old request. Once a station answers one of the two kinds, it gets only that kind.
         is_old = upload.is_old if upload.items else upload.attempts % 2 == 0
         make = mavlink.MAVLink_mission_request_message if is_old else mavlink.MAVLink_mission_request_int_message
         upload.station.send(make(*upload.program, seq, 0))

@@ -2,11 +2,10 @@
 
 The autopilot calls itself GENERIC: PX4 and ArduPilot would promise parameters, commands and flight modes that no
 MikroKopter has, and QGroundControl would ask for their set-up. A GENERIC autopilot may number its modes as it likes,
-and the programs read the numbers as somebody else's: MAVSDK as PX4's (for every autopilot that is not ArduPilot's),
-pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each link has one of
-the two numberings, and may
-call itself PX4 for QGroundControl. What a number means is told besides by AVAILABLE_MODES, by name and by
-MAV_STANDARD_MODE.
+but programs read its numbers as those of another autopilot: MAVSDK as PX4's (for every autopilot that is not
+ArduPilot's), pymavlink and with it MAVProxy as those of ArduCopter (for every quadrotor that is not PX4's). So each
+link has one of the two numberings, and may call itself PX4 for QGroundControl. AVAILABLE_MODES also gives the meaning
+of each number, by name and by MAV_STANDARD_MODE.
 Sources: https://mavlink.io/en/services/standard_modes.html; PX4 `px4_custom_mode.h`; ArduCopter `mode.h`.
 """
 
@@ -98,7 +97,7 @@ ROWS: Final = (
     ModeRow(Mode.HOLD, (4, 3), 5, (17,), 0, _AUTO),
     ModeRow(Mode.OFFBOARD, (6, 0), 4, (20,), 0, _GUIDED),
 )
-"""Every mode. ArduCopter has no take-off of its own; 13 (SPORT) is one that no MikroKopter flies."""
+"""Every mode. ArduCopter has no mode for a take-off, so it gets 13 (SPORT), which no MikroKopter has."""
 _BY_MODE: Final = {row.mode: row for row in ROWS}
 _BY_MANOEUVRE: Final = {"takeoff": Mode.TAKEOFF, "land": Mode.LAND, "hold": Mode.HOLD}
 _BY_SWITCH: Final = {GpsMode.HOLD: Mode.POSITION, GpsMode.COME_HOME: Mode.RETURN}
@@ -194,7 +193,7 @@ def heartbeat(picture: LinkPicture, mode: Mode, numbering: Numbering) -> Message
 
 
 def system_state(picture: LinkPicture) -> int:
-    """`MAV_STATE`: standby and active by the motors; critical while somebody must act; emergency as the boards say."""
+    """`MAV_STATE`: standby and active by the motors; critical if the pilot must act; emergency as the boards report."""
     flight, link = picture.get(Flight), picture.link
     if flight is None or (link is not None and not link.condition.is_usable):
         return int(mavlink.MAV_STATE_UNINIT)

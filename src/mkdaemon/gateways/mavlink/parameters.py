@@ -36,7 +36,7 @@ TAKE_OFF_HEIGHT: Final = 2.0
 """Height of a take-off that names none, at first [m]."""
 MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 FRESH: Final = 10.0
-"""A set that was read longer ago is read anew for a list [s]: the pilot may have chosen another one."""
+"""A set is read again for a list if it is older than this [s]: the pilot may have chosen another one."""
 PACE: Final = 0.005
 """Between two values of a list [s]: a hundred at once would be lost by a radio."""
 OLD_VALUE: Final = 0.8
@@ -74,7 +74,7 @@ class ParameterServer:
         self._lock = asyncio.Lock()
 
     def forget(self) -> None:
-        """Somebody else has changed the sets: they are read anew for the next list."""
+        """Another client has changed the sets: read them again for the next list."""
         self._read_at = -math.inf
 
     @property

@@ -75,7 +75,7 @@ class LinkPicture:
     def above_sea(self) -> float | None:
         """Height above the sea that is sent: that of home, which stays, and the height above it [m].
 
-        One reference for all heights, so that a place that is asked for at the height that was told is that height:
+        One reference for all heights, so that a commanded height means the same as a published height:
         the altitude of the GPS drifts by metres against the barometer that the NaviCtrl flies by.
         """
         here = self.get(Position)

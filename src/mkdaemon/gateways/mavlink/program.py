@@ -1,4 +1,4 @@
-"""`mkdaemon gateway mavlink` as a program: keys, folders, signals, and a daemon that comes and goes."""
+"""`mkdaemon gateway mavlink` as a program: keys, folders, signals, and reconnection to a daemon that restarts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def options_from(
         system: number of the aircraft.
         signing_key: file of the key; None for none.
         backups: folder of settings; None for the usual one.
-        allow_open: whoever is in a network may fly.
+        allow_open: let any program in the network fly.
 
     Raises:
         ConfigError: an address or the key cannot be used; says what to do.

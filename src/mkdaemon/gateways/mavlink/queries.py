@@ -1,6 +1,6 @@
 """What a ground station asks to know: versions, single messages, rates; and what no MikroKopter has.
 
-A component that does not exist (camera, gimbal) is answered for, so that nobody waits for a time-out.
+Queries to a component that does not exist (camera, gimbal) get an answer, so that no station waits for a time-out.
 Sources: https://mavlink.io/en/messages/common.html (MAV_CMD_REQUEST_MESSAGE), services/timesync.html
 """
 

@@ -100,7 +100,7 @@ class LogServer:
             if number % _AT_ONCE == _AT_ONCE - 1:
                 await asyncio.sleep(PACE)
         if not self._logs:
-            self._notify(station, "no recordings: the gateway lists those of its own machine while the daemon records")
+            self._notify(station, "no recordings: the gateway lists those on its machine while the daemon records")
             station.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
     async def _send(self, whose: tuple[Station, Program], message: Message, first: int) -> None:
@@ -108,7 +108,7 @@ class LogServer:
         station, number = whose[0], message.id - first
         self._number = mine = self._number + 1
         if is_armed(self._picture):
-            self._notify(station, "recordings are sent while the motors stand")
+            self._notify(station, "recordings are sent only while the motors are off")
             return
         if not 0 <= number < len(self._logs):
             station.send(_data(message.id, message.ofs, b""))

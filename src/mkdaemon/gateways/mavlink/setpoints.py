@@ -146,7 +146,7 @@ def local_target(message: Message, estimate: ControlEstimate | None) -> Streamed
 
     Args:
         message: as it came.
-        estimate: where the aircraft is believed; None while it is not flown.
+        estimate: estimated position of the aircraft; None while it is not flown.
     """
     mask, frame = message.type_mask, message.coordinate_frame
     if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET:
@@ -162,7 +162,7 @@ def local_target(message: Message, estimate: ControlEstimate | None) -> Streamed
     yaw = None if mask & _YAW else message.yaw
     rate = None if mask & _YAW_RATE else message.yaw_rate
     if not all(math.isfinite(value) for value in (*used, yaw or 0.0, rate or 0.0)):
-        return Unusable("a setpoint has NaN where the mask says that it counts")
+        return Unusable("a setpoint has NaN in a field that its mask enables")
     place = (used[0], used[1], used[2])
     if has_position:
         return _position(frame, place, yaw, estimate)

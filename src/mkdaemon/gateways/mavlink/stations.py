@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from mkdaemon.gateways.mavlink.dialect import EVERYBODY, Message
+from mkdaemon.gateways.mavlink.dialect import BROADCAST, Message
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.telemetry import TABLE
@@ -96,7 +96,7 @@ class Station:
         self.wish_for.clear()
 
     def is_present(self, now: float) -> bool:
-        """Whether anybody is there, so that streams are sent."""
+        """Whether a program is connected, so that streams are sent."""
         return self.is_open and any(now - at < FORGOTTEN for at in self._received.values())
 
     def is_alive(self, program: Program, now: float) -> bool:
@@ -128,13 +128,13 @@ class Station:
 
 
 def is_for(message: Message, system: int, component: int) -> bool:
-    """Whether a message is for us, or for everybody; one without a target is for everybody.
+    """Whether a message is for us or a broadcast; a message without a target is a broadcast.
 
     Args:
         message: as it came.
         system: ours.
         component: ours.
     """
-    target = getattr(message, "target_system", EVERYBODY)
-    part = getattr(message, "target_component", EVERYBODY)
-    return target in (EVERYBODY, system) and part in (EVERYBODY, component)
+    target = getattr(message, "target_system", BROADCAST)
+    part = getattr(message, "target_component", BROADCAST)
+    return target in (BROADCAST, system) and part in (BROADCAST, component)

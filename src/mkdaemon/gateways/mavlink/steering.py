@@ -1,7 +1,7 @@
-"""Flying for ground stations: the lease is taken when one asks to fly, and given back when nobody flies any more.
+"""Flying for ground stations: the gateway takes the lease when a station asks to fly, and returns it after the flight.
 
 A ground station flies in two ways. It orders a manoeuvre (take-off, landing, hold, a place): the gateway streams it
-for as long as that program beats (`stations.SILENCE`) and its connection stands. Or it streams setpoints of its own:
+for as long as that program beats (`stations.SILENCE`) and its connection stands. Or it streams its own setpoints:
 each is handed on at once and as it came, none is repeated, so its silence is the silence of a client: level after
 0.3 s, released after 1.0 s (docs/safety.md).
 """
@@ -35,12 +35,12 @@ _STOPPING: Final = frozenset({"hold", "land"})
 
 _ITS_FLIGHT: Final = "another ground station may order hold or landing, nothing else"
 Announce = Callable[[int, str], None]
-"""Tells everybody: severity and words."""
+"""Sends a text to every station: severity and words."""
 
 
 @dataclass(frozen=True, slots=True)
 class By:
-    """Who flies.
+    """The station in command.
 
     Attributes:
         station: where.
@@ -83,7 +83,7 @@ class Order:
 
 
 class ManualSteering:
-    """Holds the lease while somebody flies through the gateway.
+    """Holds the lease while a station flies through the gateway.
 
     Attributes:
         order: what is flown, or wanted; None for nothing.
@@ -154,7 +154,7 @@ class ManualSteering:
             if self._failure is not None:
                 raise self._failure
             if self.order is not order:
-                raise ManoeuvreError("another order took its place" if self.order else "given back")
+                raise ManoeuvreError("another order replaced it" if self.order else "given back")
             if self._keeper.flight.has_started(self._now()):
                 return
 

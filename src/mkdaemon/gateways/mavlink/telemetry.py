@@ -284,6 +284,7 @@ def pose_covariance(pose: VisionPose) -> list[float]:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+    # C' = J C J^T with J = diag(N, F N), N: NED from ENU, F: FRD from NED.
     both = np.zeros((6, 6))
     both[:3, :3], both[3:, 3:] = _NED, turn.T @ _NED  # small rotations about the body's axes are roll, pitch and yaw
     found = both @ np.array(pose.covariance).reshape(6, 6) @ both.T

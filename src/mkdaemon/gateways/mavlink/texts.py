@@ -1,4 +1,4 @@
-"""STATUSTEXT: what the daemon says, to everybody; the words of a refusal, to who asked.
+"""STATUSTEXT: events of the daemon, to every station; the words of a refusal, to the station that asked.
 
 Source: https://mavlink.io/en/messages/common.html#STATUSTEXT (pieces of 50 bytes).
 """
@@ -22,7 +22,7 @@ AGAIN: Final = 3.0
 """Time in which the same text is not repeated [s]."""
 _REMEMBERED: Final = 64
 READ: Final = ("event/failsafe", "event/mode", "event/log", "event/mission")
-"""Keys of the events that are told."""
+"""Keys of the events that are sent."""
 CRITICAL: Final = int(mavlink.MAV_SEVERITY_CRITICAL)
 ERROR: Final = int(mavlink.MAV_SEVERITY_ERROR)
 WARNING: Final = int(mavlink.MAV_SEVERITY_WARNING)
@@ -72,7 +72,7 @@ class Texts:
             severity: of `MAV_SEVERITY`.
             text: what is said; other letters than ASCII become question marks.
             now: the time [s].
-            to: whom it is said to; empty for everybody.
+            to: the station that gets it; empty for all.
         """
         last = self._sent.get((to, text))
         if last is not None and now - last < AGAIN:

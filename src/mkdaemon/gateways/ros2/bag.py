@@ -130,10 +130,10 @@ def write(values: Iterable[ExportedValue], path: Path, *, overwrite: bool) -> in
     from rosbags.rosbag2 import StoragePlugin, Writer
 
     if path.exists() and not overwrite:
-        msg = f"{path}: exists already; choose another name, or overwrite it with --force"
+        msg = f"{path}: already exists; choose another name, or overwrite it with --force"
         raise ConfigError(msg)
     if not path.parent.is_dir():
-        msg = f"{path}: there is no folder {path.parent}; make it first"
+        msg = f"{path}: there is no folder {path.parent}; create it first"
         raise ConfigError(msg)
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as fresh:

@@ -67,7 +67,7 @@ def pad_state(joy: Any, axes: Sequence[str], buttons: Sequence[str]) -> dict[str
     values = {name: -float(value) for name, value in zip(axes, joy.axes, strict=False)}
     values |= {name: float(value) for name, value in zip(buttons, joy.buttons, strict=False)}
     if not all(map(math.isfinite, values.values())):
-        raise MkError("joy holds a number that is none")
+        raise MkError("joy holds a NaN or an infinity")
     return values
 
 
@@ -90,7 +90,7 @@ def other_type(name: str, subscribed: str, published: str) -> str:
     Args:
         name: of the topic.
         subscribed: type that the gateway takes.
-        published: type that somebody publishes.
+        published: type that another node publishes.
     """
     words = f"{name} is published as {published}, which is not read: the gateway takes {subscribed} there"
     if name == "cmd_vel" and published == TWIST_STAMPED:
@@ -113,7 +113,7 @@ def velocity_fields(twist: Any, frame: str) -> dict[str, Any]:
     linear = (float(twist.linear.x), float(twist.linear.y), float(twist.linear.z))
     turn = float(twist.angular.z)
     if not all(map(math.isfinite, (*linear, turn))):
-        raise MkError("cmd_vel holds a number that is none")
+        raise MkError("cmd_vel holds a NaN or an infinity")
     return {"velocity": linear, "frame": frame, "yaw_rate": turn}
 
 
@@ -130,7 +130,7 @@ def position_fields(pose: Any, frame: str) -> dict[str, Any]:
     place = (float(pose.position.x), float(pose.position.y), float(pose.position.z))
     turned = pose.orientation
     if not all(map(math.isfinite, (*place, turned.x, turned.y, turned.z, turned.w))):
-        raise MkError("setpoint_pose holds a number that is none")
+        raise MkError("setpoint_pose holds a NaN or an infinity")
     return {"position": place, "frame": frame, "yaw": yaw_of(turned)}
 
 
@@ -191,7 +191,7 @@ class CommandStream:
         return True
 
     def ended(self) -> None:
-        """Take note that what it streamed has ended: the lease was lost or refused, or somebody let go."""
+        """Take note that its stream has ended: the lease was lost, refused or released."""
         self.is_shut = True
 
     def is_gone(self, now: float) -> bool:

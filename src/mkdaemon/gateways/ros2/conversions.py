@@ -44,7 +44,7 @@ MOST_CELLS: Final = 14
 
 
 def fix(value: Position, scene: ConversionScene) -> Any:
-    """NavSatFix of a valid position; its covariance is not told by the boards."""
+    """NavSatFix of a valid position; the boards report no covariance."""
     at = header(scene.types, value.stamp, scene.frames.body)
     return rosmessages.fix(scene.types, at, 0, value.latitude_deg, value.longitude_deg, value.altitude)
 

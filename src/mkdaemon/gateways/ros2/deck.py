@@ -1,4 +1,4 @@
-"""Who flies through the gateway: a pad, a topic that streams setpoints, or a verb; one at a time, under one lease."""
+"""The command source of the gateway: a pad, a topic of setpoints, or a verb; one at a time, under one lease."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mkdaemon.gateways.ros2.commands import CommandStream
 PERIOD: Final = 0.02
 """Between two looks while something is flown, or a pad is there [s]."""
 PAD_GONE: Final = 3.0
-"""A pad is forgotten after this silence [s]; its sticks are neutral after 0.25 s, and let go of after 0.9 s."""
+"""A pad is forgotten after this silence [s]; its sticks are neutral after 0.25 s, and released after 0.9 s."""
 PROOF: Final = 0.2
 """A hold has begun once it has been flown for this time [s]."""
 PAD: Final = "joy"
@@ -38,7 +38,7 @@ class Habits:
     Attributes:
         mapping: of the pad.
         facts: what the pad is.
-        hold_for: how long it holds a place that nobody flies away from, before it lands [s].
+        hold_for: how long it holds a place without a new command before it lands [s].
         take_off_height: above the target [m].
     """
 
@@ -49,10 +49,10 @@ class Habits:
 
 
 class FlightDeck:
-    """Decides who flies, holds the lease while somebody does, and gives it back when nobody does.
+    """Chooses the command source, holds the lease while there is one, and returns it afterwards.
 
     Attributes:
-        flown: who flies: `joy`, the name of a topic or of a verb; empty for nobody.
+        flown: the command source: `joy`, the name of a topic or of a verb; empty for none.
         note: what happened last that a person should know.
         velocity: the topic `cmd_vel`.
         pose: the topic `setpoint_pose`.
@@ -99,7 +99,7 @@ class FlightDeck:
             self._fly_by_hand(now)
         for stream in (self.velocity, self.pose):
             if self.flown == stream.name and stream.is_gone(now):
-                self._let_go(f"{stream.name} says nothing any more")
+                self._let_go(f"{stream.name} has been silent too long")
 
     # -- hands ------------------------------------------------------------------------------------------------------
 
@@ -146,14 +146,14 @@ class FlightDeck:
     async def _stop_motors(self) -> None:
         try:
             await self._uav.stop()
-            self._write_note("motors: asked to stop; only telemetry tells whether they stand")
+            self._write_note("motors: asked to stop; only telemetry shows whether they have stopped")
         except MkError as error:
             self._write_note(str(error))
 
     # -- streams ----------------------------------------------------------------------------------------------------
 
     def command_arrived(self, stream: CommandStream, kind: str, fields: Mapping[str, Any]) -> None:
-        """Take a setpoint of a topic; it is put at once, or left out where somebody else flies.
+        """Take a setpoint of a topic; it is put at once, or dropped while another source flies.
 
         Args:
             stream: the topic.
@@ -231,10 +231,10 @@ class FlightDeck:
         return "landed, and released: the pilot stops the motors"
 
     async def release(self) -> str:
-        """Let go of the aircraft, whoever flies.
+        """Release the aircraft from any client.
 
         Raises:
-            MkError: no daemon speaks for this vehicle.
+            MkError: no daemon serves this vehicle.
         """
         self._let_go("released, as asked for")
         report = await self._uav.release("asked for in ROS")
@@ -280,7 +280,7 @@ class FlightDeck:
         try:
             lease = await self._keeper.take()
             await lease.hold(seconds=self._habits.hold_for)
-            self._write_note("nothing was flown while it held: it lands")
+            self._write_note("no new command during the hold: it lands")
             await lease.land()
             self._let_go("landed")
         except MkError as error:

@@ -87,7 +87,7 @@ class TopicOutlet:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether a message has to be made: somebody reads it, or will get it later."""
+        """Whether a message has to be made: a node reads it, or will get it later."""
         if self.publisher is None:
             return False
         return self.topic.quality is Quality.LATCHED or self.publisher.get_subscription_count() > 0
@@ -121,7 +121,7 @@ class Publishing:
                 self._publisher(row, row.name)
 
     def take(self, sample: Sample, *, is_last: bool = False) -> None:
-        """Publish a value where somebody reads it.
+        """Publish a value if a node reads it.
 
         Args:
             sample: as it came.
@@ -180,7 +180,7 @@ class Ros2Gateway:
     """One vehicle in ROS.
 
     Attributes:
-        deck: who flies through it.
+        deck: chooses the command source.
         publishing: what is published.
     """
 
@@ -378,7 +378,7 @@ async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_
         uav: the daemon's client.
         arguments: of ROS.
         namespace: of its topics; the vehicle's name unless given.
-        on_ready: told the namespace once everything is offered.
+        on_ready: called with the namespace once everything is offered.
 
     Raises:
         ConfigError: ROS does not take the arguments, or a parameter cannot be.

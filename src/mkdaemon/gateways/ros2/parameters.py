@@ -43,7 +43,7 @@ PARAMETERS: Final = (
     NodeParameter("cmd_vel.stamped", False, "Whether cmd_vel is a TwistStamped, as Nav2 publishes it since Kilted."),
     NodeParameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
     NodeParameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
-    NodeParameter("hold.seconds", 60.0, "How long it holds a place while nothing else is flown, before it lands [s]."),
+    NodeParameter("hold.seconds", 60.0, "Time for which it holds its place without a new command before it lands [s]."),
     NodeParameter("joy.mapping", "xbox", "Mapping of the pad: a name of configs/gamepads, or a file."),
     NodeParameter("joy.axes", list(AXES), "The kernel's names of the axes of joy, in its order."),
     NodeParameter("joy.buttons", list(BUTTONS), "The kernel's names of the buttons of joy, in its order."),

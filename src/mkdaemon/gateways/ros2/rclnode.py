@@ -1,6 +1,6 @@
 """The only module that touches rclpy: one node with its publishers, subscriptions, services and parameters.
 
-What arrives comes on threads of rclpy's executor; whoever subscribes hands it to the loop. Publishing needs no thread.
+Messages arrive on threads of rclpy's executor; each subscriber hands them to the loop. Publishing needs no thread.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class RosTypes:
 
 
 class RosNode:
-    """One node, whose callbacks run on threads of their own until it is closed."""
+    """One node; its callbacks run on separate threads until it is closed."""
 
     def __init__(self, namespace: str, arguments: Sequence[str]) -> None:
         """Join the graph.

@@ -30,7 +30,7 @@ class Desk:
 
     Attributes:
         uav: the daemon's client.
-        deck: who flies through the gateway.
+        deck: chooses the command source.
         scene: makes messages.
         settings: of the FlightCtrl, as parameters.
     """
@@ -92,7 +92,7 @@ async def _mark(desk: Desk) -> str:
 
 async def _stop(desk: Desk) -> str:
     await desk.uav.stop()
-    return "asked to stop; only telemetry tells whether the motors stand"
+    return "asked to stop; only telemetry shows whether the motors have stopped"
 
 
 async def _preflight(desk: Desk, _: Any) -> Fields:
@@ -143,8 +143,8 @@ SERVICES: Final = (
     Service("take_off", TRIGGER, _worded(lambda desk: desk.deck.take_off()), "take off, then hold", flies=True),
     Service("hold", TRIGGER, _worded(lambda desk: desk.deck.hold()), "hold the place", flies=True),
     Service("land", TRIGGER, _worded(lambda desk: desk.deck.land()), "land on the target in sight", flies=True),
-    Service("release", TRIGGER, _worded(lambda desk: desk.deck.release()), "let go of the aircraft, whoever flies"),
-    Service("abort", TRIGGER, _worded(_abort), "stop the manoeuvre, hold; whoever flies"),
+    Service("release", TRIGGER, _worded(lambda desk: desk.deck.release()), "release the aircraft from any client"),
+    Service("abort", TRIGGER, _worded(_abort), "stop the manoeuvre of any client, hold"),
     Service("stop", TRIGGER, _worded(_stop), "stop the motors on the ground; a public fork of the firmware alone"),
     Service("preflight", TRIGGER, _preflight, "every check before a flight, in words"),
     Service("self_test", SELF_TEST, _self_test, "every check before a flight, one status each"),

@@ -103,7 +103,7 @@ def parse_address(url: str) -> PortAddress:
         scheme, rest = "serial", url
     if scheme in ("serial", "pty") and rest:
         if not rest.startswith(("/", "./", "../")):
-            raise ConfigError(f'link.port "{url}" is no path of a device: write it whole, for example /dev/{rest}')
+            raise ConfigError(f'link.port "{url}" is not a path of a device: write it whole, for example /dev/{rest}')
         return PortAddress(scheme, rest)
     if scheme == "tcp":
         host, _, number = rest.rpartition(":")
@@ -113,7 +113,7 @@ def parse_address(url: str) -> PortAddress:
     if scheme == "replay" and rest:
         return _parse_replay(url, rest)
     raise ConfigError(
-        f'link.port "{url}" is no port: write a device path, serial:/dev/..., pty:/dev/pts/N, tcp:host:port or '
+        f'link.port "{url}" is not a port: write a device path, serial:/dev/..., pty:/dev/pts/N, tcp:host:port or '
         "replay:FILE"
     )
 

@@ -223,7 +223,7 @@ def _refusal(path: Path, baud: int, error: Exception, *, is_pty: bool) -> LinkEr
     if number == errno.ENOTTY or not path.is_char_device():
         # The name may be a plain file: a program wrote to it while the cable was unplugged.
         return LinkLostError(
-            f"{path} is no serial device: name one in link.port, or remove it so that the device can take its name; "
+            f"{path} is not a serial device: name one in link.port, or remove it so that the device can take its name; "
             "mkdaemon doctor lists what is plugged in"
         )
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):

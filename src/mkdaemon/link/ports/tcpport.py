@@ -95,9 +95,7 @@ class TcpPort:
             with suppress(OSError):
                 connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         self._writer.transport.abort()
-        raise LinkLostError(
-            f"tcp {self._name}: the connection stood still and was ended, for a stick frame waited in it"
-        )
+        raise LinkLostError(f"tcp {self._name}: the connection stalled with a stick frame in it, and was closed")
 
     async def drain(self) -> None:
         """Wait until everything written has left; see `Port.drain`."""

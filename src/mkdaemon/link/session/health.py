@@ -119,7 +119,7 @@ class HealthMonitor:
         self.backlog = 0
         self._bytes.clear()
         self._arrivals.clear()
-        self._conclude(searching or VerdictFinding(LinkCondition.DOWN, "just opened, nothing heard yet"), now)
+        self._conclude(searching or VerdictFinding(LinkCondition.DOWN, "just opened, nothing received yet"), now)
 
     def port_lost(self, now: float, reason: str, condition: LinkCondition = LinkCondition.DOWN) -> None:
         """The port is gone, or could not be opened."""

@@ -207,7 +207,7 @@ class Identity:
             self.flight.machine_slept(lost.slept)
         elif lost.stopped <= GAP:
             return False
-        self.forget(f"this program stood still for {max(lost.stopped, lost.slept):.1f} s", now)
+        self.forget(f"this program did not run for {max(lost.stopped, lost.slept):.1f} s", now)
         return True
 
     def forget(self, reason: str, now: float) -> None:

@@ -115,7 +115,7 @@ class KnownAircraft:
         """Return in what way a message cannot come from this aircraft; None where it can."""
         match message:
             case Unknown():
-                return f"{board.word} is no MikroKopter firmware" if message.id == VersionRequest.spec.reply else None
+                return f"{board.word} is not MikroKopter firmware" if message.id == VersionRequest.spec.reply else None
             case VersionReply():
                 return self._compare_version(board, _facts(message))
             case Settings():

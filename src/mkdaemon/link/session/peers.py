@@ -158,7 +158,7 @@ class Peers:
         """
         behind = self.direct is Board.NC and board is Board.FC and self.redirected is not Board.FC
         if behind and not message.spec.is_forwarded:
-            detail = f"a NaviCtrl does not pass {message.spec.name} on to the FlightCtrl"
+            detail = f"a NaviCtrl does not forward {message.spec.name} to the FlightCtrl"
             raise refuse(Token.BOARD_UNREACHABLE, board=board.word, detail=detail)
         if self.direct is Board.FC and board is Board.NC:
             raise refuse(Token.BOARD_UNREACHABLE, board=board.word, detail="the line ends at a FlightCtrl")

@@ -290,7 +290,7 @@ class Questions:
     def never_sent(self, pending: Pending, now: float) -> None:
         """It waited for its turn until it was too old."""
         self.book.give_up(pending, now)
-        self._finished.append(Unanswered(pending, "the line was never free for it"))
+        self._finished.append(Unanswered(pending, "the line was never free for the request"))
 
     def port_lost(self, reason: str) -> None:
         """Nothing under way will be answered any more."""

@@ -128,7 +128,7 @@ class AliasMemory:
         other = self._name_of(device) if device.exists() else None
         if other is not None:
             msg = (
-                f"{device} is another adapter now ({other}) and is not opened: plug {Path(self._alias).name} in, "
+                f"{device} is now another adapter ({other}) and was not opened: plug {Path(self._alias).name} in, "
                 "or name the other one in link.port and start the daemon again"
             )
             raise LinkLostError(msg)

@@ -13,7 +13,7 @@ STUCK: Final = "the port takes no bytes: flow control stops it, or its reader ha
 """Reason of a stuck port."""
 NOTHING: Final = "nothing arrives: check power, wiring and that this is the right port"
 """Reason of a line that was always silent."""
-STOPPED: Final = "nothing arrives any more: the board was switched off, stands still, or a cable came off"
+STOPPED: Final = "nothing arrives any more: the board was switched off or has stopped, or a cable came off"
 """Reason of a line that was heard before."""
 RAN_OUT: Final = (
     "nothing arrives any more; before, the board sent but did not answer, until its streams ran out: check the "
@@ -36,7 +36,7 @@ BOOTS: Final = 'a board boots ("{text}"): it listens again in a few seconds'
 """Reason of a silence after boot text."""
 PLAIN_TEXT: Final = 'only plain text arrives ("{text}"): the board boots, or prints something'
 """Reason of a line on which only text arrives."""
-STOOD_STILL: Final = "this program stood still for {seconds:.1f} s: the machine is busy, or something stopped it"
+STOOD_STILL: Final = "this program did not run for {seconds:.1f} s: the machine is busy, or the program was stopped"
 """Reason of what was missed while this program did not run."""
 BUSY: Final = "but this program did not run for {percent:.0f} % of the time: look at the load of this machine first"
 """Added to a verdict that was found on a machine without time for us."""

@@ -74,7 +74,7 @@ class VersionReply(WireMessage):
     major: Annotated[int, U8(mk="SWMajor")]
     minor: Annotated[int, U8(mk="SWMinor")]
     protocol_major: Annotated[int, U8(mk="ProtoMajor")]
-    """Serial protocol generation: 7..11; anything else is no MikroKopter firmware."""
+    """Serial protocol generation: 7..11; anything else is not MikroKopter firmware."""
 
     @property
     def release(self) -> str:

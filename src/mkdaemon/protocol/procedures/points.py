@@ -101,7 +101,7 @@ def from_points(points: Sequence[WireMessage], form: PointFormat) -> Mission:
         return Mission(points=found)
     except ValueError as error:
         number = next(n for n, point in enumerate(found, 1) if point.poi and not _is_poi(found, point.poi))
-        detail = f"it looks at point {found[number - 1].poi}, which is no point of interest of this list"
+        detail = f"it looks at point {found[number - 1].poi}, which is not a point of interest of this list"
         raise refuse(Token.POINT_NOT_EXPRESSIBLE, number=number, detail=detail) from error
 
 

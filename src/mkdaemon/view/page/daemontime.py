@@ -1,7 +1,7 @@
 """What time it is for a daemon that is seen through its values: live, or played at any speed and paused.
 
-Stamps are of the daemon's clock, which nobody else has. The newest stamp says what time it is there at least; between
-two values time goes on at the speed at which they are played. So a value has the age it has there, on every machine.
+Stamps are of the daemon's clock, which no other machine has. The newest stamp is a lower bound of the time there;
+between two values time advances at the speed of playback. So every machine shows the age that a value has there.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 WINDOW: Final = 1.0
-"""The estimate follows the newest stamp of so long [s]: clocks of two machines drift, and a player is paused."""
+"""The estimate uses the stamps of this interval [s]: clocks of two machines drift, and a player can be paused."""
 
 
 class DaemonTime:

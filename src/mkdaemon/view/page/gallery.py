@@ -48,14 +48,14 @@ class _Exhibit:
 
 
 class Gallery:
-    """Everybody at one endpoint.
+    """Every vehicle at one endpoint.
 
     Attributes:
         first: vehicle to show first.
     """
 
     def __init__(self, fleet: Fleet, first: str) -> None:
-        """Know nobody yet.
+        """Start without a vehicle.
 
         Args:
             fleet: who is there.
@@ -70,7 +70,7 @@ class Gallery:
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[None]:
-        """Follow everybody while the context lasts."""
+        """Follow every vehicle while the context lasts."""
         self._is_open = True
         try:
             async with self._fleet.watch(self._changed, self._played):
@@ -88,7 +88,7 @@ class Gallery:
         return {word: exhibit.picture for word, exhibit in self._exhibits.items()}
 
     def choose(self, wanted: str) -> VehiclePicture | None:
-        """The picture of a vehicle; of one that is there where none is wanted; None while nobody is."""
+        """The picture of a vehicle, or of any present one if `wanted` is empty; None if no vehicle is present."""
         pictures = self.pictures
         if wanted:
             return pictures.get(wanted)
@@ -99,16 +99,16 @@ class Gallery:
         """Stop what a vehicle flies; what to tell.
 
         Raises:
-            MkError: refused, or nobody is there.
+            MkError: refused, or the vehicle is not present.
         """
         await self._live(word).abort(REASON)
         return "aborted: the aircraft holds, or is level"
 
     async def release(self, word: str) -> str:
-        """Let go of a vehicle; what to tell.
+        """Release a vehicle; return the text to show.
 
         Raises:
-            MkError: refused, or nobody is there.
+            MkError: refused, or the vehicle is not present.
         """
         report = await self._live(word).release(REASON)
         return report.status.words
@@ -122,7 +122,7 @@ class Gallery:
             fields: others of a `PlayControl`.
 
         Raises:
-            MkError: nobody plays it.
+            MkError: no player plays it.
         """
         exhibit = self._exhibits.get(word)
         if exhibit is None or not exhibit.picture.is_played:
@@ -139,7 +139,7 @@ class Gallery:
         return exhibit.client
 
     def _changed(self) -> None:
-        """Somebody came or went."""
+        """Update the vehicles that are present."""
         for sighting in self._fleet.here:
             word = sighting.name if sighting.root == "mk" else f"{sighting.root}/{sighting.name}"
             exhibit = self._exhibits.get(word)
@@ -158,7 +158,7 @@ class Gallery:
                 self._begin(exhibit)
 
     def _played(self, name: str, status: PlayStatus) -> None:
-        """A player says how far it is; a recording that goes on at another place is looked at anew."""
+        """A player says how far it is; a recording that was moved to another time is read again from there."""
         for exhibit in self._exhibits.values():
             is_it = exhibit.client.vehicle == name and exhibit.picture.is_played
             if is_it and exhibit.picture.take_play(status, self._loop.time()):

@@ -1,7 +1,7 @@
 """As much HTTP as one page on this machine needs: a request read with limits, an answer written, events streamed.
 
-The page is served from 127.0.0.1 only. A web page of somebody else in the same browser can reach that address too, so
-a request must name it as its host, and what does something carries a word that only our page was told.
+The page is served from 127.0.0.1 only. A foreign web page in the same browser can reach that address too. So a
+request must name it as its host, and a command carries a token that only our page has.
 
 Not aiohttp: of it one would use a request's head, a body of known length and a stream, which are seventy lines here; it
 and what it needs would be seven more packages of every installation, where `mkctl view` now needs none.

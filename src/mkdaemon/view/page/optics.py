@@ -22,7 +22,7 @@ ROUNDS: Final = 12
 STEPS: Final = 4
 """Parts of an edge of the image: a lens bends it."""
 FARTHEST: Final = 8.0
-"""A ray that never meets the target's plane is drawn so long [m]."""
+"""Drawn length of a ray that does not meet the target's plane [m]."""
 NEAR: Final = 0.05
 """A point nearer than this to the camera's plane is in no image [m]."""
 
@@ -92,6 +92,8 @@ def _edge_rays(lens: LensShape) -> Array:
 
 def _bend(lens: LensShape, plane: Array) -> Array:
     """Distort points (n, 2) of the plane at depth 1, as OpenCV's models do."""
+    # fisheye: r' = a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8), a = atan r (Kannala and Brandt, IEEE TPAMI 28(8), 2006);
+    # else x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential terms p1, p2 (Brown, Photogrammetric Eng. 37(8), 1971).
     x, y = plane[:, 0], plane[:, 1]
     r2 = x * x + y * y
     if lens.model == "fisheye":

@@ -19,7 +19,7 @@ class FlownPart:
 
     Attributes:
         begin: [s; the daemon's monotonic].
-        text: the manoeuvre; the phase where there is none; empty while nobody held the lease.
+        text: the manoeuvre; the phase where there is none; empty while no client held the lease.
     """
 
     begin: float

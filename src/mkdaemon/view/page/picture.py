@@ -39,7 +39,7 @@ EVENTS: Final = 200
 SEEN: Final = 64
 """Images whose tags and poses are kept until the image itself comes, which takes longer."""
 OLD: Final = 1.0
-"""A last value that was older when it was asked for is no part of a curve [s]."""
+"""A last value that was older when it was asked for is not a part of a curve [s]."""
 IMAGE_DEPTH: Final = 0.3
 """The image is drawn in the frustum at this share of the height above the target."""
 SHALLOW: Final = 0.02
@@ -48,7 +48,7 @@ LARGE: Final = ("height", "battery", "pose")
 """Facts whose numbers are seen first."""
 _LEFT_OUT: Final = ("vehicle", "speed", "place", "port", "firmware")
 """Facts for which the page has no room: the scene shows the place, the alarms what is wrong with the vehicle."""
-_SOURCES: Final = {"estimate": "as the flight core believes", "pose": "as a camera saw it", "gps": "by GPS"}
+_SOURCES: Final = {"estimate": "estimate of the flight core", "pose": "pose of a camera", "gps": "by GPS"}
 
 
 @dataclass(slots=True)
@@ -128,7 +128,7 @@ class VehiclePicture:
             self._draw(value, stamp.monotonic)
 
     def take_play(self, status: PlayStatus, now: float) -> bool:
-        """Take what the player of the recording says; whether it has begun at another place, and all is drawn anew."""
+        """Take the status of the recording's player; return whether it jumped, so that everything is drawn again."""
         is_new = self._play is not None and status.starts != self._play.starts
         if is_new:
             self.restart()
@@ -238,7 +238,7 @@ class VehiclePicture:
         return {offer.id: asdict(offer) | {"why_not": offer.why_not or why_not} for offer in known.offers}
 
     def _place(self, known: Picture) -> AircraftPlace | None:
-        """Where the aircraft is: as the flight core believes, else as a camera saw it, else by GPS; however old."""
+        """Position of the aircraft: the flight core's estimate, else a camera's pose, else GPS; of any age."""
         found = []
         attitude = known.last("state/attitude", Attitude)
         estimate = known.last("control/estimate", ControlEstimate)
@@ -262,7 +262,7 @@ class VehiclePicture:
         error = known.fresh("control/error", ControlError)
         shown = {} if fence is None else fence.value.model_dump(include={"radius", "height", "floor"})
         scene: dict[str, Any] = {"aircraft": None, "goal": None, "fence": shown or None}
-        scene["caption"] = "where the aircraft is: not known"
+        scene["caption"] = "position of the aircraft: unknown"
         if place is not None:
             blind = dead_reckoning(known) if place.source == "estimate" else None
             age = max(0.0, known.now - place.at, blind or 0.0)

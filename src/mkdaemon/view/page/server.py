@@ -1,7 +1,7 @@
 """Serves the page: its files, what it shows as a stream of events, images, and the two buttons.
 
-A page that is slow, stopped or gone costs nobody anything: what is shown is made when the page can take it, so it is
-given less often, and never late.
+A page that is slow, stopped or gone delays nothing: a message is made when the page can take it, so a slow page gets
+fewer messages, and none of them late.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PERIOD: Final = 1 / 15
 ROOM: Final = 65_536
 """What waits in a connection before its page is given nothing more [bytes]."""
 STUCK: Final = 20.0
-"""A page that takes nothing for so long is disconnected [s]; it connects again when it lives."""
+"""A page that takes nothing for this time is disconnected [s]; a live page connects again."""
 LARGEST: Final = 1e9
 """Of a speed or a place that a page asks for; 30 years [s]."""
 _FILES: Final = {
@@ -53,7 +53,7 @@ class Pictures(Protocol):
         """Stop what a vehicle flies; see `Gallery.abort`."""
 
     async def release(self, word: str) -> str:
-        """Let go of a vehicle; see `Gallery.release`."""
+        """Release a vehicle; see `Gallery.release`."""
 
     async def play(self, word: str, action: PlayAction, **fields: float) -> str:
         """Pause a recording, change its speed or its place; see `Gallery.play`."""
@@ -71,7 +71,7 @@ class PageServer:
 
         Args:
             gallery: what is shown, and who does what the buttons ask for.
-            now: the time at which pictures are shown [s], as they were told of values.
+            now: the time of the pictures [s], of the same clock as the arrival of values.
         """
         self.address = ""
         self._gallery = gallery
@@ -150,7 +150,7 @@ class PageServer:
             raise BadRequestError(HTTPStatus.METHOD_NOT_ALLOWED, "GET or POST")
 
     async def _answer(self, request: HttpRequest) -> bytes:
-        """Answer what is no stream.
+        """Answer what is not a stream.
 
         Raises:
             BadRequestError: there is no such thing.
@@ -232,7 +232,7 @@ def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
     """Speed and place that a page asks for.
 
     Raises:
-        BadRequestError: one is no number.
+        BadRequestError: one is not a number.
     """
     found = {name: fields[name] for name in ("speed", "place") if name in fields}
     if not all(isinstance(number, int | float) and abs(number) <= LARGEST for number in found.values()):

@@ -1,4 +1,4 @@
-"""Figures of a flight as rows of two words: the line, the eyes, the battery, what flew, what the recording lacks."""
+"""Figures of a flight as rows of two words: the link, vision, the battery, the manoeuvres, gaps of the recording."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def losses(summary: Summary, flight: RecordedFlight) -> list[str]:
     lines: list[str] = []
     if not report.is_complete:
         lines.append(
-            "The recording was not finished: a crash or a power failure cut it off, or it is still being made."
+            "The recording is not finished: a crash or power failure cut it off, or it is still being written."
         )
     if report.damages:
         size = sum(one.length for one in report.damages)
@@ -158,11 +158,11 @@ def losses(summary: Summary, flight: RecordedFlight) -> list[str]:
     if report.lost:
         gaps = sorted(report.gaps.items(), key=lambda gap: -gap[1])[:5]
         words = ", ".join(f"{number} of {short(key)}" for (_, key), number in gaps)
-        lines.append(f"{report.lost} entries are missing by their numbers: {words}.")
+        lines.append(f"{report.lost} entries are missing, as their numbers show: {words}.")
     for number, words in (
         (report.unreadable, "entries cannot be unpacked"),
         (report.orphans, "entries belong to no channel of the file"),
-        (summary.missed.total(), "values were put by the daemon and did not reach the recorder"),
+        (summary.missed.total(), "values of the daemon did not reach the recorder"),
         (flight.left_out, "further events are not listed"),
     ):
         if number:

@@ -102,7 +102,7 @@ NEAR: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class FlownState:
-    """Who flies and what, from one moment on.
+    """The holder of the lease and the manoeuvre, from one moment on.
 
     Attributes:
         at: [s].
@@ -155,7 +155,7 @@ class RecordedFlight:
         vehicle: its name.
         entries: how many are of it.
         series: numbers over time, by name.
-        states: changes of who flies and what.
+        states: changes of the holder and the manoeuvre.
         troubles: what kept it from going on, in order.
         conditions: changes of the link's condition: time [s], word.
         happenings: in order.

@@ -48,14 +48,14 @@ def _flown(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[str]:
         if not kinds or kinds[-1] != piece.manoeuvre:
             kinds.append(piece.manoeuvre)
     ways = f": {', '.join(kinds[:12])}{' ...' if len(kinds) > 12 else ''}" if kinds else ""
-    return [f"The machine flew for {seconds:.1f} s{ways}."]
+    return [f"Automatic flight for {seconds:.1f} s{ways}."]
 
 
 def _errors(pieces: Sequence[Piece]) -> list[str]:
     if (found := Settled.of(pieces)) is None:
         return []
     return [
-        f"Over its goals it was {found.rms_cm:.1f} cm off horizontally (RMS, once it was there), "
+        f"Horizontal distance from its goals after arrival: {found.rms_cm:.1f} cm RMS, "
         f"{found.worst_cm:.1f} cm at most, in {found.worst.name} at {found.worst.begin:.1f} s{found.left_out}."
     ]
 
@@ -63,7 +63,7 @@ def _errors(pieces: Sequence[Piece]) -> list[str]:
 def _failsafes(flight: RecordedFlight) -> list[str]:
     found = [one for one in flight.happenings if one.sort is Sort.FAILSAFE]
     if not found:
-        return ["No failsafe acted."]
+        return ["No failsafe."]
     words = "A failsafe acted" if len(found) == 1 else f"{len(found)} failsafes acted, the first"
     first = found[0].text.removeprefix("FAILSAFE ")
     return [f"{words} at {found[0].at:.1f} s: {first}."]
@@ -72,6 +72,6 @@ def _failsafes(flight: RecordedFlight) -> list[str]:
 def _refused(flight: RecordedFlight) -> list[str]:
     found = refusals(flight.happenings)
     if not found:
-        return ["Nothing was refused."]
+        return ["No refusals."]
     words = ", ".join(f"{one.count} {one.token or 'without a token'}" for one in found[:6])
     return [f"Refused: {words}."]

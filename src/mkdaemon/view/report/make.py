@@ -19,7 +19,7 @@ from mkdaemon.view.report.plots import plots_of
 from mkdaemon.view.report.verdict import head_of
 
 Progress = Callable[[int], None]
-_NOTHING: Final = "nothing to report: no value of a vehicle in it"
+_NOTHING: Final = "nothing to report: it has no value of a vehicle"
 
 
 def make_page(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> bytes:
@@ -57,10 +57,10 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
     except ConfigError as error:
         pictures, note = {}, str(error)
     tables = {"Link": facts.link_rows(flight)}
-    tables |= {f"Eyes: camera {camera}": facts.eyes_rows(flight, camera) for camera in flight.cameras}
+    tables |= {f"Vision: camera {camera}": facts.eyes_rows(flight, camera) for camera in flight.cameras}
     tables |= {
         "Battery": facts.battery_rows(flight),
-        "Versions, and the model that was flown on": facts.version_rows(flight, summary.session),
+        "Versions and model": facts.version_rows(flight, summary.session),
     }
     return Report(
         file=path.name,
@@ -96,24 +96,24 @@ def _chosen(path: Path, reader: FlightReader, vehicle: str | None) -> RecordedFl
         raise ConfigError(f"{path}: a recording of several vehicles; choose one with --vehicle: {known}")
     name = next(iter(flights)) if vehicle is None else vehicle
     if name not in flights:
-        raise ConfigError(f"{path}: nothing of vehicle {name} in it; there is {known}")
+        raise ConfigError(f"{path}: it has no values of vehicle {name}, only of {known}")
     return flights[name]
 
 
 def _cards(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Card]:
     """Figures that are seen first."""
-    cards = [Card(f"{flown_time(flight):.1f} s", "flown by the machine")]
+    cards = [Card(f"{flown_time(flight):.1f} s", "automatic flight")]
     if (settled := Settled.of(pieces)) is not None:
-        cards.append(Card(f"{settled.rms_cm:.1f} cm", f"level RMS over its goals{settled.left_out}"))
-        cards.append(Card(f"{settled.worst_cm:.1f} cm", "the farthest"))
+        cards.append(Card(f"{settled.rms_cm:.1f} cm", f"horizontal RMS error{settled.left_out}"))
+        cards.append(Card(f"{settled.worst_cm:.1f} cm", "largest error"))
     count = {sort: sum(one.sort is sort for one in flight.happenings) for sort in Sort}
     cards.append(Card(str(count[Sort.FAILSAFE]), "failsafes", count[Sort.FAILSAFE] > 0))
     cards.append(Card(str(count[Sort.REFUSAL]), "refusals"))
     cards.append(Card(str(count[Sort.WARNING]), "warnings"))
     trips = flight.series.get("link.echo_p95")
     if trips is not None:
-        cards.append(Card(f"{max(trips.values):.0f} ms", "round trip, p95, worst"))
+        cards.append(Card(f"{max(trips.values):.0f} ms", "largest round trip (p95)"))
     voltage = flight.series.get("battery.voltage")
     if voltage is not None:
-        cards.append(Card(f"{min(voltage.values):.1f} V", "least battery voltage"))
+        cards.append(Card(f"{min(voltage.values):.1f} V", "lowest battery voltage"))
     return cards

@@ -132,7 +132,7 @@ def render(report: Report, library: str) -> bytes:
         f'<script type="text/plain" id="library">{packed}</script>',
         f"<script>{script}</script></body></html>\n",
     ]
-    # A half of a letter, which JSON can name, is no UTF-8.
+    # A half of a letter, which JSON can name, is not UTF-8.
     return "\n".join(parts).encode("utf-8", "replace")
 
 
@@ -157,7 +157,7 @@ def _body(report: Report) -> Iterable[str]:
     if report.losses:
         yield _section("The recording is not whole", _list(report.losses), css="warn")
     yield f'<div class="cards">{"".join(map(_card, report.cards))}</div>'
-    yield _section("In words", _list(report.sentences, css="said"), name="words")
+    yield _section("Summary", _list(report.sentences, css="said"), name="words")
     tracks = [plot for plot in report.plots if plot.times]
     if tracks:
         yield _section("From above", f'<div class="pair">{"".join(map(_place, tracks))}</div>')
@@ -173,7 +173,7 @@ def _body(report: Report) -> Iterable[str]:
     if report.pieces:
         yield _section("Manoeuvres", _pieces(report.pieces), name="pieces")
     if report.refusals:
-        yield _section("What was refused, and what to do", _refusals(report.refusals), name="refusals")
+        yield _section("Refusals and remedies", _refusals(report.refusals), name="refusals")
     if report.happenings:
         yield _section("Events", _happenings(report), name="events")
     yield from _figures(report)
@@ -238,9 +238,9 @@ def _pieces(pieces: Sequence[Piece]) -> str:
         blind = f"{piece.blind:.1f}" if piece.blind else "-"
         rows.append((piece.name, goal, *times, blind, level, height, _number(piece.level_end_cm)))
     note = (
-        '<p class="note">Errors are the distance of the estimate from the goal. Of a manoeuvre that flies to a place '
-        "they count from when it said that it is there, else from 2 s after its beginning; of a stage, all of it. "
-        "Blind flight is left out: what is calculated without images has no error.</p>"
+        '<p class="note">Errors are the distance between estimate and goal. For a manoeuvre that flies to a position, '
+        "they count from its arrival, otherwise from 2 s after its start; for a stage, from its start. "
+        "Blind flight is excluded, because an estimate without images has no error.</p>"
     )
     more = _more(len(pieces) - MOST_PIECES, "manoeuvres")
     return _table((*head, *errors), rows, [piece.begin for piece in pieces[:MOST_PIECES]], numbers=8) + more + note
@@ -282,7 +282,7 @@ def _figures(report: Report) -> Iterable[str]:
     name, parameters = report.parameters
     if parameters:
         title = f"Parameter set {name}: {len(parameters)} parameters"
-        yield _section("Settings that flew", _details(title, f'<div class="columns">{_columns(parameters)}</div>'))
+        yield _section("Parameter set in flight", _details(title, f'<div class="columns">{_columns(parameters)}</div>'))
     if report.configuration:
         yield _section("Configuration", _details("as the daemon had it", f"<pre>{escape(report.configuration)}</pre>"))
 

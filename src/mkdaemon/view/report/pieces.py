@@ -17,7 +17,7 @@ SETTLING: Final = 2.0
 SAME_PLACE: Final = 0.05
 """Goals that are nearer to each other are one [m]."""
 STAYS: Final = 1.0
-"""A goal that lasts for less is no place of its own [s]: it is on its way."""
+"""A goal that lasts for less is only passed [s], and gets no place in the report."""
 Goal = tuple[float, float, float]
 
 

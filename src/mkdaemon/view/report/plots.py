@@ -134,7 +134,7 @@ def _motion(flight: RecordedFlight, line: Line) -> Iterable[Plot]:
     yield _timed("error", "Error to the goal", "cm", _level_error(flight) + _height_error(flight), 220)
     yield _timed(
         "place",
-        "Place over the target",
+        "Position over the target",
         "m",
         line("estimate.x", "x", BLUE)
         + line("goal.x", "x, goal", BLUE, dash=DASHED)
@@ -256,7 +256,7 @@ def _events(happenings: Sequence[EventLine], pieces: Sequence[Piece], length: fl
         if found:
             words = [escape(one.text[:100]) for one in found]
             data.append(_marks(sort.value, [round(one.at, 3) for one in found], words, _COLOURS.get(sort, GREY)))
-    plot = _timed("events", "What was flown, and what happened", "", data, 60 + 26 * len(data))
+    plot = _timed("events", "Manoeuvres and events", "", data, 60 + 26 * len(data))
     plot.layout.update(showlegend=False, hovermode="closest")
     plot.layout["yaxis"] = {"autorange": "reversed", "type": "category"}
     plot.layout["annotations"] = _names(pieces, length)

@@ -1,4 +1,4 @@
-"""What a recording says, whoever wrote it: numbers that are numbers, texts that are short, nothing else."""
+"""Checked values of a recording from any source: finite numbers and short texts."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from mkdaemon.view.report.flight import ImagePlace, RecordedFlight
 BEFORE: Final = 2.0
 """An image that is older than this when something happens does not show it [s]."""
 AFTER: Final = 1.0
-"""Where there is none before it, one so long after it does [s]."""
+"""If there is no image before the event, one within this time after it is used [s]."""
 WIDTH: Final = 300
 """Of a picture [px]; shown at half of that."""
 MOST: Final = 60

@@ -44,9 +44,9 @@ def head_of(flight: RecordedFlight) -> Head:
 
 def _head(flight: RecordedFlight) -> Head:
     if not any(state.is_flown for state in flight.states):
-        return Head("The machine did not fly.", False, ())
+        return Head("No automatic flight.", False, ())
     if flight.states[-1].is_flown:
-        return Head("The recording ends while it flies.", False, tuple(_outlived(flight.troubles)))
+        return Head("The recording ends in flight.", False, tuple(_outlived(flight.troubles)))
     end = next(after for after, before in pairwise(reversed(flight.states)) if before.is_flown)
     failed = any(
         one.sort is Sort.FAILSAFE and RELEASE in one.text.partition(":")[0] and abs(end.at - one.at) < AT_ONCE
@@ -65,4 +65,4 @@ def _outlived(troubles: Sequence[Trouble]) -> Iterator[tuple[float, str]]:
     """A line for each trouble that a flight outlived, the longest first."""
     for one in sorted(troubles, key=lambda one: one.reported - one.ended)[:LISTED]:
         chain = "; ".join(reason.text for reason in one.reasons.values())
-        yield min(reason.since for reason in one.reasons.values()), f"outlived: {chain}; over at {one.ended:.1f} s"
+        yield min(reason.since for reason in one.reasons.values()), f"survived: {chain}; ended at {one.ended:.1f} s"

@@ -56,19 +56,19 @@ class FleetApp(App[None]):
 
     @work
     async def watch_fleet(self) -> None:
-        """Watch everybody, for ever; an endpoint that does not answer is tried again."""
+        """Watch every vehicle, for ever; an endpoint that does not answer is tried again."""
         while True:
             try:
                 async with self._connect() as any_client:
                     self.board.notice = ""
-                    await watch_everybody(any_client, self.board)
+                    await watch_vehicles(any_client, self.board)
             except MkError as error:
                 self.board.notice = str(error)
             await asyncio.sleep(RETRY)
 
 
-async def watch_everybody(client: Vehicle, board: FleetBoard) -> None:
-    """Tell a board of everybody at an endpoint, for ever."""
+async def watch_vehicles(client: Vehicle, board: FleetBoard) -> None:
+    """Keep a board up to date with every vehicle at an endpoint, for ever."""
     fleet = Fleet(client)
 
     def changed() -> None:

@@ -98,7 +98,7 @@ class VehicleBoard:
             self._events.append((at, line))
 
     def lease_holder(self) -> str | None:
-        """Who holds the lease; None for nobody, or where it is not known."""
+        """Holder of the lease; None if there is none or it is not known."""
         status = self._reading.at(0.0).last("control/status", ControlStatus)
         lease = None if status is None else status.value.lease
         return None if lease is None else on_one_line(lease.holder)

@@ -105,8 +105,8 @@ class TopApp(App[None]):
         Args:
             vehicle: its name.
             open_vehicle: connects to one of a name.
-            release: lets go of one.
-            land: lands one; given up, it lets go of it.
+            release: releases one.
+            land: lands one; if cancelled, releases it.
         """
         super().__init__()
         self.board = VehicleBoard(vehicle)
@@ -141,8 +141,8 @@ class TopApp(App[None]):
             await asyncio.sleep(RETRY)
 
     def action_release(self) -> None:
-        """Ask, then let go of the aircraft."""
-        words = f"Release {self.board.vehicle} now? Whoever flies loses it; the pilot's sticks rule at once."
+        """Ask, then release the aircraft."""
+        words = f"Release {self.board.vehicle} now? Its client loses it; the pilot's sticks rule at once."
         self._ask(words, lambda: self._act("release", self._release))
 
     def action_land(self) -> None:

@@ -117,7 +117,7 @@ def calibrate(views: Sequence[BoardPoints], *, is_fisheye: bool = False) -> Cali
         used = kept
         lens = _solve([views[k] for k in used], is_fisheye=is_fisheye)
     if not np.isfinite([lens.values, lens.sd]).all() or min(lens.values[:2]) <= 0:
-        raise VisionError("the views determine nothing: show the board tilted, near and at the rim, not only its front")
+        raise VisionError("the views are too similar: show the board tilted, near, and at the rim of the image")
     names = FISHEYE if is_fisheye else PINHOLE
     # seven digits are far below any uncertainty, and short enough to read
     values = {name: float(f"{value:.7g}") for name, value in zip(names, lens.values.tolist(), strict=True)}

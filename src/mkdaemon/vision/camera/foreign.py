@@ -96,7 +96,7 @@ def _figures(name: str, size: list[float], matrix: list[float], word: str, coeff
             f"{word} with {more} after {len(names)} coefficients has no place in a camera file; {_INSTEAD}"
         )
     if any(value != int(value) for value in size):
-        raise ConfigError("the size of the image is no whole number; correct it")
+        raise ConfigError("the size of the image is not a whole number; correct it")
     fx, skew, cx, _, fy, cy, *_ = matrix
     if skew:
         raise ConfigError(f"a skew of {skew:g} has no place in a camera file; {_INSTEAD}")
@@ -142,7 +142,7 @@ def _numbers(text: str, key: str, count: int | None = None) -> list[float]:
     try:
         values = [parse_number(word) for word in words]
     except ValueError:
-        raise ConfigError(f"{key} holds what is no number; export the calibration again") from None
+        raise ConfigError(f"{key} holds what is not a number; export the calibration again") from None
     if not all(map(math.isfinite, values)) or (count is not None and len(values) != count):
         wanted = "finite numbers" if count is None else f"{count} finite numbers"
         raise ConfigError(f"{key} needs {wanted}; export the calibration again")

@@ -209,7 +209,7 @@ def open_clip(path: Path) -> Iterator[Recorded]:
         raise VisionError(msg)
     capture = _open_quietly(str(path)) if _is_video(path) else None
     if capture is None or not capture.isOpened():
-        msg = f"{path} is no video OpenCV can read"
+        msg = f"{path} is not a video OpenCV can read"
         raise VisionError(msg)
     _take_jpegs(capture, cv2.CAP_FFMPEG)
     return _clip(capture)

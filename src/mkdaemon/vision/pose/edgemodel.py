@@ -137,6 +137,7 @@ def _tag_edges(target: Target, k: int, per_cell: int) -> tuple[npt.NDArray[Any],
         places.append(np.stack([place, across], axis=1)[:, xy])
         lines.append(place + xy[0] * len(bright))
         ways.append(np.stack([rise[line, place], np.zeros_like(line)], axis=1)[:, xy])
+    # From cells (column, row from the top left) to the tag's plane: p = (c - n / 2) * (1, -1) * cell, y upwards.
     down = np.array([1.0, -1.0])
     cells = np.concatenate(places)
     points = tag.place((cells - tag.family.black_cells / 2) * down * tag.module)

@@ -260,7 +260,8 @@ class PrintTexture:
         if number not in self._levels:
             blur = SHARPEST * 2.0 ** (number / PER_OCTAVE / 2)
             side = min(ceil(self._cells / (STEP * blur)), len(self._drawn))
-            # Texels that are averaged and interpolated blur, too.
+            # Averaging over a step and linear interpolation blur, too: step^2 / 12 + step^2 / 6 = step^2 / 4. Variances
+            # of blurs in sequence add, so the Gaussian gets the rest.
             step = self._cells / side
             variance = blur**2 - step**2 / 4.0
             soft = cv2.GaussianBlur(self._drawn, (0, 0), sqrt(variance) * TEXELS, borderType=cv2.BORDER_REPLICATE)

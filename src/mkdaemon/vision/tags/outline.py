@@ -136,7 +136,8 @@ def lines_of(outline: npt.NDArray[Any]) -> Lines:
     longest = np.argsort(-sizes)[:MAX_LINES]
     ways = sides[longest] / np.maximum(sizes[longest, None], 1.0)
     normals = ways[:, ::-1] * [1.0, -1.0]
-    # An edge is found within its half width.
+    # Distance of a point p from a side that ends in e, with normal n: |n . (p - e)|. An edge is found within its half
+    # width.
     near = np.abs(points @ normals.T - (ends[longest] * normals).sum(axis=1)) < LIMITS.blur.sharp_px
     near &= around @ ways.T > SAME_WAY * np.linalg.norm(around, axis=1)[:, None]
     found: list[tuple[float, ...]] = []

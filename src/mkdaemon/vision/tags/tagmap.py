@@ -168,7 +168,7 @@ def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
         section = TargetSection(name="tag", tags=(TagPlacement(family=family, id=tag_id, size=size),))
     except ValidationError as error:
         wrong = error.errors()[0]
-        msg = f"{size!r} is no tag size; give the side of the black square in metres, 0.005 to 5 (12 inch = 0.3048)"
+        msg = f"{size!r} is not a tag size; give the side of the black square in metres, 0.005 to 5 (12 inch = 0.3048)"
         if wrong["loc"][-1] != "size":
             msg = f"tag {tag_id} of {family}: {wrong['loc'][-1]}: {wrong['msg']}"
         raise ConfigError(msg) from None

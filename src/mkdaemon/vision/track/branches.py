@@ -200,6 +200,7 @@ class Branches:
     def after(self, time: float, candidates: Sequence[Pose]) -> Branches:
         """Go on with the m candidates of a new image: each branch is joined by each of them, or missed."""
         prior, (centre, spread) = self.course.predict_at(time), places(candidates)
+        # Multiple hypotheses after D. Reid, IEEE Trans. Automatic Control 24(6), 1979: each branch with each candidate.
         # Three densities of the place of the lens, all per m^3, so that they compare (constant factors left out):
         # joined N(z; course, S); a leap LEAVES / scatter^3; missed (1 - inliers) / sqrt(det(P + scatter^2 I)).
         joined, density = prior[:, None].join(centre, spread)

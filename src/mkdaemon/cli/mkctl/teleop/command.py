@@ -68,17 +68,18 @@ PADS: Final = InputOptions()
 async def teleop(
     *,
     hands: InputOptions = PADS,
-    list_: Annotated[bool, Parameter(name="--list", help="Show the pads of this machine.")] = False,
-    learn: Annotated[bool, Parameter(help="Write the mapping of the pad that is plugged in.")] = False,
-    publish: Annotated[str | None, Parameter(help="Fly nothing: send this machine's pad to `--joy NAME`.")] = None,
-    record: Annotated[Path | None, Parameter(help="Write the session down, for --replay.")] = None,
-    force: Annotated[bool, Parameter(help="Take the lease from whoever holds it.")] = False,
+    list_: Annotated[bool, Parameter(name="--list", help="List the gamepads of this machine.")] = False,
+    learn: Annotated[bool, Parameter(help="Write a mapping for the connected gamepad.")] = False,
+    publish: Annotated[str | None, Parameter(help="Do not fly; send this machine's pad to `--joy NAME`.")] = None,
+    record: Annotated[Path | None, Parameter(help="Record the session for --replay.")] = None,
+    force: Annotated[bool, Parameter(help="Take the lease from its holder.")] = False,
     connection: Connection = HERE,
 ) -> int:
     """Fly with a gamepad, or with the keyboard. Nothing is sent unless the enable button is held: docs/teleop.md.
 
-    Pull the thrust stick to its lowest once, then hold the enable button. Letting go of it levels the aircraft at once
-    and releases it after 0.9 s; a pad that is unplugged, or a terminal that is gone, releases it too. Ctrl-C ends it.
+    Pull the thrust stick to its lowest once, then hold the enable button. If you let the button go,
+    the aircraft levels at once and is released after 0.9 s. It is also released if the pad is unplugged or the terminal
+    closes. Ctrl-C ends it.
 
     Example: mkctl teleop --keyboard
 
@@ -194,7 +195,7 @@ async def _publish(name: str, connection: Connection) -> int:
 
     Raises:
         ConfigError: the name, or no secret.
-        MkError: no pad, or nobody listens at the endpoint.
+        MkError: no pad, or no daemon at the endpoint.
     """
     _require_pad_name(name, "--publish")
     secret = os.environ.get(SECRET)
@@ -213,7 +214,7 @@ async def _publish(name: str, connection: Connection) -> int:
 DRAWING: Final = 0.2
 """Between two pictures of the screen [s]."""
 TELLING: Final = 1.0
-"""Between two lines where the output is no terminal [s]."""
+"""Between two lines where the output is not a terminal [s]."""
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Job = Coroutine[Any, Any, None]
@@ -334,7 +335,7 @@ class TeleopProgram:
         async def ask() -> None:
             try:
                 await self._uav.stop()
-                self.session.notice = "motors: asked to stop; only telemetry tells whether they stand"
+                self.session.notice = "motors: asked to stop; only telemetry shows whether they have stopped"
             except MkError as error:
                 self.session.notice = str(error)
 

@@ -1,4 +1,4 @@
-"""What a session knows of a device: somebody who is asked, reports changes, and may vanish."""
+"""The interface of a device: it answers queries, reports changes, and may vanish."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Device(Protocol):
     """A pad, the keyboard, or a pad of another machine.
 
     Attributes:
-        name: a name of its own, for example its path.
+        name: a unique name, for example its path.
         facts: what it says about itself.
     """
 
@@ -49,7 +49,7 @@ class Device(Protocol):
         """Shake, or ring a bell: the aircraft is out of reach."""
 
     def let_go(self) -> None:
-        """Take note that the aircraft was let go of."""
+        """Take note that the aircraft was released."""
 
     def close(self) -> None:
         """Give it back to the system."""

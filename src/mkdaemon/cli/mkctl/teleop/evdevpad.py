@@ -1,4 +1,4 @@
-"""Gamepads of this machine by evdev: found, asked for their state, and noticed when they come and go.
+"""Gamepads of this machine by evdev: found, asked for their state, and followed as they are connected and disconnected.
 
 A pad reports only changes, so a stick that stands still and one whose cable broke look alike in its events: the kernel
 is asked for every axis (EVIOCGABS) and every button (EVIOCGKEY) at every setpoint. Source: the kernel's
@@ -74,7 +74,7 @@ class EvdevPad:
 
         Args:
             device: an `evdev.InputDevice`.
-            report: is told every change: name, control, raw value, time.
+            report: called with every change: name, control, raw value, time.
         """
         self._device, self._report = device, report
         self._codes = load_evdev().ecodes
@@ -166,7 +166,7 @@ class EvdevPad:
                 self._device.write(self._codes.EV_FF, self._effect, 1)
 
     def let_go(self) -> None:
-        """Nothing: its enable button is a button that somebody lets go of."""
+        """Do nothing: the enable button reports its own release."""
 
     def close(self) -> None:
         """Close the device file."""
@@ -182,7 +182,7 @@ def _names(table: Any, code: int) -> tuple[str, ...]:
 
 
 def open_pad(path: str, report: Callable[[str, str, float, float], None]) -> EvdevPad | None:
-    """Open a device file; None where it is no gamepad.
+    """Open a device file; None where it is not a gamepad.
 
     Raises:
         OSError: it cannot be opened.

@@ -16,7 +16,7 @@ from mkdaemon.errors import ConfigError, ProtocolError
 from mkdaemon.telemetry.joy import Joy
 
 GONE: Final = 3.0
-"""A pad not heard for so long is gone [s]; its sticks are neutral after 0.25 s."""
+"""A pad that is silent for this time is gone [s]; its sticks are neutral after 0.25 s."""
 PERIOD: Final = 0.02
 """Between two messages [s]."""
 
@@ -75,14 +75,14 @@ class JoyPad:
             DeviceLostError: nothing came for too long.
         """
         if now - self._state.at > GONE:
-            raise DeviceLostError(f"{self.facts.name} has not been heard for {GONE:g} s")
+            raise DeviceLostError(f"{self.facts.name} has been silent for {GONE:g} s")
         return self._state
 
     def alarm(self) -> None:
         """Nothing: the other machine watches the aircraft itself."""
 
     def let_go(self) -> None:
-        """Nothing: its enable button is a button that somebody lets go of."""
+        """Do nothing: the enable button reports its own release."""
 
     def close(self) -> None:
         """Nothing is open."""
@@ -181,7 +181,7 @@ class JoyFinder:
         self._device: JoyPad | None = None
 
     def take(self, sample: Sample) -> None:
-        """Take a message; what is none, or not signed, is told of and changes nothing."""
+        """Take a message; an invalid or unsigned one is reported and changes nothing."""
         try:
             joy = sample.value
         except ProtocolError as error:

@@ -41,7 +41,7 @@ class Keyboard:
             keys: descriptor it is read from.
             screen: what is written to it.
             quit_now: is called for Q and Ctrl-C.
-            report: is told that something was typed: name, control, raw value, time.
+            report: called with every key: name, control, raw value, time.
         """
         self.name, self.facts, self.keys = "keyboard", FACTS, Keys()
         self._descriptor, self._screen = keys, screen
@@ -71,7 +71,7 @@ class Keyboard:
                 self._report(self.name, "", 1.0, now)
 
     def ask(self, now: float) -> DeviceState | None:
-        """Return what the keys stand for, as old as the last sign of the terminal; ask it anew.
+        """Return the state of the keys, as old as the last answer of the terminal; ask the terminal again.
 
         Raises:
             DeviceLostError: the terminal was closed, or never answered.
@@ -88,7 +88,7 @@ class Keyboard:
         alive_at = self.keys.alive_at
         if alive_at is None:
             if now - self._began > PATIENCE:
-                msg = "this terminal does not answer ESC[5n, so nobody would know when it is gone: use another one"
+                msg = "this terminal does not answer ESC[5n, so its loss could not be detected: use another one"
                 raise DeviceLostError(msg)
             return None
         return DeviceState(self.keys.state(now), alive_at)

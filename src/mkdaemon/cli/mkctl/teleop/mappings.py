@@ -62,7 +62,7 @@ STICK_PATIENCE: Final = 30.0
 BUTTON_PATIENCE: Final = 6.0
 """A button that is not pressed within this time is left out [s]."""
 HELD: Final = 0.15
-"""A control counts when it has stayed so long where it is [s]."""
+"""A control counts when it has not moved for this time [s]."""
 
 
 class Learner:
@@ -85,7 +85,7 @@ class Learner:
         Raises:
             MkError: a stick or the enable button was not shown, or the pad is gone.
         """
-        self._show(f"{self._device.facts.name} ({self._id}): let go of everything")
+        self._show(f"{self._device.facts.name} ({self._id}): release all controls")
         await asyncio.sleep(1.0)
         for question in STICKS:
             await self._ask(question, STICK_PATIENCE, is_stick=True)
@@ -108,10 +108,10 @@ class Learner:
                 since, last = self._loop.time(), found or ""
             elif self._loop.time() - since >= HELD:
                 if self._is_taken(found):
-                    self._show(f"    {found} has a meaning already: another one")
+                    self._show(f"    {found} is already used: choose another one")
                 else:
                     self._answers[question.key] = found
-                    self._show(f"    {found}; let go of it")
+                    self._show(f"    {found}; release it")
                     await self._wait_for_rest(rest)
                     return
                 await self._wait_for_rest(rest)
@@ -125,7 +125,7 @@ class Learner:
         return control in self._answers.values() or control.removeprefix("-").rstrip("+-") in axes
 
     async def _wait_for_rest(self, rest: dict[str, float]) -> None:
-        """Wait until everything is let go of; a stick without a spring stays where it is."""
+        """Wait until all controls are released; a stick without a spring stays where it is."""
         ends = self._loop.time() + 3.0
         while self._loop.time() < ends:
             axes, buttons = self._read()
@@ -146,7 +146,7 @@ def save_mapping(folder: Path, name: str, text: str) -> Path:
     """Write a mapping file under the name of its pad, over an older one, and read it back.
 
     Raises:
-        MkError: it cannot be written, or is no mapping.
+        MkError: it cannot be written, or is not a mapping.
     """
     word = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "gamepad"
     path = folder / f"{word}.toml"

@@ -59,7 +59,7 @@ async def feed(session: TeleopSession, lines: Sequence[PadLine]) -> None:
     """Give a session what its devices said, at the same distances in time; returns when the recording is over.
 
     Args:
-        session: without devices of its own.
+        session: without devices.
         lines: the recording.
     """
     devices: dict[str, ReplayedDevice] = {}
@@ -100,7 +100,7 @@ async def require_simulator(uav: Vehicle) -> None:
     truth = await uav.sim.truth.latest()
     state = await uav.link.state.latest()
     if truth is None or truth.age > TRUTH_AGE:
-        raise refuse(Token.NOT_SIMULATED, detail="no simulator speaks for this vehicle")
+        raise refuse(Token.NOT_SIMULATED, detail="no simulator serves this vehicle")
     if state is None:
         raise refuse(Token.NOT_SIMULATED, detail="the daemon does not say which port it has open")
     held, opened = _place(truth.value), _place(state.value)

@@ -41,7 +41,7 @@ class Mappings:
 
 
 async def look_for_pads(session: TeleopSession, mappings: Mappings) -> None:
-    """Attach every pad that is there or comes, for ever; one without a mapping is told of and left out."""
+    """Attach every pad that is present or appears, for ever; a pad without a mapping is reported and left out."""
     left_out: set[str] = set()
     while True:
         present = set(new_paths(()))
@@ -71,7 +71,7 @@ def _attach(session: TeleopSession, pad: EvdevPad, mappings: Mappings) -> bool:
 
 
 def describe(path: str) -> FoundPad | None:
-    """Say what a device file is; None where it is no gamepad."""
+    """Say what a device file is; None where it is not a gamepad."""
     try:
         pad = open_pad(path, lambda *_: None)
     except OSError as error:

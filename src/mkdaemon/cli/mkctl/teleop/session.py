@@ -18,8 +18,8 @@ from mkdaemon.errors import MkError
 PERIOD: Final = 0.02
 """Between two setpoints [s]; the daemon sends as many stick frames a second (docs/configuration.md, control.rate)."""
 GAP: Final = 0.002
-"""A change waits so long after the setpoint before it [s]. The daemon sends the newest setpoint in each of its own
-periods: a longer gap would let a change miss one, and wait for two."""
+"""Shortest interval between two setpoints [s]. The daemon sends the newest setpoint in each of its periods: after a
+longer gap a change could miss a period, and wait for two."""
 
 
 class TeleopSession:
@@ -31,8 +31,8 @@ class TeleopSession:
         devices: every device that is there, by its name.
         output: what was decided last.
         notice: what happened last that a person should know.
-        is_on_ground: the aircraft is known to stand; None where nobody says.
-        recorder: writes down what happens; None for nobody.
+        is_on_ground: whether the aircraft stands; None if unknown.
+        recorder: writes the session to a file; None for none.
         ticked: is set after every tick, for what must not delay one.
     """
 
@@ -81,7 +81,7 @@ class TeleopSession:
             self._news.set()
 
     def lost(self, name: str, reason: str) -> None:
-        """Take note that a device is gone; the aircraft is let go of at once if it flew."""
+        """Take note that a device is gone; if it flew the aircraft, release at once."""
         device = self.devices.pop(name, None)
         if device is not None:
             device.close()
@@ -92,7 +92,7 @@ class TeleopSession:
             self._news.set()
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Stream until somebody stops it; then let go of the aircraft."""
+        """Stream until stopped; then release the aircraft."""
         try:
             while not stop.is_set():
                 await self._wait()

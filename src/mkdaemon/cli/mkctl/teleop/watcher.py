@@ -16,7 +16,7 @@ KEYS: Final = (
     *("control/status", "control/output", "state/battery", "state/flight", "link/state", "link/health", "health"),
 )
 SILENCE: Final = 2.5
-"""A daemon not heard for so long is out of reach [s]; it publishes `control/status` once a second."""
+"""A daemon that is silent for this time is out of reach [s]; it publishes `control/status` once a second."""
 
 
 class Watcher:
@@ -57,7 +57,7 @@ class Watcher:
 
     @property
     def is_on_ground(self) -> bool | None:
-        """Whether the aircraft is known to stand; None where nobody said so lately."""
+        """Whether the aircraft stands; None without a recent report."""
         flight = self.picture.fresh("state/flight", Flight)
         return None if flight is None or flight.is_flying is None else not flight.is_flying
 
@@ -67,7 +67,7 @@ class Watcher:
         picture = self.picture
         silence = min(picture.silence, self._loop.time() - self._began)
         if silence > SILENCE:
-            return f"the daemon has not been heard for {age_words(silence)}"
+            return f"the daemon has been silent for {age_words(silence)}"
         link = picture.link()
         if link is None or link.value.condition in {LinkCondition.UP, LinkCondition.DEGRADED}:
             return ""

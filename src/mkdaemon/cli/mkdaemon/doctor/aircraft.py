@@ -25,7 +25,7 @@ def _standing(patient: Patient, tokens: tuple[str, ...]) -> Iterator[Values]:
 
 @AIRCRAFT("line-rate", Severity.ERROR, Needs.DAEMON)
 def _garbage(patient: Patient) -> Iterator[Values]:
-    """bytes arrive on {port} at {baud} baud, and none of them is a frame
+    """bytes arrive on {port} at {baud} baud, but no valid frame
 
     {reason}
 
@@ -40,9 +40,9 @@ def _garbage(patient: Patient) -> Iterator[Values]:
 
 @AIRCRAFT("line-baud", Severity.WARNING, Needs.DAEMON)
 def _other_baud(patient: Patient) -> Iterator[Values]:
-    """the line runs at {used} baud, and link.baud is {configured}
+    """the line runs at {used} baud, but link.baud is {configured}
 
-    The daemon found the rate by trying, which it repeats each time it opens the port.
+    The daemon found the rate by trial, and repeats the trial whenever it opens the port.
 
     Write it into the configuration.
 
@@ -56,7 +56,7 @@ def _other_baud(patient: Patient) -> Iterator[Values]:
 
 @AIRCRAFT("line", Severity.ERROR, Needs.DAEMON)
 def _down(patient: Patient) -> Iterator[Values]:
-    """the line {port} is {condition}
+    """the link on {port} is {condition}
 
     {reason}
 
@@ -87,7 +87,7 @@ def _gate(patient: Patient) -> Iterator[Values]:
 def _height(patient: Patient) -> Iterator[Values]:
     """{name}: {reason}
 
-    The FlightCtrl would take our throttle for a climb rate.
+    The FlightCtrl would use the daemon's throttle as a climb rate.
 
     {fix}
 
@@ -100,13 +100,13 @@ def _height(patient: Patient) -> Iterator[Values]:
 def _others(patient: Patient) -> Iterator[Values]:
     """{name}: {reason}
 
-    No flight begins while it stands.
+    The daemon refuses flights until it is cured.
 
     {fix}
 
     $ mkctl preflight
     """
-    named = {*GATE, HEIGHT, LINK}  # each has a row of its own
+    named = {*GATE, HEIGHT, LINK}  # each has a separate row
     return _standing(patient, tuple(token for token in patient.report.standing if token not in named))
 
 

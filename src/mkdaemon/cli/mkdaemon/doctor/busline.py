@@ -38,7 +38,7 @@ def port_of(endpoint: str) -> int | None:
 
 
 def listener_at(patient: Patient, endpoint: str) -> Listener | None:
-    """Who listens at an endpoint of this machine; None where nobody does."""
+    """The listener at an endpoint of this machine; None if there is none."""
     port = port_of(endpoint)
     return next((found for found in patient.machine.listeners if port and found.port == port), None)
 
@@ -50,7 +50,7 @@ def owner_of(patient: Patient, listener: Listener) -> Process | None:
 
 
 def _naming(process: Process) -> tuple[str, ...]:
-    """What a daemon was given that tells it from others."""
+    """Arguments that distinguish one daemon from another."""
     words = process.words[process.words.index("run") + 1 :]
     return tuple(f"{word} {words[place + 1]}" for place, word in enumerate(words[:-1]) if word in _NAMING) + tuple(
         word for word in words if word.partition("=")[0] in _NAMING and "=" in word
@@ -97,7 +97,7 @@ def _expiry(end: float, now: float) -> str:
 def _taken(patient: Patient) -> Iterator[Values]:
     """bus.listen {endpoint} is taken by {holder}
 
-    The daemon cannot listen there, and ends.
+    The daemon cannot listen there, and stops.
 
     End that program, or choose another endpoint in bus.listen.
 
@@ -112,11 +112,11 @@ def _taken(patient: Patient) -> Iterator[Values]:
 
 @BUS("endpoint-daemon", Severity.ERROR, Needs.CONFIG)
 def _held(patient: Patient) -> Iterator[Values]:
-    """bus.listen {endpoint} is held by {holder}, which does not speak for {vehicle}
+    """bus.listen {endpoint} is used by {holder}, which does not serve {vehicle}
 
-    It is the daemon of another aircraft, or a router: the daemon of {file} cannot listen there, and ends.
+    It is the daemon of another aircraft, or a router. The daemon of {file} cannot listen there, and stops.
 
-    Choose another endpoint in bus.listen, or end the other program, on the ground.
+    Choose another endpoint in bus.listen; or, on the ground, end the other program.
 
     $ mkdaemon config explain bus.listen
     """
@@ -135,7 +135,7 @@ def _held(patient: Patient) -> Iterator[Values]:
 def _second(patient: Patient) -> Iterator[Values]:
     """two daemons of one configuration run: processes {first} and {second}
 
-    Both answer for one vehicle, and only one has the line.
+    Both answer for one vehicle, but only one has the port.
 
     End the second one.
 
@@ -151,11 +151,11 @@ def _second(patient: Patient) -> Iterator[Values]:
 
 @BUS("vehicle-twice", Severity.ERROR, Needs.DAEMON)
 def _twice(patient: Patient) -> Iterator[Values]:
-    """{count} daemons at {endpoint} speak for {vehicle}
+    """{count} daemons at {endpoint} serve {vehicle}
 
-    Each command reaches all of them: two aircraft take off.
+    Each command reaches all of them: two aircraft could take off.
 
-    Give each aircraft another vehicle.name.
+    Give each aircraft a different vehicle.name.
 
     $ mkdaemon config explain vehicle.name
     """
@@ -168,9 +168,9 @@ def _twice(patient: Patient) -> Iterator[Values]:
 def _silent(patient: Patient) -> Iterator[Values]:
     """no answer over the bus at {endpoint}: {failure}
 
-    No client reaches the aircraft there.
+    No client can reach the aircraft through this endpoint.
 
-    Start what should answer there; over TLS set MK_ZENOH_FILE to a client's file; correct bus.connect.
+    Start the daemon or router; with TLS, set MK_ZENOH_FILE to a client's file; correct bus.connect.
 
     $ mkctl status --connect {endpoint}
     """
@@ -182,9 +182,9 @@ def _silent(patient: Patient) -> Iterator[Values]:
 def _versions(patient: Patient) -> Iterator[Values]:
     """the Zenoh router is {router}, and the library here {ours}
 
-    Releases of Zenoh are tested with themselves; others may lose messages, or not connect.
+    Different releases of Zenoh may lose messages or not connect.
 
-    Install the router of this release on its machine.
+    Install this release on the router's machine.
 
     $ pip install --upgrade eclipse-zenoh=={ours}
     """
@@ -198,7 +198,7 @@ def _versions(patient: Patient) -> Iterator[Values]:
 def _open(patient: Patient) -> Iterator[Values]:
     """{endpoints} lets every program in the network fly the aircraft
 
-    bus.allow_open says so.
+    bus.allow_open permits it.
 
     Listen on 127.0.0.1, or give each client a certificate.
 
@@ -215,7 +215,7 @@ def _certificates(patient: Patient) -> Iterator[Values]:
 
     After that date no client can connect or reconnect; a flight in progress continues.
 
-    Issue it again.
+    Issue it again with `mkdaemon security`.
 
     $ mkdaemon security show
     """
@@ -238,9 +238,9 @@ def _certificates(patient: Patient) -> Iterator[Values]:
 def _readable_keys(patient: Patient) -> Iterator[Values]:
     """every user of this machine can read the private key {file}
 
-    Who has read it is who it belongs to.
+    Anyone who can read this key can impersonate its owner.
 
-    Keep it to its owner.
+    Let only its owner read it.
 
     $ chmod o-rwx {file}
     """

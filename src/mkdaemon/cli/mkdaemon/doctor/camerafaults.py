@@ -1,4 +1,4 @@
-"""Checks of cameras: the device, its rate, its calibration, and who shares its bus."""
+"""Checks of cameras: the device, its rate, its calibration, and other devices on its USB bus."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mkdaemon.telemetry.vision import EyeState
 CAMERAS: Final = CheckPart("Cameras")
 
 OLD: Final = 365
-"""After this time a lens may sit otherwise, for heat, knocks and a touched focus [days]."""
+"""Age from which a calibration may be wrong: heat, knocks and a touched focus move a lens [days]."""
 WORST_RMS_PX: Final = 1.0
 """Reprojection error from which poses are wrong by more than their covariance says [px]."""
 WORST_FOCAL_PERCENT: Final = 1.0
@@ -64,9 +64,9 @@ def _calibrations(patient: Patient) -> Iterator[tuple[CameraSection, Any]]:
 def _missing(patient: Patient) -> Iterator[Values]:
     """camera {camera}: {device} does not exist
 
-    No flight against a target begins.
+    The daemon refuses flights against a target.
 
-    Plug it in, or correct its source; there is {there}.
+    Plug it in, or correct its source. Devices of this machine: {there}.
 
     $ v4l2-ctl --list-devices
     """
@@ -79,7 +79,7 @@ def _missing(patient: Patient) -> Iterator[Values]:
 
 @CAMERAS("camera-forbidden", Severity.ERROR, Needs.CONFIG)
 def _forbidden(patient: Patient) -> Iterator[Values]:
-    """{device} may not be opened by {user}
+    """{user} may not open {device}
 
     Only members of its group may open a camera.
 
@@ -97,7 +97,7 @@ def _forbidden(patient: Patient) -> Iterator[Values]:
 def _busy(patient: Patient) -> Iterator[Values]:
     """{device} is in use by {holder}
 
-    A camera gives its images to one program.
+    Only one program can use a camera.
 
     End that program.
 
@@ -112,11 +112,11 @@ def _busy(patient: Patient) -> Iterator[Values]:
 
 @CAMERAS("camera-node", Severity.ERROR, Needs.CONFIG)
 def _without_images(patient: Patient) -> Iterator[Values]:
-    """camera {camera}: {device} gives no images
+    """camera {camera}: {device} delivers no images
 
-    A camera has several devices, and only the first of them has images.
+    A camera has several devices, and only the first one delivers images.
 
-    Name its first device.
+    Set its source to the first device.
 
     $ v4l2-ctl --list-devices
     """
@@ -129,11 +129,11 @@ def _without_images(patient: Patient) -> Iterator[Values]:
 
 @CAMERAS("camera-rate", Severity.WARNING, Needs.CONFIG)
 def _rate(patient: Patient) -> Iterator[Values]:
-    """camera {camera} is asked for {wanted} images a second, and gives {best} at most
+    """camera {camera} is set to {wanted} images a second, but delivers at most {best}
 
-    Fewer images hold the aircraft less steadily.
+    With fewer images, the aircraft holds its position less accurately.
 
-    Ask for what it can, or for smaller images; MJPG is faster than raw images.
+    Reduce fps, or use smaller images; MJPG is faster than raw images.
 
     $ v4l2-ctl --device {device} --list-formats-ext
     """
@@ -154,11 +154,11 @@ def _rate(patient: Patient) -> Iterator[Values]:
 
 @CAMERAS("camera-slow", Severity.WARNING, Needs.DAEMON)
 def _slow(patient: Patient) -> Iterator[Values]:
-    """camera {camera} gives {fps} images a second, and {wanted} are wanted
+    """camera {camera} delivers {fps} images a second instead of {wanted}
 
-    It is dark and the camera exposes for long, its cable is slow, or another device takes the USB bus.
+    Long exposure in the dark, a slow cable, or another device on the USB bus.
 
-    Add light, set exposure_ms, use another USB port.
+    Add light, set exposure_ms, or use another USB port.
 
     $ mkctl watch 'vision/*/stats'
     """
@@ -175,7 +175,7 @@ def _unfit(patient: Patient) -> Iterator[Values]:
 
     {reason}
 
-    As it says; docs/cameras.md.
+    See docs/cameras.md.
 
     $ mkctl watch 'vision/*/stats'
     """
@@ -188,9 +188,9 @@ def _unfit(patient: Patient) -> Iterator[Values]:
 def _uncalibrated(patient: Patient) -> Iterator[Values]:
     """camera {camera} has no calibration
 
-    Its tags are published, poses never.
+    The daemon publishes its tags, but no poses.
 
-    Calibrate it, and name the file as its calibration.
+    Calibrate it, and set `calibration` to the file.
 
     $ mkdaemon calibrate camera --help
     """
@@ -203,9 +203,9 @@ def _uncalibrated(patient: Patient) -> Iterator[Values]:
 def _poor(patient: Patient) -> Iterator[Values]:
     """the calibration {file} of camera {camera} is poor: {reason}
 
-    Heights and distances are off by as much as the focal length.
+    Heights and distances have the same relative error as the focal length.
 
-    Calibrate again, with views turned to every side.
+    Calibrate again, with views tilted to every side.
 
     $ mkdaemon calibrate camera --help
     """
@@ -226,7 +226,7 @@ def _poor(patient: Patient) -> Iterator[Values]:
 def _old(patient: Patient) -> Iterator[Values]:
     """the calibration {file} of camera {camera} is {days} days old
 
-    Knocks, heat and a touched focus change a lens.
+    Knocks, heat and a touched focus change the calibration.
 
     Compare it with a measured distance, or calibrate again.
 
@@ -242,11 +242,11 @@ def _old(patient: Patient) -> Iterator[Values]:
 
 @CAMERAS("calibration-size", Severity.ERROR, Needs.CONFIG)
 def _other_shape(patient: Patient) -> Iterator[Values]:
-    """camera {camera} is asked for {wanted}, and {file} was made for {calibrated}
+    """camera {camera} is set to {wanted}, but {file} was made for {calibrated}
 
-    An image of another shape shows another part of the sensor: its calibration does not hold.
+    An image with another aspect ratio shows another part of the sensor: the calibration does not apply.
 
-    Ask for a size of that shape, or calibrate at the other one.
+    Use a size with that aspect ratio, or calibrate again.
 
     $ mkdaemon calibrate camera --help
     """
@@ -265,9 +265,9 @@ def _other_shape(patient: Patient) -> Iterator[Values]:
 def _shared_bus(patient: Patient) -> Iterator[Values]:
     """camera {camera} and {port} share USB bus {bus} of {speed} Mbit/s
 
-    Images take most of it, and bytes of the line come late or are lost.
+    Images use most of the bus, so serial bytes are late or lost.
 
-    Plug one of them into a port of another bus.
+    Move one of them to a port of another bus.
 
     $ lsusb -t
     """

@@ -85,9 +85,9 @@ def release_of(version: str) -> tuple[int, ...]:
 def _packages(patient: Patient) -> Iterator[Values]:
     """package {package} is {found}, and {wanted} is needed
 
-    The tests of mkdaemon passed with versions within these bounds alone.
+    mkdaemon was tested only with versions within these bounds.
 
-    Install it into the environment of mkdaemon.
+    Install a version within the bounds into mkdaemon's environment.
 
     $ pip install {spec}
     """
@@ -110,9 +110,9 @@ def _packages(patient: Patient) -> Iterator[Values]:
 def _load(patient: Patient) -> Iterator[Values]:
     """the load is {load} on {cores}
 
-    Other programs keep the daemon waiting: a late loop is a late stick frame.
+    Other programs delay the control loop, and with it stick frames.
 
-    See which, and end them before a flight.
+    Find these programs, and end them before a flight.
 
     $ top -o %CPU
     """
@@ -123,9 +123,9 @@ def _load(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("one-core", Severity.WARNING, Needs.CONFIG)
 def _few_cores(patient: Patient) -> Iterator[Values]:
-    """there is one core, and a camera
+    """a camera is configured, but there is only one core
 
-    Looking at an image holds up the control loop.
+    The search for tags in an image delays the control loop.
 
     Use a computer with two cores or more.
     """
@@ -135,11 +135,11 @@ def _few_cores(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("governor", Severity.WARNING, is_safe=True)
 def _governor(patient: Patient) -> Iterator[Values]:
-    """under the governor {governor}: {cores}
+    """the CPU governor of {cores} is {governor}
 
-    Its clock rises only after there was work: the first frames and images after a pause are late.
+    It raises the clock only under load, so the first frames and images after a pause are late.
 
-    Keep it fast.
+    Use the governor performance.
 
     $ echo performance | sudo tee {files}
     """
@@ -155,11 +155,11 @@ def _governor(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("real-time", Severity.WARNING)
 def _ordinary_priority(patient: Patient) -> Iterator[Values]:
-    """{user} may not go before other programs
+    """{user} may not use real-time priority
 
-    Beside a busy program the control loop and the guard come late. The service has the right already.
+    Without it, a busy program delays the control loop and the guard. The systemd service has this right.
 
-    Grant it, then log in again.
+    Grant the right, then log in again.
 
     $ printf {lines} | sudo tee /etc/security/limits.d/60-mkdaemon.conf
     """
@@ -174,11 +174,11 @@ def _ordinary_priority(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("autogroup", Severity.ADVICE, is_safe=True)
 def _grouped(patient: Patient) -> Iterator[Values]:
-    """the kernel shares the processor by session
+    """the kernel divides the processor by session (autogroup)
 
-    One busy terminal counts as much as the daemon; bytes of the line were late by 0.2 to 0.8 s beside one.
+    A busy terminal gets as much time as the daemon; it delayed received bytes by 0.2 to 0.8 s.
 
-    Switch it off; the same words in /etc/sysctl.d/60-mkdaemon.conf keep it off.
+    Switch it off; the same setting in /etc/sysctl.d/60-mkdaemon.conf keeps it off.
 
     $ sudo sysctl -w kernel.sched_autogroup_enabled=0
     """
@@ -188,9 +188,9 @@ def _grouped(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("real-time-bound", Severity.WARNING, is_safe=True)
 def _unbounded(patient: Patient) -> Iterator[Values]:
-    """nothing bounds real-time programs
+    """real-time programs have no limit
 
-    The kernel leaves them 100 % of a core: a loop that hangs takes the shell and the watchdog with it.
+    They may use 100 % of a core: one that hangs blocks the shell and the watchdog.
 
     Leave 5 % to ordinary programs, the kernel's default.
 
@@ -204,9 +204,9 @@ def _unbounded(patient: Patient) -> Iterator[Values]:
 def _memory(patient: Patient) -> Iterator[Values]:
     """{free} MB of memory are free, less than 250
 
-    A system without memory stops the daemon for seconds, or ends it.
+    Without free memory the system stops the daemon for seconds, or kills it.
 
-    See which programs take it, and end them.
+    Find the programs that use it, and end them.
 
     $ ps -e -o rss,pid,comm --sort=-rss | head
     """
@@ -217,11 +217,11 @@ def _memory(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("heat", Severity.WARNING)
 def _hot(patient: Patient) -> Iterator[Values]:
-    """{sensor} has {degrees} degrees Celsius
+    """{sensor} is at {degrees} degrees Celsius
 
     A hot processor slows down, and images come late.
 
-    Cool it, and look again.
+    Cool it, then check again.
 
     $ cat {file}
     """
@@ -235,9 +235,9 @@ def _hot(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("voltage", Severity.ERROR)
 def _low_voltage(patient: Patient) -> Iterator[Values]:
-    """the computer's supply is too low
+    """the computer's supply voltage is too low
 
-    It slows down, loses USB devices or restarts in flight.
+    The computer slows down, loses USB devices or restarts in flight.
 
     Use a regulator that gives 5 V under load, and a short, thick cable.
 
@@ -253,9 +253,9 @@ def _low_voltage(patient: Patient) -> Iterator[Values]:
 def _disk_full(patient: Patient) -> Iterator[Values]:
     """{free} MB are free in {folder}
 
-    Nothing can be recorded, and no flight against a target begins.
+    The daemon cannot record, and refuses flights against a target.
 
-    Find the largest folders, and delete what is not needed.
+    Find the largest folders, and delete files that you do not need.
 
     $ du -xh {folder} | sort -h | tail
     """
@@ -264,9 +264,9 @@ def _disk_full(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("disk-short", Severity.WARNING)
 def _disk_short(patient: Patient) -> Iterator[Values]:
-    """{free} MB are free in {folder}, and record.free_mb leaves {kept} to others
+    """{free} MB are free in {folder}, and record.free_mb reserves {kept}
 
-    Old recordings are deleted, or nothing is recorded.
+    The daemon deletes old recordings, or does not record.
 
     Make room, or set record.free_mb lower.
 
@@ -279,9 +279,9 @@ def _disk_short(patient: Patient) -> Iterator[Values]:
 def _unwritable(patient: Patient) -> Iterator[Values]:
     """{user} may not write in {folder}
 
-    Recordings, and the notes that put an aircraft right after a sudden end, go there.
+    The daemon writes its recordings there, and the state from which it restores an aircraft after a crash.
 
-    Make it the user's, or set vehicle.state_folder and record.folder.
+    Change its owner, or set vehicle.state_folder and record.folder.
 
     $ sudo install -d -o {user} {folder}
     """
@@ -294,11 +294,11 @@ def _unwritable(patient: Patient) -> Iterator[Values]:
 
 @COMPUTER("no-time-service", Severity.WARNING, is_safe=True)
 def _no_time_service(patient: Patient) -> Iterator[Values]:
-    """the clock follows no time server, and no program looks after it
+    """the clock follows no time server, and no time service runs
 
-    Stamps of two machines cannot be compared.
+    Time stamps of two machines cannot be compared.
 
-    Switch the system's own on, or install chrony.
+    Enable the system's time service, or install chrony.
 
     $ sudo timedatectl set-ntp true
     """
@@ -311,10 +311,10 @@ def _no_time_service(patient: Patient) -> Iterator[Values]:
 def _clock_behind(patient: Patient) -> Iterator[Values]:
     """the clock is {days} days before the installation of this program
 
-    A computer without a battery for its clock starts in the past: recordings get wrong names, certificates are
-    not valid yet.
+    A computer without a battery for its clock starts in the past: recordings get wrong names, and certificates
+    are not valid yet.
 
-    Let it follow a time server, or set it: sudo timedatectl set-time 'YYYY-MM-DD HH:MM'.
+    Enable a time service, or set the clock: sudo timedatectl set-time 'YYYY-MM-DD HH:MM'.
 
     $ sudo timedatectl set-ntp true
     """
@@ -328,9 +328,9 @@ def _clock_behind(patient: Patient) -> Iterator[Values]:
 def _not_followed(patient: Patient) -> Iterator[Values]:
     """{service} runs, and the clock does not follow a time server yet
 
-    It reaches none, or has just started.
+    It reaches no server, or has just started.
 
-    See which servers it asks and whether they answer.
+    Check which servers it uses and whether they answer.
 
     $ {show}
     """
@@ -345,9 +345,9 @@ def _not_followed(patient: Patient) -> Iterator[Values]:
 def _skew(patient: Patient) -> Iterator[Values]:
     """the daemon's clock is {skew} s {way} this machine's
 
-    Stamps mislead: ages, recordings of two machines, images from another machine.
+    Wrong results: ages of values, recordings of two machines, images from another machine.
 
-    Let both follow a time server.
+    Synchronise both with a time server.
 
     $ sudo timedatectl set-ntp true
     """
@@ -365,7 +365,7 @@ def _failed_service(patient: Patient) -> Iterator[Values]:
 
     No daemon controls the aircraft.
 
-    Its last words say why.
+    The end of its log shows the cause.
 
     $ journalctl -u {service} -n 20 --no-pager
     """
@@ -381,9 +381,9 @@ def _failed_service(patient: Patient) -> Iterator[Values]:
 def _old_units(patient: Patient) -> Iterator[Values]:
     """{file} is of another release than this program
 
-    It may start with options that are gone, or without rights that are needed.
+    It may use options that no longer exist, or lack rights that the daemon needs.
 
-    Write it again; then restart the service on the ground.
+    Write it again; then, on the ground, restart the service.
 
     $ sudo {programs}/mkdaemon install-service --write
     """

@@ -37,11 +37,11 @@ PATIENCE: Final = 2.0
 
 
 class DaemonReport(NamedTuple):
-    """What a daemon told; what it did not tell, or told in a way that this release does not know, is left out.
+    """Answer of a daemon, without values that it did not send or that this release cannot read.
 
     Attributes:
-        endpoint: where somebody was asked; empty where nobody could be.
-        failure: why nobody answered there; empty where somebody did.
+        endpoint: where the query went; empty if there was none.
+        failure: why no answer came; empty if one came.
         clock: its clock when it answered [s; Unix time].
         between: when it was asked and had answered, by this machine's clock [s; Unix time].
         line: state of the serial line.
@@ -64,7 +64,7 @@ class DaemonReport(NamedTuple):
     routers: tuple[str, ...] = ()
 
 
-NOBODY: Final = DaemonReport()
+NO_DAEMON: Final = DaemonReport()
 
 
 def client_endpoint(endpoint: str) -> str:
@@ -79,10 +79,10 @@ def ask_daemon(cfg: Config, endpoints: Sequence[str]) -> DaemonReport:
 
     Args:
         cfg: names the vehicle.
-        endpoints: where to ask, in this order; the first that answers counts. Where a certificate is needed, nobody is
-            asked without one (`MK_ZENOH_FILE`).
+        endpoints: where to ask, in this order; the first that answers counts. If a certificate is needed, there is no
+            query without one (`MK_ZENOH_FILE`).
     """
-    report = NOBODY
+    report = NO_DAEMON
     file = os.environ.get("MK_ZENOH_FILE")
     for endpoint in endpoints:
         if endpoint.startswith(_CERTIFIED) and not file:

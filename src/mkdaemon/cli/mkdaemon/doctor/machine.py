@@ -83,7 +83,7 @@ def may_use(path: Path) -> bool:
 
 
 def free_bytes(path: Path) -> int | None:
-    """Room that is left where a file lies [bytes]; None where nobody can tell."""
+    """Free room on the disk of a file [bytes]; None if unknown."""
     try:
         found = os.statvfs(path)
     except OSError:
@@ -171,7 +171,7 @@ class Machine:
         return next((process for process in self.processes if process.name in names), None)
 
     def holders(self, path: Path) -> list[Process]:
-        """Programs that have a device open, or have locked it; whoever made a pseudo terminal is its other end."""
+        """Programs that have a device open or have locked it; the creator of a pseudo terminal is its other end."""
         shown, locked = self.shown(path.resolve()), self._locked_by(path)
         others = PTY_MAKER if shown.startswith("/dev/pts/") else frozenset()
         found = [process for process in self.processes if shown in process.files or process.number in locked]

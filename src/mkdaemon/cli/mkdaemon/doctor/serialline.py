@@ -1,4 +1,4 @@
-"""Checks of the serial line: adapters, who may open them, who else has them open, and what delays their bytes."""
+"""Checks of the serial line: adapters, permissions, other users of a port, and causes of delay."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ def _without_adapter(patient: Patient) -> Iterator[Values]:
 def _missing(patient: Patient) -> Iterator[Values]:
     """link.port {port} does not exist
 
-    The daemon ends at its start, or waits for ever.
+    The daemon stops at its start, or waits for the port.
 
-    Plug it in, or set link.port to what is there: {near}.
+    Plug it in, or set link.port to a port of this machine: {near}.
 
     $ ls -l /dev/serial/by-id/
     """
@@ -86,7 +86,7 @@ def _missing(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("port-forbidden", Severity.ERROR)
 def _forbidden(patient: Patient) -> Iterator[Values]:
-    """{port} may not be opened by {user}
+    """{user} may not open {port}
 
     Only members of its group may open a serial port.
 
@@ -121,7 +121,7 @@ def _busy(patient: Patient) -> Iterator[Values]:
 def _console(patient: Patient) -> Iterator[Values]:
     """{port} is the system's console: {found}
 
-    The aircraft hears the system, and a login answers the aircraft.
+    The board receives the system's messages, and a login prompt answers the board.
 
     Remove console= from the kernel's command line and the login from the port, then restart;
     docs/operations.md, UARTs.
@@ -141,9 +141,9 @@ def _console(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("port-name", Severity.ADVICE, Needs.CONFIG)
 def _unstable(patient: Patient) -> Iterator[Values]:
-    """link.port {port} is a name that changes
+    """link.port {port} is not a stable name
 
-    With a second adapter, or after replugging, it is another device.
+    After replugging, or with a second adapter, it can be another device.
 
     Use the name below /dev/serial/by-id.
 
@@ -161,9 +161,9 @@ def _unstable(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("ftdi-latency", Severity.WARNING, is_safe=True)
 def _slow_timer(patient: Patient) -> Iterator[Values]:
-    """{port} holds received bytes back for {delay} ms (FTDI latency timer)
+    """{port} delays received bytes by {delay} ms (FTDI latency timer)
 
-    Every answer of the board is late by up to that.
+    Every answer of the board is late by up to this time.
 
     Set 1 ms; configs/udev/60-mkdaemon.rules does so whenever it is plugged in.
 
@@ -179,11 +179,11 @@ def _slow_timer(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("usb-sleep", Severity.WARNING, is_safe=True)
 def _asleep(patient: Patient) -> Iterator[Values]:
-    """the adapter of {port} may be put to sleep to save power
+    """the system may suspend the adapter of {port} to save power
 
-    It loses what arrives while it wakes up.
+    It loses bytes that arrive while it wakes up.
 
-    Keep it awake; take it out of the settings of TLP or powertop.
+    Switch its power saving off, also in TLP or powertop.
 
     $ echo on | sudo tee {control}
     """
@@ -196,11 +196,11 @@ def _asleep(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("adapter-driver", Severity.ERROR)
 def _without_driver(patient: Patient) -> Iterator[Values]:
-    """{adapter} is plugged in and no driver made a serial port of it
+    """{adapter} is plugged in, but has no serial port
 
     The kernel has no driver for its chip, or another program has taken it.
 
-    Load the driver; if nothing changes, look at brltty below, and at the end of `sudo dmesg`.
+    Load the driver; if nothing changes, see brltty below, and the end of `sudo dmesg`.
 
     $ sudo modprobe {driver}
     """
@@ -233,9 +233,9 @@ def _brltty(patient: Patient) -> Iterator[Values]:
 
 @SERIAL_LINE("modem-manager", Severity.WARNING)
 def _modem_manager(patient: Patient) -> Iterator[Values]:
-    """ModemManager runs, and nothing keeps it off serial adapters
+    """ModemManager runs, and no udev rule keeps it off serial adapters
 
-    It sends AT commands to every new port: the aircraft hears them.
+    It sends AT commands to every new port, also to the aircraft.
 
     Install the udev rules.
 
@@ -252,7 +252,7 @@ def _modem_manager(patient: Patient) -> Iterator[Values]:
 def _baud(patient: Patient) -> Iterator[Values]:
     """link.baud is {baud}
 
-    MikroKopter boards speak 57600 baud; only a radio with another rate at this end needs another.
+    MikroKopter boards use 57600 baud. Only a radio whose near end has another rate needs another value.
 
     Set it to 57600.
 

@@ -11,7 +11,7 @@ from mkdaemon.cli.mkdaemon.doctor.busline import BUS, listener_at, owner_of
 from mkdaemon.cli.mkdaemon.doctor.camerafaults import CAMERAS
 from mkdaemon.cli.mkdaemon.doctor.check import CheckPart, Fault, Needs, Patient, Severity, Values
 from mkdaemon.cli.mkdaemon.doctor.computer import COMPUTER
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import NOBODY, DaemonReport
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, DaemonReport
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine
 from mkdaemon.cli.mkdaemon.doctor.serialline import SERIAL_LINE
 from mkdaemon.cli.mkdaemon.runoptions import NONE_GIVEN, load_configuration
@@ -38,7 +38,7 @@ def _mistakes(patient: Patient) -> Iterator[Values]:
     if patient.mistake or patient.file is None:
         return
     cfg = patient.cfg
-    if not cfg.link.port:  # told by the next row
+    if not cfg.link.port:  # the next row reports it
         cfg = cfg.model_copy(update={"link": cfg.link.model_copy(update={"port": "/dev/null"})})
     for mistake in mistakes(cfg):
         yield {"mistake": mistake, "file": patient.file}
@@ -48,7 +48,7 @@ def _mistakes(patient: Patient) -> Iterator[Values]:
 def _no_port(patient: Patient) -> Iterator[Values]:
     """{file} names no port
 
-    The daemon starts with --port alone.
+    The daemon starts only with --port.
 
     Set link.port.
 
@@ -108,7 +108,7 @@ def examine(machine: Machine, file: Path | None, *, connect: Sequence[str] = ())
 
 
 def _listen(patient: Patient, connect: Sequence[str]) -> DaemonReport:
-    """Ask the daemon that listens here, or that a router leads to; nobody is asked where nobody listens."""
+    """Query the daemon that listens here or that a router leads to; without a listener, make no query."""
     bus = patient.cfg.bus
     here = []
     for endpoint in bus.listen:
@@ -117,4 +117,4 @@ def _listen(patient: Patient, connect: Sequence[str]) -> DaemonReport:
         if listener is not None and (owner is None or owner.is_ours):
             here.append(endpoint)
     endpoints = (*connect, *here, *bus.connect)
-    return patient.machine.ask(patient.cfg, endpoints) if endpoints else NOBODY
+    return patient.machine.ask(patient.cfg, endpoints) if endpoints else NO_DAEMON

@@ -1,4 +1,4 @@
-"""`mkdaemon gateway`: MAVLink, ROS 2 and Foxglove meet a MikroKopter, each by a process of its own."""
+"""`mkdaemon gateway`: MAVLink, ROS 2 and Foxglove for a MikroKopter, each in a separate process."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ GATEWAYS: Final[tuple[CommandEntry, ...]] = (
 
 app = App(
     name="gateway",
-    help="""A gateway to another system: a process of its own, and a client of the daemon as any other.
+    help="""A gateway to another system: a separate process, and a client of the daemon like any other.
 
-    It takes the lease only while somebody flies through it, and loses it as any client does.""",
+    It takes the lease only while a program flies through it, and loses it as any client does.""",
 )
 for _entry in GATEWAYS:
     app.command(_entry.target, name=_entry.name, help=_entry.help)

@@ -42,12 +42,12 @@ def foxglove(
         vehicle: Name of a vehicle; of several, once for each: then topics and frames begin with it.
         connect: Zenoh endpoint of the daemon or of a router.
         zenoh_file: Zenoh configuration of this client, for TLS: configs/zenoh/.
-        host: Address to listen at; everybody who reaches another one than 127.0.0.1 can look.
+        host: Address to listen at; at any other than 127.0.0.1, every machine that reaches it can look.
         port: To listen at; 0 for any that is free.
         json: Print JSON, one object a line, in place of text.
 
     Raises:
-        MkError: nobody listens at the endpoint.
+        MkError: no daemon or player at the endpoint.
         ConfigError: foxglove-sdk is not installed, the address cannot be used, or a name is none.
     """
     with needing("mkdaemon gateway foxglove", "foxglove-sdk", "foxglove"):

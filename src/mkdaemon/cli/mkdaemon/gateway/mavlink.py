@@ -40,7 +40,7 @@ def mavlink(
         system: Number of the aircraft on the MAVLink network.
         signing_key: File of the key that signs messages: 64 hexadecimal digits, or a passphrase. What is not signed
             with it is dropped.
-        allow_open: Be met by everybody in a network without a key; each of them can fly.
+        allow_open: Accept any program in the network without a key; each of them can fly.
         backups: Folder in which the settings are saved before a ground station first changes one.
 
     Raises:

@@ -35,7 +35,7 @@ def ros2(
 
     Raises:
         ConfigError: rclpy is not installed, or ROS does not take the arguments.
-        MkError: nobody listens at the endpoint.
+        MkError: no daemon or player at the endpoint.
     """
     configure(log)
     try:

@@ -25,7 +25,7 @@ except ImportError as error:
 
 AUTHORITY_DAYS: Final = 3650
 EARLIER: Final = timedelta(days=1)
-"""Certificates are valid from so long ago: a clock that is behind must not refuse them."""
+"""Certificates become valid this long before they are issued: a slow clock must not refuse them."""
 TLS_FIELD: Final = "{}_{}_base64"
 """Of a Zenoh configuration: `connect_certificate_base64`."""
 
@@ -101,7 +101,7 @@ def issue_certificate(
         hosts: names and addresses of a daemon or a router; a client's certificate is good for no host.
 
     Raises:
-        ConfigError: nobody can be called so.
+        ConfigError: the name is not valid.
     """
     key = ec.generate_private_key(ec.SECP256R1())
     try:

@@ -1,6 +1,6 @@
 """Who may do what over the bus, from one table; and the Zenoh configurations that say so.
 
-The common name of a certificate is the role of whoever shows it, so that a further pilot needs no other rules: those of
+The common name of a certificate is the role of its owner, so that a further pilot needs no other rules: those of
 a daemon cannot change while it runs. What is not allowed is denied, and a denied `put` is dropped without a word to its
 sender: that is why everything that moves the aircraft is a query, which is then seen to have no answer.
 """
@@ -16,7 +16,7 @@ from mkdaemon.bus.keys import Use, roots
 DAEMON: Final = "daemon"
 """The role of a daemon; a router lets it do everything."""
 ROUTER: Final = "router"
-"""The role of a router: a daemon lets through it what it lets a pilot do, for the router has looked at who asks."""
+"""The role of a router: a daemon permits it what it permits a pilot, because the router has checked the client."""
 SERVERS: Final = (DAEMON, ROUTER)
 """Those that clients connect to."""
 
@@ -43,7 +43,7 @@ _PUBLISHED: Final = (*(f"mk/*/{root}/**" for root in roots(Use.PUBLISHED)), "mk/
 and the daemon adds them to every rule that speaks of the plain ones."""
 LOOK: Final = AccessRule("look", ("ingress",), ("query", "liveliness_query"), _PUBLISHED)
 HEAR: Final = AccessRule("hear", ("egress",), ("put", "delete", "reply", "liveliness_token"), _PUBLISHED)
-"""Out of the daemon alone: nobody may put telemetry or a schema, or show the token of its life."""
+"""Only from the daemon: no client may put telemetry or a schema, or declare the daemon's liveliness token."""
 FLY: Final = AccessRule(
     "fly",
     _BOTH,
@@ -56,9 +56,9 @@ FLY: Final = AccessRule(
 )
 MARK: Final = AccessRule("mark", _BOTH, ("query", "reply"), ("mk/*/do/mark",))
 SUBSCRIBE: Final = AccessRule("subscribe", _BOTH, ("declare_subscriber", "declare_liveliness_subscriber"), ("mk/**",))
-"""What may be put decides what a subscriber hears, so everybody may subscribe to everything."""
+"""Rules for `put` decide what a subscriber gets, so every client may subscribe to everything."""
 SERVE: Final = AccessRule("serve", ("egress",), ("declare_queryable",), ("mk/**",))
-"""Only the daemon answers queries: nobody else may claim to."""
+"""Only the daemon answers queries; no client may declare a queryable."""
 BE_DAEMON: Final = AccessRule(
     "be-daemon",
     _BOTH,
@@ -70,7 +70,7 @@ BE_DAEMON: Final = AccessRule(
 )
 """Of a router alone: what is flown behind it."""
 HIDE: Final = AccessRule("hide", ("egress",), ("put",), ("mk/*/setpoint/*/*",))
-"""Of a router alone, and denied: below the secret number of a daemon nobody listens but that daemon."""
+"""Denied, and only on a router: below the secret number of a daemon, only that daemon may listen."""
 
 
 class Role(NamedTuple):
@@ -88,7 +88,7 @@ class Role(NamedTuple):
 
 
 ROLES: Final = (
-    Role("pilot", "fly, command, and all that the others may", (LOOK, HEAR, FLY, SUBSCRIBE, SERVE)),
+    Role("pilot", "fly, command, and everything that the other roles may", (LOOK, HEAR, FLY, SUBSCRIBE, SERVE)),
     Role("observer", "look at everything, and neither command nor fly", (LOOK, HEAR, SUBSCRIBE, SERVE)),
     Role(
         "recorder",

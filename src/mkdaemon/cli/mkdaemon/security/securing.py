@@ -34,12 +34,14 @@ DAYS: Final = 825
 """How long a certificate counts [days]."""
 HERE: Final = ("localhost", "127.0.0.1")
 """A daemon and a router are always reached at these."""
-MAY: Final = {DAEMON: "listen, and be commanded", ROUTER: "join daemons and clients, and look at who asks what"}
+MAY: Final = {DAEMON: "listen, and be commanded", ROUTER: "join daemons and clients, and check every request"}
 """What those may that clients connect to."""
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
-app = App(name="security", help="Certificates and access rules: who may look, fly and record from another machine.")
+app = App(
+    name="security", help="Certificates and access rules: which clients of other machines may look, fly or record."
+)
 
 
 @app.command(name="new-ca")
@@ -57,7 +59,7 @@ def new_ca(
         folder: Where to write them; it is made, and it is yours alone.
         hosts: Names and addresses at which clients reach the daemon; localhost is always among them.
         days: How long the certificates count.
-        force: Make a new authority in place of one that is there: everybody needs a new file then.
+        force: Replace an existing authority: then every client needs a new file.
 
     Raises:
         ConfigError: an authority is there already, or a host is no name.
@@ -96,7 +98,7 @@ def issue(
     days: int = DAYS,
     force: bool = False,
 ) -> None:
-    """Issue one more certificate; no daemon has to be started anew for it.
+    """Issue one more certificate; no daemon needs a restart for it.
 
     Example: mkdaemon security issue alice --role observer --ca security
 
@@ -178,7 +180,7 @@ def _write_file(path: Path, authority: Pair, pair: Pair, role: str, name: str, *
 
 
 def _save(path: Path, content: bytes, *, force: bool) -> None:
-    """Write a secret: nobody else may read it, at no moment."""
+    """Write a secret that other users can read at no moment."""
     with _private():
         save(path, content, overwrite=force)
     path.chmod(0o600)
@@ -186,7 +188,7 @@ def _save(path: Path, content: bytes, *, force: bool) -> None:
 
 @contextmanager
 def _private() -> Iterator[None]:
-    """Let nobody else read what is written meanwhile."""
+    """Create files that other users cannot read, while the context lasts."""
     before = os.umask(0o077)
     try:
         yield

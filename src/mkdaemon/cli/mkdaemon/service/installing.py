@@ -116,7 +116,7 @@ class Planned:
 
     Attributes:
         name: of the file.
-        instance: what `systemctl` is told.
+        instance: argument of `systemctl`.
         settings: the file that it reads.
     """
 
@@ -280,7 +280,7 @@ def _refusal(place: Path, error: OSError) -> MkError:
 
 
 def _typed(host: Host, *words: str) -> Iterator[InstallStep]:
-    """Run a command of the system; a machine without systemd or udev has none, and is told so."""
+    """Run a command of the system; on a machine without systemd or udev, report that."""
     answer = host.run(words)
     line = " ".join(words)
     is_done = answer.code == 0

@@ -1,6 +1,6 @@
 """The units of systemd: the samples in configs/systemd/, for another folder of the programs.
 
-The guard has none of its own: the daemon starts it and hands it the open port, and `KillMode=process` lets it outlive
+The guard has no unit: the daemon starts it and hands it the open port, and `KillMode=process` lets it outlive
 the daemon until the aircraft is released.
 """
 

@@ -11,7 +11,7 @@ const GONE = 2000; // without a word from the server for so long the page says s
 const TRAIL = 1500; // points drawn
 const SEEK = 250; // between two places that are asked for [ms]
 const LEAP = 5, LONG_LEAP = 30; // with an arrow key [s]
-const QUESTIONS = {abort: ["Abort what is flown?", "Abort now"], release: ["Release the aircraft?", "Release now"]};
+const QUESTIONS = {abort: ["Abort the manoeuvre?", "Abort now"], release: ["Release the aircraft?", "Release now"]};
 const sticks = (column, name, colour) => [
   {series: "sticks", column, name, colour}, {series: "sticks", column: column + 4, colour, dashed: true},
 ];
@@ -22,7 +22,7 @@ const PLOTS = [
     {series: "height", column: 1, name: "seen", colour: "--one"}, {series: "goal", column: 1, name: "goal", colour: "--four", dashed: true},
     {series: "barometer", column: 1, name: "baro", colour: "--two"}]},
   {id: "sticks", digits: 0, title: "sticks", unit: "counts", hint: "dashed: before the limiter", least: 20, lines: [
-    ...sticks(1, "pitch", "--one"), ...sticks(2, "roll", "--two"), ...sticks(3, "yaw", "--three"), ...sticks(4, "gas", "--four")]},
+    ...sticks(1, "pitch", "--one"), ...sticks(2, "roll", "--two"), ...sticks(3, "yaw", "--three"), ...sticks(4, "throttle", "--four")]},
   {id: "latency", digits: 0, title: "latency", unit: "ms", least: 20, lines: [
     {series: "latency", column: 1, name: "last", colour: "--one"}, {series: "latency", column: 2, name: "p50", colour: "--four"},
     {series: "latency", column: 3, name: "p99", colour: "--two", dashed: true}]},
@@ -55,7 +55,7 @@ function take(shown) {
   document.body.classList.remove("gone");
   showVehicles(shown.vehicles);
   if (!shown.vehicle) {
-    say(get("verdict"), "Nobody is there: no daemon, and no recording is played", "unknown");
+    say(get("verdict"), "No vehicle: no daemon is running, and no recording is played", "unknown");
     return;
   }
   vehicle = shown.vehicle;
@@ -351,7 +351,7 @@ setInterval(() => {
   if (performance.now() - kept.heard < GONE) return;
   document.body.classList.add("gone");
   for (const name of ["abort", "release"]) get(name).disabled = true;
-  const age = kept.heard ? `: what is shown is ${ageWords((performance.now() - kept.heard) / 1000)} old` : "";
+  const age = kept.heard ? `: the values shown are ${ageWords((performance.now() - kept.heard) / 1000)} old` : "";
   say(get("verdict"), `mkctl view does not answer${age}`, "bad");
 }, 500);
 scene.listen(redraw);
