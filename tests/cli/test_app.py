@@ -90,3 +90,26 @@ def test_help_imports_nothing_that_only_a_command_needs():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == "\n"
+
+
+@pytest.mark.parametrize("words", [["fly"], ["log", "export"], ["calibrate", "mount"]])
+def test_the_help_of_a_command_needs_no_library(words):
+    program = "mkdaemon" if words[:1] == ["calibrate"] else "mkctl"
+    code = (
+        f"import sys; sys.argv = {[program, *words, '--help']!r}\n"
+        f"from mkdaemon.cli.entry import {program}; {program}()\n"
+        "print(*({'cyclopts', 'rich', 'pydantic', 'asyncio'} & set(sys.modules)), file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.startswith(f"Usage: {' '.join((program, *words))}")
+    assert ended.stderr == "\n"
+
+
+@pytest.mark.parametrize("environment", [{"COLUMNS": "60"}, {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"}])
+def test_the_help_of_a_command_fits_its_screen(environment):
+    code = "import sys; sys.argv = ['mkctl', 'fly', '--help']; from mkdaemon.cli.entry import mkctl; mkctl()"
+    call = [sys.executable, "-c", code]
+    ended = subprocess.run(call, capture_output=True, text=True, check=True, env=os.environ | environment)
+    assert "Fly the steps of a TOML file one after the other" in ended.stdout.replace("\n", " ")
+    assert max(map(len, ended.stdout.splitlines())) <= int(environment["COLUMNS"])
+    assert "PYTHONIOENCODING" not in environment or ended.stdout.isascii()
