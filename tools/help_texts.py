@@ -26,8 +26,8 @@ def help_texts(_: Path) -> str:
     """
     texts: dict[str, str] = {}
     for name, about, table in (("mkctl", CTL_ABOUT, CTL_COMMANDS), ("mkdaemon", DAEMON_ABOUT, DAEMON_COMMANDS)):
+        app = build(name, about, table)
         for first in (entry.name for entry in table if entry.is_shown):
-            app = build(name, about, table, chosen=first)
             commands = list(_words(app, (first,)))  # all are imported: a group shows the first line of each
             texts |= {" ".join((name, *words)): _shown(app, words) for words in commands}
     return json.dumps(texts, indent=0, ensure_ascii=False) + "\n"

@@ -41,22 +41,6 @@ def test_every_command_of_the_tables_exists(entry):
     assert entry.help.endswith(".")
 
 
-@pytest.mark.parametrize("program", [mkctl.app, mkdaemon.app], ids=["mkctl", "mkdaemon"])
-def test_help_lists_every_command_without_importing_one(program, capsys):
-    assert run(program, ["--help"]) == 0
-    out = capsys.readouterr().out
-    table = mkctl.COMMANDS if program is mkctl.app else mkdaemon.COMMANDS
-    assert all(entry.name in out for entry in table if entry.is_shown)
-
-
-@pytest.mark.parametrize("program", [mkctl, mkdaemon], ids=["mkctl", "mkdaemon"])
-def test_help_lists_the_commands_in_the_order_of_the_table(program, capsys):
-    assert run(program.app, ["--help"]) == 0
-    shown = re.findall(r"^│ ([a-z-]+) ", capsys.readouterr().out, re.MULTILINE)
-    assert shown == [entry.name for entry in program.COMMANDS if entry.is_shown]
-    assert program.COMMANDS[0].name in {"status", "run"}
-
-
 @pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
 def test_every_command_has_a_help_without_clutter(entry, capsys):
     program = mkctl if entry in mkctl.COMMANDS else mkdaemon
@@ -76,12 +60,9 @@ def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_
     assert "mk/NAME/sim/pose" in out
 
 
-def test_a_missing_module_breaks_no_other_command(capsys):
+def test_a_missing_module_breaks_no_other_command():
     app = build("x", "", [CommandEntry("gone", "mkdaemon.no_such:thing", ""), CommandEntry("len", "builtins:len", "")])
-    assert run(app, ["--help"]) == 0
-    out = capsys.readouterr().out
-    assert "gone" not in out
-    assert "len" in out
+    assert ("gone" in app, "len" in app) == (False, True)
 
 
 @pytest.mark.parametrize(

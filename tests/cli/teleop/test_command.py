@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from mkdaemon.cli.mkctl.teleop import command
-from mkdaemon.cli.mkctl.teleop.command import SECRET, DeviceSource, InputOptions, teleop
+from mkdaemon.cli.mkctl.teleop.command import SECRET, InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
 from mkdaemon.errors import ConfigError, MkError
 
@@ -66,7 +66,3 @@ async def test_list_names_pads_mappings_and_troubles(
     monkeypatch.setattr(command, "describe", lambda path: pad)
     assert await teleop(list_=True) == 0
     assert words in capsys.readouterr().out
-
-
-def test_source_has_nothing_beside_it_by_default() -> None:
-    assert DeviceSource() == DeviceSource(None, has_keyboard=False, ends_with_devices=False)

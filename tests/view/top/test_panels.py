@@ -81,27 +81,6 @@ def test_stale_values_say_how_old_they_are_each_at_its_own_time():
     assert "NOTHING FROM THE DAEMON: silent for 63 s" in text
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("health", "is_alive", False), "THE AIRCRAFT IS SILENT"),
-        (("health", "error", "no FC"), "ERROR: no FC"),
-        (("health", "read_only", "unknown release"), "READ ONLY"),
-        (("state/battery", "is_low", True), "LOW, 15.2 V"),
-        (("state/battery", "voltage", 13.9), "NEARLY EMPTY"),
-        (("state/pilot", "has_signal", False), "NO SIGNAL"),
-        (("link/health", "state", KNOWN["link/state"].model_dump() | {"condition": "one_way"}), "LINK ONE WAY: "),
-        (("vision/down/stats", "state", "dark"), "TOO DARK"),
-        (("vision/down/stats", "alarms", {"blurred": "clean the lens"}), "BLURRED: clean the lens"),
-        (("control/status", "phase", "stale"), "Ann is silent: neutral sticks"),
-        (("state/flight", "emergency_landing", True), "EMERGENCY LANDING"),
-    ],
-)
-def test_what_is_wrong_is_a_word_in_its_colour(change, words):
-    parts = [part for row in board_of([change]).rows(NOW) for part in row]
-    assert words in "".join(text for text, tone in parts if tone in (RowStyle.WARN, RowStyle.BAD))
-
-
 def test_the_first_row_is_the_worst_and_what_else_is_wrong_follows():
     board = board_of([("state/battery", "is_low", True), ("state/flight", "emergency_landing", True)])
     rows = board.rows(NOW)
