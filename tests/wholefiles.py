@@ -18,6 +18,7 @@ class WholeFile(pytest.Item):
 
     def __init__(self, name: str, parent: pytest.Collector) -> None:
         super().__init__(name, parent)
+        self.add_marker(pytest.mark.timeout(0))  # each of its tests has its own
         if "mark.flight" in self.path.read_text(encoding="utf-8"):
             self.add_marker("flight")
 
