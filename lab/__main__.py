@@ -9,7 +9,7 @@ from typing import Final
 import structlog
 
 from mkdaemon.cli.listing import CommandEntry
-from mkdaemon.cli.program import build, run
+from mkdaemon.cli.program import build, main
 
 CAMPAIGNS: Final = (
     CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second, against pymavlink."),
@@ -52,4 +52,4 @@ if __name__ in {"__main__", "__mp_main__"}:  # and in processes that a campaign 
 
 if __name__ == "__main__":
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the daemon
-    sys.exit(run(build("lab", ABOUT, CAMPAIGNS, chosen=sys.argv[1] if len(sys.argv) > 1 else "")))
+    main("lab", ABOUT, CAMPAIGNS)

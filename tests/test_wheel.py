@@ -43,7 +43,8 @@ def test_the_wheel_brings_the_sample_configurations(wheel):
     assert inside == {path.relative_to(CONFIGS).as_posix() for path in CONFIGS.rglob("*") if path.is_file()}
 
 
-def test_the_wheel_brings_the_page_of_the_viewer(wheel):
+def test_the_wheel_brings_the_page_of_the_viewer_and_the_help_of_the_commands(wheel):
+    assert "mkdaemon/cli/help.json" in wheel.namelist()
     folder = ROOT / "src" / "mkdaemon" / "view" / "page" / "static"
     inside = {name.rpartition("/")[2] for name in wheel.namelist() if "/view/page/static/" in name}
     assert inside == {path.name for path in folder.iterdir()} != set()

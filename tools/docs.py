@@ -19,6 +19,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
 
 GENERATED: Final[Mapping[str, str]] = {
+    "src/mkdaemon/cli/help.json": "tools.help_texts:help_texts",
     "src/mkdaemon/client/keytree.py": "tools.client_sources:key_tree",
     "src/mkdaemon/client/setpointcalls.py": "tools.client_sources:setpoint_calls",
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",

@@ -295,7 +295,7 @@ MOST_BREACHES: Final = 5
 def _longest_stages(cfg: ControlConfig) -> dict[str, float]:
     """How long a stage may last in which nothing is waited for [s]."""
     off, pilot = TakeOffLimits(), cfg.autopilot
-    ramp = (off.counts_from - off.first) / off.rise + off.blind
+    ramp = off.rises_for(cfg.limiter.hover_throttle + GAS_CENTRE) + off.blind
     spare = 4 * LONGEST_STEP
     return {
         TakeOffPhase.IDLE: pilot.takeoff_ready + spare,

@@ -9,6 +9,8 @@ from typing import Final
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
 from lab.rigs.boardport import LineFault
+from mkdaemon.config.control import LimiterConfig
+from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.take_off import TakeOffLimits
 from mkdaemon.control.modes import IN_FLIGHT
@@ -110,7 +112,7 @@ async def blind_takeoff(scene: Scene) -> float:
     await scene.start_motors()
     engaged = await scene.until(lambda: scene.flown.flight.phase is Phase.FLYING)
     limits = TakeOffLimits()
-    strong = engaged + limits.ready + (limits.counts_from - limits.first) / limits.rise
+    strong = engaged + limits.ready + limits.rises_for(LimiterConfig().hover_throttle + GAS_CENTRE)
     return await scene.release_after(engaged) - (strong - engaged)
 
 

@@ -59,11 +59,13 @@ def test_a_misspelt_command_is_answered_without_importing_the_others():
     assert done.stderr == 'mkctl: Unknown command "statsu". Did you mean "status"? See `mkctl --help`.\n'
 
 
-@pytest.mark.parametrize("program", ["mkctl", "mkdaemon"])
-def test_the_list_of_commands_fits_80_columns_and_needs_no_library(program):
+@pytest.mark.parametrize("words", ["mkctl --help", "mkdaemon --help", "mkctl --vehicle mk2 --help"])
+def test_the_list_of_commands_fits_80_columns_and_needs_no_library(words):
+    program, *_ = words.split()
     code = (
-        f"import sys; sys.argv = ['{program}', '--help']; from mkdaemon.cli.entry import {program} as run; run()\n"
-        "print(*({'cyclopts', 'rich', 'zenoh', 'pydantic'} & set(sys.modules)), file=sys.stderr)"
+        f"import sys; sys.argv = {words.split()!r}; from mkdaemon.cli.entry import {program} as run\n"
+        "import atexit; found = {'rich', 'zenoh', 'pydantic'}.intersection\n"
+        "atexit.register(lambda: print(*found(sys.modules), file=sys.stderr)); run()"
     )
     narrow = os.environ | {"COLUMNS": "80"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=narrow)
@@ -82,11 +84,24 @@ def test_a_list_that_no_one_reads_to_its_end_is_no_error():
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_help_imports_nothing_that_only_a_command_needs():
+@pytest.mark.parametrize("words", [["fly"], ["log", "export"], ["calibrate", "mount"]])
+def test_the_help_of_a_command_needs_no_library(words):
+    program = "mkdaemon" if words[:1] == ["calibrate"] else "mkctl"
     code = (
-        "import sys; from mkdaemon.cli.mkctl.app import app; from mkdaemon.cli.program import run\n"
-        "run(app, ['--help'])\n"
-        "print(*({'zenoh', 'pydantic', 'numpy', 'msgpack', 'importlib.metadata'} & set(sys.modules)), file=sys.stderr)"
+        f"import sys; sys.argv = {[program, *words, '--help']!r}\n"
+        f"from mkdaemon.cli.entry import {program}; {program}()\n"
+        "print(*({'cyclopts', 'rich', 'pydantic', 'asyncio'} & set(sys.modules)), file=sys.stderr)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr == "\n"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.startswith(f"Usage: {' '.join((program, *words))}")
+    assert ended.stderr == "\n"
+
+
+@pytest.mark.parametrize("environment", [{"COLUMNS": "60"}, {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"}])
+def test_the_help_of_a_command_fits_its_screen(environment):
+    code = "import sys; sys.argv = ['mkctl', 'fly', '--help']; from mkdaemon.cli.entry import mkctl; mkctl()"
+    call = [sys.executable, "-c", code]
+    ended = subprocess.run(call, capture_output=True, text=True, check=True, env=os.environ | environment)
+    assert "Fly the steps of a TOML file one after the other" in ended.stdout.replace("\n", " ")
+    assert max(map(len, ended.stdout.splitlines())) <= int(environment["COLUMNS"])
+    assert "PYTHONIOENCODING" not in environment or ended.stdout.isascii()

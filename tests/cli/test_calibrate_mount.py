@@ -17,26 +17,13 @@ from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, save_camera
+from tests.values import made
 
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
-ESTIMATE = SelfCalibration(
-    target="pad",
-    looks=90,
-    mounting_deg=(2.9, -1.0, 0.2),
-    mounting_sd_deg=(0.2, 0.2, 1.3),
-    mount_believed_deg=(1.0, 0.0, 0.0),
-    mount_rpy_deg=(3.9, -1.0, 0.0),
-    focal_percent=0.0,
-    focal_sd_percent=0.5,
-    centre_px=(0.0, 0.0),
-    centre_sd_px=(1.0, 1.0),
-    k1=0.0,
-    k1_sd=0.01,
-    sizes=(),
-    height_percent=0.0,
-    height_sd_percent=50.0,
-    height_covered=0.0,
-)
+ESTIMATE = made(
+    SelfCalibration, target="pad", looks=90, mounting_deg=(2.9, -1.0, 0.2), mounting_sd_deg=(0.2, 0.2, 1.3),
+    mount_believed_deg=(1.0, 0.0, 0.0), mount_rpy_deg=(3.9, -1.0, 0.0),
+)  # fmt: skip
 VAGUE = ESTIMATE.model_copy(update={"target": "deck", "mounting_sd_deg": (2.2, 2.2, 5.0)})
 Bus = Callable[..., None]
 

@@ -22,7 +22,6 @@ from mkdaemon.protocol.messages import (
     VersionRequest,
     VersionRequestWhich,
 )
-from mkdaemon.protocol.wire import Board
 from tests.places import CAPTURES
 
 EXCERPTS = CAPTURES
@@ -167,7 +166,3 @@ def test_what_cannot_be_read_is_one_line_and_exit_code_1(capsys, tmp_path):
         assert reason in err
         assert str(path) in err
         assert err.count("\n") == 1
-
-
-def test_board_words_are_those_of_the_keys():
-    assert {board.word for board in Board} == {"any", "fc", "nc", "mag", "osd", "bl"}

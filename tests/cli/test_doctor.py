@@ -148,353 +148,154 @@ def set_kernel(tree, name, value):
     tree.write(f"/proc/sys/kernel/{name}", value)
 
 
-FAULTS = {
-    "a key that is none": ("configuration", lambda t: t.configure("nap = 1"), "unknown key", "config check"),
-    "a calibration that is none": (
-        "configuration",
-        lambda t: t.configure(calibration='calibration = "none.toml"'),
-        "camera file none.toml",
-        "config check",
-    ),
-    "no port in the file": ("port-unset", lambda t: t.configure(port='""'), "names no port", "explain link.port"),
-    "no adapter": (
-        "no-adapter",
-        lambda t: (t.configure(port='""'), t.remove("/dev/ttyUSB0")),
-        "no USB serial adapter",
-        "mkdaemon demo",
-    ),
-    "another port": ("port-missing", lambda t: t.configure(port='"/dev/ttyUSB7"'), "/dev/ttyUSB7 does not", "ls -l"),
-    "a pty without rights": (
+FAULTS = [  # the check, what is done to the machine, what is found, and the command where it is made of it
+    ("configuration", lambda t: t.configure("nap = 1"), "unknown key"),
+    ("configuration", lambda t: t.configure(calibration='calibration = "none.toml"'), "camera file none.toml"),
+    ("port-unset", lambda t: t.configure(port='""'), "names no port"),
+    ("no-adapter", lambda t: (t.configure(port='""'), t.remove("/dev/ttyUSB0")), "no USB serial adapter"),
+    ("port-missing", lambda t: t.configure(port='"/dev/ttyUSB7"'), "/dev/ttyUSB7 does not"),
+    (
         "port-forbidden",
         lambda t: (t.write("/dev/pts/4"), t.forbidden.add("/dev/pts/4"), t.configure(port='"pty:/dev/pts/4"')),
         "pilot may not open /dev/pts/4",
-        "sudo usermod -aG ",
     ),
-    "a terminal program": ("port-busy", run_minicom, "in use by minicom (process 812)", "kill 812"),
-    "a lock": ("port-busy", lock_port, "in use by gpsd (process 813)", "kill 813"),
-    "a lock file": ("port-busy", write_lock_file, "in use by picocom (process 814)", "kill 814"),
-    "a console of the kernel": (
-        "port-console",
-        lambda t: t.write("/proc/cmdline", "console=ttyUSB0,115200 quiet\n"),
-        "the kernel writes",
-        "disable --now serial-getty@ttyUSB0",
-    ),
-    "a login": (
-        "port-console",
-        lambda t: t.start(700, "agetty", "/sbin/agetty", "-L", "ttyUSB0"),
-        "a login waits",
-        "serial-getty@ttyUSB0",
-    ),
-    "a name that changes": (
+    ("port-busy", run_minicom, "in use by minicom (process 812)"),
+    ("port-busy", lock_port, "in use by gpsd (process 813)"),
+    ("port-busy", write_lock_file, "in use by picocom (process 814)"),
+    ("port-console", lambda t: t.write("/proc/cmdline", "console=ttyUSB0,115200 quiet\n"), "the kernel writes"),
+    ("port-console", lambda t: t.start(700, "agetty", "/sbin/agetty", "-L", "ttyUSB0"), "a login waits"),
+    (
         "port-name",
         lambda t: t.configure(port='"/dev/ttyUSB0"'),
         "/dev/ttyUSB0 is not a stable name",
         f"sed -i 's|/dev/ttyUSB0|{PORT}|'",
     ),
-    "a slow FTDI timer": (
-        "ftdi-latency",
-        lambda t: t.write(f"{ADAPTER}/1-1:1.0/ttyUSB0/latency_timer", "16\n"),
-        "by 16 ms",
-        "echo 1 | sudo tee",
-    ),
-    "a USB device that may sleep": (
-        "usb-sleep",
-        lambda t: t.write(f"{ADAPTER}/power/control", "auto\n"),
-        "may suspend the adapter",
-        "echo on | sudo tee",
-    ),
-    "a chip without driver": ("adapter-driver", plug_in_without_driver, "USB Serial is plugged in", "modprobe ch341"),
-    "brltty": ("brltty", lambda t: t.start(600, "brltty"), "brltty (process 600)", "remove brltty"),
-    "rules of brltty": (
-        "brltty",
-        lambda t: t.write("/usr/lib/udev/rules.d/85-brltty.rules"),
-        "85-brltty.rules starts it",
-        "remove brltty",
-    ),
-    "ModemManager": ("modem-manager", lambda t: t.start(601, "ModemManager"), "ModemManager runs", "60-mkdaemon.rules"),
-    "a wrong baud": (
-        "baud",
-        lambda t: t.configure(baud="115200"),
-        "link.baud is 115200",
-        "sed -i 's/^baud *= *115200/baud = 57600/'",
-    ),
-    "a package that is too old": (
+    ("ftdi-latency", lambda t: t.write(f"{ADAPTER}/1-1:1.0/ttyUSB0/latency_timer", "16\n"), "by 16 ms"),
+    ("usb-sleep", lambda t: t.write(f"{ADAPTER}/power/control", "auto\n"), "may suspend the adapter"),
+    ("adapter-driver", plug_in_without_driver, "USB Serial is plugged in"),
+    ("brltty", lambda t: t.start(600, "brltty"), "brltty (process 600)"),
+    ("brltty", lambda t: t.write("/usr/lib/udev/rules.d/85-brltty.rules"), "85-brltty.rules starts it"),
+    ("modem-manager", lambda t: t.start(601, "ModemManager"), "ModemManager runs"),
+    ("baud", lambda t: t.configure(baud="115200"), "link.baud is 115200", "sed -i 's/^baud *= *115200/baud = 57600/'"),
+    (
         "packages",
         lambda t: t.answers(
             installed_version=lambda name: "1.6.9" if name == "eclipse-zenoh" else installed_version(name)
         ),
         "eclipse-zenoh is 1.6.9",
-        "pip install 'eclipse-zenoh",
     ),
-    "load": ("load", lambda t: t.write("/proc/loadavg", "3.50 1.0 0.5 4/99 7\n"), "3.50 on 2 cores", "top"),
-    "one core": (
-        "one-core",
-        lambda t: t.write("/proc/self/status", "CapEff:\t0\nCpus_allowed_list:\t3\n"),
-        "one core",
-        "",
-    ),
-    "a governor that saves power": (
+    ("load", lambda t: t.write("/proc/loadavg", "3.50 1.0 0.5 4/99 7\n"), "3.50 on 2 cores"),
+    ("one-core", lambda t: t.write("/proc/self/status", "CapEff:\t0\nCpus_allowed_list:\t3\n"), "one core"),
+    (
         "governor",
         lambda t: t.write("/sys/devices/system/cpu/cpu1/cpufreq/scaling_governor", "powersave\n"),
         "the CPU governor of cpu1",
-        "echo performance | sudo tee",
     ),
-    "no right to a real-time priority": (
+    (
         "real-time",
         lambda t: t.write("/proc/self/limits", "Max realtime priority     0                    0\n"),
         "pilot may not use real-time",
         r"printf 'pilot - rtprio 2\npilot - nice -10\n' | sudo tee /etc/security",
     ),
-    "grouping by session": (
-        "autogroup",
-        lambda t: set_kernel(t, "sched_autogroup_enabled", "1"),
-        "by session",
-        "sudo sysctl -w kernel.sched_autogroup_enabled=0",
-    ),
-    "unbounded real time": (
-        "real-time-bound",
-        lambda t: set_kernel(t, "sched_rt_runtime_us", "-1"),
-        "real-time programs have no limit",
-        "sudo sysctl -w kernel.sched_rt_runtime_us=950000",
-    ),
-    "no memory": ("memory", lambda t: t.write("/proc/meminfo", "MemAvailable:    90000 kB\n"), "90 MB", "ps -e"),
-    "heat": (
-        "heat",
-        lambda t: t.write("/sys/class/thermal/thermal_zone0/temp", "84500\n"),
-        "cpu-thermal is at 84 degrees",
-        "thermal_zone0/temp",
-    ),
-    "a weak supply": (
-        "voltage",
-        lambda t: t.write("/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "1\n"),
-        "supply voltage is too low",
-        "cat /sys/class/hwmon/hwmon1",
-    ),
-    "a full disk": ("disk-full", lambda t: t.answers(free_bytes=lambda path: 9_000_000), "9 MB are free", "du -xh"),
-    "a nearly full disk": (
-        "disk-short",
-        lambda t: t.answers(free_bytes=lambda path: 700_000_000),
-        "record.free_mb reserves 1000",
-        "du -xh /var/lib/records",
-    ),
-    "a folder of somebody else": (
-        "folder",
-        lambda t: t.forbidden.add("/var/lib/records"),
-        "may not write in /var/lib/records",
-        "sudo install -d -o pilot /var/lib/records",
-    ),
-    "no NTP": ("no-time-service", no_service, "no time service runs", "sudo timedatectl set-ntp true"),
-    "NTP without a server": (
-        "clock-free",
-        lambda t: t.answers(follows_server=lambda: False),
-        "does not follow a time server yet",
-        "timedatectl timesync-status",
-    ),
-    "a clock in the past": ("clock-unset", lambda t: t.answers(wall=lambda: 5.0), "days before", "set-ntp true"),
-    "clock skew": (
-        "clock-skew",
-        lambda t: t.tell(clock=NOW - 7.5),
-        "6.5 s behind",
-        "set-ntp true",
-    ),
-    "a clock that is ahead": (
-        "clock-skew",
-        lambda t: t.tell(clock=NOW + 3.0),
-        "3.0 s ahead of",
-        "set-ntp true",
-    ),
-    "a service that failed": (
-        "service-failed",
-        fail_service,
-        "mkdaemon@mk1.service has failed",
-        "journalctl -u mkdaemon@mk1",
-    ),
-    "a service of another release": (
+    ("autogroup", lambda t: set_kernel(t, "sched_autogroup_enabled", "1"), "by session"),
+    ("real-time-bound", lambda t: set_kernel(t, "sched_rt_runtime_us", "-1"), "real-time programs have no limit"),
+    ("memory", lambda t: t.write("/proc/meminfo", "MemAvailable:    90000 kB\n"), "90 MB"),
+    ("heat", lambda t: t.write("/sys/class/thermal/thermal_zone0/temp", "84500\n"), "cpu-thermal is at 84 degrees"),
+    ("voltage", lambda t: t.write("/sys/class/hwmon/hwmon1/in0_lcrit_alarm", "1\n"), "supply voltage is too low"),
+    ("disk-full", lambda t: t.answers(free_bytes=lambda path: 9_000_000), "9 MB are free"),
+    ("disk-short", lambda t: t.answers(free_bytes=lambda path: 700_000_000), "record.free_mb reserves 1000"),
+    ("folder", lambda t: t.forbidden.add("/var/lib/records"), "may not write in /var/lib/records"),
+    ("no-time-service", no_service, "no time service runs"),
+    ("clock-free", lambda t: t.answers(follows_server=lambda: False), "does not follow a time server yet"),
+    ("clock-unset", lambda t: t.answers(wall=lambda: 5.0), "days before"),
+    ("clock-skew", lambda t: t.tell(clock=NOW - 7.5), "6.5 s behind"),
+    ("clock-skew", lambda t: t.tell(clock=NOW + 3.0), "3.0 s ahead of"),
+    ("service-failed", fail_service, "mkdaemon@mk1.service has failed"),
+    (
         "service-old",
         lambda t: (install_units(t, " --gone"), t.remove("/etc/systemd/system/mkdaemon@.service")),
         "/etc/systemd/system/mkdaemon.service is of another release",
-        "sudo /opt/mkdaemon/.venv/bin/mkdaemon install-service --write",
     ),
-    "another program at the endpoint": (
-        "endpoint",
-        lambda t: listen_by(t, "nginx"),
-        "taken by nginx (process 900)",
-        "kill 900",
-    ),
-    "the daemon of another aircraft at the endpoint": (
+    ("endpoint", lambda t: listen_by(t, "nginx"), "taken by nginx (process 900)"),
+    (
         "endpoint-daemon",
         lambda t: (
             listen_by(t, "mkdaemon", "/opt/mkdaemon/bin/mkdaemon", "run", "--config", "other.toml"),
             t.tell(daemons=0, clock=None),
         ),
         "tcp/127.0.0.1:7447 is used by mkdaemon (process 900), which does not serve mk1",
-        "explain bus.listen",
     ),
-    "a daemon of another user at the endpoint": (
-        "endpoint-daemon",
-        lambda t: (t.listen(7447), t.tell(daemons=0, clock=None)),
-        "used by a program of another user",
-        "explain bus.listen",
-    ),
-    "a second daemon": ("second-daemon", run_two_daemons, "processes 901 and 902", "kill 902"),
-    "a vehicle of the same name": (
-        "vehicle-twice",
-        lambda t: t.tell(daemons=2),
-        "2 daemons at tcp/127.0.0.1:7447 serve mk1",
-        "explain vehicle.name",
-    ),
-    "Zenoh that does not answer": (
+    ("endpoint-daemon", lambda t: (t.listen(7447), t.tell(daemons=0, clock=None)), "used by a program of another user"),
+    ("second-daemon", run_two_daemons, "processes 901 and 902"),
+    ("vehicle-twice", lambda t: t.tell(daemons=2), "2 daemons at tcp/127.0.0.1:7447 serve mk1"),
+    (
         "bus",
         lambda t: t.tell(failure="a program listens but does not answer", daemons=0, clock=None),
         "a program listens but does not answer",
-        "mkctl status --connect tcp/127.0.0.1:7447",
     ),
-    "Zenoh of another version": (
-        "zenoh-version",
-        lambda t: t.tell(routers=("v0.11.0",)),
-        "router is v0.11.0",
-        "eclipse-zenoh==",
-    ),
-    "an open bus": (
+    ("zenoh-version", lambda t: t.tell(routers=("v0.11.0",)), "router is v0.11.0"),
+    (
         "open-bus",
         lambda t: t.configure(bus='listen = ["tcp/0.0.0.0:7447"]\nallow_open = true'),
         "tcp/0.0.0.0:7447 lets every program",
-        "mkdaemon security",
     ),
-    "a certificate that ends": (
-        "certificate",
-        lambda t: keep_certificate(t, "Jun  1 12:00:00 2026 GMT"),
-        "daemon.pem expires in 4 days",
-        "mkdaemon security show",
-    ),
-    "a certificate that has ended": (
-        "certificate",
-        lambda t: keep_certificate(t, "Jun  1 12:00:00 2025 GMT"),
-        "has expired",
-        "mkdaemon security show",
-    ),
-    "a file of mkdaemon security whose certificate ends": (
-        "certificate",
-        lambda t: certify(t, days=12),
-        "pilot.json5 expires in 12 days",
-        "mkdaemon security show",
-    ),
-    "a file of mkdaemon security that everybody may read": (
-        "private-key",
-        lambda t: certify(t, days=300, mode=0o644),
-        "can read the private key",
-        "chmod o-rwx",
-    ),
-    "a key that everybody may read": ("private-key", open_key, "every user of this machine", "chmod o-rwx"),
-    "no camera": ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist", "v4l2-ctl"),
-    "a camera without rights": (
-        "camera-forbidden",
-        lambda t: t.forbidden.add("/dev/video0"),
-        "pilot may not open /dev/video0",
-        "sudo usermod -aG",
-    ),
-    "a camera in use": (
-        "camera-busy",
-        lambda t: t.start(820, "cheese", files=["/dev/video0"]),
-        "in use by cheese",
-        "kill 820",
-    ),
-    "a device without images": (
-        "camera-node",
-        lambda t: t.write("/sys/class/video4linux/video0/index", "1\n"),
-        "/dev/video0 delivers no images",
-        "v4l2-ctl --list-devices",
-    ),
-    "a frame rate it has not": (
+    ("certificate", lambda t: keep_certificate(t, "Jun  1 12:00:00 2026 GMT"), "daemon.pem expires in 4 days"),
+    ("certificate", lambda t: keep_certificate(t, "Jun  1 12:00:00 2025 GMT"), "has expired"),
+    ("certificate", lambda t: certify(t, days=12), "pilot.json5 expires in 12 days"),
+    ("private-key", lambda t: certify(t, days=300, mode=0o644), "can read the private key"),
+    ("private-key", open_key, "every user of this machine"),
+    ("camera-missing", lambda t: t.remove("/dev/video0"), "/dev/video0 does not exist"),
+    ("camera-forbidden", lambda t: t.forbidden.add("/dev/video0"), "pilot may not open /dev/video0"),
+    ("camera-busy", lambda t: t.start(820, "cheese", files=["/dev/video0"]), "in use by cheese"),
+    ("camera-node", lambda t: t.write("/sys/class/video4linux/video0/index", "1\n"), "/dev/video0 delivers no images"),
+    (
         "camera-rate",
         lambda t: t.commands.update(
             {V4L2: CommandOutput(0, "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n")}
         ),
         "set to 30 images a second, but delivers at most 10",
-        V4L2,
     ),
-    "a frame rate it does not reach": (
-        "camera-slow",
-        lambda t: t.tell(eyes=(eye_of(fps=7.4),)),
-        "delivers 7 images a second instead of 30",
-        "mkctl watch 'vision/*/stats'",
-    ),
-    "a camera that is silent": (
+    ("camera-slow", lambda t: t.tell(eyes=(eye_of(fps=7.4),)), "delivers 7 images a second instead of 30"),
+    (
         "camera-state",
         lambda t: t.tell(eyes=(eye_of(state=EyeState.SILENT, reason="No image for 1 s: check its cable."),)),
         "camera down is silent",
-        "mkctl watch",
     ),
-    "no calibration": ("calibration-none", lambda t: t.configure(calibration=""), "has no calibration", "calibrate"),
-    "a bad calibration": (
-        "calibration-poor",
-        lambda t: calibrate(t, "rms_px = 0.3", "rms_px = 2.5"),
-        "its error is 2.5 px",
-        "calibrate",
-    ),
-    "an uncertain calibration": (
-        "calibration-poor",
-        lambda t: calibrate(t, "focal_sd_percent = 0.1", "focal_sd_percent = 4.0"),
-        "known to 4 %",
-        "calibrate",
-    ),
-    "a calibration stored by force": (
+    ("calibration-none", lambda t: t.configure(calibration=""), "has no calibration"),
+    ("calibration-poor", lambda t: calibrate(t, "rms_px = 0.3", "rms_px = 2.5"), "its error is 2.5 px"),
+    ("calibration-poor", lambda t: calibrate(t, "focal_sd_percent = 0.1", "focal_sd_percent = 4.0"), "known to 4 %"),
+    (
         "calibration-poor",
         lambda t: calibrate(t, "views = 30", "views = 3\nforced = true"),
         "stored although it is poor",
-        "calibrate",
     ),
-    "an old calibration": (
-        "calibration-old",
-        lambda t: calibrate(t, "2026-05-01", "2023-05-01"),
-        "is 1124 days old",
-        "calibrate",
-    ),
-    "a calibration of another shape": (
-        "calibration-size",
-        lambda t: t.configure(width="640", height="480"),
-        "set to 640x480, but",
-        "calibrate",
-    ),
-    "camera and line on one bus": ("usb-shared", share_bus, "share USB bus 1 of 480 Mbit/s", "lsusb -t"),
-    "garbage on the line": (
+    ("calibration-old", lambda t: calibrate(t, "2026-05-01", "2023-05-01"), "is 1124 days old"),
+    ("calibration-size", lambda t: t.configure(width="640", height="480"), "set to 640x480, but"),
+    ("usb-shared", share_bus, "share USB bus 1 of 480 Mbit/s"),
+    (
         "line-rate",
         lambda t: t.tell(line=line_of(condition=LinkCondition.GARBAGE, reason="bytes come, none of them a frame")),
         "but no valid frame",
-        "mkctl health",
     ),
-    "a line that is down": (
-        "line",
-        lambda t: t.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives")),
-        "is mute",
-        "mkctl health",
-    ),
-    "a line at another rate": ("line-baud", lambda t: t.tell(line=line_of(baud=38400)), "at 38400 baud", "sed -i"),
-    "a constant gate": (
+    ("line", lambda t: t.tell(line=line_of(condition=LinkCondition.MUTE, reason="nothing arrives")), "is mute"),
+    ("line-baud", lambda t: t.tell(line=line_of(baud=38400)), "at 38400 baud", "sed -i"),
+    (
         "gate",
         lambda t: stand(t, "gate_constant", "gate", "ExternalControl is 200, a constant.", "Put it on a switch."),
         "ExternalControl is 200, a constant",
-        "mkctl settings write external_control=poti1",
     ),
-    "height control": (
+    (
         "height-control",
         lambda t: stand(t, "height_control", "height control", "bit 0 of GlobalConfig allows it", "Clear it."),
         "bit 0 of GlobalConfig",
-        "mkctl settings show global_config",
     ),
-    "what else the preflight finds": (
+    (
         "preflight",
         lambda t: stand(t, "battery_low", "battery", "the battery is low: 10.8 V.", "Land and change the battery."),
         "the battery is low",
-        "mkctl preflight",
     ),
-    "a recorder that is full": (
-        "recorder",
-        lambda t: t.tell(recorder=recorder_of(RecorderState.FULL, "0 MB are free")),
-        "does not record (full)",
-        "mkctl status",
-    ),
-}
+    ("recorder", lambda t: t.tell(recorder=recorder_of(RecorderState.FULL, "0 MB are free")), "does not record (full)"),
+]
 
 
 ALSO = {
@@ -526,15 +327,16 @@ def test_a_healthy_machine_with_a_running_daemon_is_quiet(tree):
     assert (seen.findings, seen.unseen) == ((), {})
 
 
-@pytest.mark.parametrize(("check", "seed", "words", "command"), FAULTS.values(), ids=FAULTS)
-def test_a_fault_is_found_with_what_why_and_the_command(tree, check, seed, words, command):
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"{fault[0]}: {fault[2]}")
+def test_a_fault_is_found_with_what_why_and_the_command(tree, fault):
+    check, seed, words, *command = fault
     seed(tree)
     found = tree.examined().findings
     (finding,) = [finding for finding in found if finding.check == check]
     assert words in finding.what
     assert finding.why
     assert finding.fix
-    assert command in finding.command
+    assert not command or command[0] in finding.command
     assert "{" not in finding.what + finding.why + finding.fix + finding.command
     others = {finding.check for finding in found} - {check}
     assert others <= ALSO.get(check, set())
@@ -552,7 +354,7 @@ def test_the_simulator_at_the_other_end_of_a_pseudo_terminal_is_no_other_program
 
 
 def test_every_check_has_a_seeded_fault_and_a_name_of_its_own():
-    assert {check for check, *_ in FAULTS.values()} == {check.name for check in CHECKS}
+    assert {check for check, *_ in FAULTS} == {check.name for check in CHECKS}
     assert max(Counter(check.name for check in CHECKS).values()) == 1
     assert len(FAULTS) >= 30
 

@@ -13,39 +13,15 @@ from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, ask_daemon
 from mkdaemon.config.reader import load
-from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
-from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from tests.bus.support import bus_config, free_endpoint
+from tests.values import made
 
-STAMP = Stamp(monotonic=1.0, wall=2.0)
-HEALTH = VehicleHealth(
-    stamp=STAMP,
-    is_alive=True,
-    reason="",
-    boards=("fc",),
-    firmware={},
-    read_only=None,
-    link="up",
-    motors_running=False,
-    error=None,
-    note="",
-)
-
-
-LINE = LinkState(
-    stamp=STAMP,
-    condition=LinkCondition.UP,
-    reason="",
-    since=STAMP,
-    port="x",
-    baud=57600,
-    hears_board=True,
-    board_hears_us=True,
-)
+LINE = made(LinkState)
 
 
 def finding(name, token, blocks=Blocks.AUTONOMY):
@@ -69,7 +45,7 @@ async def endpoint():
 
     async with Bus.open(bus_config(free_endpoint(), connect=(where,)), "t1") as bus:
         bus.serve("do", preflight)
-        bus.publish("health", HEALTH)
+        bus.publish("health", made(VehicleHealth, is_alive=True))
         bus.publish("link/state", LINE)
         bus.publish("vision/down/stats", LINE)  # of no kind that this release knows
         bus.announce()

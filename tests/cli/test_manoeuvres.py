@@ -21,6 +21,7 @@ from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, M
 from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+from tests.values import made
 
 NOWHERE = ["--connect", "tcp/127.0.0.1:1"]
 
@@ -57,20 +58,7 @@ async def test_a_number_that_is_none_is_refused():
 
 
 def publish_estimate(daemon, position, image_age=0.05):
-    value = ControlEstimate(
-        stamp=CLOCK.stamp(),
-        target="pad",
-        position=position,
-        velocity=(0.0, 0.0, 0.0),
-        tilt=(0.0, 0.0),
-        disturbance=(0.0, 0.0),
-        yaw=0.0,
-        hover_throttle=-2.0,
-        position_sd=(0.01, 0.01, 0.01),
-        image_age=image_age,
-        innovation=1.0,
-        caution=0.25,
-    )
+    value = made(ControlEstimate, CLOCK.stamp(), target="pad", position=position, image_age=image_age)
     daemon.bus.publish("control/estimate", value)
 
 

@@ -14,23 +14,15 @@ from mkdaemon.errors import ManoeuvreError
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+from tests.values import made
 
 STORED = {"count": 1, "digest": "00", "rounds": 1, "writes": 1}
 POINTS = "latitude_deg,longitude_deg,altitude\n53.0,8.0,10\n53.0001,8.0,10\n"
 
 
 def report(stage, **fields):
-    known = {
-        "hands": f"does what {stage.value} needs",
-        "waypoint": 1,
-        "waypoints": 1,
-        "target_distance": 12.0,
-        "home_distance": 20.0,
-        "height": 2.0,
-        "is_route_done": False,
-        "is_home": False,
-    }
-    return ControlNavi(stamp=CLOCK.stamp(), stage=stage, **(known | fields))
+    known = {"waypoint": 1, "waypoints": 1, "target_distance": 12.0, "home_distance": 20.0}
+    return made(ControlNavi, CLOCK.stamp(), stage=stage, hands=f"does what {stage.value} needs", **known | fields)
 
 
 @asynccontextmanager

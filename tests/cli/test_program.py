@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import re
 import signal
@@ -14,13 +15,13 @@ import pytest
 from cyclopts import App
 
 from lab.__main__ import CAMPAIGNS
-from lab.__main__ import app as lab_app
 from mkdaemon.cli.listing import CommandEntry
 from mkdaemon.cli.mkctl import app as mkctl
 from mkdaemon.cli.mkdaemon import app as mkdaemon
 from mkdaemon.cli.program import build, run
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mksim.config import PilotPlan
+from tests.places import SOURCE
 
 MKDAEMON = [sys.executable, "-c", "from mkdaemon.cli.entry import mkdaemon; mkdaemon()"]
 TABLES = [*mkctl.COMMANDS, *mkdaemon.COMMANDS, *CAMPAIGNS]
@@ -41,47 +42,34 @@ def test_every_command_of_the_tables_exists(entry):
     assert entry.help.endswith(".")
 
 
-@pytest.mark.parametrize("program", [mkctl.app, mkdaemon.app], ids=["mkctl", "mkdaemon"])
-def test_help_lists_every_command_without_importing_one(program, capsys):
-    assert run(program, ["--help"]) == 0
-    out = capsys.readouterr().out
-    table = mkctl.COMMANDS if program is mkctl.app else mkdaemon.COMMANDS
-    assert all(entry.name in out for entry in table if entry.is_shown)
+HELP = json.loads((SOURCE / "cli" / "help.json").read_text(encoding="utf-8"))
+"""What `tools.docs` writes, and the programs print."""
 
 
 @pytest.mark.parametrize("program", [mkctl, mkdaemon], ids=["mkctl", "mkdaemon"])
-def test_help_lists_the_commands_in_the_order_of_the_table(program, capsys):
-    assert run(program.app, ["--help"]) == 0
-    shown = re.findall(r"^│ ([a-z-]+) ", capsys.readouterr().out, re.MULTILINE)
-    assert shown == [entry.name for entry in program.COMMANDS if entry.is_shown]
-    assert program.COMMANDS[0].name in {"status", "run"}
+def test_every_command_has_a_help(program):
+    name = program.__name__.split(".")[-2]
+    assert {f"{name} {entry.name}" for entry in program.COMMANDS if entry.is_shown} <= HELP.keys()
 
 
-@pytest.mark.parametrize("entry", TABLES, ids=lambda entry: entry.target)
-def test_every_command_has_a_help_without_clutter(entry, capsys):
-    program = mkctl if entry in mkctl.COMMANDS else mkdaemon
-    app = lab_app if entry in CAMPAIGNS else program.app
-    assert run(app, [entry.name, "--help"]) == 0
-    out = capsys.readouterr().out
-    assert "Usage: " in out
+@pytest.mark.parametrize("command", HELP)
+def test_a_help_has_no_clutter(command):
+    out = HELP[command]
+    assert out.startswith(f"Usage: {command}")
     assert not re.search(r"--([\w-]+) --no-\1", out), "an option and its opposite"
     assert "Raises" not in out, "Google and numpy sections mixed in one docstring"
     assert not re.search(r"│ [A-Z]+ +│", out), "an argument without a word about it"
 
 
-def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_poses(capsys):
-    assert run(mkdaemon.app, ["sim", "--help"]) == 0
-    words = set(re.split(r"[\s,.:;│]+", out := capsys.readouterr().out))
-    assert set(PilotPlan) <= words
+def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_poses():
+    out = HELP["mkdaemon sim"]
+    assert set(PilotPlan) <= set(re.split(r"[\s,.:;│]+", out))
     assert "mk/NAME/sim/pose" in out
 
 
-def test_a_missing_module_breaks_no_other_command(capsys):
+def test_a_missing_module_breaks_no_other_command():
     app = build("x", "", [CommandEntry("gone", "mkdaemon.no_such:thing", ""), CommandEntry("len", "builtins:len", "")])
-    assert run(app, ["--help"]) == 0
-    out = capsys.readouterr().out
-    assert "gone" not in out
-    assert "len" in out
+    assert ("gone" in app, "len" in app) == (False, True)
 
 
 @pytest.mark.parametrize(

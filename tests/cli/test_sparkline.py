@@ -12,6 +12,7 @@ from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.summary import Activity, KeySummary
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.link import LinkHealth
+from tests.values import made
 
 
 @pytest.mark.parametrize(
@@ -73,21 +74,8 @@ def test_the_rate_of_a_recording_is_looked_at_once_a_second():
 
 
 def test_health_shows_the_last_minute():
-    stamp = {"monotonic": 1.0, "wall": 1.0, "boot": "b", "synchronised": True}
-    state = {
-        "stamp": stamp,
-        "condition": "up",
-        "reason": "",
-        "since": stamp,
-        "port": "p",
-        "baud": 57600,
-        "hears_board": True,
-        "board_hears_us": True,
-    }
-
     def measured(p95):
-        fields = {"stamp": stamp, "state": state, "echo": {"p95_ms": p95}, "confirm": {}}
-        return LinkHealth.model_validate(fields).model_dump(mode="json")
+        return made(LinkHealth, echo={"p95_ms": p95}).model_dump(mode="json")
 
     def text(*more):
         from io import StringIO

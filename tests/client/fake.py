@@ -25,6 +25,7 @@ from mkdaemon.telemetry.signature import HolderKey, Signature
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.status import Status
 from tests.bus.support import bus_config, free_endpoint
+from tests.values import made
 
 VEHICLE = "fake"
 EPOCH = 1000
@@ -121,17 +122,8 @@ class FakeDaemon:
     def say(self, phase, reason, lease=None, **progress):
         """Publish `control/status`."""
         self.phase = phase
-        status = ControlStatus(
-            stamp=CLOCK.stamp(),
-            phase=phase,
-            reason=reason,
-            lease=lease or self.lease(),
-            setpoint_age=None,
-            refused=0,
-            external_control="V3",
-            **progress,
-        )
-        self.bus.publish("control/status", status)
+        known = {"phase": phase, "reason": reason, "lease": lease or self.lease(), "external_control": "V3"}
+        self.bus.publish("control/status", made(ControlStatus, CLOCK.stamp(), **known, **progress))
 
     def lose(self, reason, **progress):
         """Let go of the aircraft."""
@@ -152,15 +144,8 @@ class FakeDaemon:
     def refuse_setpoint(self, fields):
         """Publish that a position setpoint was refused."""
         error = refuse(self.refuses, name="setpoint/position", frame="home")
-        event = CommandEvent(
-            stamp=CLOCK.stamp(),
-            key="setpoint/position",
-            fields=fields,
-            status="denied",
-            token=error.token,
-            reason=error.reason,
-            fix=error.fix,
-        )
+        words = {"token": error.token, "reason": error.reason, "fix": error.fix}
+        event = made(CommandEvent, CLOCK.stamp(), key="setpoint/position", fields=fields, status="denied", **words)
         self.bus.publish("event/command", event)
 
     def client_changed(self, name, is_here):
@@ -169,10 +154,7 @@ class FakeDaemon:
 
     def publish_attitude(self, yaw):
         """Publish `state/attitude`."""
-        value = Attitude(
-            stamp=CLOCK.stamp(), source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.0, pitch=0.0, yaw=yaw
-        )
-        self.bus.publish("state/attitude", value)
+        self.bus.publish("state/attitude", made(Attitude, CLOCK.stamp(), yaw=yaw))
 
 
 @asynccontextmanager

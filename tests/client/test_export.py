@@ -12,7 +12,7 @@ from mkdaemon.client.export import tables
 from mkdaemon.client.export.tables import tables_of, write_csv, write_parquet
 from mkdaemon.client.export.tracks import gpx, kml, tracks_of
 from mkdaemon.client.export.values import ExportedValue, read_values, unit_of
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from tests.places import DATA
 
 FLIGHT = DATA / "recordings" / "nc_lost_client.mcap"
@@ -75,18 +75,6 @@ def test_parquet_has_the_same_numbers(tmp_path):
     assert table["voltage [V]"].to_pylist() == [one.fields["voltage"] for one in values("state/battery")]
 
 
-def test_what_is_there_is_only_replaced_by_force(tmp_path):
-    def read():
-        return values("state/gps")
-
-    (path,) = write_csv(read, tmp_path, overwrite=False)
-    with pytest.raises(ConfigError, match="--force"):
-        write_csv(read, tmp_path, overwrite=False)
-    path.write_text("other", encoding="utf-8")
-    write_csv(read, tmp_path, overwrite=True)
-    assert path.read_text(encoding="utf-8").startswith("time [s]")
-
-
 def many(count):
     """So many values of a key, made when they are asked for."""
     for number in range(count):
@@ -146,13 +134,6 @@ def test_tracks_are_where_it_flew():
     assert [(float(lat), float(lon)) for lon, lat, _ in coords] == expected
     with pytest.raises(MkError, match="state/position"):
         tracks_of([])
-
-
-def test_a_file_that_is_no_recording_is_refused(tmp_path):
-    text = tmp_path / "notes.txt"
-    text.write_text("no recording", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"notes\.txt: no recording"):
-        list(read_values(text))
 
 
 @pytest.mark.parametrize("wrong", [None, "1", b"1", True, [1.0], {}, float("nan"), float("inf")])

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from lab.rigs.waiting import wait_until
-from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, NotEngagedError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError
 from mkdaemon.telemetry.control import Outcome, Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import EPOCH, SECRET, connected
@@ -69,15 +69,6 @@ async def test_a_lost_lease_ends_the_flight_with_the_reason():
             await flying
         with pytest.raises(LeaseLostError):
             lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
-
-
-async def test_a_daemon_that_does_not_engage_is_told_with_its_reason(monkeypatch):
-    monkeypatch.setattr("mkdaemon.client.lease.ENGAGING", 0.3)
-    async with connected(engages=None) as (daemon, uav):
-        with pytest.raises(NotEngagedError, match="waiting for a live, neutral stream"):
-            async with uav.lease() as lease:
-                await lease.stick(throttle=0, seconds=1)
-        assert daemon.asked[-1] == RELEASE
 
 
 async def test_an_exception_and_a_cancellation_release_the_aircraft():

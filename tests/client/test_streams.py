@@ -48,13 +48,6 @@ async def test_a_stream_gives_typed_values_in_their_order():
         assert isinstance(await anext(uav.state.attitude()), Attitude)
 
 
-async def test_entering_subscribes_at_once():
-    async with connected() as (daemon, uav), uav.state.attitude.subscribed() as attitudes:
-        await settle(uav)
-        daemon.publish_attitude(yaw=0.25)
-        assert (await anext(attitudes)).yaw == 0.25
-
-
 async def test_a_slow_reader_gets_the_newest_alone_if_it_wants():
     async with connected() as (daemon, uav), uav.state.attitude.subscribed(backlog=1) as attitudes:
         await settle(uav)

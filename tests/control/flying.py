@@ -49,7 +49,7 @@ class Flying:
 
     def see(self, pose, now, *, may_change=True):
         """A pose arrives."""
-        return self.sight.view_received(pose.target, view_of(pose), now, lifted_by=None, may_change=may_change)
+        return self.sight.view_received(pose.target, view_of(pose), now, lifted=None, may_change=may_change)
 
     def step(self, setpoint, now, *, is_flying=False, phase=Phase.FLYING):
         """What is wanted for a setpoint."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.liftoff import LiftOff
 from mkdaemon.control.estimator.model import LEVEL_STATES, NO_FILTER, AircraftModel, D, P, T, V
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
@@ -38,8 +39,8 @@ def view(at, place=(0.0, 0.0, 2.0), *, yaw=0.0, camera="down", covariance=1e-4):
     return TargetView(at, -r.T @ np.array(place), r, covariance * np.eye(6), camera)
 
 
-def see(sight, seen, *, target="pad", lifted_by=None, may_change=True):
-    return sight.view_received(target, seen, seen.at, lifted_by=lifted_by, may_change=may_change)
+def see(sight, seen, *, target="pad", lifted=None, may_change=True):
+    return sight.view_received(target, seen, seen.at, lifted=lifted, may_change=may_change)
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def test_an_aircraft_that_leaves_the_ground_is_met_anew_with_its_throttle_and_th
     first = sight.estimator
     for k in range(SENT_KEPT + 10):
         sight.sticks_made(StickCounts(20, 0, 0, 3), OURS, 9.0 + 0.02 * k)
-    see(sight, view(10.2), lifted_by=140.0)
+    see(sight, view(10.2), lifted=LiftOff(140.0, 0.0, 0.0))
     estimator = sight.estimator
     assert estimator is not first
     assert estimator.hover_gas == 140.0
@@ -189,7 +190,7 @@ def test_to_turn_is_counter_clockwise():
 def test_a_target_met_anew_soon_after_begins_with_the_speed_that_two_images_show():
     sight = Sight(CFG, HOVER)
     see(sight, view(10.0))
-    see(sight, view(10.1, (0.05, 0.0, 2.0)), lifted_by=120.0)
+    see(sight, view(10.1, (0.05, 0.0, 2.0)), lifted=LiftOff(120.0, 0.0, 0.0))
     assert sight.estimator.estimate(10.1).velocity[0] == pytest.approx(0.5, abs=0.05)
 
 
@@ -254,7 +255,7 @@ def test_on_the_ground_nothing_is_estimated_and_the_target_is_known(sight):
     see(sight, view(10.1), target="other")
     assert (sight.estimator, sight.target) == (None, "other"), "it was forgotten with the estimate"
     assert sight.pose_age(10.3) == pytest.approx(0.2)
-    see(sight, view(10.2), target="other", lifted_by=130.0)
+    see(sight, view(10.2), target="other", lifted=LiftOff(130.0, 0.0, 0.0))
     assert sight.estimator.hover_gas == 130.0
     sight.stand(is_standing=False)
     assert not sight.is_standing
@@ -270,7 +271,7 @@ def test_images_are_clean_since_a_target_was_met():
     sight = Sight(CFG, HOVER)
     see(sight, view(10.0))
     assert sight.entry(10.7).clean == pytest.approx(0.7)
-    see(sight, view(10.1), lifted_by=130.0)
+    see(sight, view(10.1), lifted=LiftOff(130.0, 0.0, 0.0))
     assert sight.entry(10.7).clean == pytest.approx(0.6)
 
 
@@ -286,7 +287,7 @@ def test_another_target_is_met_without_the_speed_against_the_one_before():
     sight = Sight(CFG, HOVER)
     see(sight, view(10.0))
     sight.stand(is_standing=True)
-    see(sight, view(10.1, (0.05, 0.0, 2.0)), target="other", lifted_by=130.0)
+    see(sight, view(10.1, (0.05, 0.0, 2.0)), target="other", lifted=LiftOff(130.0, 0.0, 0.0))
     assert sight.estimator.estimate(10.1).velocity[:2] == pytest.approx([0.0, 0.0], abs=0.01)
 
 
@@ -338,8 +339,8 @@ def test_a_pose_is_checked_against_the_time_it_arrives(ahead, fault):
 
 
 def test_how_long_what_is_remembered():
-    """5 s out of sight and a target is met anew; a second of frames; pairs of images 20 to 200 ms apart."""
-    assert (FORGOTTEN, SENT_KEPT, SHORTEST_PAIR, LONGEST_PAIR) == (5.0, 50, 0.02, 0.2)
+    """5 s out of sight and a target is met anew; two seconds of frames; pairs of images 20 to 200 ms apart."""
+    assert (FORGOTTEN, SENT_KEPT, SHORTEST_PAIR, LONGEST_PAIR) == (5.0, 100, 0.02, 0.2)
 
 
 def test_tilt_and_disturbance_are_told_along_their_own_axes(sight):

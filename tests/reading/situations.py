@@ -14,12 +14,12 @@ from mkdaemon.telemetry.control import CauseKind, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
 from mkdaemon.telemetry.vision import Alarm, EyeState
+from tests.values import made
 from tools.top_picture import KNOWN
 
 AT = KNOWN["health"].stamp
 """When the values were published."""
-_COUNTS = dict.fromkeys(("file_bytes", "total_bytes", "entries", "lost", "queue_bytes", "queue_limit_bytes"), 0)
-RECORDER = RecordStatus(stamp=AT, state=RecorderState.RECORDING, reason="", file="a.mcap", free_bytes=None, **_COUNTS)
+RECORDER = made(RecordStatus, AT, state=RecorderState.RECORDING, file="a.mcap")
 BASE = {key: value for key, value in KNOWN.items() if not key.startswith("event/")} | {"record/status": RECORDER}
 """A flight by the target in which nothing is wrong."""
 LINK = BASE["link/state"].model_dump()

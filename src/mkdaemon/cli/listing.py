@@ -41,12 +41,17 @@ def asks_for_list(tokens: Sequence[str]) -> bool:
     return list(tokens) in _HELP
 
 
-def print_list(name: str, about: str, table: Iterable[CommandEntry]) -> None:
-    """Print the list; see `list_lines`."""
+def print_help(text: str) -> None:
+    """Print the list, or the help of a command."""
     try:
-        print("\n".join(list_lines(name, about, table)), flush=True)
+        print(text, flush=True)
     except BrokenPipeError:  # the reader has seen enough; what is left would fail once more at the end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def screen_width() -> int:
+    """Columns of the terminal; 80 without one."""
+    return shutil.get_terminal_size((80, 24)).columns
 
 
 def list_lines(name: str, about: str, table: Iterable[CommandEntry], width: int | None = None) -> Iterator[str]:
@@ -58,7 +63,7 @@ def list_lines(name: str, about: str, table: Iterable[CommandEntry], width: int 
         table: its commands, in the order in which they and their headings are shown.
         width: columns of the screen; those of the terminal by default, 80 without one.
     """
-    wide = min(width or shutil.get_terminal_size((80, 24)).columns, WIDEST)
+    wide = min(width or screen_width(), WIDEST)
     shown = [entry for entry in table if entry.is_shown]
     yield f"Usage: {name} COMMAND"
     for paragraph in about.replace("`", "").split("\n\n"):

@@ -12,7 +12,6 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from functools import cache
 from typing import Final, NoReturn
 
 from cyclopts import (
@@ -26,7 +25,7 @@ from cyclopts import (
 )
 from cyclopts.argument import Argument
 
-from mkdaemon.cli.listing import CommandEntry
+from mkdaemon.cli.listing import CommandEntry, asks_for_list, list_lines, print_help
 from mkdaemon.cli.renamed import new_name
 from mkdaemon.cli.terminal import guarded_streams, print_whatever_the_encoding
 from mkdaemon.errors import ConfigError, MkError
@@ -51,10 +50,9 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
     Args:
         name: of the program.
         about: its own help.
-        table: its commands, in the order in which the help shows them and their groups.
-        chosen: the command that is going to run: it shows its own, longer help in place of the table's line.
+        table: its commands.
+        chosen: the command that is going to run.
     """
-    table = tuple(table)
     app = App(
         name=name,
         help=about,
@@ -63,26 +61,14 @@ def build(name: str, about: str, table: Iterable[CommandEntry], *, chosen: str =
         group_commands=Group("Subcommands"),
         default_parameter=Parameter(negative=()),  # no `--no-json` beside every `--json`
     )
-    headings = list(dict.fromkeys(entry.group for entry in table))
-    for number, entry in enumerate(table):
+    for entry in table:
         if importlib.util.find_spec(entry.target.partition(":")[0]) is not None:
-            group = _group(entry.group, headings.index(entry.group))
-            line = None if entry.name == chosen else entry.help
-            shown = entry.is_shown
-            app.command(entry.target, name=entry.name, help=line, group=group, sort_key=number, show=shown)
+            app.command(entry.target, name=entry.name)
     if chosen == COMPLETION:
         from mkdaemon.cli.completion import installer
 
         app.command(installer(app), name=COMPLETION)
-    for flag in (*app.help_flags, *app.version_flags):
-        app[flag].show = False  # a reader of the help has found them
     return app
-
-
-@cache
-def _group(heading: str, place: int) -> Group:
-    """One object a heading: a program that is made twice shares the commands that have been imported, and theirs."""
-    return Group(heading, sort_key=place)
 
 
 def _version() -> str:
@@ -102,6 +88,9 @@ def main(name: str, about: str, table: Iterable[CommandEntry], tokens: list[str]
     """
     tokens = sys.argv[1:] if tokens is None else tokens
     table = tuple(table)
+    if asks_for_list(tokens):
+        print_help("\n".join(list_lines(name, about, table)))
+        sys.exit(EXIT_OK)
     app = build(name, about, table, chosen=tokens[0] if tokens else "")
     _import_commands(table, tokens)
     print_whatever_the_encoding()

@@ -232,14 +232,14 @@ class FlightCore:
             self._reports.pose_refused(pose, view, now)
             return NOTED
         current = self._flown.current
-        lifted_by = None
+        lifted = None
         is_ours = pose.target in (sight.target, sight.named) or not sight.target
         if current is not None and is_ours and sight.may_follow(pose.target, view):
-            lifted_by = current.height_seen(-float(view.position_flu[2]), view.at)
+            lifted = current.height_seen(-float(view.position_flu[2]), view.at)
         is_bound = self._authority.phase in IN_FLIGHT and self._flown.is_by_target
         may_change = not is_bound or (sight.is_standing and bool(sight.named))
         sight.seen(pose.target, view.at)
-        before = sight.view_received(pose.target, view, now, lifted_by=lifted_by, may_change=may_change)
+        before = sight.view_received(pose.target, view, now, lifted=lifted, may_change=may_change)
         if before:
             self._reports.target_changed(before, sight.target)
         self._preflight.pose_received(pose, sight.target, sight.contradicting)

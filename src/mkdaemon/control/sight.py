@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.admission.situation import ASIDE, EntryEstimate
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.liftoff import LiftOff, lifted_off
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse, ViewFault, fault_of
 from mkdaemon.control.limiter import StickCounts
@@ -32,8 +34,8 @@ FORGOTTEN: Final = 5.0
 """After a longer time out of sight, the estimate against a target restarts [s]."""
 IN_SIGHT: Final = 1.0
 """A target that was seen longer ago is not in sight [s]."""
-SENT_KEPT: Final = 50
-"""Stick frames that an estimate begun in flight learns of: one second of them."""
+SENT_KEPT: Final = 100
+"""Stick frames that an estimate begun in flight learns of: two seconds of them, a blind lift-off and a late image."""
 SHORTEST_PAIR: Final = 0.02
 """Two views closer in time give no velocity [s]."""
 LONGEST_PAIR: Final = 0.2
@@ -156,7 +158,7 @@ class Sight:
                 self._trusted_gas = self.estimator.hover_gas
 
     def view_received(
-        self, target: str, view: TargetView, now: float, *, lifted_by: float | None, may_change: bool
+        self, target: str, view: TargetView, now: float, *, lifted: LiftOff | None, may_change: bool
     ) -> str:
         """Take a view of a target.
 
@@ -167,7 +169,7 @@ class Sight:
             target: its name.
             view: what the image shows.
             now: when it arrives [s].
-            lifted_by: throttle with which the aircraft left the ground [count of 254]; then the estimate restarts.
+            lifted: how the aircraft left the ground, where this view shows that it has; the estimate restarts.
             may_change: nothing is flown by the followed target.
 
         Returns:
@@ -180,18 +182,22 @@ class Sight:
             return ""
         if (may_change or self.is_standing) and not self.may_follow(target, view):
             return ""
-        if self.is_standing and lifted_by is None:
+        if self.is_standing and lifted is None:
             self.target = target
-        elif known is None or is_other or is_forgotten or lifted_by is not None or self._is_astray:
+        elif known is None or is_other or is_forgotten or lifted is not None or self._is_astray:
             # The estimate of an aircraft on the ground contains no information about its hover throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
             velocity = None if is_other else velocity_between(self._last_view, view)
+            hover_gas, thrust = self.hover_gas, 0.0
+            if lifted is not None:
+                hover_gas, thrust = lifted.hover_gas, lifted.thrust
+                velocity = np.array([*(np.zeros(2) if velocity is None else velocity[:2]), lifted.climb])
             self.estimator = None
             self.estimator = Estimator(
-                self._known_model(), view, lifted_by or self.hover_gas, compass=compass, velocity=velocity
+                self._known_model(), view, hover_gas, compass=compass, velocity=velocity, thrust=thrust
             )
             is_flown = known is not None and known.is_elsewhere and not self._is_others and not self.answer.is_cut
-            for command in self._sent if lifted_by is not None or is_flown else ():
+            for command in self._sent if lifted is not None or is_flown else ():
                 self.estimator.sent(command)
             self.target, self._clean_since, self._last_view = target, view.at, None
         else:
@@ -230,6 +236,10 @@ class Sight:
         self._seen[target] = max(self._seen.get(target, at), at)
 
     # -- questions, which change nothing --------------------------------------------------------------------------
+
+    def lift_off(self, seen: Sequence[tuple[float, float]], between: tuple[float, float]) -> LiftOff:
+        """Return how the aircraft left the ground by the stick frames that were sent; see `lifted_off`."""
+        return lifted_off(self._sent, seen, self._known_model(), between)
 
     def may_follow(self, target: str, view: TargetView) -> bool:
         """Whether the target of a view is the one that is named; where none is, it must not lie aside of who stands."""

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from mkdaemon.cli.mkctl.teleop import command
-from mkdaemon.cli.mkctl.teleop.command import SECRET, DeviceSource, InputOptions, teleop
+from mkdaemon.cli.mkctl.teleop.command import SECRET, InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import ConfigError
 
 
 @pytest.mark.parametrize(
@@ -41,15 +41,6 @@ async def test_recording_does_not_replace_a_file(tmp_path: Path) -> None:
     assert path.read_text(encoding="utf-8") == "precious"
 
 
-async def test_without_the_library_gamepads_are_refused_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing() -> None:
-        raise MkError("gamepads need the library evdev")
-
-    monkeypatch.setattr(command, "load_evdev", missing)
-    with pytest.raises(MkError, match="evdev"):
-        await teleop()
-
-
 @pytest.mark.parametrize(
     ("pad", "words"),
     [
@@ -66,7 +57,3 @@ async def test_list_names_pads_mappings_and_troubles(
     monkeypatch.setattr(command, "describe", lambda path: pad)
     assert await teleop(list_=True) == 0
     assert words in capsys.readouterr().out
-
-
-def test_source_has_nothing_beside_it_by_default() -> None:
-    assert DeviceSource() == DeviceSource(None, has_keyboard=False, ends_with_devices=False)

@@ -12,6 +12,7 @@ from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, Phase
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
+from tests.values import made
 from tools.top_picture import KNOWN
 
 
@@ -22,18 +23,7 @@ def value_of(key: str, **changes: object) -> Any:
 
 STATUS = value_of("control/status", phase="flying", manoeuvre="stick", stage="")
 LONG = "A pad with a name that is longer than its column"
-OUTPUT = ControlOutput(
-    stamp=STATUS.stamp,
-    epoch=7,
-    sequence=1,
-    frame=1,
-    age=0.0,
-    pitch=12,
-    roll=-30,
-    yaw=0,
-    throttle=-2,
-    limited=True,
-)
+OUTPUT = made(ControlOutput, STATUS.stamp, pitch=12, roll=-30, throttle=-2, limited=True)
 
 
 def show(*, keyboard: bool = False, fly: bool = True, status: ControlStatus | None = STATUS) -> list[str]:

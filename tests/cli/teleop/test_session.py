@@ -11,7 +11,6 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 
-BUSY = CommandRejectedError("busy", "a release is under way.", "wait")
 HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 
 
@@ -92,20 +91,6 @@ def test_refused_lease_is_told_and_not_asked_for_again() -> None:
     session = fly(daemon, nothing)
     assert "lease_held" in session.notice
     assert daemon.taken == 0
-
-
-def test_busy_daemon_is_asked_again() -> None:
-    daemon = FakeDaemon(BUSY, BUSY, BUSY)
-    fly(daemon, nothing)
-    assert daemon.taken == 1
-
-
-def test_daemon_that_stays_busy_is_given_up() -> None:
-    async def story(session: TeleopSession, pad: HandPad) -> None:
-        await asyncio.sleep(4.0)
-
-    session = fly(FakeDaemon(*[BUSY] * 100), story)
-    assert "a release is under way" in session.notice
 
 
 def test_refused_setpoint_is_told() -> None:

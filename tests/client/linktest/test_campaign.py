@@ -16,10 +16,11 @@ from mkdaemon.client.linktest.probefile import read_csv
 from mkdaemon.client.linktest.probes import ProbeKind
 from mkdaemon.errors import MkError
 from mkdaemon.protocol.messages import Echo, EchoRequest
-from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.link import LinkState
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
 from tests.client.linktest.test_probes import frame
+from tests.values import made
 
 BEFORE = {"osd": 0.05, "display": 1.0}
 TRIP = 0.02
@@ -38,29 +39,8 @@ class Board:
         return {name: every for name, every in self.daemon.intervals.items() if every}
 
     def say(self):
-        state = LinkState(
-            stamp=CLOCK.stamp(),
-            condition=LinkCondition.UP,
-            reason="fine",
-            since=CLOCK.stamp(),
-            port="fake",
-            baud=57600,
-            hears_board=True,
-            board_hears_us=True,
-            boards=("nc", "fc"),
-        )
-        health = VehicleHealth(
-            stamp=CLOCK.stamp(),
-            is_alive=True,
-            reason="fine",
-            boards=("nc",),
-            firmware={},
-            read_only=None,
-            link="up",
-            motors_running=self.motors_running,
-            error=None,
-            note="",
-        )
+        state = made(LinkState, CLOCK.stamp(), baud=57600, hears_board=True, board_hears_us=True, boards=("nc", "fc"))
+        health = made(VehicleHealth, CLOCK.stamp(), is_alive=True, motors_running=self.motors_running)
         self.daemon.bus.publish("link/state", state)
         self.daemon.bus.publish("health", health)
 

@@ -34,7 +34,7 @@ class Hovering:
     def look(self, target="pad"):
         """An image of the target arrives now."""
         seen = view(self.now, self.place, self.yaw)
-        self.sight.view_received(target, seen, self.now, lifted_by=None, may_change=True)
+        self.sight.view_received(target, seen, self.now, lifted=None, may_change=True)
 
     def watch(self, seconds):
         """Only images arrive: the estimate settles."""

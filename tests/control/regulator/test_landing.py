@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from mkdaemon.control.estimator.model import P, V
+from mkdaemon.control.estimator.model import LARGEST_CUSHION, P, V
 from mkdaemon.control.estimator.values import Estimate
-from mkdaemon.control.manoeuvres.land import LARGEST_CUSHION, Fall, Landing, LandingLimits, LandingPhase
+from mkdaemon.control.manoeuvres.land import Fall, Landing, LandingLimits, LandingPhase
 
 LIMITS = LandingLimits()
 STEP = 0.02

@@ -16,16 +16,16 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import Position
 from tests.gateways.foxglove.viewer import read
+from tests.values import made
 from tests.view.page import flights
 
 ONE, MANY = Names("mk1"), Names("mk1", "mk1/")
 PLACE = {"latitude_deg": 48.1, "longitude_deg": 11.5, "altitude": 520.0, "position_enu": (1.0, 2.0, 3.0)}
-HOME = {"home_latitude_deg": 48.0, "home_longitude_deg": 11.4, "home_distance": 2.2, "board_home_distance": 2.0}
+HOME = {"home_latitude_deg": 48.0, "home_longitude_deg": 11.4}
 
 
 def position(**change):
-    fields = {"stamp": flights.stamp(5.0), "source": "nc/osd", "altitude_above_start": 3.0}
-    return Position(**fields, **(PLACE | HOME | change))
+    return made(Position, flights.stamp(5.0), **PLACE | HOME | change)
 
 
 def shown(convert, value, names=ONE):

@@ -14,25 +14,14 @@ from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Poses, Whereabouts
 from mkdaemon.telemetry.state import Position
 from tests.gateways.foxglove.viewer import read
+from tests.values import made
 from tests.view.page import flights
 
 ONE = Names("mk1")
 
 
 def position(at, enu=(10.0, 20.0, 3.0)):
-    return Position(
-        stamp=flights.stamp(at),
-        source="nc/osd",
-        latitude_deg=48.1,
-        longitude_deg=11.5,
-        altitude=520.0,
-        altitude_above_start=3.0,
-        position_enu=enu,
-        home_latitude_deg=48.0,
-        home_longitude_deg=11.4,
-        home_distance=2.0,
-        board_home_distance=2.0,
-    )
+    return made(Position, flights.stamp(at), position_enu=enu)
 
 
 def edges(frames, value):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 from pymavlink.dialects.v20 import all as mavlink
@@ -16,7 +17,6 @@ from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.protocol.settings import ParameterSet
-from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
@@ -28,116 +28,54 @@ from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
 from tests.client.sessionlease import SessionLease
+from tests.values import STAMP, made
 
 EPOCH = 7
-STAMP = Stamp(monotonic=100.5, wall=1_700_000_000.25)
-AT = {"stamp": STAMP, "source": "nc/osd"}
+value = partial(made, source="nc/osd")
 GROUND_STATION = (255, 190)
 WALL = 1_700_000_000.0
 
-ATTITUDE = Attitude(**AT, quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1, pitch=0.2, yaw=0.5)
-POSITION = Position(
-    **AT,
-    latitude_deg=53.2301184,
-    longitude_deg=7.4590749,
-    altitude=12.5,
-    altitude_above_start=3.0,
-    position_enu=(1.0, 2.0, 3.0),
-    home_latitude_deg=53.23,
-    home_longitude_deg=7.459,
-    home_distance=2.2,
+ATTITUDE = value(Attitude, roll=0.1, pitch=0.2, yaw=0.5)
+POSITION = value(
+    Position, latitude_deg=53.2301184, longitude_deg=7.4590749, altitude=12.5, altitude_above_start=3.0,
+    position_enu=(1.0, 2.0, 3.0), home_latitude_deg=53.23, home_longitude_deg=7.459, home_distance=2.2,
+)  # fmt: skip
+VELOCITY = value(Velocity, velocity_enu=(1.0, 2.0, -0.5), ground_speed=2.24, course=0.4, climb_rate=-0.5)
+ALTITUDE = value(Altitude, above_start=3.0)
+BATTERY = value(Battery, voltage=15.2, current=12.5, used_mah=430.0, is_low=False)
+GPS = value(Gps, satellites=9, fix="valid", is_usable=True, is_home_set=True)
+PILOT = value(Pilot, rc_quality=0.9, has_signal=True, throttle=12.0, sticks=(10.0, 20.0, 30.0))
+HEALTH = made(VehicleHealth, is_alive=True, firmware={"fc": "2.12a", "nc": "2.12a"}, link="up", motors_running=True)
+ESTIMATE = made(
+    ControlEstimate, target="pad", position=(0.3, -0.2, 2.0), velocity=(0.1, 0.2, -0.3), yaw=0.25, image_age=0.05
 )
-VELOCITY = Velocity(**AT, velocity_enu=(1.0, 2.0, -0.5), ground_speed=2.24, course=0.4, climb_rate=-0.5)
-ALTITUDE = Altitude(**AT, above_start=3.0)
-BATTERY = Battery(**AT, voltage=15.2, current=12.5, used_mah=430.0, is_low=False)
-GPS = Gps(**AT, satellites=9, fix="valid", is_usable=True, is_home_set=True)
-PILOT = Pilot(**AT, rc_quality=0.9, has_signal=True, throttle=12.0, sticks=(10.0, 20.0, 30.0))
-HEALTH = VehicleHealth(
-    stamp=STAMP,
-    is_alive=True,
-    reason="heard",
-    boards=("fc", "nc"),
-    firmware={"fc": "2.12a", "nc": "2.12a"},
-    read_only=None,
-    link="up",
-    motors_running=True,
-    error=None,
-    note="",
-)
-ESTIMATE = ControlEstimate(
-    stamp=STAMP,
-    target="pad",
-    position=(0.3, -0.2, 2.0),
-    velocity=(0.1, 0.2, -0.3),
-    tilt=(0.0, 0.0),
-    disturbance=(0.0, 0.0),
-    yaw=0.25,
-    hover_throttle=-2.0,
-    position_sd=(0.01, 0.01, 0.01),
-    image_age=0.05,
-    innovation=0.5,
-    caution=0.0,
-)
-POSE = VisionPose(
-    stamp=STAMP,
-    camera="down",
-    sequence=1,
-    stamped_by="header",
-    target="pad",
-    position_target=(0.3, -0.2, 2.0),
-    quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
-    position_flu=(-0.3, 0.2, -2.0),
-    quaternion_flu_from_target=(1.0, 0.0, 0.0, 0.0),
-    covariance=tuple(float(row + 1) if row == column else 0.0 for row in range(6) for column in range(6)),
+POSE = made(
+    VisionPose, camera="down", target="pad", position_target=(0.3, -0.2, 2.0), position_flu=(-0.3, 0.2, -2.0),
     position_cam=(0.2, 0.1, 2.0),
-    quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
-    source="edges",
-    mode="flow",
-    points=8,
-    rms_px=0.1,
-    ambiguity=None,
-    decided_by="",
-    decode_age=0.0,
-    delivered=0.03,
-    latency=0.05,
-)
+    covariance=tuple(float(row + 1) if row == column else 0.0 for row in range(6) for column in range(6)),
+)  # fmt: skip
 
 
 def flight(**changes):
     """What the boards say of a flight; in the air, steered by the pilot."""
-    flags = NORMAL | AT | {"error": "", "flying_time": 20.0}
+    flags = NORMAL | {"stamp": STAMP, "source": "nc/osd", "error": "", "flying_time": 20.0}
     return Flight(**flags | changes)
 
 
 def status(phase=Phase.FREE, *, epoch=None, **changes):
     """What the daemon says of its authority."""
     lease = None if epoch is None else LeaseState(holder="gateway", epoch=epoch, ttl=5.0, left=5.0)
-    fields = {"reason": "because", "setpoint_age": None, "refused": 0, "external_control": "v2"}
-    return ControlStatus(stamp=STAMP, phase=phase, lease=lease, **fields | changes)
+    return made(ControlStatus, phase=phase, lease=lease, **{"reason": "because", "external_control": "v2"} | changes)
 
 
 def navi(stage=NaviStage.FREE, **changes):
     """What the NaviCtrl flies."""
-    fields = {
-        "hands": "flies",
-        "waypoint": 0,
-        "waypoints": 0,
-        "target_distance": None,
-        "home_distance": None,
-        "height": None,
-        "is_route_done": False,
-        "is_home": False,
-    }
-    return ControlNavi(stamp=STAMP, stage=stage, **fields | changes)
+    return made(ControlNavi, stage=stage, **changes)
 
 
 def line(condition=LinkCondition.UP):
     """What is said of the line."""
-    state = LinkState(
-        condition=condition, reason="well", since=STAMP, stamp=STAMP, port="p", baud=57600, hears_board=True,
-        board_hears_us=True,
-    )  # fmt: skip
-    return LinkHealth(stamp=STAMP, state=state, echo={"loss_percent": 1.5}, confirm={})
+    return made(LinkHealth, state=made(LinkState, condition=condition), echo={"loss_percent": 1.5})
 
 
 EVERYTHING = (
@@ -149,9 +87,7 @@ EVERYTHING = (
 
 def progress(step):
     """How far a write of one set is."""
-    return ProcedureProgress(
-        stamp=STAMP, id="1", verb="settings_write", holder="x", state="running", step=step, of=3, text="words"
-    )
+    return made(ProcedureProgress, id="1", verb="settings_write", state="running", step=step, of=3, text="words")
 
 
 class FakeLease(SessionLease):

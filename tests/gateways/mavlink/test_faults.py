@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink import actions, missions, parameters
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering
 from mkdaemon.telemetry.control import Phase
@@ -22,7 +21,6 @@ from tests.gateways.mavlink.rig import (
     status,
     virtually,
 )  # fmt: skip
-from tests.gateways.mavlink.test_parameters import vehicle as a_vehicle_with_settings
 
 HOLD, LAND, RTL, SET_MODE, START = 17, 21, 20, 176, 300
 ACCEPTED, TEMPORARILY, DENIED, FAILED, IN_PROGRESS = 0, 1, 2, 4, 5
@@ -38,14 +36,6 @@ def odd(*_, **__):
 
 async def odd_later(*_, **__):
     raise OddError
-
-
-def test_a_fault_is_counted_each_time():
-    faults = Faults("mavlink")
-    for _ in range(3):
-        with faults.contained("X"):
-            raise OddError
-    assert faults.count == 3
 
 
 @pytest.mark.parametrize(
@@ -233,27 +223,6 @@ async def test_whoever_answers_only_the_old_request_is_asked_in_the_old_way():
         await beat(ears, 2.0, answer)
         assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
         assert len(vehicle.points) == 3 and len(ears.named("MISSION_REQUEST_INT")) == 1
-
-
-@virtually
-async def test_a_slow_write_is_answered_with_the_old_value_first(tmp_path):
-    vehicle = a_vehicle_with_settings()
-    async with serving(vehicle, folder=tmp_path) as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_param_request_list_message(1, 1))
-        await beat(ears, 2.0)
-        known = ears.named("PARAM_VALUE")[5]
-        name, before = known.param_id, known.param_value
-        vehicle.slow = 5.0
-        ears.heard.clear()
-        write = mavlink.MAVLink_param_set_message(1, 1, name.encode(), before + 1, 9)
-        ears.say(write)
-        await beat(ears, 0.95)
-        assert [one.param_value for one in ears.named("PARAM_VALUE")] == [before]
-        ears.say(write)
-        await beat(ears, 10.0)
-        assert ears.named("PARAM_VALUE")[-1].param_value == before + 1
-        assert [name for name, *_ in vehicle.calls].count("write") == 1
 
 
 @virtually

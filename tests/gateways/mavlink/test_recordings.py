@@ -26,10 +26,7 @@ def folder(tmp_path):
 
 
 def status(file):
-    return RecordStatus(
-        stamp=rig.STAMP, state="recording", reason="", file=str(file), file_bytes=1, total_bytes=1, free_bytes=1,
-        entries=1, lost=0, queue_bytes=0, queue_limit_bytes=1,
-    )  # fmt: skip
+    return rig.made(RecordStatus, state="recording", file=str(file))
 
 
 def knows(folder):

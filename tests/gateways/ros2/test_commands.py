@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.client.rosmessages import pose, vector
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
 from mkdaemon.gateways.ros2 import commands
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, CommandStream
-from mkdaemon.gateways.ros2.messages import Frames
+from mkdaemon.gateways.ros2.messages import Frames, pose, vector
 from tests.gateways.ros2.bagtypes import BagTypes
 
 TYPES = BagTypes()

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from lab.rigs.waiting import wait_for
-from mkdaemon.client.rosmessages import pose, vector
 from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Ros2Gateway
+from mkdaemon.gateways.ros2.messages import pose, vector
 from mkdaemon.gateways.ros2.parameters import RATES
 from mkdaemon.gateways.ros2.topics import Quality
 from tests.client.fake import connected

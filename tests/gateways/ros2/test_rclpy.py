@@ -196,31 +196,6 @@ async def test_joy_and_cmd_vel_fly_and_a_publisher_that_falls_silent_ends_it():
             await wait_for(lambda: daemon.holder is None)
 
 
-async def test_rates_may_be_set_while_it_runs():
-    with domain(), tutorial() as node:
-        async with (
-            fake_daemon() as daemon,
-            gateway(daemon.endpoint, VEHICLE, "--", "--ros-args", "-p", "topics:=[imu]"),
-        ):
-            from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-
-            node.listen(f"/{VEHICLE}/imu", "sensor_msgs/msg/Imu")
-            await wait_for(lambda: node.count_publishers(f"/{VEHICLE}/imu"))
-            assert not node.count_publishers(f"/{VEHICLE}/fix")
-            value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=10.0)
-            limit = Parameter(name="rates.imu", value=value)
-            answer = await node.call(
-                f"/{VEHICLE}/mkdaemon/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[limit]
-            )
-            assert answer.results[0].successful
-            for n in range(50):
-                daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
-                await asyncio.sleep(0.005)
-            await wait_for(lambda: len(node.messages[f"/{VEHICLE}/imu"]) >= 9)
-            await asyncio.sleep(0.2)
-            assert len(node.messages[f"/{VEHICLE}/imu"]) <= 10
-
-
 async def test_a_mistake_in_the_arguments_is_one_line():
     with domain():
         async with fake_daemon() as daemon:

@@ -15,7 +15,6 @@ import pytest
 pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
 
 from lab.places import ROOT
-from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.overtarget import VEHICLE as FLOWN
 from lab.rigs.overtarget import Setting, favour, hovering
 from lab.rigs.waiting import wait_for
@@ -23,11 +22,8 @@ from mkdaemon.gateways.ros2.rclnode import type_of
 from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
 from tests.gateways.ros2.rosworld import (
-    LATCHED,
     domain,
     gateway,
-    gateway_words,
-    joy,
     listen_to_all,
     stream,
     stream_until,
@@ -46,34 +42,6 @@ LEVELLED = 0.6
 """From the last message of a pad to level sticks on the line [s]; docs/ros.md says 0.3."""
 RELEASED = 1.1
 """From there to the release [s]; docs/ros.md says 0.9."""
-
-
-async def test_a_pad_flies_by_joy_and_a_silent_one_is_levelled_and_released():
-    with domain(), tutorial() as node:
-        async with live_daemon() as live, gateway(live.endpoint, VEHICLE):
-            node.listen(f"/{VEHICLE}/sticks", "sensor_msgs/msg/Joy")
-            node.listen(f"/{VEHICLE}/status", "diagnostic_msgs/msg/DiagnosticStatus", LATCHED)
-            pad = node.say(f"/{VEHICLE}/joy", "sensor_msgs/msg/Joy")
-            await wait_for(lambda: pad.get_subscription_count() and node.newest(f"/{VEHICLE}/status"))
-            node.listen(DIAGNOSTICS, "diagnostic_msgs/msg/DiagnosticArray")
-            await stream_until(pad, lambda: joy(node, {"ABS_Y": 1.0}), lambda: "hold BTN_TL" in gateway_words(node))
-            assert live.values("control/status")[-1]["phase"] == "free", "nothing without the enable button"
-            await stream_until(
-                pad,
-                lambda: joy(node, buttons=("BTN_TL",)),
-                lambda: live.values("control/status")[-1]["phase"] == "flying",
-            )
-            await stream_until(
-                pad,
-                lambda: joy(node, {"ABS_RX": 1.0}, ("BTN_TL",)),
-                lambda: live.values("control/output") and live.values("control/output")[-1]["roll"] > 20,
-            )
-            silent = time.monotonic()
-            await wait_for(lambda: live.values("control/output")[-1]["roll"] == 0)
-            assert live.values("control/output")[-1]["stamp"]["monotonic"] - silent < 0.5
-            await wait_for(lambda: live.values("control/status")[-1]["phase"] == "free")
-            assert live.values("control/status")[-1]["stamp"]["monotonic"] - silent < 1.3
-            assert max(message.axes[1] for message in node.messages[f"/{VEHICLE}/sticks"]) == pytest.approx(30 / 127)
 
 
 @asynccontextmanager

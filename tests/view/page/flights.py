@@ -20,6 +20,7 @@ from mkdaemon.telemetry.link import Fates, LinkCondition, LinkHealth, LinkState,
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import CameraSetup, LensShape, Tags, TagShape, TagSighting, TargetShape, VisionPose
+from tests.values import made
 
 LENS = LensShape(width=640, height=480, fx=400.0, fy=400.0, cx=319.5, cy=239.5, model="pinhole", distortion=(0.0,) * 5)
 DOWN = (0.0, 0.7071067811865476, -0.7071067811865476, 0.0)
@@ -34,62 +35,23 @@ def stamp(at: float, boot: str = "a") -> Stamp:
 
 def status(at: float, **change: Any) -> ControlStatus:
     lease = LeaseState(holder="anna", epoch=7, ttl=1.0, left=0.9)
-    fields = {
-        "phase": Phase.FLYING,
-        "reason": "anna flies",
-        "lease": lease,
-        "setpoint_age": 0.01,
-        "refused": 0,
-        "external_control": "12",
-        "manoeuvre": "position",
-        "hands": "keeps his thumbs on centred sticks",
-    }
-    return ControlStatus(stamp=stamp(at), **(fields | change))
+    fields = {"phase": Phase.FLYING, "reason": "anna flies", "lease": lease, "manoeuvre": "position"}
+    fields |= {"external_control": "12", "hands": "keeps his thumbs on centred sticks"}
+    return made(ControlStatus, stamp(at), **fields | change)
 
 
 def estimate(at: float, position: tuple[float, float, float] = (0.12, -0.05, 2.01), **change: Any) -> ControlEstimate:
-    fields = {
-        "target": "pad",
-        "velocity": (0.0, 0.0, 0.0),
-        "tilt": (0.0, 0.0),
-        "disturbance": (0.0, 0.0),
-        "yaw": 0.5,
-        "hover_throttle": 90.0,
-        "position_sd": (0.02, 0.02, 0.01),
-        "covariance": ((0.0004, 0.0, 0.0), (0.0004, 0.0, 0.0), (0.0001, 0.0, 0.0)),
-        "image_age": 0.05,
-        "innovation": 0.5,
-        "caution": 0.0,
-    }
-    return ControlEstimate(stamp=stamp(at), position=position, **(fields | change))
+    fields = {"target": "pad", "yaw": 0.5, "hover_throttle": 90.0, "position_sd": (0.02, 0.02, 0.01), "image_age": 0.05}
+    fields |= {"covariance": ((0.0004, 0.0, 0.0), (0.0004, 0.0, 0.0), (0.0001, 0.0, 0.0))}
+    return made(ControlEstimate, stamp(at), position=position, **fields | change)
 
 
 def pose(at: float, position: tuple[float, float, float] = (0.0, 0.0, 2.0), sequence: int = 1) -> VisionPose:
     covariance = [0.0] * 36
     covariance[0], covariance[7], covariance[14] = 0.0004, 0.0001, 0.0001
-    return VisionPose(
-        stamp=stamp(at),
-        camera="down",
-        sequence=sequence,
-        stamped_by="driver",
-        target="pad",
-        position_target=position,
-        quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
-        position_flu=(0.0, 0.0, -position[2]),
-        quaternion_flu_from_target=(1.0, 0.0, 0.0, 0.0),
-        covariance=tuple(covariance),
-        position_cam=(0.0, 0.0, position[2]),
-        quaternion_cam_from_target=(0.0, 1.0, 0.0, 0.0),
-        source="edges",
-        mode="predicted",
-        points=80,
-        rms_px=0.2,
-        ambiguity=None,
-        decided_by="attitude",
-        decode_age=0.0,
-        delivered=0.01,
-        latency=0.05,
-    )
+    seen = {"position_cam": (0.0, 0.0, position[2]), "quaternion_cam_from_target": (0.0, 1.0, 0.0, 0.0)}
+    seen |= {"camera": "down", "target": "pad", "covariance": tuple(covariance)}
+    return made(VisionPose, stamp(at), sequence=sequence, position_target=position, **seen)
 
 
 def setup(at: float, **change: Any) -> CameraSetup:
@@ -101,35 +63,24 @@ def setup(at: float, **change: Any) -> CameraSetup:
 
 
 def link_state(at: float, condition: LinkCondition = LinkCondition.UP) -> LinkState:
-    return LinkState(
-        stamp=stamp(at),
-        condition=condition,
-        reason="both directions proven",
-        since=stamp(at),
-        port="/dev/ttyUSB0",
-        baud=57600,
-        hears_board=True,
-        board_hears_us=True,
-    )
+    return made(LinkState, stamp(at), condition=condition, reason="both directions proven", port="/dev/ttyUSB0")
 
 
 def link_health(at: float) -> LinkHealth:
     echo = RoundTripStats(sent=50, lost=1, loss_percent=2.0, last_ms=21.0, p50_ms=20.0, p95_ms=30.0, p99_ms=44.0)
     tests = Fates(sent=50, answered=49, unanswered=1, lost=1)
-    return LinkHealth(stamp=stamp(at), state=link_state(at), echo=echo, confirm=RoundTripStats(), link_tests=tests)
+    return made(LinkHealth, stamp(at), state=link_state(at), echo=echo, link_tests=tests)
 
 
 def tags(at: float, sequence: int) -> Tags:
     corners = ((200.0, 100.0), (300.0, 100.0), (300.0, 200.0), (200.0, 200.0))
-    sighting = TagSighting(family="tag36h11", id=48, hamming=0, decision_margin=50.0, corners=corners, search="roi")
-    return Tags(stamp=stamp(at), camera="down", sequence=sequence, stamped_by="driver", tags=(sighting,))
+    sighting = made(TagSighting, family="tag36h11", id=48, corners=corners, search="roi")
+    return made(Tags, stamp(at), camera="down", sequence=sequence, tags=(sighting,))
 
 
 def image(at: float, sequence: int) -> CameraFrame:
-    pixels = bytes(range(12))
-    return CameraFrame(
-        stamp=stamp(at), camera="down", sequence=sequence, width=4, height=3, coding="gray8", pixels=pixels
-    )
+    size = {"width": 4, "height": 3, "coding": "gray8", "pixels": bytes(range(12))}
+    return made(CameraFrame, stamp(at), camera="down", sequence=sequence, **size)
 
 
 def hovering(at: float) -> list[tuple[str, Any]]:
@@ -143,10 +94,7 @@ def hovering(at: float) -> list[tuple[str, Any]]:
         ("control/output", output(at)),
         ("state/attitude", attitude(at)),
         ("state/altitude", Altitude(stamp=stamp(at), source="fc", above_start=1.9)),
-        (
-            "state/battery",
-            Battery(stamp=stamp(at), source="fc", **BATTERY),
-        ),
+        ("state/battery", battery(at)),
         ("link/state", link_state(at)),
         ("link/health", link_health(at)),
         ("vision/down/setup", setup(at)),
@@ -155,59 +103,28 @@ def hovering(at: float) -> list[tuple[str, Any]]:
 
 
 def alive(at: float, **change: Any) -> VehicleHealth:
-    fields = {
-        "is_alive": True,
-        "reason": "",
-        "boards": ("fc",),
-        "firmware": {"fc": "2.12a"},
-        "read_only": None,
-        "link": "up",
-        "motors_running": True,
-        "error": None,
-        "note": "",
-        "battery_cells": 4,
-    }
-    return VehicleHealth(stamp=stamp(at), **(fields | change))
+    fields = {"is_alive": True, "boards": ("fc",), "firmware": {"fc": "2.12a"}, "link": "up", "battery_cells": 4}
+    return made(VehicleHealth, stamp(at), **fields | {"motors_running": True} | change)
 
 
 def error(at: float) -> ControlError:
-    return ControlError(
-        stamp=stamp(at),
-        manoeuvre="position",
-        goal=(0.15, -0.09, 2.0),
-        error_pad=(-0.03, 0.04, 0.01),
-        error_body=(-0.03, 0.04, 0.01),
-        error_yaw=None,
-    )
+    off = (-0.03, 0.04, 0.01)
+    return made(ControlError, stamp(at), manoeuvre="position", goal=(0.15, -0.09, 2.0), error_pad=off, error_body=off)
 
 
 def output(at: float) -> ControlOutput:
-    return ControlOutput(
-        stamp=stamp(at),
-        epoch=7,
-        sequence=1,
-        frame=1,
-        age=0.01,
-        pitch=10,
-        roll=-5,
-        yaw=0,
-        throttle=3,
-        limited=True,
-        wanted=(30.0, -5.0, 0.0, 3.0),
-    )
+    sticks = {"pitch": 10, "roll": -5, "throttle": 3, "limited": True, "wanted": (30.0, -5.0, 0.0, 3.0)}
+    return made(ControlOutput, stamp(at), epoch=7, **sticks)
+
+
+def battery(at: float, **change: Any) -> Battery:
+    return made(Battery, stamp(at), **BATTERY | change)
 
 
 def attitude(at: float, roll: float = 0.1) -> Attitude:
-    return Attitude(stamp=stamp(at), source="fc", quaternion=(1.0, 0.0, 0.0, 0.0), roll=roll, pitch=-0.05, yaw=0.0)
+    return made(Attitude, stamp(at), source="fc", roll=roll, pitch=-0.05)
 
 
 def refusal(at: float) -> CommandEvent:
-    return CommandEvent(
-        stamp=stamp(at),
-        key="setpoint/takeoff",
-        fields={},
-        status="denied",
-        token="no_target",
-        reason="no target is in sight.",
-        fix="Put the print below the camera.",
-    )
+    words = {"token": "no_target", "reason": "no target is in sight.", "fix": "Put the print below the camera."}
+    return made(CommandEvent, stamp(at), key="setpoint/takeoff", status="denied", **words)

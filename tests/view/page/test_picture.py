@@ -12,6 +12,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Position
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
+from tests.values import made
 from tests.view.page import flights
 
 NOW = 50.0
@@ -116,18 +117,7 @@ def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
 
 
 def test_without_a_target_it_is_where_the_receiver_says():
-    position = Position(
-        stamp=flights.stamp(1000.0),
-        source="nc",
-        latitude_deg=49.0,
-        longitude_deg=8.0,
-        altitude=100.0,
-        altitude_above_start=10.0,
-        position_enu=(3.0, 4.0, 10.0),
-        home_latitude_deg=49.0,
-        home_longitude_deg=8.0,
-        home_distance=5.0,
-    )
+    position = made(Position, flights.stamp(1000.0), position_enu=(3.0, 4.0, 10.0), home_distance=5.0)
     picture = picture_of([("state/attitude", flights.attitude(1000.0)), ("state/position", position)])
     aircraft = picture.show(NOW)["scene"]["aircraft"]
     assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [3.0, 4.0, 10.0])

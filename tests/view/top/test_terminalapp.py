@@ -17,6 +17,7 @@ from mkdaemon.telemetry.state import Attitude, Battery
 from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.view.top.terminalapp import TopApp
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
+from tests.values import made
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -33,31 +34,9 @@ def rows_of(screen):
 
 def publish_state(bus):
     stamp = CLOCK.stamp()
-    bus.publish(
-        "health",
-        VehicleHealth(
-            stamp=stamp,
-            is_alive=True,
-            reason="fine",
-            boards=("nc",),
-            firmware={},
-            read_only=None,
-            link="up",
-            motors_running=True,
-            error=None,
-            note="",
-            battery_cells=4,
-        ),
-    )
-    bus.publish(
-        "state/attitude",
-        Attitude(
-            stamp=stamp, source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1745329, pitch=-0.0872665, yaw=0.0
-        ),
-    )
-    bus.publish(
-        "state/battery", Battery(stamp=stamp, source="nc/osd", voltage=15.2, current=11.5, used_mah=812, is_low=False)
-    )
+    bus.publish("health", made(VehicleHealth, stamp, is_alive=True, motors_running=True, battery_cells=4))
+    bus.publish("state/attitude", made(Attitude, stamp, roll=0.1745329, pitch=-0.0872665))
+    bus.publish("state/battery", made(Battery, stamp, voltage=15.2, current=11.5, used_mah=812, is_low=False))
 
 
 def patient(monkeypatch):

@@ -17,7 +17,7 @@ import numpy as np
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.commands import CommandHistory, StickFrame
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, H, P, S, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, F, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
@@ -187,6 +187,7 @@ class Estimator:
         *,
         compass: float = 0.0,
         velocity: Array | None = None,
+        thrust: float = 0.0,
         nominal: Tuning = NOMINAL,
         robust: Tuning = ROBUST,
     ) -> None:
@@ -198,6 +199,7 @@ class Estimator:
             hover_gas: first guess [count of 254].
             compass: yaw that the boards reported last [rad].
             velocity: against the target (3,) [m/s]; at rest if none is given.
+            thrust: of the motors, less the weight [share of the weight].
             nominal: tuning at caution 0.
             robust: tuning at caution 1.
 
@@ -228,16 +230,16 @@ class Estimator:
         self._sent_at = -math.inf
         self._is_held = False
         self._last_command: StickCommand | None = None
-        self._level, self._vertical = self._filters(view, np.zeros(3) if velocity is None else velocity)
+        self._level, self._vertical = self._filters(view, np.zeros(3) if velocity is None else velocity, thrust)
         self.target_seen(view, view.at)
 
-    def _filters(self, view: TargetView, velocity: Array) -> tuple[RollbackFilter, RollbackFilter]:
+    def _filters(self, view: TargetView, velocity: Array, thrust: float) -> tuple[RollbackFilter, RollbackFilter]:
         """Return the filters of both horizontal axes and of the vertical one, begun with the first view."""
         tuning = self._tuning
         level, upright = np.zeros((2, LEVEL_STATES)), np.zeros((1, 4))
         level[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
         level[:, V] = velocity[:2]
-        upright[0, [H, S]] = -view.position_flu[2], velocity[2]
+        upright[0, [H, S, F]] = -view.position_flu[2], velocity[2], thrust
         spread = np.diag(tuning.first_upright_spread) ** 2
         f, g, counted = self.model.counted(STEP)
         return (

@@ -61,11 +61,26 @@ SHORTEST: Final = 0.001
 """No delay is shorter [s]."""
 YAW_DEAD_BAND: Final = 4.0
 """Yaw counts that do nothing; docs/firmware-notes.md."""
+ROTOR_RADIUS: Final = 0.2
+"""Of the largest rotors this flies with [m]; docs/simulator.md."""
+ROTOR_HEIGHT: Final = 0.1
+"""Of the rotors above the feet, at least [m]."""
+LARGEST_CUSHION: Final = 1.25
+"""Largest gain of thrust near the ground; docs/simulator.md."""
 P, V, T, TH, Z, W, US, D, B = range(9)
 LEVEL_STATES: Final = 9
 """Places in the state of a horizontal axis; how many there are."""
 H, S, F, E = range(4)
 """Places in the state of the vertical axis."""
+
+
+def ground_effect(height: float) -> float:
+    """Return the gain of thrust with the feet at a height above the ground [m].
+
+    `1 / (1 - (R / 4z)^2)`, with the rotors at z: I. Cheeseman and W. Bennett, ARC R&M 3021, 1955.
+    """
+    ratio = (ROTOR_RADIUS / (4.0 * (max(height, 0.0) + ROTOR_HEIGHT))) ** 2
+    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION)
 
 
 class Gap(Enum):

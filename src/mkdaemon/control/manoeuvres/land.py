@@ -7,8 +7,7 @@ third to two thirds of the landings miss (docs/lab/control.md, "Landing").
 
 A touchdown is final, and needs evidence: a fresh image, or a fall of sufficient length (`Fall`). No message on the line
 reports the touchdown. Without an image, `Fall` bounds the time of it: from the highest possible position, with the
-slowest possible sink rate, the thrust that was sent and the ground effect, the aircraft must have come down. Source of
-the ground effect: I. Cheeseman and W. Bennett, ARC R&M 3021, 1955.
+slowest possible sink rate, the thrust that was sent and the ground effect, the aircraft must have come down.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.model import GRAVITY, F
+from mkdaemon.control.estimator.model import GRAVITY, F, ground_effect
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
 from mkdaemon.control.manoeuvres.hold import Hold
@@ -36,13 +35,6 @@ CLIMB_DOUBT: Final = 0.15
 """It sinks slower than estimated by this at most [m/s]."""
 THRUST_DOUBT: Final = 1.08
 """Its thrust is larger than estimated by this factor at most: 4 % of hover throttle."""
-ROTOR_RADIUS: Final = 0.2
-"""Of the largest rotors this flies with [m]; docs/simulator.md."""
-ROTOR_HEIGHT: Final = 0.1
-"""Of the rotors above the feet, at least [m]."""
-LARGEST_CUSHION: Final = 1.25
-"""Largest gain of thrust near the ground; docs/simulator.md."""
-
 
 LONGEST_WAIT: Final = 60.0
 """A wait that is longer by this than it should be widens nothing more [s]: by then nothing is asked for."""
@@ -74,16 +66,10 @@ class Fall:
             thrust: that the motors give, out of the cushion [share of the weight].
             step: [s].
         """
-        lift = thrust * THRUST_DOUBT * _cushion(self.height)
+        lift = thrust * THRUST_DOUBT * ground_effect(self.height)
         self.climb += GRAVITY * (lift - 1.0) * step
         self.height += self.climb * step
         return self.height <= 0.0
-
-
-def _cushion(height: float) -> float:
-    """Gain of thrust with the feet at a height above the ground [m]."""
-    ratio = (ROTOR_RADIUS / (4.0 * (max(height, 0.0) + ROTOR_HEIGHT))) ** 2
-    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION)
 
 
 class LandingPhase(StrEnum):

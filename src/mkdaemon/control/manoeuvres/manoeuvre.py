@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from mkdaemon.control.estimator.liftoff import LiftOff
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.sight import Sight
@@ -125,12 +126,11 @@ class Manoeuvre(ABC):
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks at a time [s]; `is_flying`: they are being sent."""
 
-    def height_seen(self, height: float, at: float) -> float | None:
+    def height_seen(self, height: float, at: float) -> LiftOff | None:
         """Take the height above the target that an image shows [m], and when it was taken [s].
 
         Returns:
-            The throttle that carries the aircraft [count of 254], where this image is the first that shows it off the
-            ground.
+            How it left the ground, where this image is the first that shows it.
         """
         return None
 

@@ -7,8 +7,6 @@ throttle, and for how long, is bounded. Source: docs/control.md, "Take-off".
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import ClassVar, Final
@@ -16,7 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.model import GRAVITY
+from mkdaemon.control.estimator.liftoff import LiftOff
 from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
 from mkdaemon.control.manoeuvres.hold import Hold
@@ -65,11 +63,11 @@ class TakeOffLimits:
         ready: time at the lowest throttle before it rises [s].
         stand_height: of the body origin above the target when the feet stand [m].
         lift: this much higher, the aircraft flies [m].
-        cushion: mean gain of thrust by the ground on the way there.
-        first: to this share of hover throttle it rises at once [share].
-        rise: from there on [share of hover a second].
+        rise: of the throttle, up to `first` [share of hover a second].
+        first: with this throttle an aircraft whose hover throttle is as assumed leaves the ground [share of hover].
+        further: rise of the throttle from there on, for one that needs more than was assumed [share of hover a second].
         most: blind throttle ends here [share of hover].
-        counts_from: the blind time counts from this throttle on [share of hover].
+        counts_from: the blind time counts from this throttle on [share of hover], or from the first image in the air.
         blind: longest time above it without an image of a flying aircraft [s].
         steepest: tilt on the ground at which it ends: a foot that sticks tips the aircraft over [rad].
         cut: after that the throttle is at its lowest for this long before the release [s].
@@ -78,14 +76,18 @@ class TakeOffLimits:
     ready: float = 3.0
     stand_height: float = 0.10
     lift: float = 0.06
-    cushion: float = 1.1
-    first: float = 0.80
-    rise: float = 1.60
+    rise: float = 2.5
+    first: float = 1.15
+    further: float = 0.20
     most: float = 1.25
     counts_from: float = 1.05
     blind: float = 1.2
     steepest: float = 0.26
     cut: float = 1.0
+
+    def rises_for(self, hover_gas: float) -> float:
+        """Return how long the throttle rises until the blind time counts, by an assumed hover throttle [s]."""
+        return (self.counts_from - IDLE_GAS / hover_gas) / self.rise
 
 
 class TakeOff:
@@ -112,9 +114,9 @@ class TakeOff:
         self._began = now
         self._share = IDLE_GAS / hover_gas
         self._strong_since: float | None = None
-        self._history: deque[tuple[float, float]] = deque([(now, IDLE_GAS)])
         self._cut_left = 0.0
-        self._seen = (0.0, now)
+        self._now = now
+        self._risen: list[tuple[float, float]] = []
 
     @property
     def is_blind(self) -> bool:
@@ -139,13 +141,12 @@ class TakeOff:
             step: time since the last call [s].
             tilt: largest angle that the boards report, pitch or roll [rad].
         """
-        limits = self._limits
+        limits, self._now = self._limits, now
         if self.phase is TakeOffPhase.IDLE and now - self._began >= limits.ready:
             self.phase = TakeOffPhase.RAMP
-            self._share = limits.first
         elif self.phase is TakeOffPhase.RAMP:
-            self._share = min(self._share + limits.rise * step, limits.most)
-            if self._strong_since is None and self._share >= limits.counts_from:
+            self._share = self._next_share(step)
+            if self._strong_since is None and (self._risen or self._share >= limits.counts_from):
                 self._strong_since = now
             if tilt > limits.steepest:
                 self.fail(Outcome.TIPPED)
@@ -154,11 +155,16 @@ class TakeOff:
                 self.fail(Outcome.NOT_LIFTED)
         elif self.phase is TakeOffPhase.FAILED:
             self._cut_left -= step
-        gas = self._share * self._hover_gas
-        self._history.append((now, gas))
-        while self._history[0][0] < now - OLDEST:
-            self._history.popleft()
-        return gas
+        return self._share * self._hover_gas
+
+    def _next_share(self, step: float) -> float:
+        """Return the blind throttle after a time [s]: while one image shows the aircraft in the air, hover [share]."""
+        limits = self._limits
+        if self._risen:
+            return 1.0
+        if self._share < limits.first:
+            return min(self._share + limits.rise * step, limits.first)
+        return min(self._share + limits.further * step, limits.most)
 
     def fail(self, why: Outcome) -> None:
         """End the take-off, if no image has shown the aircraft off the ground: it may fly or stand.
@@ -168,29 +174,28 @@ class TakeOff:
         if self.is_blind:
             self.phase, self.failure = TakeOffPhase.FAILED, why
 
-    def seen(self, height: float, at: float) -> float | None:
-        """Take the height an image shows; once images show that it flies, the throttle that carries it.
-
-        From standing it has reached its height with a mean acceleration of v^2 / 2h, more than its throttle gives in
-        free air by what the cushion adds.
+    def seen(self, height: float, at: float) -> tuple[tuple[float, float], ...]:
+        """Take the height an image shows; once two in a row show that it flies, all that have shown it so far.
 
         Args:
             height: of the body origin above the target [m].
             at: when the image was taken [s].
+
+        Returns:
+            When each was taken [s], and the height of the feet [m]; empty while it is not shown.
         """
         limits = self._limits
-        if self.phase is not TakeOffPhase.RAMP or self._history[-1][0] - at > OLDEST:
-            return None
+        if self.phase is not TakeOffPhase.RAMP or self._now - at > OLDEST:
+            return ()
         flown = height - limits.stand_height
-        before, before_at = self._seen
-        self._seen = (flown, at)
-        if flown <= limits.lift or before <= limits.lift or at <= before_at:
-            return None
+        if flown <= limits.lift:
+            self._risen.clear()
+        elif not self._risen or at > self._risen[-1][0]:
+            self._risen.append((at, flown))
+        if len(self._risen) < 2:
+            return ()
         self.phase = TakeOffPhase.CLIMB
-        climb = max(0.0, (flown - before) / (at - before_at))
-        gas = next((gas for time, gas in reversed(self._history) if time <= at), self._history[0][1])
-        hover = gas * math.sqrt(limits.cushion / (1.0 + climb**2 / (2.0 * flown) / GRAVITY))
-        return min(max(hover, LIKELY[0] * self._hover_gas), LIKELY[1] * self._hover_gas)
+        return tuple(self._risen)
 
     def arrived(self) -> None:
         """Note that the aircraft holds at the height asked for."""
@@ -213,9 +218,12 @@ class TakeOffFlight(ByTarget):
         self._is_in_air = isinstance(before, ByTarget)
         return super().enter(before, now)
 
-    def height_seen(self, height: float, at: float) -> float | None:
-        """See `TakeOff.seen`."""
-        return None if self.take_off is None else self.take_off.seen(height, at)
+    def height_seen(self, height: float, at: float) -> LiftOff | None:
+        """Take the height above the target that an image shows: see `TakeOff.seen` and `lifted_off`."""
+        risen = () if self.take_off is None else self.take_off.seen(height, at)
+        low, high = LIKELY
+        assumed = self._sight.hover_gas
+        return self._sight.lift_off(risen, (low * assumed, high * assumed)) if risen else None
 
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks; blind until an image shows the aircraft off the ground."""

@@ -14,11 +14,10 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.client.export.values import ExportedValue
-from mkdaemon.client.rosmessages import LAST_SECOND
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.faults import expressible
 from mkdaemon.gateways.ros2.diagnostics import report
-from mkdaemon.gateways.ros2.messages import ConversionScene, Frames, name_part
+from mkdaemon.gateways.ros2.messages import LAST_SECOND, ConversionScene, Frames, name_part
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS, REPORTING, TOPICS, Newest, Quality, Ros2Topic
 from mkdaemon.stamp import Stamp, nanoseconds
 from mkdaemon.telemetry.base import Stamped

@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.client.pictures import decoded
-from mkdaemon.client.rosmessages import Doubles, point
-from mkdaemon.gateways.ros2.messages import ConversionScene, header
+from mkdaemon.gateways.ros2.messages import ConversionScene, Doubles, header, vector
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import CameraSetup, Tags, TagSighting
@@ -135,13 +134,13 @@ def markers(value: Tags, scene: ConversionScene) -> list[Any]:
             id=tag.id,
             type=POLYGON,
             action=0,
-            position=point(types, (0.0, 0.0, 0.0)),
+            position=vector(types, (0.0, 0.0, 0.0), "Point"),
             scale=2.0,
             outline_color=line,
             filled=0,
             fill_color=line,
             lifetime=types.new("builtin_interfaces/msg/Duration", sec=SHOWN_FOR, nanosec=0),
-            points=[point(types, (*corner, 0.0)) for corner in tag.corners],
+            points=[vector(types, (*corner, 0.0), "Point") for corner in tag.corners],
             outline_colors=[],
         )
         for tag in value.tags

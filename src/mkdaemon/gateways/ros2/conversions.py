@@ -10,17 +10,20 @@ from typing import Any, Final
 
 import numpy as np
 
-from mkdaemon.client import rosmessages
-from mkdaemon.client.rosmessages import (
+from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
+from mkdaemon.gateways.ros2.messages import (
+    ConversionScene,
     Doubles,
+    header,
+    name_part,
     pose,
     pose_with_covariance,
-    stamped_pose_with_covariance,
+    quaternion,
+    stamped_transform,
+    time,
     tree,
     vector,
 )
-from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
-from mkdaemon.gateways.ros2.messages import ConversionScene, header, name_part, stamped_transform, time
 from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Stamped
@@ -39,29 +42,55 @@ TOGETHER: Final = 0.5
 INFO: Final = 20
 LEVELS: Final = {Tone.WARN: 30, Tone.BAD: 40}
 """Severities of rcl_interfaces/Log."""
+FULL_STICK: Final = 127.0
+"""Count of a stick at its end; axes of a Joy go from -1 to 1."""
+_NOTHING: Final = (0.0, 0.0, 0.0)
 MOST_CELLS: Final = 14
 """Of a battery, as in the configuration; what a stranger puts as their number takes no memory."""
 
 
 def fix(value: Position, scene: ConversionScene) -> Any:
     """NavSatFix of a valid position; the boards report no covariance."""
-    at = header(scene.types, value.stamp, scene.frames.body)
-    return rosmessages.fix(scene.types, at, 0, value.latitude_deg, value.longitude_deg, value.altitude)
+    return _fix(value, scene, 0, (value.latitude_deg, value.longitude_deg, value.altitude))
 
 
 def no_fix(value: Gps, scene: ConversionScene) -> Any | None:
     """NavSatFix that says that there is no position; None while there is one."""
-    if value.fix is GpsFix.VALID:
-        return None
-    at = header(scene.types, value.stamp, scene.frames.body)
-    return rosmessages.fix(scene.types, at, -1, math.nan, math.nan, None)
+    return None if value.fix is GpsFix.VALID else _fix(value, scene, -1, (math.nan, math.nan, None))
+
+
+def _fix(value: Stamped, scene: ConversionScene, status: int, place: tuple[float, float, float | None]) -> Any:
+    latitude, longitude, altitude = place
+    return scene.types.new(
+        "sensor_msgs/msg/NavSatFix",
+        header=header(scene.types, value.stamp, scene.frames.body),
+        status=scene.types.new("sensor_msgs/msg/NavSatStatus", status=status, service=1),
+        latitude=latitude,
+        longitude=longitude,
+        altitude=math.nan if altitude is None else float(altitude),
+        position_covariance=np.zeros(9),
+        position_covariance_type=0,
+    )
 
 
 def imu(value: Attitude, scene: ConversionScene) -> Any:
-    """Imu with the boards' orientation, ENU from FLU, and how fast it turned since the attitude before."""
-    at = header(scene.types, value.stamp, scene.frames.body)
+    """Imu with the boards' orientation, ENU from FLU, and how fast it turned since the attitude before.
+
+    The boards send no accelerations.
+    """
+    types = scene.types
     rates, variance = turn_rates(scene.latest.get("state/attitude"), value)
-    return rosmessages.imu(scene.types, at, value.quaternion, rates, variance)
+    missing = np.array([-1.0] + [0.0] * 8)
+    return types.new(
+        "sensor_msgs/msg/Imu",
+        header=header(types, value.stamp, scene.frames.body),
+        orientation=quaternion(types, value.quaternion),
+        orientation_covariance=np.zeros(9),
+        angular_velocity=vector(types, rates or _NOTHING),
+        angular_velocity_covariance=missing if rates is None else np.eye(3).ravel() * variance,
+        linear_acceleration=vector(types, _NOTHING),
+        linear_acceleration_covariance=missing,
+    )
 
 
 def turn_rates(before: Attitude | None, now: Attitude) -> tuple[tuple[float, ...] | None, float]:
@@ -89,7 +118,7 @@ def velocity(value: Velocity, scene: ConversionScene) -> Any:
     """TwistStamped by GPS, ENU."""
     types = scene.types
     twist = types.new(
-        "geometry_msgs/msg/Twist", linear=vector(types, value.velocity_enu), angular=vector(types, (0.0, 0.0, 0.0))
+        "geometry_msgs/msg/Twist", linear=vector(types, value.velocity_enu), angular=vector(types, _NOTHING)
     )
     stamp = header(types, value.stamp, scene.frames.map)
     return types.new("geometry_msgs/msg/TwistStamped", header=stamp, twist=twist)
@@ -98,8 +127,22 @@ def velocity(value: Velocity, scene: ConversionScene) -> Any:
 def battery_state(value: Battery, scene: ConversionScene) -> Any:
     """BatteryState: current is negative when discharging; what the boards do not know is NaN."""
     cells = min(max(getattr(scene.latest.get("health"), "battery_cells", None) or 0, 0), MOST_CELLS)
-    at = header(scene.types, value.stamp, scene.frames.body)
-    return rosmessages.battery_state(scene.types, at, value.voltage, value.current, cells)
+    unknown = ("temperature", "charge", "capacity", "design_capacity", "percentage")
+    return scene.types.new(
+        "sensor_msgs/msg/BatteryState",
+        header=header(scene.types, value.stamp, scene.frames.body),
+        voltage=value.voltage,
+        current=math.nan if value.current is None else -value.current,
+        **dict.fromkeys(unknown, math.nan),
+        power_supply_status=2,
+        power_supply_health=0,
+        power_supply_technology=3,
+        present=True,
+        cell_voltage=np.full(cells, np.nan, dtype=np.float32),
+        cell_temperature=np.zeros(0, dtype=np.float32),
+        location="",
+        serial_number="",
+    )
 
 
 def target_from_flu(value: ControlEstimate) -> Doubles:
@@ -154,7 +197,7 @@ def odometry(value: ControlEstimate, scene: ConversionScene) -> Any:
             twist=types.new(
                 "geometry_msgs/msg/Twist",
                 linear=vector(types, rotation.T @ np.asarray(value.velocity)),
-                angular=vector(types, (0.0, 0.0, 0.0)),
+                angular=vector(types, _NOTHING),
             ),
             covariance=twist_spread.ravel(),
         ),
@@ -166,7 +209,8 @@ def vision_pose(value: VisionPose, scene: ConversionScene) -> Any:
     types = scene.types
     at = header(types, value.stamp, scene.frames.target(value.target))
     place = pose(types, value.position_target, value.quaternion_target_from_flu)
-    return stamped_pose_with_covariance(types, at, place, value.covariance)
+    spread = pose_with_covariance(types, place, value.covariance)
+    return types.new("geometry_msgs/msg/PoseWithCovarianceStamped", header=at, pose=spread)
 
 
 def edge(value: Transform, scene: ConversionScene) -> Any | None:
@@ -227,8 +271,12 @@ def pilot(value: Pilot, scene: ConversionScene) -> Any | None:
 
 
 def _joy(value: ControlOutput | Pilot, scene: ConversionScene, counts: tuple[float, ...], *, button: bool) -> Any:
-    at = header(scene.types, value.stamp, scene.frames.body)
-    return rosmessages.joy(scene.types, at, counts, button=button)
+    return scene.types.new(
+        "sensor_msgs/msg/Joy",
+        header=header(scene.types, value.stamp, scene.frames.body),
+        axes=np.array(counts, dtype=np.float32) / np.float32(FULL_STICK),
+        buttons=np.array([int(button)], dtype=np.int32),
+    )
 
 
 def raw_frame(value: RawFrame, scene: ConversionScene) -> Any:

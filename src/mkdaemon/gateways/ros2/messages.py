@@ -1,23 +1,37 @@
-"""Parts of the gateway's messages: stamps, headers, frames; without rclpy."""
+"""Parts of the gateway's messages and of a bag's: stamps, headers, frames, poses; without rclpy.
+
+Our axes are those of REP 103: ENU world, FLU body, RDF cameras, radians, metres, so nothing is turned. Quaternions go
+from (w, x, y, z) to ROS's fields by name. What a board does not send is marked as unknown, as each type says.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
-from mkdaemon.client.rosmessages import LAST_SECOND, Maker, transform
+import numpy as np
+import numpy.typing as npt
+
 from mkdaemon.stamp import NANOSECONDS, Stamp
 
+LAST_SECOND: Final = (1 << 31) - 1
+"""Of a stamp in ROS [s; Unix time]."""
 TARGET: Final = "target/"
 """Prefix of the frame of a target."""
 
 
-class Types(Maker, Protocol):
-    """Makes messages, and fields whose types differ from one maker to the other."""
+Doubles = npt.NDArray[np.float64]
+
+
+class Types(Protocol):
+    """Makes messages, those of rclpy in the gateway and of rosbags in a bag, and fields whose types differ there."""
+
+    def new(self, kind: str, **fields: Any) -> Any:
+        """Make a message, for example of `sensor_msgs/msg/Imu`."""
 
     def octets(self, raw: bytes) -> Any:
         """Make the value of a field `uint8[]`."""
@@ -104,6 +118,35 @@ def header(types: Types, stamp: Stamp, frame: str) -> Any:
     return types.new("std_msgs/msg/Header", stamp=time(types, stamp), frame_id=frame)
 
 
+def vector(types: Types, xyz: Iterable[float], kind: str = "Vector3") -> Any:
+    """A `Vector3`, or another kind of `geometry_msgs` with the same fields."""
+    x, y, z = xyz
+    return types.new(f"geometry_msgs/msg/{kind}", x=float(x), y=float(y), z=float(z))
+
+
+def quaternion(types: Types, wxyz: Iterable[float]) -> Any:
+    """A `Quaternion` of (w, x, y, z)."""
+    w, x, y, z = wxyz
+    return types.new("geometry_msgs/msg/Quaternion", x=float(x), y=float(y), z=float(z), w=float(w))
+
+
+def pose(types: Types, xyz: Iterable[float], wxyz: Iterable[float]) -> Any:
+    """A `Pose`."""
+    place = vector(types, xyz, "Point")
+    return types.new("geometry_msgs/msg/Pose", position=place, orientation=quaternion(types, wxyz))
+
+
+def pose_with_covariance(types: Types, pose: Any, covariance: Doubles | Sequence[float]) -> Any:
+    """A `PoseWithCovariance`; its rows and axes (36,) are ours."""
+    spread = np.array(covariance, dtype=np.float64)
+    return types.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=spread)
+
+
+def tree(types: Types, *edges: Any) -> Any:
+    """A `TFMessage`."""
+    return types.new("tf2_msgs/msg/TFMessage", transforms=list(edges))
+
+
 def stamped_transform(
     scene: ConversionScene, stamp: Stamp, parent: str, child: str, xyz: Iterable[float], wxyz: Iterable[float]
 ) -> Any:
@@ -117,7 +160,10 @@ def stamped_transform(
         xyz: origin of the child in the parent [m].
         wxyz: rotation parent from child.
     """
-    return transform(scene.types, header(scene.types, stamp, parent), child, xyz, wxyz)
+    types = scene.types
+    moved = types.new("geometry_msgs/msg/Transform", translation=vector(types, xyz), rotation=quaternion(types, wxyz))
+    at = header(types, stamp, parent)
+    return types.new("geometry_msgs/msg/TransformStamped", header=at, child_frame_id=child, transform=moved)
 
 
 def key_value(types: Types, key: str, value: object) -> Any:

@@ -6,11 +6,10 @@ Texts of others are escaped here as well: plotly takes a part of HTML in texts, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from html import escape
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -34,8 +33,6 @@ MOST_EVENTS: Final = 1500
 
 Lines = list[dict[str, Any]]
 """Traces of one plot."""
-Line = Callable[..., Lines]
-"""Makes a trace of a series; see `_line`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +73,122 @@ def plots_of(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Plot]:
 # -- over time --------------------------------------------------------------------------------------------------------
 
 
-def _line(
-    flight: RecordedFlight, series: str, name: str, colour: str, *, dash: str = "solid", factor: float = 1.0
-) -> Lines:
-    """A series as a trace; nothing where there is none."""
-    found = flight.series.get(series)
-    if found is None:
-        return []
-    times, values = found.arrays()
-    return [_trace(*thin(times, values), name, colour, dash)]
+class Curve(NamedTuple):
+    """A series in a plot over time.
+
+    Attributes:
+        series: its name; `LEVEL` for the horizontal error.
+        name: in the legend.
+        colour: of the line.
+        dash: of the line.
+        factor: by which the numbers are multiplied.
+        unless: a series beside which this one is not drawn.
+        is_seen: broken in blind flight: a calculation has no error.
+    """
+
+    series: str
+    name: str
+    colour: str
+    dash: str = "solid"
+    factor: float = 1.0
+    unless: str = ""
+    is_seen: bool = False
+
+
+class Panel(NamedTuple):
+    """A plot over time.
+
+    Attributes:
+        name: of its place in the page.
+        title: above it.
+        unit: of its axis.
+        height: of it [px].
+        curves: in it.
+    """
+
+    name: str
+    title: str
+    unit: str
+    height: int
+    curves: tuple[Curve, ...]
+
+
+LEVEL: Final = "error.level"
+_HEIGHT: Final = (
+    Curve("estimate.z", "estimate, over the target", BLUE),
+    Curve("goal.z", "goal", ORANGE, DASHED),
+    Curve("barometer", "barometer, over the start", GREY),
+    Curve("ground.z", "position, over home", PURPLE, unless="barometer"),
+    Curve("truth.z", "true, over the ground", GREEN, "dot"),
+)
+_ERROR: Final = (
+    Curve(LEVEL, "horizontal", BLUE, factor=100.0, is_seen=True),
+    Curve("error.z", "height, above positive", ORANGE, factor=100.0, is_seen=True),
+)
+_PLACE: Final = (
+    Curve("estimate.x", "x", BLUE),
+    Curve("goal.x", "x, goal", BLUE, DASHED),
+    Curve("estimate.y", "y", ORANGE),
+    Curve("goal.y", "y, goal", ORANGE, DASHED),
+)
+_ATTITUDE: Final = (
+    Curve("attitude.roll", "roll, right side down", BLUE),
+    Curve("attitude.pitch", "pitch, nose down", ORANGE),
+)
+_STICKS: Final = (
+    *(Curve(f"stick.{axis}", axis, colour) for axis, colour in (("pitch", ORANGE), ("roll", BLUE), ("yaw", GREEN))),
+    Curve("stick.throttle", "throttle", PURPLE),
+    Curve("pilot.throttle", "the pilot's throttle", GREY, DASHED),
+)
+_LINK: Final = (
+    Curve("link.echo_p50", "link test, p50", GREEN),
+    Curve("link.echo_p95", "link test, p95", BLUE),
+    Curve("link.confirm_p95", "stick frames, p95", ORANGE),
+)
+_LOSS: Final = (Curve("link.echo_loss", "link test", BLUE), Curve("link.confirm_loss", "stick frames", ORANGE))
+_BATTERY: Final = (Curve("battery.voltage", "voltage [V]", GREEN), Curve("battery.current", "current [A]", GREY))
+PANELS: Final = (
+    Panel("height", "Height", "m", 240, _HEIGHT),
+    Panel("error", "Error to the goal", "cm", 220, _ERROR),
+    Panel("place", "Place over the target", "m", 220, _PLACE),
+    Panel("attitude", "Attitude", "deg", 200, _ATTITUDE),
+    Panel("sticks", "Sticks sent", "count", 200, _STICKS),
+    Panel("link", "Link: round trips", "ms", 200, _LINK),
+    Panel("loss", "Link: losses", "%", 160, _LOSS),
+    Panel("battery", "Battery", "V, A", 180, _BATTERY),
+)
+"""Every plot over time; those of cameras come before the last."""
+
+
+def _panels(flight: RecordedFlight) -> Iterable[Panel]:
+    yield from PANELS[:-1]
+    for place, camera in enumerate(flight.cameras):
+        curves = (
+            Curve(f"{camera} eyes.latency_p50", "latency, p50 [ms]", BLUE),
+            Curve(f"{camera} eyes.latency_p99", "latency, p99 [ms]", ORANGE),
+            Curve(f"{camera} eyes.posed", "with a pose [%]", GREEN),
+        )
+        yield Panel(f"eyes{place}", f"Camera {camera}: latency, and images with a pose", "ms, %", 200, curves)
+    yield PANELS[-1]
+
+
+def _over_time(flight: RecordedFlight) -> Iterable[Plot]:
+    for panel in _panels(flight):
+        drawn = [trace for curve in panel.curves if (trace := _drawn(flight, curve)) is not None]
+        yield _timed(panel.name, panel.title, panel.unit, drawn, panel.height)
+
+
+def _drawn(flight: RecordedFlight, curve: Curve) -> dict[str, Any] | None:
+    """A curve as a trace; None where there is no such series."""
+    found = [flight.series.get(name) for name in (("error.x", "error.y") if curve.series == LEVEL else (curve.series,))]
+    parts = [series.arrays() for series in found if series is not None]
+    if len(parts) < len(found) or flight.has(curve.unless):
+        return None
+    values = np.hypot(*(values for _, values in parts)) if curve.series == LEVEL else parts[0][1]
+    times, values = thin(parts[0][0], curve.factor * values)
+    if curve.is_seen:
+        values = np.where(flight.is_blind(times), math.nan, values)
+    return _trace(times, values, curve.name, curve.colour, curve.dash)
 
 
 def _trace(times: Array, values: Array, name: str, colour: str, dash: str = "solid") -> dict[str, Any]:
@@ -111,112 +215,6 @@ def _timed(name: str, title: str, unit: str, data: list[dict[str, Any]], height:
         "yaxis": {"title": {"text": unit}, "hoverformat": ".3~f", "zeroline": False},
     }
     return Plot(name, title, data, layout)
-
-
-def _over_time(flight: RecordedFlight) -> list[Plot]:
-    line = partial(_line, flight)
-    return [*_motion(flight, line), *_link(line), *_eyes(flight, line), _battery(line)]
-
-
-def _motion(flight: RecordedFlight, line: Line) -> Iterable[Plot]:
-    """How it moved, and what was sent for it."""
-    yield _timed(
-        "height",
-        "Height",
-        "m",
-        line("estimate.z", "estimate, over the target", BLUE)
-        + line("goal.z", "goal", ORANGE, dash=DASHED)
-        + line("barometer", "barometer, over the start", GREY)
-        + (line("ground.z", "position, over home", PURPLE) if not flight.has("barometer") else [])
-        + line("truth.z", "true, over the ground", GREEN, dash="dot"),
-        240,
-    )
-    yield _timed("error", "Error to the goal", "cm", _level_error(flight) + _height_error(flight), 220)
-    yield _timed(
-        "place",
-        "Position over the target",
-        "m",
-        line("estimate.x", "x", BLUE)
-        + line("goal.x", "x, goal", BLUE, dash=DASHED)
-        + line("estimate.y", "y", ORANGE)
-        + line("goal.y", "y, goal", ORANGE, dash=DASHED),
-        220,
-    )
-    yield _timed(
-        "attitude",
-        "Attitude",
-        "deg",
-        line("attitude.roll", "roll, right side down", BLUE) + line("attitude.pitch", "pitch, nose down", ORANGE),
-    )
-    yield _timed(
-        "sticks",
-        "Sticks sent",
-        "count",
-        line("stick.pitch", "pitch", ORANGE)
-        + line("stick.roll", "roll", BLUE)
-        + line("stick.yaw", "yaw", GREEN)
-        + line("stick.throttle", "throttle", PURPLE)
-        + line("pilot.throttle", "the pilot's throttle", GREY, dash=DASHED),
-    )
-
-
-def _link(line: Line) -> Iterable[Plot]:
-    yield _timed(
-        "link",
-        "Link: round trips",
-        "ms",
-        line("link.echo_p50", "link test, p50", GREEN)
-        + line("link.echo_p95", "link test, p95", BLUE)
-        + line("link.confirm_p95", "stick frames, p95", ORANGE),
-    )
-    yield _timed(
-        "loss",
-        "Link: losses",
-        "%",
-        line("link.echo_loss", "link test", BLUE) + line("link.confirm_loss", "stick frames", ORANGE),
-        160,
-    )
-
-
-def _eyes(flight: RecordedFlight, line: Line) -> Iterable[Plot]:
-    for place, camera in enumerate(flight.cameras):
-        yield _timed(
-            f"eyes{place}",
-            f"Camera {camera}: latency, and images with a pose",
-            "ms, %",
-            line(f"{camera} eyes.latency_p50", "latency, p50 [ms]", BLUE)
-            + line(f"{camera} eyes.latency_p99", "latency, p99 [ms]", ORANGE)
-            + line(f"{camera} eyes.posed", "with a pose [%]", GREEN),
-        )
-
-
-def _battery(line: Line) -> Plot:
-    return _timed(
-        "battery",
-        "Battery",
-        "V, A",
-        line("battery.voltage", "voltage [V]", GREEN) + line("battery.current", "current [A]", GREY),
-        180,
-    )
-
-
-def _level_error(flight: RecordedFlight) -> Lines:
-    if not flight.has("error.x"):
-        return []
-    (times, x), (_, y) = flight.series["error.x"].arrays(), flight.series["error.y"].arrays()
-    return [_seen(flight, *thin(times, 100.0 * np.hypot(x, y)), "horizontal", BLUE)]
-
-
-def _height_error(flight: RecordedFlight) -> Lines:
-    if not flight.has("error.z"):
-        return []
-    times, z = flight.series["error.z"].arrays()
-    return [_seen(flight, *thin(times, 100.0 * z), "height, above positive", ORANGE)]
-
-
-def _seen(flight: RecordedFlight, times: Array, values: Array, name: str, colour: str) -> dict[str, Any]:
-    """A trace that is broken in blind flight: a calculation has no error."""
-    return _trace(times, np.where(flight.is_blind(times), math.nan, values), name, colour)
 
 
 def _gaps(flight: RecordedFlight) -> list[dict[str, Any]]:

@@ -1,0 +1,77 @@
+"""The words and the level of what is wrong, once: every screen and every gateway takes them from here."""
+
+from __future__ import annotations
+
+import pytest
+
+from mkdaemon.reading import Reading
+from mkdaemon.reading.diagnoses import DiagnosticLevel, diagnoses_of
+from tests.reading.situations import AT, LINK, Situation
+
+OK, WARN, ERROR, STALE = DiagnosticLevel
+
+
+def link(condition, reason):
+    state = LINK | {"condition": condition, "reason": reason}
+    return {"link/state": state, "link/health": {"state": state}}
+
+
+def status(**fields):
+    return {"control/status": fields}
+
+
+ROWS = [  # what is changed, the part that says it with its level, its words, and what comes first
+    ({}, "vehicle", OK, "alive", "Ann flies"),
+    ({"health": {"is_alive": False, "reason": "silent"}}, "vehicle", ERROR, "NOT ALIVE: silent", "IS SILENT: silent"),
+    ({"health": {"error": "no GPS"}}, "vehicle", ERROR, "ERROR: no GPS", "ERROR: no GPS"),
+    ({"health": {"read_only": "new firmware"}}, "vehicle", WARN, "READ ONLY: new firmware", "READ ONLY"),
+    (link("up", "well"), "link", OK, "up: well", "Ann flies"),
+    (link("degraded", "losses"), "link", WARN, "degraded: losses", "LINK DEGRADED: losses"),
+    (link("mute", "no byte"), "link", ERROR, "mute: no byte", "LINK MUTE: no byte"),
+    (link("one_way", "no echo"), "link", ERROR, "one way: no echo", "LINK ONE WAY: no echo"),
+    (link("absent", "unplugged"), "link", ERROR, "no port: unplugged", "LINK NO PORT: unplugged"),
+    ({"state/battery": {"is_low": True}}, "battery", ERROR, "LOW, 15.2 V", "BATTERY LOW: 15.2 V"),
+    ({"state/battery": {"voltage": 13.0}}, "battery", WARN, "NEARLY EMPTY", "BATTERY NEARLY EMPTY"),
+    ({"state/pilot": {"has_signal": False}}, "receiver", ERROR, "NO SIGNAL", "NO RECEIVER SIGNAL"),
+    ({"state/flight": {"emergency_landing": True}}, "flight", ERROR, "EMERGENCY LANDING", "EMERGENCY LANDING"),
+    (status(phase="stale", reason="too old"), "control", ERROR, "too old", "Ann is silent: neutral sticks"),
+    (status(phase="landing"), "control", WARN, "battery low: it lands", "Battery low: it lands by itself"),
+    (status(trouble="NO POSE; releases in 2.0 s"), "verdict", ERROR, "NO POSE", "NO POSE; releases in 2.0 s"),
+    (
+        {"vision/down/stats": {"state": "dark", "reason": "light"}},
+        "camera down",
+        ERROR,
+        "TOO DARK: light",
+        "camera down too dark: light",
+    ),
+    ({"vision/down/stats": {"alarms": {"scale": "measure"}}}, "camera down", WARN, "measure", "measure"),
+    (
+        {"vision/down/stats": {"alarms": {"blurred": "wipe"}}},
+        "camera down",
+        WARN,
+        "BLURRED: wipe",
+        "camera down blurred: wipe",
+    ),
+    ({"record/status": {"lost": 3}}, "recording", WARN, "3", "3"),
+    ({"record/status": {"state": "full"}}, "recording", ERROR, "NOT RECORDING, no room", "NOT RECORDING"),
+]
+
+
+def look(changes):
+    reading = Reading()
+    for key, value in Situation("", changes).values.items():
+        reading.take(key, value, AT.monotonic)
+    picture = reading.at(AT.monotonic)
+    return picture, {one.name: one for one in diagnoses_of(picture)}
+
+
+@pytest.mark.parametrize(("changes", "part", "level", "words", "first"), ROWS)
+def test_what_is_wrong_has_its_words_and_its_level(changes, part, level, words, first):
+    picture, found = look(changes)
+    assert (found[part].level, words in found[part].message) == (level, True)
+    assert first in picture.headline
+
+
+def test_every_part_has_a_row_that_is_wrong():
+    _, found = look({})
+    assert {part for _, part, *_ in ROWS} == set(found)
