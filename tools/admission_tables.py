@@ -44,7 +44,7 @@ def _rules() -> Iterator[str]:
 def _lines(rows: Iterable[AdmissionRow]) -> Iterator[str]:
     """A table of rows, and below it what to do about each refusal; in one table the lines were 400 characters long."""
     rows = tuple(rows)
-    head = ("row", "concerns", "stands when", "then it", "refusal")
+    head = ("check", "applies to", "fails if", "action", "refusal")
     yield from table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _refusals(row)) for row in rows))
     tokens = dict.fromkeys(token for row in rows for token in row.tokens if row.rule is not Rule.WAITS)
     if tokens:

@@ -58,7 +58,7 @@ _CHECKS: Final = (
     ),
     ("Conditions of a manoeuvre", "`entry_...` are options of `control.autopilot`.", "manoeuvres"),
     ("Requests, procedures and routes", "If several rows apply, the first one is named.", "others"),
-    ("Rules", "What the column *then it* means.", "rules"),
+    ("Rules", "Meaning of the column *action*.", "rules"),
 )
 
 

@@ -13,7 +13,7 @@ class AutopilotConfig(Section):
     max_tilt: float = Field(default=0.35, gt=0, le=0.6)
     """Largest tilt asked of the attitude loop [rad]; the true tilt stays near three quarters of it.
 
-    Higher flies faster and farther off before it brakes; lower cannot hold against wind."""
+    Higher flies faster and overshoots farther; lower cannot hold against wind."""
     max_speed: float = Field(default=1.2, gt=0, le=5)
     """Largest horizontal speed of the reference [m/s].
 
@@ -33,7 +33,7 @@ class AutopilotConfig(Section):
     fence_height: float = Field(default=6.0, gt=0, le=100)
     """Setpoints higher above the target are lowered to this height [m].
 
-    Higher than the camera can see the target from ends flights in sight loss."""
+    If the camera cannot see the target from this height, flights lose sight and end."""
     fence_floor: float = Field(default=0.3, ge=0, le=10)
     """Setpoints lower above the target are raised to this height [m]; landings are exempt.
 
@@ -41,48 +41,48 @@ class AutopilotConfig(Section):
     velocity_lead: float = Field(default=1.5, gt=0, le=5)
     """A velocity setpoint aims at the point the aircraft would reach in this time [s].
 
-    Longer makes velocity flight soft; shorter makes it jerk."""
+    Longer makes velocity flight sluggish; shorter makes it jerky."""
     entry_sd: float = Field(default=0.15, gt=0, le=1)
     """Position must be known to this standard deviation before a flight begins [m].
 
-    Higher begins flights on a position that is not known; lower waits for ever in bad light."""
+    Higher starts flights with a poorly known position; lower never starts one in bad light."""
     entry_age: float = Field(default=0.25, gt=0, le=1)
     """The newest image must be younger than this before a flight begins [s].
 
-    Higher begins flights on old images."""
+    Higher starts flights with old images."""
     entry_speed: float = Field(default=0.4, gt=0, le=5)
     """The aircraft must be slower than this against the target before a flight begins [m/s].
 
-    Higher begins flights that overshoot."""
+    Higher starts flights that overshoot."""
     entry_offset: float = Field(default=0.3, gt=0, le=10)
     """The aircraft must be nearer to the middle of the target than this share of its height before a flight begins: an
     aircraft that leans into the wind beside it loses sight of it.
 
-    Higher begins flights that lose sight at the first tilt."""
+    Higher starts flights that lose sight at the first tilt."""
     entry_clean: float = Field(default=2.0, ge=0, le=20)
     """Images must have agreed with the model for this long before a flight begins [s].
 
-    Shorter begins flights on images that happened to agree."""
+    Shorter starts flights with images that agree by chance."""
     clean_innovation: float = Field(default=4.0, gt=0)
     """Mean squared innovation up to which images agree with the model [variances].
 
     Higher accepts images that contradict the model."""
     freeze_after: float = Field(default=0.2, gt=0, le=2)
-    """Without an image for this long the reference stands still [s].
+    """Without an image for this time the reference stops [s].
 
     Longer follows a reference without a measurement; shorter stops at every lost image."""
     search_after: float = Field(default=1.0, gt=0, le=5)
     """Without an image for this long the aircraft rises and returns to where the target was seen last [s].
 
-    Longer waits while the wind carries it away; shorter leaves its place for every image that is missing."""
+    Longer waits while the wind moves the aircraft; shorter starts a search at every missing image."""
     level_after: float = Field(default=1.5, gt=0, le=5)
-    """An older image is no sight to hold or land by [s].
+    """Age up to which an image is used to hold or land [s].
 
-    Longer begins a landing on a target that may have left the image."""
+    Longer starts a landing on a target that may have left the image."""
     exit_after: float = Field(default=3.0, gt=0, le=10)
     """Without an image for this long the aircraft is released [s].
 
-    Longer drifts level with the wind before the pilot has it back."""
+    With a longer time, the level aircraft drifts farther with the wind before the release."""
     stand_height: float = Field(default=0.10, ge=0, le=1)
     """Height of the body's origin above the target after landing [m].
 
@@ -92,18 +92,18 @@ class AutopilotConfig(Section):
 
     Shorter releases while it may still bounce."""
     arrived_within: float = Field(default=0.15, gt=0, le=2)
-    """A position is reached when the aircraft has been so close to it for `arrived_for` [m].
+    """A position is reached when the aircraft stays within this distance for `arrived_for` [m].
 
-    Narrower than the aircraft holds is never reached."""
+    If narrower than the hold accuracy, it is never reached."""
     arrived_for: float = Field(default=1.0, gt=0, le=10)
     """See `arrived_within` [s].
 
-    Longer waits in every place."""
+    Longer waits at every position."""
     takeoff_ready: float = Field(default=3.0, ge=0, le=30)
-    """A take-off begins with the lowest throttle for this long, in which the pilot raises his [s].
+    """A take-off starts with the lowest throttle for this time, in which the pilot raises the throttle stick [s].
 
-    Shorter leaves the pilot no time, and his throttle caps ours."""
+    Shorter leaves the pilot no time, and the pilot's throttle limits ours."""
     neutral_band: float = Field(default=4.0, ge=0, le=20)
-    """Attitude setpoints within this many counts of level begin a flight [stick].
+    """Attitude setpoints within this distance of level start a flight [stick].
 
-    Wider lets a flight begin with a step."""
+    Wider lets a flight start with a step."""

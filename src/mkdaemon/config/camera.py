@@ -41,15 +41,15 @@ class MountSection(Section):
     position_flu: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Optical centre in the body frame: forward, left, up [m].
 
-    Wrong by a centimetre is a centimetre in every position."""
+    An error of 1 cm shifts every position by 1 cm."""
     looks: Literal["down", "forward", "back", "left", "right", "up"] = "down"
     """Direction of view before `rpy_deg`. Top of the image: to the nose for `down`, to the tail for `up`, else up.
 
-    The wrong one flies the wrong way: `mkctl preflight` finds it by a tilt in the hand."""
+    With a wrong value the aircraft flies the wrong way: tilt it by hand, and `mkctl preflight` finds the error."""
     rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Small turn from that direction about body forward, left, up, in the order yaw, pitch, roll [deg].
 
-    Wrong by a degree is 3.5 cm at 2 m."""
+    An error of 1 degree shifts a position by 3.5 cm at 2 m."""
 
 
 class CameraSection(Section):
@@ -58,42 +58,42 @@ class CameraSection(Section):
     name: CameraName = "down"
     """Name on the bus, `vision/<name>/...`.
 
-    Two cameras of one name are refused."""
+    Two cameras with the same name are refused."""
     source: str = Field(min_length=1)
     """`/dev/video0` or `v4l2:PATH`, `rtsp://...`, `gstreamer:PIPELINE`, `file:CLIP`, `folder:DIR`, `zenoh:KEY`.
 
-    One that is not there is opened again and again, and no flight by the target begins."""
+    The daemon keeps trying to open a missing source, and refuses flights by the target."""
     secret_file: Path | None = None
-    """File with the secret that the sender of a `zenoh:` source signs its images with, 16 characters or more; unset
-    takes images from any program.
+    """File with the secret that the sender of a `zenoh:` source signs its images with, 16 characters or more; unset:
+    images from any program are used.
 
-    Unset, any program on the bus can steer the aircraft with its images."""
+    If unset, any program on the bus can steer the aircraft with its images."""
     calibration: Path | None = None
-    """Camera file of `mkdaemon calibrate camera`; without one tags are published, poses never.
+    """Camera file of `mkdaemon calibrate camera`; without one the daemon publishes tags, but no poses.
 
-    That of another camera or focus makes every height wrong by the share of the focal length."""
+    With the file of another camera or focus, every height has the relative error of the focal length."""
     targets: tuple[Path, ...] = ()
     """Target files this camera looks for.
 
-    A size that is wrong in the file makes every distance wrong by the same share."""
+    A wrong size in the file gives every distance the same relative error."""
     mount: MountSection | None = None
-    """How it sits on the vehicle; unset takes the mount of the camera file.
+    """Mounting on the vehicle; unset: the mount of the camera file.
 
     See its keys."""
     width: int | None = Field(default=None, gt=0, le=8192)
-    """Wanted width [px]; unset leaves the driver's choice.
+    """Width [px]; unset: the driver's choice.
 
-    Wider sees smaller tags and takes longer for each image; another shape than the calibration's is refused."""
+    Wider shows smaller tags, but each image takes longer; an aspect ratio other than the calibration's is refused."""
     height: int | None = Field(default=None, gt=0, le=8192)
-    """Wanted height [px].
+    """Height [px].
 
     See `width`."""
     fps: float | None = Field(default=None, gt=0, le=1000)
-    """Wanted rate [Hz].
+    """Image rate [Hz].
 
-    Higher needs light and a USB bus that carries it; lower holds less steadily."""
+    Higher needs light and USB bandwidth; lower holds the position less accurately."""
     exposure_ms: Literal["auto", "target"] | Annotated[float, Field(gt=0, le=1000)] | None = None
-    """Shutter time [ms]; `auto` lets the camera choose, `target` us by what the tags need; unset leaves the driver.
+    """Shutter time [ms]; `auto`: the camera chooses; `target`: the daemon chooses by the tags; unset: unchanged.
 
     Longer blurs in motion; shorter is dark."""
     exposure_longest_ms: float = Field(default=15.0, gt=0, le=1000)
@@ -101,41 +101,41 @@ class CameraSection(Section):
 
     Longer blurs in motion; shorter is dark at dusk."""
     gain: float | None = Field(default=None, ge=0)
-    """Gain in the driver's own unit; unset leaves it.
+    """Gain in the driver's unit; unset: unchanged.
 
     Higher adds noise; lower is dark."""
     latency_ms: float = Field(default=0.0, ge=0, le=2000)
-    """From the middle of the exposure to the stamp, subtracted from every stamp [ms]; measure it once.
+    """Delay from the middle of the exposure to the stamp, subtracted from every stamp [ms]; measure it once.
 
-    Wrong by 20 ms weakens the loop; `mkctl preflight` (time stamps) shows how much it is."""
+    An error of 20 ms weakens the control loop; `mkctl preflight` (time stamps) shows the error."""
     loop: bool = False
-    """Play a file or folder again and again.
+    """Repeat a file or folder.
 
-    A flight by a clip that begins again jumps."""
+    A flight jumps when its clip restarts."""
     paced: bool = True
-    """Play a file or folder at its own rate; otherwise as fast as images are taken.
+    """Play a file or folder at its own rate; otherwise as fast as images are processed.
 
-    False is for measuring alone."""
+    Use false only for measurements."""
     silent_after: float = Field(default=1.0, gt=0, le=60)
     """Without an image for this long the camera counts as silent [s].
 
-    Longer says later that a camera has died."""
+    Longer reports a dead camera later."""
     reopen_min: float = Field(default=0.2, gt=0, le=10)
-    """First delay before a lost camera is opened again [s].
+    """First delay before a lost camera is reopened [s].
 
-    Higher makes a short loss longer."""
+    Higher extends a short loss."""
     reopen_max: float = Field(default=5.0, gt=0, le=60)
     """Longest delay between two attempts, and longest wait for a network stream [s].
 
-    Higher leaves a camera that is back unused for longer."""
+    Higher leaves a returned camera unused for longer."""
     jpeg_hz: float = Field(default=0.0, ge=0, le=60)
-    """Images published on the bus a second, at most; 0 publishes none.
+    """Largest rate of images on the bus; 0: none.
 
     Higher takes processor time and network from the flight."""
     jpeg_quality: int = Field(default=60, ge=1, le=100)
     """Quality of published images.
 
-    Higher takes more network, and the flight does not see these images."""
+    Higher takes more network; the flight does not use these images."""
     jpeg_width: int = Field(default=640, gt=0, le=8192)
     """Published images are scaled down to this width [px].
 

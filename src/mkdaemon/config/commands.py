@@ -19,19 +19,19 @@ class CommandsConfig(Section):
 
     In flight the aircraft falls."""
     allow_receiver_bridge: Annotated[bool, RELOADABLE] = False
-    """`j` to the FlightCtrl: it serves the receiver's port and is deaf until its power is cut.
+    """`j` to the FlightCtrl: it serves the receiver's port and receives nothing until power-off.
 
-    The aircraft cannot be flown until its battery was unplugged."""
+    The aircraft cannot fly until its battery is unplugged."""
     allow_factory_reset: Annotated[bool, RELOADABLE] = False
     """`q` 10..29: overwrites a parameter set with defaults.
 
     The settings of a set are lost: back them up first."""
     allow_compass_calibration: Annotated[bool, RELOADABLE] = False
-    """`w` or `k` to the MK3Mag: its calibration state follows what we claim to be.
+    """`w` or `k` to the MK3Mag: it takes the calibration state from the sender.
 
-    A calibration that was begun and not ended leaves a wrong compass."""
+    An unfinished calibration leaves a wrong compass."""
     allow_fork_arming: Annotated[bool, RELOADABLE] = False
     """`x`, `e`, `r`, `o` of the forked FlightCtrl: arm, disarm (in flight too), recalibrate, beep.
 
-    Nothing on the line tells the fork from stock firmware: turning this on says that this aircraft has the fork.
-    On stock firmware the letters mean other things, which are then sent."""
+    The daemon cannot distinguish the fork from stock firmware, which gives these letters other meanings: set true only
+    if this aircraft has the fork."""

@@ -42,81 +42,80 @@ class LinkConfig(Section):
     port: Annotated[str, AfterValidator(_check_port)] = ""
     """`/dev/serial/by-id/...`, `pty:/dev/pts/N`, `tcp:host:port` or `replay:FILE?speed=20`.
 
-    Another device is spoken to with link tests until the link counts as garbage or mute. `/dev/ttyUSB0` changes
-    when adapters are replugged; a name below `/dev/serial/by-id` does not."""
+    Another device receives link tests until the link counts as garbage or mute. `/dev/ttyUSB0` can change when adapters
+    are replugged; a name below `/dev/serial/by-id` does not."""
     baud: Annotated[int, Field(ge=1200, le=921600)] = 57600
-    """Line rate [baud]; MikroKopter boards speak 57600.
+    """Line rate [baud]; MikroKopter boards use 57600.
 
-    At another rate only garbage arrives; with `probe_baud` the right one is found, some seconds later."""
+    At another rate only garbage arrives; `probe_baud` finds the right rate within some seconds."""
     wait_for_port: bool = False
-    """Wait when the port is missing at the start, instead of ending; a recording waits for its first subscriber.
+    """If the port is missing at the start, wait instead of ending; a recording waits for its first subscriber.
 
-    False ends the daemon where the adapter is not plugged in yet; true hides a name that is wrong."""
+    With false, the daemon ends if the adapter is not plugged in yet; with true, a wrong name goes unnoticed."""
     rates: Literal["auto", "off"] | dict[str, Milliseconds] = "auto"
     """Interval of each stream by message key [ms], for example `{osd = 100, attitude = 50}`; `auto`: the best mix.
 
-    Slower streams make the estimate older and the link look stale later; faster ones than the line carries are
-    refused with the arithmetic."""
+    Slower streams delay the estimate and the detection of a lost link. Faster streams than the line carries are refused
+    with the arithmetic."""
     echo_hz: Literal["auto"] | Annotated[float, Field(ge=0, le=50)] = 5.0
-    """Rate of link tests [Hz]; 0 for none; `auto` sends one only where other traffic has not just proven the link.
+    """Rate of link tests [Hz]; 0 for none; `auto` sends one only if no other traffic has just proven the link.
 
-    Lower finds a line that is lost in one direction later: with 0 a release comes only when the boards' own frames
-    stop. Higher takes room from streams."""
+    A lower rate detects the loss of one direction later; with 0, the daemon releases only after the boards' own frames
+    stop. A higher rate takes room from streams."""
     max_line_share: Annotated[float, Field(gt=0, le=1)] = 0.85
-    """Largest share of the line that streams may be planned for, per direction.
+    """Largest share of the line for streams, in each direction.
 
-    Higher leaves no room for requests and repeats: answers come late, and frames are lost. Lower refuses streams
-    that would fit."""
+    Higher leaves no room for requests and repeats: answers are late, and frames are lost. Lower refuses streams that
+    would fit."""
     gap_ms: Annotated[float, Field(ge=2.25, le=100)] = 12.0
     """Idle line after each frame to a FlightCtrl, which has one receive buffer [ms].
 
-    With a smaller one a FlightCtrl loses the next frame, in flight 9 of 100 after 5 ms and none after 12 ms; higher
-    costs stick frames a second."""
+    With a smaller gap a FlightCtrl loses the next frame: in flight 9 of 100 after 5 ms, none after 12 ms. A larger gap
+    allows fewer stick frames a second."""
     setpoint_hz: Annotated[float, Field(gt=0, le=100)] = 44.0
-    """Most external control frames a second; 40 where a NaviCtrl 0.24 passes them on [Hz].
+    """Largest rate of stick frames; 40 through a NaviCtrl 0.24 [Hz].
 
-    A FlightCtrl looks at the sticks with every frame of its receiver: 44 times a second with PPM. Higher loses frames
-    by radio and moves nothing sooner; lower makes steps in the flight."""
+    A FlightCtrl uses the sticks once with every frame of its receiver, 44 times a second with PPM. A higher rate loses
+    frames by radio without faster response; a lower rate makes the flight jerky."""
     renewal: Annotated[float, Field(ge=0.5, le=2.0)] = 1.5
     """Longest time between two renewals of the subscriptions [s]; boards drop them after 4.0 s.
 
-    They are renewed as often as the measured losses ask for, so that they run out less than once in 100 hours; a line
-    that loses nothing is renewed about every half second. Lower takes room on the line."""
+    The daemon renews them as often as the measured losses require, so that they expire less than once in 100 hours;
+    without losses about every half second. Lower takes room on the line."""
     max_loss_percent: Annotated[float, Field(gt=0, le=100)] = 5.0
     """Loss over the moving window above which the link counts as degraded [%].
 
-    Higher calls a bad radio good; lower calls a good one degraded, which is only a word."""
+    Higher hides a bad radio; lower calls a good one degraded, without further effect."""
     window: Annotated[float, Field(ge=1, le=120)] = 10.0
     """Moving window of all statistics [s].
 
-    Longer hides short losses; shorter makes the figures jump."""
+    Longer hides short losses; shorter makes the figures noisy."""
     probe_baud: bool = True
-    """Try other line rates while nothing but garbage arrives.
+    """Try other line rates while only garbage arrives.
 
-    False stays at `baud`, and an adapter at another rate yields garbage until `baud` is corrected."""
+    With false, an adapter at another rate delivers garbage until `baud` is corrected."""
     probe_flightctrl: bool = True
-    """With the motors known off, look through a NaviCtrl for the FlightCtrl's version; telemetry pauses 0.6 s, and the
-    NaviCtrl's camera servos stop for that long: false where they must not.
+    """While the motors are off, redirect the line through a NaviCtrl to read the FlightCtrl's version. Telemetry and
+    the NaviCtrl's camera servos stop for 0.6 s; set false if the servos must not stop.
 
-    False leaves the FlightCtrl's release unknown behind a NaviCtrl, and an aircraft whose release is not known is
-    read-only."""
+    With false, the FlightCtrl's release behind a NaviCtrl stays unknown, and the aircraft is read-only."""
     flightctrl_looks: Annotated[int, Field(ge=1, le=1000)] = 5
-    """Looks for a FlightCtrl that does not answer, after 1, 4, 15 and 60 s; then none until the port is opened or a
-    board boots.
+    """Attempts to identify a FlightCtrl that does not answer, after 1, 4, 15 and 60 s; then none until the port
+    is opened or a board boots.
 
-    Fewer give up on a board that starts slowly; more interrupt the telemetry again and again."""
+    Fewer miss a board that starts slowly; more interrupt the telemetry repeatedly."""
     reopen_min: Annotated[float, Field(gt=0, le=10)] = 0.05
-    """First delay before a lost port is opened again [s].
+    """First delay before a lost port is reopened [s].
 
-    Higher makes a short loss of the adapter longer."""
+    Higher extends a short loss of the adapter."""
     reopen_max: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest delay between two attempts [s].
 
-    Higher leaves the aircraft longer without a daemon after the adapter is back."""
+    Higher leaves the aircraft longer without the daemon after the adapter returns."""
     label_cache: Path | None = None
-    """File in which analog labels are kept by board, version and checksum; unset keeps them in memory.
+    """File that stores analog labels by board, version and checksum; unset: only in memory.
 
-    Unset asks the board for 32 labels at every start, which takes seconds."""
+    Without it the daemon reads 32 labels from the board at every start, which takes seconds."""
 
     @model_validator(mode="after")
     def _delays_in_order(self) -> Self:

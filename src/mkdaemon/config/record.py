@@ -39,11 +39,11 @@ class RecordConfig(Section):
 
     On a slow disk entries are lost and counted."""
     file_mb: Annotated[int, RELOADABLE] = Field(default=200, ge=1)
-    """A file is ended and the next one begun at this size [MB].
+    """Size at which a new file begins [MB].
 
     Smaller makes many files."""
     file_minutes: Annotated[float, RELOADABLE] = Field(default=30.0, gt=0.0)
-    """The same at this age [min].
+    """Age at which a new file begins [min].
 
     Shorter makes many files."""
     total_mb: Annotated[int, RELOADABLE] = Field(default=4000, ge=1)
@@ -51,16 +51,16 @@ class RecordConfig(Section):
 
     Smaller deletes old flights sooner."""
     free_mb: Annotated[int, RELOADABLE] = Field(default=1000, ge=1)
-    """Space of the disk that stays free for other programs [MB].
+    """Disk space reserved for other programs [MB].
 
     Smaller lets recordings fill the disk of the system."""
     delete_oldest: Annotated[bool, RELOADABLE] = True
     """Delete this vehicle's oldest recordings to stay within `total_mb` and `free_mb`; else recording stops there.
 
-    False stops recording when the room is used up."""
+    With false, recording stops when the space is used up."""
     sync_s: float = Field(default=5.0, ge=0.0)
-    """Time between two moments at which everything is brought to the disk itself, so that it survives a power failure
-    [s]; 0: when the system does. What a killed daemon wrote survives in any case.
+    """Interval between two flushes to the disk, which protect data against a power failure [s]; 0: as the system does.
+    Data written before the daemon is killed survives in any case.
 
     Longer loses more at a power failure; shorter wears out a memory card."""
     queue_mb: int = Field(default=32, ge=1, le=1024)

@@ -17,17 +17,17 @@ class VehicleConfig(Section):
     name: str = Field(default="mk1", pattern=VEHICLE_NAME)
     """Name in every key, `mk/<name>/...`: lower-case letters, digits, `-` and `_`.
 
-    Two aircraft of one name on one bus obey the same commands. A client finds another name with `--vehicle`."""
+    Two aircraft with the same name on one bus obey the same commands. Clients select a name with `--vehicle`."""
     battery_cells: int | None = Field(default=None, ge=1, le=14)
-    """Cells of the battery in series; unset: as many as its voltage shows, or as were remembered from earlier flights.
+    """Battery cells in series; unset: derived from the voltage, or stored from earlier flights.
 
-    A number that is too low lets a battery be flown until it is damaged; one that is too high warns of a full one."""
+    If too low, the low-battery alarm comes too late and the battery is damaged; if too high, it warns of a full one."""
     state_folder: Path | None = None
-    """Folder of what must survive a restart, for example which parameter set has to be live; unset: systemd's
+    """Folder of the state that must survive a restart, for example the live parameter set; unset: systemd's
     `$STATE_DIRECTORY/<name>`, else `$XDG_STATE_HOME/mkdaemon/<name>`, else `~/.local/state/mkdaemon/<name>`.
 
-    In a folder that does not survive, a sudden end leaves the aircraft with a parameter set that is not restored."""
+    If the folder does not survive a restart, a crash can leave the wrong parameter set on the aircraft."""
     note: Annotated[str, RELOADABLE] = Field(default="", max_length=200)
     """Free text shown by `mkctl status`, for example airframe and battery.
 
-    It changes nothing else."""
+    No other effect."""

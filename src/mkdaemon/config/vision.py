@@ -34,7 +34,7 @@ class TagPlacement(Section):
     quaternion: tuple[float, float, float, float] | None = None
     """The same rotation as `(w, x, y, z)`; give this or `rpy_deg`."""
     print: Literal["official", "opencv"] = "official"
-    """Who drew it: `opencv` for tags from cv2.aruco, which are upside down against the official prints."""
+    """Origin of the drawing: `opencv` for tags of cv2.aruco, which are upside down against the official prints."""
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Self:
@@ -77,7 +77,7 @@ class TargetSection(Section):
     """Whether its xy plane is horizontal when at rest, so that the vehicle's roll and pitch are known against it."""
     bend: float = Field(default=0.003, ge=0.0, le=0.05)
     """How far its print may bend: rise of the centre over the middle of a side, standard deviation, as a share of the
-    side. 0 for a print on a rigid board, 0.01 for paper that lies by itself."""
+    side. 0 for a print on a rigid board, 0.01 for loose paper."""
     tags: tuple[TagPlacement, ...] = ()
     """Tags placed one by one."""
     board: BoardSection | None = None
@@ -109,27 +109,27 @@ class TrackerSection(Section):
     max_step: float = Field(default=0.02, gt=0)
     """Last step of the edge fit against the range.
 
-    Higher publishes fits that have not come to rest."""
+    Higher publishes fits that have not converged."""
     redetect_period: float = Field(default=1.0, gt=0)
     """Longest time without a decoded tag [s].
 
-    Longer follows a wrong track for longer; shorter takes processor time."""
+    Longer keeps a wrong track for longer; shorter takes processor time."""
     coast: float = Field(default=0.6, gt=0, le=2.0)
-    """Time without a pose over which a track is still looked for where it should be [s].
+    """Time without a pose for which a track is searched near its predicted position [s].
 
-    Longer looks in the wrong place; shorter searches the whole image after each hidden one."""
+    Longer searches in the wrong place; shorter searches the whole image after each hidden target."""
     attitude_gate_deg: float = Field(default=3.0, gt=0)
     """Largest disagreement of roll and pitch with the vehicle's attitude, over a level target [deg].
 
-    Narrower refuses right poses where the boards' attitude is off; wider takes mirrored ones."""
+    Narrower refuses correct poses if the boards' attitude is wrong; wider accepts mirrored poses."""
     attitude_sd_deg: float = Field(default=1.0, gt=0)
-    """How well the vehicle knows its roll and pitch and the target lies level, standard deviation each [deg].
+    """Standard deviation of the vehicle's roll and pitch, and of the target's level [deg].
 
-    Smaller trusts a tilted pad to lie level."""
+    Smaller assumes that a tilted target is level."""
     max_attitude_age: float = Field(default=0.25, gt=0)
     """Attitude samples farther from the capture time are not used [s].
 
-    Longer uses a tilt that is over."""
+    Longer uses an old tilt."""
 
 
 class VisionSection(Section):

@@ -35,12 +35,12 @@ PICTURE: Final = Path("mkdaemon-demo.svg")
 COLUMNS: Final = 78
 SHOWN: Final = {
     "hold_rms_cm": "hold over the target, horizontal RMS (cm)",
-    "hold_max_cm": "the same, farthest (cm)",
-    "step_t90_s": "step of 1 m, time to nine tenths (s)",
-    "step_overshoot_percent": "the same, overshoot (%)",
+    "hold_max_cm": "hold, largest horizontal error (cm)",
+    "step_t90_s": "step of 1 m, time to 90 % (s)",
+    "step_overshoot_percent": "step of 1 m, overshoot (%)",
     "follow_rms_cm": "over the moving target, horizontal RMS (cm)",
-    "touch_cm": "landed, distance from the middle (cm)",
-    "seconds": "flight time, with the pilot's own (s)",
+    "touch_cm": "landed, distance from the centre (cm)",
+    "seconds": "flight time, including the pilot's (s)",
 }
 """Figures of the summary."""
 

@@ -124,7 +124,7 @@ CASES = [
     ("one target", "target_unclear", NewManoeuvre(Concern.LAND), {"in_sight": ("pad", "other")}),
     ("one target", "target_unclear", NewManoeuvre(Concern.TAKE_OFF), sees(offset=0.6, target="other")),
     (
-        "target that is flown by",
+        "target in use",
         "target_unclear",
         NewManoeuvre(Concern.POSITION, target="other"),
         {"flown": Concern.HOLD},
@@ -142,7 +142,7 @@ WAITING = [
         "to listen",
     ),
     ("answer to the sticks", Concern.HOLD, {"unanswered": "the board reports the gate shut"}, "reports the gate shut"),
-    ("flying aircraft", Concern.HOLD, {"motors_running": False}, "motors stand still"),
+    ("flying aircraft", Concern.HOLD, {"motors_running": False}, "motors are off"),
     ("flying aircraft", Concern.POSITION, {"flight": flags(is_flying=False)}, "does not fly"),
     ("flying aircraft", Concern.VELOCITY, sees(height=0.2), "feet are 10 cm"),
     ("flying aircraft", Concern.LAND, sees(height=0.02), "feet are 0 cm"),

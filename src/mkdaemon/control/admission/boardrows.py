@@ -35,7 +35,7 @@ PROCEDURE_ROWS: Final = Rows()
 @BUSY_ROWS.row(
     "confirmed procedure",
     _PROCEDURE,
-    "it writes to a board, and the request does not say `confirm`",
+    "it writes to a board, and the request lacks `confirm`",
     Token.NOT_CONFIRMED,
     is_early=True,
 )
@@ -48,7 +48,7 @@ def _unconfirmed(now: Situation, wanted: Procedure) -> Verdict:
 @BUSY_ROWS.row(
     "stick frames",
     _BOTH,
-    "it keeps stick frames from the aircraft, or excludes flying, and a client holds or takes the lease",
+    "it blocks stick frames or excludes flying, and a client holds or takes the lease",
     Token.FLYING,
     is_early=True,
 )
@@ -141,7 +141,7 @@ def _enabled(now: Situation, wanted: BoardRequest) -> Verdict:
 @REQUEST_ROWS.row(
     "motors that stand still",
     _REQUEST,
-    "it needs motors that stand still, and they run, or no recent telemetry says whether they do",
+    "it needs motors off, but they run, or no recent telemetry shows their state",
     Token.MOTORS_RUNNING,
     Token.MOTORS_UNKNOWN,
     Token.LINK_DOWN,
@@ -158,7 +158,7 @@ def _stopped(now: Situation, wanted: BoardRequest) -> Verdict:
 @REQUEST_ROWS.row(
     "confirmed request",
     _REQUEST,
-    "it must be confirmed, always or with motors that may run, and does not say `confirm`",
+    "it must be confirmed, always or while motors may run, and lacks `confirm`",
     Token.NOT_CONFIRMED,
 )
 def _confirmed(now: Situation, wanted: BoardRequest) -> Verdict:
@@ -181,7 +181,7 @@ def _deaf(now: Situation, wanted: BoardRequest) -> Verdict:
 @REQUEST_ROWS.row(
     "proven board",
     _REQUEST,
-    "it needs a proven board, and the last version reply came from another one",
+    "it needs a proven board, but the last version reply came from another one",
     Token.BOARD_UNPROVEN,
 )
 def _proven(now: Situation, wanted: BoardRequest) -> Verdict:
@@ -207,7 +207,7 @@ def _silent_line(now: Situation) -> CommandRejectedError | None:
 @PROCEDURE_ROWS.row(
     "motors for a procedure",
     _PROCEDURE,
-    "it excludes flying, and motors run, or no recent telemetry says whether they do",
+    "it excludes flying, and motors run, or no recent telemetry shows their state",
     Token.IN_FLIGHT_NEEDED,
     Token.MOTORS_RUNNING,
     Token.MOTORS_UNKNOWN,

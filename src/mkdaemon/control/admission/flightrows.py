@@ -248,7 +248,7 @@ def _receiver(now: Situation) -> Verdict:
 @CHECK_ROWS.check(
     "battery",
     _NOT_LANDING,
-    "the board says that it is low, or a cell is below the voltage of the active set",
+    "the board reports it, or a cell is below the voltage of the active set",
     Token.BATTERY_LOW,
 )
 def _battery(now: Situation) -> Verdict:
@@ -264,7 +264,7 @@ def _battery(now: Situation) -> Verdict:
 @CHECK_ROWS.check(
     "battery cells",
     _NOT_LANDING,
-    "the battery may have one cell more than its voltage shows, and the configuration does not say how many",
+    "the battery may have one cell more than its voltage shows, and `battery_cells` is not set",
     Token.CELLS_DOUBTFUL,
     rule=Rule.ADVICE,
 )
@@ -289,9 +289,7 @@ def _disk(now: Situation) -> Verdict:
     return passed(f"{now.free_disk / 1e9:.1f} GB free")
 
 
-@LEASE_ROWS.row(
-    "holder", _LEASE, "another client holds the lease, and the request does not say `force`", Token.LEASE_HELD
-)
+@LEASE_ROWS.row("holder", _LEASE, "another client holds the lease, and the request lacks `force`", Token.LEASE_HELD)
 def _holder(now: Situation, wanted: TakeLease) -> Verdict:
     if not now.holder or now.lease_left <= 0 or wanted.force:
         return passed()

@@ -69,9 +69,9 @@ def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
 
 
 @NEED_ROWS.row(
-    "target that is flown by",
+    "target in use",
     BY_TARGET,
-    "it names another target than the one that is flown by",
+    "it names another target than the one in use",
     Token.TARGET_UNCLEAR,
     rule=Rule.ALWAYS,
 )
@@ -85,16 +85,18 @@ def flown_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=now.entry.target, detail=detail))
 
 
-@BEGIN_ROWS.row(
-    "take-off from the ground", _TAKE_OFF, "sticks or attitudes of a client are being flown", Token.NOT_ON_GROUND
-)
+@BEGIN_ROWS.row("take-off from the ground", _TAKE_OFF, "a client flies by sticks or attitudes", Token.NOT_ON_GROUND)
 def on_ground(now: Situation, wanted: object) -> Verdict:
     """A take-off starts on the ground, not from a flight by sticks or attitude."""
     return when(refuse(Token.NOT_ON_GROUND) if now.flown in BY_HAND else None)
 
 
 @BEGIN_ROWS.row(
-    "board that listens", MANOEUVRES, "a board works on a request and does not listen", Token.NOT_READY, rule=Rule.WAITS
+    "board that listens",
+    MANOEUVRES,
+    "a board is busy and receives nothing",
+    Token.NOT_READY,
+    rule=Rule.WAITS,
 )
 def board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Begin no flight while a board does not listen: the first frame it hears must be one of neutral sticks."""
@@ -104,7 +106,7 @@ def board_listens(now: Situation, wanted: NewManoeuvre) -> Verdict:
 @BEGIN_ROWS.row(
     "answer to the sticks",
     BY_TARGET,
-    "a board reports the gate shut, or the aircraft that is flown does not answer its sticks",
+    "a board reports that the gate is shut, or the aircraft does not answer its sticks",
     Token.NO_ANSWER,
     rule=Rule.WAITS,
 )
@@ -119,7 +121,7 @@ def answer(now: Situation, wanted: NewManoeuvre) -> Verdict:
 @BEGIN_ROWS.row(
     "ground contact",
     BY_TARGET,
-    "a take-off that no image has shown off the ground is flown, or the last centimetres of a landing",
+    "in a take-off that no image has confirmed, or in the last centimetres of a landing",
     Token.NOT_FLYING,
     rule=Rule.ALWAYS,
 )
@@ -133,7 +135,7 @@ def off_ground(now: Situation, wanted: NewManoeuvre) -> Verdict:
 @BEGIN_ROWS.row(
     "flying aircraft",
     _IN_SIGHT,
-    f"motors stand still, the board says that it does not fly, or its feet are no more than "
+    f"the motors are off, the board reports that it does not fly, or its feet are at most "
     f"{100 * STANDS:g} cm above the target",
     Token.NOT_FLYING,
     rule=Rule.ENTRY,
@@ -233,7 +235,7 @@ def clean(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return _waiting(wanted, f"images that agree with the model for {now.cfg.autopilot.entry_clean:g} s")
 
 
-@BEGIN_ROWS.row("running motors", _TAKE_OFF, "motors stand still", Token.NOT_READY, rule=Rule.WAITS)
+@BEGIN_ROWS.row("running motors", _TAKE_OFF, "the motors are off", Token.NOT_READY, rule=Rule.WAITS)
 def motors_run(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A take-off needs motors that the pilot has started."""
     if now.motors_running is not False:

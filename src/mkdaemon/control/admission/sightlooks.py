@@ -69,7 +69,7 @@ def agreement(now: Situation) -> Verdict:
 @SIGHT_ROWS.check(
     "scale of heights",
     BY_TARGET,
-    "the barometer contradicts the heights that images show, and it is no accident",
+    "the barometer significantly contradicts the heights of images",
     Token.HEIGHTS_CONTRADICTED,
 )
 def heights(now: Situation) -> Verdict:
@@ -85,7 +85,7 @@ def heights(now: Situation) -> Verdict:
 @SIGHT_ROWS.check(
     "age of images",
     BY_TARGET,
-    f"half of the images are older than {LATEST_IMAGES:g} ms when they have been looked at",
+    f"half of the images are older than {LATEST_IMAGES:g} ms after processing",
     Token.IMAGES_LATE,
 )
 def lateness(now: Situation) -> Verdict:
@@ -101,7 +101,7 @@ def lateness(now: Situation) -> Verdict:
     return passed(f"half of them are looked at within {best.latency_p50_ms:.0f} ms of their exposure")
 
 
-@SIGHT_ROWS.check("target", BY_TARGET, "never; it says when the target was last in sight")
+@SIGHT_ROWS.check("target", BY_TARGET, "never; it reports when the target was last in sight")
 def target(now: Situation) -> Verdict:
     """Time since the target was last in sight."""
     age = now.target_age

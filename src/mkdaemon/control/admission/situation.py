@@ -165,7 +165,7 @@ class Situation:
     def grounded(self) -> str:
         """Reason why the aircraft does not fly, by the boards' reports; empty if it may fly."""
         if self.motors_running is False:
-            return "its motors stand still"
+            return "its motors are off"
         is_down = self.flight is not None and self.flight.is_flying is False
         return "the board says that it does not fly" if is_down else ""
 
