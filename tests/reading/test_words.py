@@ -104,3 +104,8 @@ def test_what_happens_is_one_line(event, sort, tone, text):
 
 def test_a_value_is_no_event():
     assert line_of(Situation("").values["state/battery"]) is None
+
+
+def test_routine_is_what_needs_no_look_while_a_flight_goes_well():
+    found = {name: line_of(event) for name, event in vars(events).items() if name.isupper()}
+    assert [name for name, line in found.items() if line.is_routine] == ["ACCEPTED", "INFO", "RUNNING"]
