@@ -89,7 +89,7 @@ def test_every_part_has_a_row_that_is_wrong():
         (events.WARNING, Sort.WARNING, Tone.WARN, r"the disk is\nslow"),
         (events.ERROR, Sort.WARNING, Tone.BAD, "the disk is gone"),
         (events.INFO, Sort.LOG, Tone.NOTE, "hello"),
-        (events.MARK, Sort.MARK, Tone.NOTE, "mark by somebody: here"),
+        (events.MARK, Sort.MARK, Tone.NOTE, "mark by unknown: here"),
         (events.CLOCK, Sort.CLOCK, Tone.WARN, "the system clock was set by -1.500 s"),
         (events.UPLOADED, Sort.MISSION, Tone.NOTE, "waypoint list uploaded, 3 points"),
         (events.INCOMPLETE, Sort.MISSION, Tone.BAD, "waypoint list incomplete, 2 points"),
