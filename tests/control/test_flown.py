@@ -19,7 +19,7 @@ from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
 from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.table import MANOEUVRES
-from mkdaemon.control.manoeuvres.take_off import TakeOffPhase
+from mkdaemon.control.manoeuvres.take_off import TakeOffFlight, TakeOffPhase
 from mkdaemon.control.sight import Sight
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Outcome, Phase
@@ -243,6 +243,19 @@ def test_a_stage_that_lasts_longer_than_it_may_is_late_until_another_begins_or_i
     late += late_at(5.41, 5.5)[1:]
     wanted = replace(wanted, stage="", is_done=False)
     assert [*late, *late_at(98.0, 99.0)[1:]] == ["", "", "waits", "waits", "", "waits longer", "", ""]
+
+
+def test_a_stage_of_another_manoeuvre_has_its_own_time_though_its_name_is_the_same(monkeypatch):
+    flying = Flying()
+    flying.see(pose(1.0), 1.0)
+    flying.step(HOLD, 1.0)
+    for kind, longest in ((Hold, 5.0), (TakeOffFlight, 1.0)):
+        step = Step(Sticks(0.0, 0.0, 0.0, 6.0), kind.kind, stage="searches", longest=longest)
+        monkeypatch.setattr(kind, "step", lambda flight, now, *, is_flying, step=step: step)
+    for at in (1.1, 2.0, 3.0):
+        flying.step(HOLD, at, is_flying=True)
+    flying.step(TAKE_OFF, 3.1, is_flying=True)
+    assert [flying.flown.late_stage(at) for at in (3.2, 4.0, 4.2)] == ["", "", "searches"]
 
 
 def unanswered(*, seen_at=0.0, setpoint=HOLD):

@@ -406,6 +406,21 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 
 
+def test_a_stage_that_a_stall_made_late_is_not_aborted_too():
+    story = Story()
+    story.tell(MotorsReported(True))
+    story.streams(TakeOffSetpoint, 1.5, height=1.0)
+    for height in (0.20, 0.21, 0.24):
+        story.see(height)
+        story.streams(TakeOffSetpoint, PERIOD, height=1.0)
+    story.height = 0.6
+    story.streams(TakeOffSetpoint, 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb - 0.5, height=1.0)
+    story.now += 2.0
+    story.run(0.1)
+    assert story.status.reason.startswith("the daemon did not run"), story.status.reason
+    assert story.status.aborts == 0
+
+
 @pytest.mark.parametrize(("is_low", "ends_in"), [(False, Phase.ABORTED), (True, Phase.FREE)])
 def test_a_landing_whose_stages_alternate_ends_as_a_whole(is_low, ends_in, monkeypatch):
     """The question that was not asked: what comes when no stage is late, and the aircraft does not come down?

@@ -375,25 +375,35 @@ class FlightCore:
 
     def _decide(self, stood_still: float, chain: tuple[Cause, ...], now: float) -> Decision:
         """From the situation to what is sent, after a time without a tick [s]; `chain` is why there is no pose."""
-        authority = self._authority
+        authority, late = self._authority, self._flown.late_stage(now)
         if stood_still > self._cfg.limiter.setpoint_ttl and authority.phase in IN_FLIGHT:
             authority.end(Trigger.STALLED, cause=f"{stood_still:.2f}")
-        if late := self._flown.late_stage(now):
-            cause = f'"{late}" takes too long'
-            if authority.phase is Phase.LANDING:
-                authority.end(Trigger.GUIDANCE_LOST, cause=cause)
-            elif authority.phase.is_streamed:
-                authority.abort(cause)
-        situation, setpoint = self.situation(now), authority.newest
-        if setpoint is not None and self._flown.asks(situation):
-            situation = self._seen(situation)
+            late = ""
+        situation = self._situation_of_step(now)
         ending = self._watch.look(situation, self._flown.concern)
         if ending is not None:
             authority.end(ending.trigger, cause=ending.cause, can_land=self._can_land(self._seen(situation)))
-            setpoint = authority.newest
+        elif late:
+            self._end_stage(late)
+            situation = self._situation_of_step(now)
+        setpoint = authority.newest
         why = "; ".join(cause.text for cause in chain[1:]) if self._needs_pose else ""
         step = None if setpoint is None else self._flown.step(setpoint, authority.flown_phase(now), situation)
         return authority.tick(step, now, why)
+
+    def _situation_of_step(self, now: float) -> Situation:
+        """The situation, with the estimate where what is flown asks admission."""
+        situation = self.situation(now)
+        asks = self._authority.newest is not None and self._flown.asks(situation)
+        return self._seen(situation) if asks else situation
+
+    def _end_stage(self, stage: str) -> None:
+        """Abort a flight whose stage has lasted for longer than it may; a landing for a low battery ends instead."""
+        cause = f'"{stage}" takes too long'
+        if self._authority.phase is Phase.LANDING:
+            self._authority.end(Trigger.GUIDANCE_LOST, cause=cause)
+        elif self._authority.phase.is_streamed:
+            self._authority.abort(cause)
 
     def _is_by_images(self, now: float) -> bool:
         """Whether the sticks of this tick followed from what images show."""

@@ -139,7 +139,8 @@ class Flown:
         """Note how long a stage lasts that is not done."""
         stage, self._longest = "" if step.is_done else step.stage, step.longest
         is_timed_whole = self.current is not None and self.current.is_timed_whole
-        if stage != self._stage and not (is_timed_whole and stage and self._timed is self.current):
+        goes_on = stage == self._stage or (is_timed_whole and bool(stage))
+        if self._timed is not self.current or not goes_on:
             self._stage_since = now
         self._stage, self._timed = stage, self.current
 
