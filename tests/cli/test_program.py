@@ -61,6 +61,11 @@ def test_a_help_has_no_clutter(command):
     assert not re.search(r"│ [A-Z]+ +│", out), "an argument without a word about it"
 
 
+def test_a_group_that_is_asked_of_cyclopts_shows_the_first_line_of_each_command(capsys):
+    assert run(mkctl.app, ["log", "--help"]) == 0
+    assert "Write a recording for other programs." in capsys.readouterr().out
+
+
 def test_the_help_of_the_simulator_names_every_plan_of_its_pilot_and_the_key_of_poses():
     out = HELP["mkdaemon sim"]
     assert set(PilotPlan) <= set(re.split(r"[\s,.:;│]+", out))

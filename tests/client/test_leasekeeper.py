@@ -14,6 +14,7 @@ from mkdaemon.virtualtime import run_virtually
 from tests.client.sessionlease import SessionLease
 
 STICKS = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+BUSY = CommandRejectedError("busy", "a release is under way.", "wait")
 HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 ANSWERS = 0.1
 """Time that a lease takes to be granted, and to be given back [s]."""
@@ -115,3 +116,10 @@ def test_a_refused_lease_is_raised_by_who_waits_for_it_and_not_asked_for_again()
             keeper.step()
 
     assert story(play, HELD) == []
+
+
+def test_a_busy_daemon_is_asked_again():
+    async def play(keeper, daemon):
+        await keeper.take()
+
+    assert story(play, BUSY, BUSY, BUSY) == ["granted 8", "released"]

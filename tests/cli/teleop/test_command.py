@@ -8,7 +8,7 @@ import pytest
 from mkdaemon.cli.mkctl.teleop import command
 from mkdaemon.cli.mkctl.teleop.command import SECRET, InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 
 
 @pytest.mark.parametrize(
@@ -39,6 +39,15 @@ async def test_recording_does_not_replace_a_file(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="File exists"):
         await teleop(hands=InputOptions(joy="far"), record=path)
     assert path.read_text(encoding="utf-8") == "precious"
+
+
+async def test_without_the_library_gamepads_are_refused_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise MkError("gamepads need the library evdev")
+
+    monkeypatch.setattr(command, "load_evdev", missing)
+    with pytest.raises(MkError, match="evdev"):
+        await teleop()
 
 
 @pytest.mark.parametrize(

@@ -212,6 +212,17 @@ async def test_a_refusal_of_the_daemon_is_told(refusal, result):
 
 
 @virtually
+async def test_while_it_is_stored_the_last_item_is_asked_for_again():
+    vehicle = FakeVehicle()
+    vehicle.slow = 4.0
+    async with serving(vehicle) as gateway:
+        ears = Sender(gateway)
+        assert await ears.upload([item(0), item(1)], 5.0) == [ACCEPTED]
+        assert [message.seq for message in ears.named("MISSION_REQUEST_INT")] == [0, 1, 1, 1, 1]
+        assert len(vehicle.points) == 2
+
+
+@virtually
 async def test_a_lost_item_is_asked_for_again_and_an_upload_that_stops_is_ended():
     async with serving() as gateway:
         ears = Sender(gateway)

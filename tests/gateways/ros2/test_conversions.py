@@ -227,6 +227,7 @@ def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
 def test_events_are_lines_of_a_log(event, level):
     made, line = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log"), line_of(event)
     assert (made.level, made.name, made.msg) == (level, "mk1", f"{line.text} {line.fix}".strip())
+    assert conversions.event(samples.attitude(), scene()) is None
 
 
 @given(st.floats(-1e12, 1e12))
