@@ -16,7 +16,7 @@ demo: venv
 	$(BIN)/mkdaemon demo
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
-PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not browser and not alone and not gateways and not whole"
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tests.wholefiles -o console_output_style=classic -m "not browser and not alone and not gateways and not whole"
 # What the product is measured and rehearsed with proves itself apart: the lab, the tools, the simulator.
 LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance
 

@@ -7,8 +7,6 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"  # read when numpy is imported
@@ -19,7 +17,7 @@ import structlog
 from hypothesis import HealthCheck, settings
 
 from tests.orphans import no_orphans
-from tests.places import DATA, REFERENCE, ROOT
+from tests.places import DATA, REFERENCE
 from tests.repeats import Repeats
 
 # A loaded machine is slow, not wrong: how long an example takes, or takes to draw, says nothing about the code.
@@ -47,25 +45,6 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(Repeats(), "repeats")
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection(session: pytest.Session) -> None:
-    """Each worker imports a share of the files first, and leaves them compiled, with asserts rewritten, to the others.
-
-    All of them collect every file, in one order: on a fresh clone each would compile it at the same time.
-    """
-    worker = getattr(session.config, "workerinput", {"workerid": "gw0", "workercount": 1})
-    folders = [Path(argument) for argument in session.config.args]
-    if worker["workercount"] == 1 or not all(folder.is_dir() for folder in folders):
-        return
-    gc.disable()
-    left_out = [Path(folder).resolve() for folder in session.config.getoption("ignore") or ()]
-    files = sorted(path.resolve() for folder in folders for path in folder.rglob("test_*.py"))
-    files = [path for path in files if not any(path.is_relative_to(folder) for folder in left_out)]
-    for path in files[int(worker["workerid"].removeprefix("gw")) :: worker["workercount"]]:
-        with suppress(Exception, pytest.skip.Exception):  # whoever collects the file reports it
-            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that start whole programs come first: beside those that compute, what runs in real time comes too late.
 
@@ -81,7 +60,6 @@ def pytest_collectstart() -> None:
 
 def pytest_collection_finish() -> None:
     """What was collected stays to the end: the garbage collector need not look through it again and again."""
-    gc.collect()
     gc.freeze()
     gc.enable()
 

@@ -87,6 +87,7 @@ def flown(cfg, gains):
     return drive
 
 
+@settings(max_examples=10, deadline=None)
 @given(CONFIGS, GAINS, ANGLE, ANGLE, st.floats(-2.0, 2.0), st.floats(0.0, 2.0))
 def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(cfg, gains, pitch, roll, rate, thrust):
     drive = flown(cfg, gains)

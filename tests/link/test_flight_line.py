@@ -32,8 +32,7 @@ async def fly(r: Rig, rate: float) -> float:
     return began
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("loss", [0.01, 0.10])
+@pytest.mark.parametrize(("loss", "seed"), [(0.01, 1), (0.10, 2)])
 @virtually
 async def test_by_radio_the_attitude_is_not_silent_and_requests_are_answered(loss, seed):
     async with rig(flight_ctrl(seed=seed, radio=radio(loss)), rates={"attitude": 50, "debug": 200}) as r:

@@ -37,32 +37,31 @@ def valid_frames(r: Rig, since: float) -> list[float]:
     return [s.at for s in frames if int(s.message.config) & 1]
 
 
-@pytest.mark.parametrize("word", LAYOUTS)
+@pytest.mark.parametrize(("word", "seed"), [(word, seed) for seed, word in enumerate(LAYOUTS, 1)])
 @virtually
-async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(word):
+async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(word, seed):
     loop = asyncio.get_running_loop()
-    for seed in range(1, 4):
-        async with rig(flight_ctrl(word, seed=seed, **SIM), seed=seed, probe_baud=True) as r:
-            await r.until_up()
-            await asyncio.sleep(0.3)
-            await stream(r, 1.0)
-            boards = r.socket.aircraft
-            assert is_held(boards)
-            began, silent = loop.time(), r.log.rx[-1].at
-            boards.world.faults.start("fc_reboot")
-            flying = asyncio.create_task(stream(r, 4.0))
-            await r.until(lambda boards=boards: not boards.world.faults.is_active("fc_reboot"), 1.0)
-            await r.until(lambda r=r, began=began: r.log.rx[-1].at > began + 3, 8.0)
-            await flying
-            answered = next(frame.at for frame in r.log.rx if frame.at > began + 3)
-            while loop.time() < answered + 3:
-                await asyncio.sleep(0.01)
-                assert not is_held(boards) or loop.time() < answered + 1.1
-            assert silent - began < 0.2
-            assert max(valid_frames(r, began), default=began) - began <= 0.35
-            assert r.socket.openings == 1
-            assert not any(state.condition == "garbage" for state in r.log.states)
-            assert any("boots" in state.reason for state in r.log.states)
+    async with rig(flight_ctrl(word, seed=seed, **SIM), seed=seed, probe_baud=True) as r:
+        await r.until_up()
+        await asyncio.sleep(0.3)
+        await stream(r, 1.0)
+        boards = r.socket.aircraft
+        assert is_held(boards)
+        began, silent = loop.time(), r.log.rx[-1].at
+        boards.world.faults.start("fc_reboot")
+        flying = asyncio.create_task(stream(r, 4.0))
+        await r.until(lambda: not boards.world.faults.is_active("fc_reboot"), 1.0)
+        await r.until(lambda: r.log.rx[-1].at > began + 3, 8.0)
+        await flying
+        answered = next(frame.at for frame in r.log.rx if frame.at > began + 3)
+        while loop.time() < answered + 3:
+            await asyncio.sleep(0.01)
+            assert not is_held(boards) or loop.time() < answered + 1.1
+        assert silent - began < 0.2
+        assert max(valid_frames(r, began), default=began) - began <= 0.35
+        assert r.socket.openings == 1
+        assert not any(state.condition == "garbage" for state in r.log.states)
+        assert any("boots" in state.reason for state in r.log.states)
 
 
 @pytest.mark.parametrize("word", LAYOUTS)

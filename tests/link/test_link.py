@@ -49,7 +49,7 @@ async def test_the_first_bytes_are_a_release_and_then_one_in_the_right_layout(wo
         assert r.link.boards == {Board.FC}
 
 
-@pytest.mark.parametrize("rate", [15, 30, 50, 100])
+@pytest.mark.parametrize("rate", [15, 50, 100])
 @pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl("2.14", "2.14")], ids=["fc", "nc"])
 @virtually
 async def test_no_control_frame_is_lost_at_any_rate(make, rate):

@@ -43,7 +43,7 @@ async def test_no_frame_in_the_layout_of_the_aircraft_before(swap):
     async with rig(navi_ctrl("0.24", "2.12a", **SIM)) as r, asyncio.TaskGroup() as tasks:
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 5)
         flying = tasks.create_task(fly_as_allowed(r))
-        for word in ("2.08", "2.12a") * 2:
+        for word in ("2.08", "2.12a"):
             await asyncio.sleep(2.0)  # after a look behind the NaviCtrl a silence is our own doing
             await swap(r, word)
             if swap is swap_by_cable:

@@ -7,8 +7,6 @@ import re
 import string
 from functools import cache
 
-import pytest
-
 from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.status import Status
@@ -38,14 +36,14 @@ def calls(name: str):
     return [(source, node) for source, node in all_calls() if node.func.id == name]
 
 
-@pytest.mark.parametrize("token", list(Token))
-def test_every_refusal_says_why_and_what_to_do(token):
-    error = refuse(token, **dict.fromkeys(words_of(token), 1))
-    assert error.token == token
-    assert "{" not in error.reason + error.fix
-    assert error.reason.endswith(".")
-    assert error.fix.strip().endswith((".", "1"))
-    assert token.status not in {Status.ACCEPTED, Status.NOT_OBSERVABLE}
+def test_every_refusal_says_why_and_what_to_do():
+    for token in Token:
+        error = refuse(token, **dict.fromkeys(words_of(token), 1))
+        assert error.token == token
+        assert "{" not in error.reason + error.fix
+        assert error.reason.endswith(".")
+        assert error.fix.strip().endswith((".", "1"))
+        assert token.status not in {Status.ACCEPTED, Status.NOT_OBSERVABLE}
 
 
 def test_a_word_from_the_bus_is_looked_up():

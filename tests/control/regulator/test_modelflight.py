@@ -11,7 +11,7 @@ import pytest
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import ACCELEROMETER_SCALE, AircraftModel
-from mkdaemon.control.regulator.horizontal import STEP, HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.margins import _delayed_radius, fly_model, gains_of, loop_refusal
 
 MODEL = AircraftModel()
@@ -78,9 +78,8 @@ def test_what_is_told_of_a_loop_is_of_the_model_and_of_what_it_must_bear():
 
 
 def test_the_regulator_is_computed_for_the_period_of_fifty_hertz():
-    assert STEP == 0.02
     regulator = HorizontalRegulator(MODEL, HorizontalCosts())
-    assert regulator.radius == pytest.approx(radius(1.0 / STEP))
+    assert regulator.radius == pytest.approx(radius(50.0))
 
 
 # -- the flight on the model ---------------------------------------------------------------------------------------

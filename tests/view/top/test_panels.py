@@ -50,7 +50,7 @@ def test_it_is_always_24_rows_of_at_most_80_columns(board):
 def test_nothing_known_says_so():
     text = shown(VehicleBoard("quad"))
     assert text.startswith(" quad  NOTHING FROM THE DAEMON: no value has arrived")
-    for words in ("no present attitude", "battery   not known", "link          not known", "eyes          not known"):
+    for words in ("no present attitude", "battery   not known", "link          not known", "cameras       not known"):
         assert words in text, words
 
 

@@ -67,7 +67,7 @@ def takeoff(tilt_deg: float) -> tuple[list, list]:
     ],
     ids=["never", "from the start", "from lift-off on", "in the air", "for a second"],
 )
-@pytest.mark.parametrize("tilt_deg", [0.0, 4.0, 8.0, 12.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
 def test_poses_continue_though_the_attitude_stops(tilt_deg, begins, stops, returns):
     """A course of one image, close to a pad, held against every image after it: 89 of 90 were refused."""
     shots, attitudes = takeoff(tilt_deg)

@@ -175,7 +175,7 @@ class TakeOff:
             self.phase, self.failure = TakeOffPhase.FAILED, why
 
     def seen(self, height: float, at: float) -> tuple[tuple[float, float], ...]:
-        """Take the height an image shows; once two in a row show that it flies, return all that have shown it.
+        """Take the height an image shows; once two in a row show that it flies, return all that show it.
 
         Args:
             height: of the body origin above the target [m].

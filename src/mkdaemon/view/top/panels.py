@@ -148,7 +148,7 @@ def _one(fact: Fact, width: int) -> Row:
 
 def _below(picture: Picture) -> Iterator[Row]:
     """The lease, the line, the cameras, what became of what was sent."""
-    cameras = [fact for fact in picture.facts if fact.id.startswith(("eye", "sight"))]
+    cameras = [fact for fact in picture.facts if fact.id.startswith(("camera", "eye", "sight"))]
     for fact in (*map(picture.fact, BELOW), *cameras, *map(picture.fact, FATES)):
         yield from _wrapped(fact.name, fact.aged, TONES[fact.tone])
 
