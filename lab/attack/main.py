@@ -9,7 +9,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Annotated, Any, Final, Literal
@@ -18,19 +18,21 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from lab.attack.backlog import Backlog, backlog_plans
-from lab.attack.deaths import BOARDS, Attack, Death, attack
+from lab.attack.backlog import backlog_plans
+from lab.attack.deaths import BOARDS, Death, attack
 from lab.attack.flights import AnyFlight, Flights, Plan, fly_all
-from lab.attack.floods import Ride, flood_plans
-from lab.attack.guardless import GuardDeath, kill_guard
+from lab.attack.floods import flood_plans
+from lab.attack.guardless import kill_guard
 from lab.attack.quiet import FLIGHT, fly_quietly
-from lab.attack.virtual import Silence, VirtualDeath, fly_virtually
+from lab.attack.virtual import Silence, fly_virtually
 from lab.rigs.cockpit import Boards
 from lab.stories.losses import silence_log
 from mkdaemon.cli.arguments import AsJson
 
 Case = Literal["deaths", "virtual", "floods", "backlog", "guard", "quiet"]
 Rows = Iterator[dict[str, Any]]
+Figure = Callable[[Sequence[Any]], Any]
+"""One figure of the flights of a row."""
 QUIET: Final = "none: the guard is quiet"
 ON_TCP: Final = "FC 2.08 on TCP"
 QUIET_BOARDS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"), Boards("2.12a", "0.24"))
@@ -58,138 +60,117 @@ class Scope:
         """Fly those of the rows that are chosen; see `fly_all`."""
         return fly_all([plan for plan in plans if self.has(plan.attack, plan.boards)], self.seeds, self.jobs)
 
-    def alone(self) -> Scope:
-        """The same, one flight after the other."""
-        return replace(self, jobs=1)
+
+def largest(name: str) -> Figure:
+    """The largest of what flights came to under a name."""
+    return lambda flown: max((value for one in flown if (value := getattr(one, name)) is not None), default=None)
 
 
-def run_deaths(scope: Scope) -> Rows:
-    """Every death of the daemon on every pair of boards."""
-    plans = [
-        Plan(f"daemon {kind.value}", boards.name, partial(attack, boards, kind)) for boards in BOARDS for kind in Death
-    ]
-    return map(death_row, scope.fly(plans))
+def median(name: str) -> Figure:
+    """The median of it; of an even number the lower of the two in the middle."""
+    return lambda flown: sorted(getattr(one, name) for one in flown)[math.ceil(len(flown) / 2) - 1] if flown else None
 
 
-def death_row(flights: Flights[Attack]) -> dict[str, Any]:
-    """One line of the same death on the same boards."""
-    flown = flights.flown
-    return _row(
-        flights,
-        **_ladder(flown),
-        steered=sum(one.steered for one in flown),
-        machine_late=sum(one.is_machine_late for one in flown),
-        machine_late_max_s=_largest(one.late for one in flown),
-        on_tcp=sum(one.port == "tcp" for one in flown),
-    )
+def total(name: str) -> Figure:
+    """The sum of it; of claims how many hold."""
+    return lambda flown: sum(getattr(one, name) for one in flown)
 
 
-def _ladder(flown: Sequence[Attack] | Sequence[VirtualDeath]) -> dict[str, Any]:
-    """When sticks were level, and when the aircraft was released."""
-    return {
-        "neutral_median_s": _median([one.neutral for one in flown]),
-        "neutral_max_s": _largest(one.neutral for one in flown),
-        "released_median_s": _median([one.released for one in flown]),
-        "released_max_s": _largest(one.released for one in flown),
-    }
+def each(name: str) -> Figure:
+    """All of it."""
+    return lambda flown: [getattr(one, name) for one in flown]
 
 
-def run_virtual_deaths(scope: Scope) -> Rows:
-    """The daemon's silence in virtual time, on every pair of boards."""
-    plans = [
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of the campaign: what is flown, and what is said of it.
+
+    Attributes:
+        plans: its rows.
+        figures: of a row, from the flights that were flown.
+        is_alone: one flight at a time: it is the machine's load itself.
+    """
+
+    plans: Callable[[], Sequence[Plan[Any]]]
+    figures: Mapping[str, Figure]
+    is_alone: bool = False
+
+    def rows(self, scope: Scope) -> Rows:
+        """Fly, and give a row for each plan."""
+        return map(self.row, (replace(scope, jobs=1) if self.is_alone else scope).fly(self.plans()))
+
+    def row(self, flights: Flights[Any]) -> dict[str, Any]:
+        """A row with its figures; a flight that was not flown is as wrong as one that breaks a limit."""
+        wrong = [asdict(one) for one in flights.flown if one.is_wrong]
+        return {
+            "attack": flights.attack,
+            "boards": flights.boards,
+            "runs": len(flights.flown) + len(flights.not_flown),
+            "not_flown": len(flights.not_flown),
+            **{name: figure(flights.flown) for name, figure in self.figures.items()},
+            "wrong": wrong + flights.not_flown,
+        }
+
+
+LADDER: Final[Mapping[str, Figure]] = {
+    "neutral_median_s": median("neutral"),
+    "neutral_max_s": largest("neutral"),
+    "released_median_s": median("released"),
+    "released_max_s": largest("released"),
+}
+"""When sticks were level, and when the aircraft was released."""
+LATE: Final[Mapping[str, Figure]] = {"machine_late": total("is_machine_late"), "machine_late_max_s": largest("late")}
+DEATHS: Final = Part(
+    lambda: [Plan(f"daemon {kind.value}", on.name, partial(attack, on, kind)) for on in BOARDS for kind in Death],
+    {**LADDER, "steered": total("steered"), **LATE, "on_tcp": lambda flown: sum(one.port == "tcp" for one in flown)},
+)
+"""Every death of the daemon on every pair of boards."""
+VIRTUAL: Final = Part(
+    lambda: [
         Plan(f"virtual: {silence.value}", boards.name, partial(fly_virtually, boards, silence))
         for boards in BOARDS
         for silence in Silence
-    ]
-    return map(virtual_row, scope.fly(plans))
-
-
-def virtual_row(flights: Flights[VirtualDeath]) -> dict[str, Any]:
-    """One line of the same silence on the same boards."""
-    flown = flights.flown
-    return _row(
-        flights,
-        **_ladder(flown),
-        cut_frames=sum(one.is_cut for one in flown),
-    )
-
-
-def run_floods(scope: Scope) -> Rows:
-    """Every flood, one at a time: it is the machine's load itself."""
-    return map(flood_row, scope.alone().fly(flood_plans(ON_TCP)))
-
-
-def flood_row(flights: Flights[Ride]) -> dict[str, Any]:
-    """One line of the same flood."""
-    flown = flights.flown
-    return _row(
-        flights,
-        rates=[one.rates for one in flown],
-        kept=sum(one.kept for one in flown),
-        gap_p99_max_s=_largest(one.gap_p99 for one in flown),
-        gap_max_s=_largest(one.gap_max for one in flown),
-        neutral_max_s=_largest(one.neutral for one in flown if one.neutral is not None),
-        released_max_s=_largest(one.released for one in flown),
-        memory_max_mb=_largest(one.memory_mb for one in flown),
-        log_max_bytes_per_s=_largest(one.log for one in flown),
-    )
-
-
-def run_backlogs(scope: Scope) -> Rows:
-    """Floods of the holder, one at a time."""
-    return map(backlog_row, scope.alone().fly(backlog_plans(ON_TCP)))
-
-
-def backlog_row(flights: Flights[Backlog]) -> dict[str, Any]:
-    """One line of the same flood and end."""
-    flown = flights.flown
-    return _row(
-        flights,
-        neutral_max_s=_largest(one.neutral for one in flown),
-        released_max_s=_largest(one.released for one in flown),
-        lost_before=sum(one.lost_before for one in flown),
-        rates=[one.rate for one in flown],
-    )
-
-
-def run_guard_deaths(scope: Scope) -> Rows:
-    """The guard is killed."""
-    return map(guard_row, scope.fly([Plan("guard killed", ON_TCP, kill_guard)]))
-
-
-def guard_row(flights: Flights[GuardDeath]) -> dict[str, Any]:
-    """The line of the killed guards."""
-    flown = flights.flown
-    return _row(
-        flights,
-        noticed_median_s=_median([one.noticed for one in flown]),
-        noticed_max_s=_largest(one.noticed for one in flown),
-        machine_late=sum(one.is_machine_late for one in flown),
-        machine_late_max_s=_largest(one.late for one in flown),
-        kept=sum(one.kept for one in flown),
-        refused=sum(one.token is not None for one in flown),
-    )
-
-
-def _row(flights: Flights[Any], **figures: Any) -> dict[str, Any]:
-    """A line with its figures; a flight that was not flown is as wrong as one that breaks a limit."""
-    wrong = [asdict(one) for one in flights.flown if one.is_wrong]
-    return {
-        "attack": flights.attack,
-        "boards": flights.boards,
-        "runs": len(flights.flown) + len(flights.not_flown),
-        "not_flown": len(flights.not_flown),
-        **figures,
-        "wrong": wrong + flights.not_flown,
-    }
-
-
-def _largest(values: Iterable[float]) -> float | None:
-    return max(values, default=None)
-
-
-def _median(values: Sequence[float]) -> float | None:
-    return sorted(values)[math.ceil(len(values) / 2) - 1] if values else None
+    ],
+    {**LADDER, "cut_frames": total("is_cut")},
+)
+"""The daemon's silence in virtual time, on every pair of boards."""
+FLOODS: Final = Part(
+    lambda: flood_plans(ON_TCP),
+    {
+        "rates": each("rates"),
+        "kept": total("kept"),
+        "gap_p99_max_s": largest("gap_p99"),
+        "gap_max_s": largest("gap_max"),
+        "neutral_max_s": largest("neutral"),
+        "released_max_s": largest("released"),
+        "memory_max_mb": largest("memory_mb"),
+        "log_max_bytes_per_s": largest("log"),
+    },
+    is_alone=True,
+)
+"""Every flood."""
+BACKLOGS: Final = Part(
+    lambda: backlog_plans(ON_TCP),
+    {
+        "neutral_max_s": largest("neutral"),
+        "released_max_s": largest("released"),
+        "lost_before": total("lost_before"),
+        "rates": each("rate"),
+    },
+    is_alone=True,
+)
+"""Floods of the holder."""
+GUARD: Final = Part(
+    lambda: [Plan("guard killed", ON_TCP, kill_guard)],
+    {
+        "noticed_median_s": median("noticed"),
+        "noticed_max_s": largest("noticed"),
+        **LATE,
+        "kept": total("kept"),
+        "refused": lambda flown: sum(one.token is not None for one in flown),
+    },
+)
+"""The guard is killed."""
 
 
 def run_quiet_flights(scope: Scope) -> Rows:
@@ -201,11 +182,11 @@ def run_quiet_flights(scope: Scope) -> Rows:
 
 
 _CASES: Final[dict[str, Callable[[Scope], Rows]]] = {
-    "deaths": run_deaths,
-    "virtual": run_virtual_deaths,
-    "floods": run_floods,
-    "backlog": run_backlogs,
-    "guard": run_guard_deaths,
+    "deaths": DEATHS.rows,
+    "virtual": VIRTUAL.rows,
+    "floods": FLOODS.rows,
+    "backlog": BACKLOGS.rows,
+    "guard": GUARD.rows,
     "quiet": run_quiet_flights,
 }
 

@@ -193,17 +193,6 @@ def test_an_aborted_landing_holds_where_the_aircraft_is_then():
     assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
 
 
-def test_a_place_from_the_aircrafts_own_is_flown_to_once():
-    ahead = {"position": (0.4, 0.0, 0.0), "frame": SetpointFrame.BODY, "yaw": 0.0}
-    rig = Plan(replace(CALM, seconds=8.7), hold(), (5.0, PositionSetpoint, ahead))
-    record = rig.fly()
-    start = record.positions[next(k for k, at in enumerate(record.times) if at > 5.0)]
-    x, y, _ = record.positions[-1] - start
-    assert math.hypot(x, y) == pytest.approx(0.4, abs=0.15)
-    assert math.atan2(y, x) == pytest.approx(0.3, abs=0.4), "the nose points there"
-    assert rig.statuses()[-1] == ("position", "", True)
-
-
 def test_an_abort_holds_the_place_and_keeps_the_lease():
     away = {"position": (-0.6, 0.4, 2.0), "frame": SetpointFrame.PAD}
     over = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}

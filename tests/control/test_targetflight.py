@@ -27,9 +27,7 @@ from mkdaemon.control.actions import (
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import PoseSeen, ReleaseAsked, Released
-from mkdaemon.control.manoeuvres.by_target import Arrival
 from mkdaemon.control.manoeuvres.land import LandingPhase
-from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.control.sight import FORGOTTEN, velocity_between
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import ReleaseRequest
@@ -46,7 +44,7 @@ from mkdaemon.telemetry.state import AngleScale, Attitude
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.events import pose
-from tests.control.flying import Flying, placed
+from tests.control.flying import Flying
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -96,16 +94,16 @@ def test_a_yaw_rate_becomes_the_stick_that_gives_it(rate):
 
 @pytest.fixture(scope="module")
 def held():
-    """A flight that holds a position, and its record; nobody changes either."""
-    rig = CoreRig(CALM)
+    """A flight that holds a position, one second of it out of sight, and its record; nobody changes either."""
+    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((3.0, 4.0),))))
     return rig, rig.fly()
 
 
-def test_the_core_holds_a_position_and_says_what_it_believes(held):
+def test_the_core_holds_a_position_after_a_short_loss_of_sight_too_and_says_what_it_believes(held):
     rig, record = held
     assert record.lost == ""
     assert rig.core.phase is Phase.FLYING
-    late = np.array(record.errors)[np.array(record.times) > 5.0]
+    late = np.array(record.errors)[np.array(record.times) > 5.8]
     assert np.hypot(late[:, 0], late[:, 1]).max() < 0.25
     last = rig.estimates[-1]
     assert last.position == pytest.approx(record.positions[-1], abs=0.1)
@@ -124,17 +122,6 @@ def test_no_flight_begins_before_images_have_agreed_for_a_while(held):
     assert not any(isinstance(action, SendSticks) for at, action in rig.actions if at < began)
 
 
-def test_a_goal_beyond_the_fence_is_flown_to_the_fence():
-    rig = CoreRig(replace(CALM, camera=CameraModel(tags=(1.2, 0.3)), seconds=3.0))
-    rig.fly()
-    flown = rig.core._flown.current
-    for wanted in ((90.0, 0.0, 40.0), (0.0, -7.0, -3.0)):
-        flown.follow(PositionSetpoint(**BASE, position=wanted, frame=SetpointFrame.PAD))
-        goal = flown._goal(rig.core._sight.estimator.estimate(3.0), flown._autopilot)
-        assert np.hypot(*goal.position[:2]) == pytest.approx(CFG.fence_radius)
-        assert CFG.fence_floor <= goal.position[2] <= CFG.fence_height
-
-
 def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_released():
     gone = 3.5
     rig = UntilReleased(replace(CALM, camera=CameraModel(gone=((gone, 99.0),))))
@@ -148,14 +135,6 @@ def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_r
     assert np.hypot(*after[:2]) < max(rig.estimates[-1].position_sd[:2]), "it stays over the target"
     reason = next(a.reason for at, a in rig.actions if isinstance(a, ReleaseAircraft))
     assert "no image of pad" in reason
-
-
-def test_a_short_loss_of_sight_ends_nothing():
-    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((3.0, 4.0),)), seconds=6.5))
-    record = rig.fly()
-    assert rig.core.phase is Phase.FLYING
-    after = np.array(record.errors)[np.array(record.times) > 5.8]
-    assert np.hypot(after[:, 0], after[:, 1]).max() < 0.3
 
 
 LANDS = 4.0
@@ -367,13 +346,3 @@ def test_entry_waits_for_a_fresh_image_and_a_certain_position():
     old = flying.step(position(), 1.6)
     assert "a fresh image" in old.obstacle
     assert "no camera has seen a target yet" in Flying().step(position(), 0.0).obstacle
-
-
-def test_a_place_with_a_heading_is_reached_when_the_nose_points_there(held):
-    rig, _ = held
-    still = replace(placed(rig.core._sight.estimator.estimate(CALM.seconds), (0.0, 0.0, 2.0)), yaw=0.3)
-    arrival = Arrival(0.15, 1.0)
-    for yaw, is_reached in ((None, True), (0.35, True), (0.6, False)):
-        goal = Goal(position=np.array([0.0, 0.0, 2.0]), yaw=yaw)
-        assert not arrival.has_arrived(goal, placed(still, (1.0, 1.0, 1.0)), 0.0)
-        assert arrival.has_arrived(goal, still, 1.0) is is_reached

@@ -17,7 +17,7 @@ from lab.attack.flightlog import FlightLog, Gaps
 from lab.attack.flights import Flights, Plan, fly_all
 from lab.attack.floods import Ride
 from lab.attack.guardless import GuardDeath
-from lab.attack.main import Scope, death_row, flood_row, guard_row
+from lab.attack.main import DEATHS, FLOODS, GUARD, Scope
 from lab.attack.programs import HELD_DAEMON
 from lab.attack.virtual import Silence, fly_virtually
 from lab.rigs.cockpit import Boards
@@ -39,7 +39,7 @@ def test_what_the_lab_tells_a_daemon_by_is_no_signal_that_the_daemon_takes_for_i
 
 def test_a_row_names_the_deaths_that_break_a_limit():
     flown = [Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0), Attack("FC 2.08", "killed", "pty", 0.03, 1.2, 0)]
-    row = death_row(Flights("daemon killed", "FC 2.08", flown))
+    row = DEATHS.row(Flights("daemon killed", "FC 2.08", flown))
     assert row["released_max_s"] == 1.2
     assert [one["released"] for one in row["wrong"]] == [1.2]
 
@@ -61,12 +61,12 @@ def test_a_row_names_the_deaths_that_break_a_limit():
 )
 def test_a_ride_is_wrong_where_one_limit_is_broken(changed, is_wrong):
     found = Ride(**{field: getattr(RIDE, field) for field in Ride.__slots__} | changed)
-    assert bool(flood_row(Flights("setpoints", "FC 2.08", [RIDE, found]))["wrong"]) is is_wrong
+    assert bool(FLOODS.row(Flights("setpoints", "FC 2.08", [RIDE, found]))["wrong"]) is is_wrong
 
 
 def test_a_guard_whose_death_is_not_said_is_wrong():
     found = [GuardDeath(0.1, "guard_dead", True), GuardDeath(0.1, None, True)]
-    row = guard_row(Flights("guard killed", "FC 2.08", found))
+    row = GUARD.row(Flights("guard killed", "FC 2.08", found))
     assert row["refused"] == 1
     assert len(row["wrong"]) == 1
 
@@ -78,7 +78,7 @@ def test_a_flight_that_fails_is_counted_and_costs_no_other_its_result(capsys):
         return Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0)
 
     [flights] = fly_all([Plan("daemon killed", "FC 2.08", fly)], range(1, 4))
-    row = death_row(flights)
+    row = DEATHS.row(flights)
     assert (row["runs"], row["not_flown"], row["released_max_s"]) == (3, 1, 0.05)
     [wrong] = row["wrong"]
     assert wrong["seed"] == 2
@@ -94,7 +94,7 @@ def test_a_flight_that_fails_is_counted_and_costs_no_other_its_result(capsys):
 def test_a_flight_that_is_slow_beside_a_late_machine_is_wrong_and_says_so():
     slow = Attack("FC 2.08", "killed", "pty", 0.36, 0.5, 0, late=0.05)
     lost = replace(slow, neutral=0.3, blocked=Blocked(kept=False, gaps=Gaps(0.3, 0.3, 0.3, 0.3)))
-    row = death_row(Flights("daemon killed", "FC 2.08", [slow, replace(slow, late=0.005), lost]))
+    row = DEATHS.row(Flights("daemon killed", "FC 2.08", [slow, replace(slow, late=0.005), lost]))
     assert (row["machine_late"], len(row["wrong"])) == (1, 3)
 
 
@@ -149,7 +149,7 @@ def test_a_log_of_a_flight_tells_when_control_was_lost(monkeypatch):
 
 
 def test_a_row_of_which_nothing_was_flown_has_no_figures_and_is_wrong():
-    row = flood_row(Flights("setpoints", "FC 2.08", [], [{"seed": 1, "reason": "TimeoutError: "}]))
+    row = FLOODS.row(Flights("setpoints", "FC 2.08", [], [{"seed": 1, "reason": "TimeoutError: "}]))
     assert row["gap_max_s"] is None
     assert row["wrong"]
 

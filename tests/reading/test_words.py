@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.reading import Reading
+from mkdaemon.reading import Reading, Sort, line_of
 from mkdaemon.reading.diagnoses import DiagnosticLevel, diagnoses_of
+from mkdaemon.telemetry.tone import Tone
+from tests.reading import events
 from tests.reading.situations import AT, LINK, Situation
 
 OK, WARN, ERROR, STALE = DiagnosticLevel
@@ -75,3 +77,35 @@ def test_what_is_wrong_has_its_words_and_its_level(changes, part, level, words, 
 def test_every_part_has_a_row_that_is_wrong():
     _, found = look({})
     assert {part for _, part, *_ in ROWS} == set(found)
+
+
+@pytest.mark.parametrize(
+    ("event", "sort", "tone", "text"),
+    [
+        (events.ACCEPTED, Sort.COMMAND, Tone.OK, "do/rates (stream osd)"),
+        (events.REFUSED, Sort.REFUSAL, Tone.BAD, "do/land denied: no target is seen."),
+        (events.MODE, Sort.MODE, Tone.NOTE, "free -> leased: anna took it"),
+        (events.FAILSAFE, Sort.FAILSAFE, Tone.BAD, "FAILSAFE release, confirmed: silence"),
+        (events.WARNING, Sort.WARNING, Tone.WARN, r"the disk is\nslow"),
+        (events.ERROR, Sort.WARNING, Tone.BAD, "the disk is gone"),
+        (events.INFO, Sort.LOG, Tone.NOTE, "hello"),
+        (events.MARK, Sort.MARK, Tone.NOTE, "mark by somebody: here"),
+        (events.CLOCK, Sort.CLOCK, Tone.WARN, "the system clock was set by -1.500 s"),
+        (events.UPLOADED, Sort.MISSION, Tone.NOTE, "waypoint list uploaded, 3 points"),
+        (events.INCOMPLETE, Sort.MISSION, Tone.BAD, "waypoint list incomplete, 2 points"),
+        (events.RUNNING, Sort.PROCEDURE, Tone.NOTE, "backup 1 of 5, running: set 1"),
+    ],
+)
+def test_what_happens_is_one_line(event, sort, tone, text):
+    line = line_of(event)
+    assert (line.sort, line.tone, line.text) == (sort, tone, text)
+    assert (line.token, line.fix) == (("no_target", "Look.") if sort is Sort.REFUSAL else ("", ""))
+
+
+def test_a_value_is_no_event():
+    assert line_of(Situation("").values["state/battery"]) is None
+
+
+def test_routine_is_what_needs_no_look_while_a_flight_goes_well():
+    found = {name: line_of(event) for name, event in vars(events).items() if name.isupper()}
+    assert [name for name, line in found.items() if line.is_routine] == ["ACCEPTED", "INFO", "RUNNING"]

@@ -31,4 +31,5 @@ def stored_help(program: str, tokens: Sequence[str]) -> str | None:
 
 def _shows_boxes() -> bool:
     """Whether standard output can encode the lines around a list."""
-    return (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "") == "utf8"
+    encoding: str = getattr(sys.stdout, "encoding", None) or "utf-8"  # a closed one shows nothing
+    return encoding.lower().replace("-", "") == "utf8"

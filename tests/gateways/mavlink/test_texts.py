@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.gateways.mavlink.texts import CRITICAL, ERROR, INFO, NOTICE, WARNING, Texts, text_of
-from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
-from mkdaemon.telemetry.mission import MissionEvent
-from tests.gateways.mavlink.rig import ATTITUDE, STAMP
+from mkdaemon.reading import line_of
+from tests.gateways.mavlink.rig import ATTITUDE
+from tests.reading import events
 
 
 @pytest.mark.parametrize("length", [0, 1, 49, 50, 51, 99, 100, 101, 399, 400])
@@ -40,16 +40,12 @@ def test_the_same_is_said_again_only_later_or_to_another():
 
 
 @pytest.mark.parametrize(
-    ("event", "told"),
+    ("event", "severity"),
     [
-        (FailsafeEvent(stamp=STAMP, action="neutral", reason="old"), (CRITICAL, "FAILSAFE neutral: old")),
-        (ModeEvent(stamp=STAMP, before="free", after="leased", reason="why"), (NOTICE, "free -> leased: why")),
-        (LogEvent(stamp=STAMP, level="error", text="broken"), (ERROR, "broken")),
-        (LogEvent(stamp=STAMP, level="info", text="well"), (INFO, "well")),
-        (MissionEvent(stamp=STAMP, action="uploaded", count=3, digest="", source=""),
-         (NOTICE, "waypoint list uploaded, 3 points")),
-        (ATTITUDE, None),
+        (events.FAILSAFE, CRITICAL), (events.MODE, NOTICE), (events.ERROR, ERROR), (events.INFO, INFO),
+        (events.WARNING, WARNING), (events.UPLOADED, NOTICE),
     ],
 )  # fmt: skip
-def test_events(event, told):
-    assert text_of(event) == told
+def test_events(event, severity):
+    assert text_of(event) == (severity, line_of(event).text)
+    assert text_of(ATTITUDE) is None and text_of(events.RUNNING) is None

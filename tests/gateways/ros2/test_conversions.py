@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.gateways.ros2 import conversions
 from mkdaemon.gateways.ros2.messages import Frames, name_part, time
+from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.state import GpsFix
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, scene, through_cdr
+from tests.reading import events
 
 angles = st.floats(-3.1, 3.1)
 tilts = st.floats(-0.5, 0.5)
@@ -221,25 +222,11 @@ def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
 
 
 @pytest.mark.parametrize(
-    ("event", "level", "words"),
-    [
-        (LogEvent(stamp=samples.STAMP, level="warning", text="look"), 30, "look"),
-        (
-            FailsafeEvent(stamp=samples.STAMP, action="release", reason="the link is down"),
-            40,
-            "FAILSAFE release: the link is down",
-        ),
-        (
-            ModeEvent(stamp=samples.STAMP, before="free", after="leased", reason="me"),
-            20,
-            "free -> leased: me",
-        ),
-    ],
-    ids=["log", "failsafe", "mode"],
+    ("event", "level"), [(events.WARNING, 30), (events.FAILSAFE, 40), (events.REFUSED, 40), (events.MODE, 20)]
 )
-def test_events_are_lines_of_a_log(event, level, words):
-    made = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log")
-    assert (made.level, made.name, made.msg) == (level, "mk1", words)
+def test_events_are_lines_of_a_log(event, level):
+    made, line = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log"), line_of(event)
+    assert (made.level, made.name, made.msg) == (level, "mk1", f"{line.text} {line.fix}".strip())
 
 
 @given(st.floats(-1e12, 1e12))
