@@ -272,8 +272,8 @@ class Lease:
     ) -> None:
         """Fly by attitude for some time; engages like `stick`, with a level attitude.
 
-        The FlightCtrl's own idea of level drifts while the aircraft accelerates (docs/control.md): nothing here holds
-        a place.
+        The FlightCtrl's estimate of level drifts while the aircraft accelerates (docs/control.md), and the position is
+        not held.
 
         Args:
             pitch: nose down positive [rad].

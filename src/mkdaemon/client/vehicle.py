@@ -79,8 +79,8 @@ class Vehicle(VerbCalls):
         The pilot starts the motors before, and stops them afterwards. Nothing is streamed between two
         calls of the lease, so let them follow each other: `lease.hold(seconds=5)` instead of `asyncio.sleep(5)`.
 
-        After an error or Ctrl-C inside, the aircraft is not landed but given back to the pilot at once. A program that
-        has landed by itself (`lease.land()`) leaves the context without a second landing.
+        After an error or Ctrl-C inside, the pilot gets the aircraft at once, without a landing. After
+        `lease.land()` inside, the end of the context does not land again.
 
         Args:
             height: above the target [m].
