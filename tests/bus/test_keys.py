@@ -55,7 +55,7 @@ def test_no_two_lines_claim_the_same_key():
 
 def test_keys_of_other_vehicles_and_unknown_ones():
     assert suffix_of("mk1", "mk/mk1/state/battery") == "state/battery"
-    with pytest.raises(ValueError, match="no key of vehicle mk1"):
+    with pytest.raises(ValueError, match="not a key of vehicle mk1"):
         suffix_of("mk1", "mk/mk10/state/battery")
     assert find("state/nothing") is None
     assert find("state") is None

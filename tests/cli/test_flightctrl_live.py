@@ -64,7 +64,7 @@ def test_settings_are_backed_up_changed_and_restored(at: list[str], ctl: Ctl, tm
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
     code, _, err = ctl(at, "settings", "backup", str(folder))
     assert code == EXIT_CONFIG
-    assert "holds something already" in err
+    assert "already exists" in err
 
 
 def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl: Ctl, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def test_the_page_has_the_name_of_the_recording(capsys, folder):
     ("words", "expected", "told"),
     [
         (("nowhere.mcap",), EXIT_FAILURE, "cannot be opened"),
-        ((FLIGHT, "--vehicle", "mk9"), EXIT_CONFIG, "nothing of vehicle mk9"),
+        ((FLIGHT, "--vehicle", "mk9"), EXIT_CONFIG, "no values of vehicle mk9"),
         ((FLIGHT, "-o", "nowhere/page.html"), EXIT_CONFIG, "there is no folder"),
         ((__file__,), EXIT_FAILURE, "nothing to report"),
     ],

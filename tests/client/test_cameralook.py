@@ -59,7 +59,7 @@ def test_a_camera_that_works_needs_nothing():
         ({"state": EyeState.UNCALIBRATED, "reason": "no camera file"}, None, "uncalibrated: no camera file"),
         ({"alarms": {"blurred": "the images are blurred"}}, None, "the images are blurred"),
         ({"settings_refused": ("exposure",)}, None, "the driver refused exposure"),
-        ({"fps": 4.0}, None, "4 images a second are few"),
+        ({"fps": 4.0}, None, "only 4 images a second"),
         ({"latency_p50_ms": 320.0}, None, "images are 320 ms old"),
         ({"dropped": 900, "detect_p50_ms": 80.0}, None, "the detector is too slow (80 ms an image)"),
         (
@@ -67,7 +67,7 @@ def test_a_camera_that_works_needs_nothing():
             None,
             "30.0 ms of exposure smear",
         ),
-        ({"exposure": Exposure(exposure_ms=3.0, gain=1, black=90, white=120, noise=1)}, None, "hardly apart"),
+        ({"exposure": Exposure(exposure_ms=3.0, gain=1, black=90, white=120, noise=1)}, None, "hardly differ"),
         ({}, 0.4, "edges are soft (0.40 of a cell)"),
     ],
 )

@@ -109,7 +109,7 @@ def test_columns_of_parquet_have_one_kind_each_in_every_row_group(tmp_path, monk
     assert table["number"].to_pylist() == [None if value is None else float(value) for value in mixed]
     assert table["either"].to_pylist()[:4] == ["text", "2.5", "text", "3"]
     assert table["nothing"].null_count == len(mixed)
-    with pytest.raises(MkError, match="no column of Parquet"):
+    with pytest.raises(MkError, match="does not fit Parquet"):
         write_parquet(lambda: [made("state/y", "Y.v1", number=2**63)], tmp_path / "out", overwrite=False)
     assert [one.name for one in (tmp_path / "out").iterdir()] == [path.name]
 
@@ -118,7 +118,7 @@ def test_nothing_to_export_and_a_folder_that_cannot_be_are_named(tmp_path):
     with pytest.raises(MkError, match="nothing to export"):
         write_csv(list, tmp_path / "out", overwrite=False)
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    with pytest.raises(MkError, match="cannot be made"):
+    with pytest.raises(MkError, match="cannot be created"):
         write_csv(values, tmp_path / "file" / "out", overwrite=False)
 
 

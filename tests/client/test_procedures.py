@@ -42,7 +42,7 @@ async def test_settings_are_saved_compared_changed_and_restored(tmp_path: Path) 
     assert (await uav.settings.restore_from(folder, dry_run=True)).written == ()
     assert (await uav.settings.restore_from(folder, confirm=True)).written == (4, 2)
     assert (board.sets, board.live, board.active) == (before, before[2], 2)
-    with pytest.raises(ConfigError, match="holds something already"):
+    with pytest.raises(ConfigError, match="already exists"):
         await uav.settings.backup_to(folder)
     with pytest.raises(ConfigError, match="one file holds one set"):
         await uav.settings.backup_to(tmp_path / "two.toml", (1, 2))

@@ -55,7 +55,7 @@ def test_after_a_stall_of_our_own_the_release_comes_before_any_stick_frame(drive
     actions = drive.tick()
     assert drive.sticks == []
     assert len(drive.releases) == 1
-    assert "stood still" in drive.releases[0].reason
+    assert "did not run" in drive.releases[0].reason
     assert actions
 
 

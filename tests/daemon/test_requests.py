@@ -142,7 +142,7 @@ async def test_a_typed_reply_comes_back_with_its_schema(desk):
         ("nc/echo_request", {"pattern": 70_000}, "bad_field", "pattern"),
         ("nc/echo_request", {"pattern": "7"}, "bad_field", "pattern"),
         ("nc/echo_request", {"pattern": 1.5}, "bad_field", "pattern"),
-        ("nc/echo_request", {"pattern": 1, "extra": 2}, "bad_field", "extra is no field"),
+        ("nc/echo_request", {"pattern": 1, "extra": 2}, "bad_field", "extra is not a field"),
         ("nc/echo_request", {}, "bad_field", "pattern"),
         ("nc/echo_request", {"pattern": 1, "layout": "99"}, "bad_field", "layout '99'"),
         ("nc/echo_request", b"\xc1", "malformed", "msgpack"),

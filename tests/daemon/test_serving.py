@@ -223,7 +223,7 @@ async def test_without_a_place_for_the_guards_report_the_daemon_says_so_and_runs
     asyncio.get_running_loop().call_later(2.0, stop.set)
     await daemon(tmp_path / "file", "/dev/tty-nothing", bus, wait_for_port=True).serve(stop, Notifier({}))
     assert any(
-        "the next daemon will not hear what the guard does" in event.text and str(tmp_path / "file") in event.text
+        "the next daemon will not get the guard's report" in event.text and str(tmp_path / "file") in event.text
         for event in bus.values("event/log")
     )
 

@@ -117,7 +117,7 @@ async def test_rates_are_shown_and_changed(desk):
         ("rates", {"stream": "sod", "interval": 0.1}, "no_such_stream", "'sod'"),
         ("rates", {"stream": "osd", "interval": 3.0}, "bad_field", "interval"),
         ("rates", {"stream": "osd", "interval": float("nan")}, "bad_field", "interval"),
-        ("rates", {"kind": "osd"}, "bad_field", "kind is no field"),
+        ("rates", {"kind": "osd"}, "bad_field", "kind is not a field"),
         ("lease", {"action": "renew"}, "not_leased", "no client holds"),
         ("relase", {}, "unknown_verb", "release"),
         ("fly", {}, "unknown_verb", "lease or release or gains or preflight"),

@@ -96,7 +96,7 @@ def test_just_opened_claims_nothing():
     health.port_opened(1.0)
     health.judge(1.05)
     assert health.verdict.condition is LinkCondition.DOWN
-    assert "nothing heard yet" in health.verdict.reason
+    assert "nothing received yet" in health.verdict.reason
 
 
 def test_silence_is_mute_within_half_a_second():

@@ -169,7 +169,7 @@ async def test_who_keeps_no_note_cannot_put_the_live_set_at_risk():
     async with rig(flight_ctrl()) as r:
         await ready(r)
         flight = r.socket.aircraft.flight
-        with pytest.raises(ProtocolError, match="there is no note"):
+        with pytest.raises(ProtocolError, match="no note exists"):
             await run_procedure(r.link, backup_settings(PATIENCE), SilentObserver())
         assert flight.live.raw == flight.eeprom.sets[3]
 
@@ -216,5 +216,5 @@ async def test_a_request_that_could_not_be_sent_is_tried_again_and_every_other_r
 
 @virtually
 async def test_a_procedure_without_a_step_is_a_mistake_of_ours():
-    with pytest.raises(ProtocolError, match="ended before it began"):
+    with pytest.raises(ProtocolError, match="cancelled before it started"):
         await run_procedure(Crowded(), iter(()), SilentObserver())

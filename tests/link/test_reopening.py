@@ -167,7 +167,7 @@ def test_an_address_that_another_adapter_has_taken_is_not_opened(tmp_path, adapt
     assert memory.find(str(number)) == str(by_id / BY_ID), "ours has another number now"
     (by_id / BY_ID).unlink()
     point(by_id / "usb-Another-if00", other.device)
-    with pytest.raises(LinkLostError, match=r"ttyUSB0 is another adapter now \(usb-Another-if00\) and is not opened"):
+    with pytest.raises(LinkLostError, match=r"ttyUSB0 is now another adapter \(usb-Another-if00\) and was not opened"):
         memory.find(str(number))
 
 

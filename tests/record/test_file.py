@@ -251,4 +251,4 @@ def test_what_is_no_recording_says_so(tmp_path: Path) -> None:
 
     assert not entries
     assert recording.read_session() is None
-    assert "no MCAP file" in recording.report.damages[0].reason
+    assert "not an MCAP file" in recording.report.damages[0].reason

@@ -78,4 +78,4 @@ def test_stick_or_enable_button_that_is_not_shown_ends_it(missing: str) -> None:
 def test_button_with_a_meaning_already_is_not_taken_twice() -> None:
     text, pad = learn({**ANSWERS, "RELEASE": {"BTN_TL": 1}})
     assert 'release = "' not in text
-    assert any("has a meaning already" in line for line in pad.shown)
+    assert any("is already used" in line for line in pad.shown)

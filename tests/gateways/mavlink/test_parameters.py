@@ -197,7 +197,7 @@ async def test_without_a_backup_nothing_is_written(tmp_path):
         ears = Ears(gateway)
         write(ears, "GYRO_P", 81.0)
         await beat(ears, 0.3)
-        assert [call for call, *_ in fake.calls] == ["backup"] and "cannot be made" in ears.words
+        assert [call for call, *_ in fake.calls] == ["backup"] and "cannot be created" in ears.words
 
 
 @virtually

@@ -135,7 +135,10 @@ def test_single_says_what_is_wrong():
         single(200.0, 7)
 
 
-@pytest.mark.parametrize(("size", "tag_id", "words"), [(400.0, 3, "no tag size"), (0.3, -1, "tag -1 of tag36h11: id")])
+SIZES = [(400.0, 3, "not a tag size"), (0.3, -1, "tag -1 of tag36h11: id")]
+
+
+@pytest.mark.parametrize(("size", "tag_id", "words"), SIZES)
 def test_a_single_tag_that_nobody_prints_is_refused_with_what_is_wrong(size, tag_id, words):
     with pytest.raises(ConfigError, match=words):
         single(size, tag_id)
