@@ -70,7 +70,7 @@ def test_the_true_values_are_read_back_from_the_page(known):
     assert drawn == pytest.approx([10.0, 15.0], abs=0.05)
     row = known.page.locator("#pieces tr", has_text="position").inner_text().split("\t")
     assert [cell.strip() for cell in row[:7]] == ["position", "1.00, 0.00, 2.00", "3.0", "6.0", "3.0", "-", "5.0 / 5.0"]
-    assert "5.0 cm off horizontally" in known.page.locator("#words").inner_text()
+    assert "5.0 cm at most, in position" in known.page.locator("#words").inner_text()
 
 
 def test_who_zooms_one_plot_zooms_all(known):
