@@ -108,12 +108,11 @@ def ramp(seconds):
     return take_off, [gas / HOVER for _, gas in run(take_off, LIMITS.ready, seconds)]
 
 
-def test_throttle_rises_quickly_to_what_lifts_most_aircraft_and_slowly_beyond():
+def test_throttle_rises_by_its_slope_from_idle_to_its_bound():
     _, shares = ramp(0.6)
-    quick = [share for share in shares if share < LIMITS.first]
-    assert quick == pytest.approx([IDLE_GAS / HOVER + LIMITS.rise * STEP * k for k in range(1, len(quick) + 1)])
-    slow = shares[len(quick) :]
-    assert slow == pytest.approx([LIMITS.first + LIMITS.further * STEP * k for k in range(len(slow))])
+    assert shares == pytest.approx(
+        [min(IDLE_GAS / HOVER + LIMITS.rise * STEP * k, LIMITS.most) for k in range(1, len(shares) + 1)]
+    )
 
 
 def test_blind_time_counts_from_the_throttle_that_may_carry():

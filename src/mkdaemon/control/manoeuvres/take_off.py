@@ -63,9 +63,7 @@ class TakeOffLimits:
         ready: time at the lowest throttle before it rises [s].
         stand_height: of the body origin above the target when the feet stand [m].
         lift: this much higher, the aircraft flies [m].
-        rise: of the throttle, up to `first` [share of hover a second].
-        first: with this throttle an aircraft whose hover throttle is as assumed leaves the ground [share of hover].
-        further: rise of the throttle from there on, for one that needs more than was assumed [share of hover a second].
+        rise: of the throttle [share of hover a second]; slower lets the wind carry the aircraft out of sight.
         most: blind throttle ends here [share of hover].
         counts_from: the blind time counts from this throttle on [share of hover], or from the first image in the air.
         blind: longest time above it without an image of a flying aircraft [s].
@@ -77,8 +75,6 @@ class TakeOffLimits:
     stand_height: float = 0.10
     lift: float = 0.06
     rise: float = 2.5
-    first: float = 1.15
-    further: float = 0.20
     most: float = 1.25
     counts_from: float = 1.05
     blind: float = 1.2
@@ -145,7 +141,8 @@ class TakeOff:
         if self.phase is TakeOffPhase.IDLE and now - self._began >= limits.ready:
             self.phase = TakeOffPhase.RAMP
         elif self.phase is TakeOffPhase.RAMP:
-            self._share = self._next_share(step)
+            # One image may be wrong; hover throttle neither drops an aircraft that flies nor lifts one that stands.
+            self._share = 1.0 if self._risen else min(self._share + limits.rise * step, limits.most)
             if self._strong_since is None and (self._risen or self._share >= limits.counts_from):
                 self._strong_since = now
             if tilt > limits.steepest:
@@ -156,15 +153,6 @@ class TakeOff:
         elif self.phase is TakeOffPhase.FAILED:
             self._cut_left -= step
         return self._share * self._hover_gas
-
-    def _next_share(self, step: float) -> float:
-        """Return the blind throttle after a time [s]: while one image shows the aircraft in the air, hover [share]."""
-        limits = self._limits
-        if self._risen:
-            return 1.0
-        if self._share < limits.first:
-            return min(self._share + limits.rise * step, limits.first)
-        return min(self._share + limits.further * step, limits.most)
 
     def fail(self, why: Outcome) -> None:
         """End the take-off, if no image has shown the aircraft off the ground: it may fly or stand.
