@@ -44,3 +44,19 @@ def test_outcomes_are_those_of_one_process_and_a_file_is_imported_once(pytester,
     assert done.ret != pytest.ExitCode.OK
     assert (pytester.path / "imports.txt").read_text(encoding="utf-8") == "one "
     done.stdout.fnmatch_lines_random(["*nothing_of_this_name*"])
+
+
+def test_a_file_without_a_selected_test_leaves_nothing_set_up_for_the_next_folder(pytester, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    pytester.makeini("[pytest]\nasyncio_default_fixture_loop_scope = function")
+    for folder, name, text in (
+        ("a", "test_1", "def test_1(): pass"),
+        ("a", "test_2", "import pytest\npytest.skip('not here', allow_module_level=True)"),
+        ("b", "test_3", "def test_3(): pass"),
+    ):
+        package = pytester.path / folder
+        package.mkdir(exist_ok=True)
+        (package / "__init__.py").touch()
+        (package / f"{name}.py").write_text(text)
+    options = ("-p", "no:cacheprovider", "-n", "1", "--dist", "loadfile", "-p", "tests.wholefiles")
+    pytester.runpytest_inprocess(*options).assert_outcomes(passed=2, skipped=1)
