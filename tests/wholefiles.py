@@ -41,7 +41,7 @@ class WholeFile(pytest.Item):
             self.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
         self.session.items[place] = self
         if not items:  # what the file before left for this one is not needed by the next
-            self.session._setupstate.teardown_exact(nextitem)  # noqa: SLF001  # as pytest does after a test
+            self.session._setupstate.teardown_exact(nextitem)  # as pytest does after a test
 
 
 class UncollectedModule(pytest.File):
