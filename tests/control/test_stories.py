@@ -385,8 +385,8 @@ def test_a_take_off_by_whatever_is_below_looks_at_nothing_that_lies_aside_while_
     assert (story.status.stage, story.core._sight.target) == ("climbs", "pad")
 
 
-def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
-    """Wind, late images or the pilot's throttle kept a take-off in `climbs` for ever."""
+def climbing():
+    """A take-off to 1 m that stays at 0.6 m, and how long it may climb [s]."""
     story = Story()
     story.tell(MotorsReported(True))
     story.streams(TakeOffSetpoint, 1.5, height=1.0)
@@ -394,7 +394,12 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
         story.see(height)
         story.streams(TakeOffSetpoint, PERIOD, height=1.0)
     story.height = 0.6
-    longest = 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb
+    return story, 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb
+
+
+def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
+    """Wind, late images or the pilot's throttle kept a take-off in `climbs` for ever."""
+    story, longest = climbing()
     story.streams(TakeOffSetpoint, longest - 0.5, height=1.0)
     assert (story.core.phase, story.status.stage) == (Phase.FLYING, "climbs")
     story.streams(TakeOffSetpoint, 1.0, height=1.0)
@@ -407,14 +412,8 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
 
 
 def test_a_stage_that_a_stall_made_late_is_not_aborted_too():
-    story = Story()
-    story.tell(MotorsReported(True))
-    story.streams(TakeOffSetpoint, 1.5, height=1.0)
-    for height in (0.20, 0.21, 0.24):
-        story.see(height)
-        story.streams(TakeOffSetpoint, PERIOD, height=1.0)
-    story.height = 0.6
-    story.streams(TakeOffSetpoint, 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb - 0.5, height=1.0)
+    story, longest = climbing()
+    story.streams(TakeOffSetpoint, longest - 0.5, height=1.0)
     story.now += 2.0
     story.run(0.1)
     assert story.status.reason.startswith("the daemon did not run"), story.status.reason
