@@ -9,18 +9,20 @@ climb rate 0.16 m/s too small.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from mkdaemon.control.estimator.model import GRAVITY, AircraftModel, ground_effect
+import numpy as np
+
+from mkdaemon.control.estimator.model import GRAVITY, AircraftModel, E, F, H, S, ground_effect
 from mkdaemon.control.estimator.values import StickCommand
+from mkdaemon.control.linear import Array
 
 STEP: Final = 0.01
 """Of the simulated lift-off [s]; half of a stick frame's period."""
-HALVINGS: Final = 10
-"""Of the accepted range of hover throttles: a range of 64 counts to a sixteenth of a count."""
+CANDIDATES: Final = 65
+"""Hover throttles that are tried: a range of 64 counts by single ones; what lies between is interpolated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,43 +54,36 @@ def lifted_off(
         model: of the aircraft.
         between: smallest and largest accepted hover throttle [count of 254].
     """
-    low, high = between
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2.0
-        rises = zip(_rise(sent, [at for at, _ in seen], model, middle), seen, strict=True)
-        # The lower the hover throttle, the higher it flies: the sum has one zero, the least squares of one factor.
-        is_too_high = sum(height - found for (height, _, _), (_, found) in rises) > 0.0
-        low, high = (middle, high) if is_too_high else (low, middle)
-    hover = (low + high) / 2.0
-    *_, (_, climb, thrust) = _rise(sent, [at for at, _ in seen], model, hover)
-    return LiftOff(hover, climb, thrust)
+    hovers = np.linspace(*between, CANDIDATES)
+    rises = list(_rises(sent, [at for at, _ in seen], model, hovers))
+    # The lower the hover throttle, the higher it flies: the sum has one zero, the least squares of one factor.
+    short = sum(height - state[:, H] for state, (_, height) in zip(rises, seen, strict=True))
+    climb, thrust = (float(np.interp(0.0, short, rises[-1][:, place])) for place in (S, F))
+    return LiftOff(float(np.interp(0.0, short, hovers)), climb, thrust)
 
 
-def _rise(
-    sent: Sequence[StickCommand], times: Sequence[float], model: AircraftModel, hover: float
-) -> Iterator[tuple[float, float, float]]:
-    """Yield height of the feet [m], climb rate [m/s] and thrust less the weight [share] at each of the times.
+def _rises(
+    sent: Sequence[StickCommand], times: Sequence[float], model: AircraftModel, hovers: Array
+) -> Iterator[Array]:
+    """Yield the vertical states (k, 4) at each of the times, for hover throttles (k,) [count of 254].
 
-    From standing, with the throttle that acts `uplink` after it was written::
-
-        f' = ((gas / hover)^2 - 1 - f) / thrust_lag;   s' = g ((1 + f) k(h) - 1) - drag s;   h' = s
-
-    with k the ground effect. On the ground `s` is not negative.
+    From standing, with the throttle that acts `uplink` after it was written. The ground effect k adds
+    `e = g (1 + f) (k(h) - 1)`; on the ground `s` is not negative.
     """
-    share = 1.0 - math.exp(-STEP / model.thrust_lag)
+    transition, driven = model.vertical(STEP)
     frames = iter(sent)
-    coming, asked = next(frames, None), -1.0
-    height, climb, thrust = 0.0, 0.0, -1.0
+    coming, asked = next(frames, None), np.full((len(hovers), 1), -1.0)
+    states = np.zeros((len(hovers), 4))
+    states[:, F] = -1.0
     now = sent[0].at if sent else times[0]
     for time in times:
         while now < time:
             while coming is not None and coming.at + model.uplink <= now:
-                asked = (coming.acting_gas / hover) ** 2 - 1.0
+                asked = (coming.acting_gas / hovers[:, None]) ** 2 - 1.0
                 coming = next(frames, None)
-            thrust += (asked - thrust) * share
-            climb += (GRAVITY * ((1.0 + thrust) * ground_effect(height) - 1.0) - model.drag * climb) * STEP
-            height += climb * STEP
-            if height <= 0.0:
-                height, climb = 0.0, max(0.0, climb)
+            states[:, E] = GRAVITY * (1.0 + states[:, F]) * (ground_effect(states[:, H]) - 1.0)
+            states = states @ transition.T + asked * driven
+            stands = states[:, H] <= 0.0
+            states[stands, H], states[stands, S] = 0.0, np.maximum(states[stands, S], 0.0)
             now += STEP
-        yield height, climb, thrust
+        yield states

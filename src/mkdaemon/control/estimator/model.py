@@ -74,13 +74,13 @@ H, S, F, E = range(4)
 """Places in the state of the vertical axis."""
 
 
-def ground_effect(height: float) -> float:
-    """Return the gain of thrust with the feet at a height above the ground [m].
+def ground_effect(height: float | Array) -> Array:
+    """Return the gain of thrust with the feet at heights above the ground [m].
 
     `1 / (1 - (R / 4z)^2)`, with the rotors at z: I. Cheeseman and W. Bennett, ARC R&M 3021, 1955.
     """
-    ratio = (ROTOR_RADIUS / (4.0 * (max(height, 0.0) + ROTOR_HEIGHT))) ** 2
-    return min(1.0 / (1.0 - ratio), LARGEST_CUSHION)
+    ratio = (ROTOR_RADIUS / (4.0 * (np.maximum(height, 0.0) + ROTOR_HEIGHT))) ** 2
+    return np.minimum(1.0 / (1.0 - ratio), LARGEST_CUSHION)
 
 
 class Gap(Enum):

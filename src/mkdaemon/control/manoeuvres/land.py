@@ -66,7 +66,7 @@ class Fall:
             thrust: that the motors give, out of the cushion [share of the weight].
             step: [s].
         """
-        lift = thrust * THRUST_DOUBT * ground_effect(self.height)
+        lift = thrust * THRUST_DOUBT * float(ground_effect(self.height))
         self.climb += GRAVITY * (lift - 1.0) * step
         self.height += self.climb * step
         return self.height <= 0.0
