@@ -21,7 +21,6 @@ from typing import Annotated, Any, Final
 from cyclopts import Parameter
 
 from lab.rigs.processes import DaemonProcess, connected, daemon_process, wait_for_control
-from lab.view.figure import draw
 from lab.view.opening import open_recordings, viewer_process
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
@@ -42,19 +41,13 @@ def main(
     flight: Annotated[
         Path | None, Parameter(help="Recording of the demonstration; without it the demonstration is flown first.")
     ] = None,
-    figure: Annotated[
-        Path | None, Parameter(help="Draw the page's picture into this PNG, and do nothing else.")
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure what a viewer costs, two minutes; or draw the picture of the documentation.
+    """Measure what a viewer costs, two minutes.
 
     Raises:
         TimeoutError: something did not start.
     """
-    if figure is not None:
-        draw(figure)
-        return
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(_measure(Path(folder), seconds, rounds))
         found |= asyncio.run(open_recordings(Path(folder), flight))
