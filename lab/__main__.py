@@ -16,6 +16,7 @@ CAMPAIGNS: Final = (
     CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
     CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
+    CommandEntry("paired", "lab.vision.paired:main", "Images of every kind, a row each, to compare two trees."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),

@@ -119,17 +119,17 @@ def _plain_cameras(results: Results) -> Rows:
 
 def _published(results: Results) -> Rows:
     for name, words in CAMERAS.items():
-        eyes = [results["published"]["by_camera"][name][which] for which in (WITH, WITHOUT)]
-        yield words, str(eyes[0]["images"]), *(f"{one['published']}, {one['wrong']}" for one in eyes)
+        eyes = [results["published"][name][which] for which in (WITH, WITHOUT)]
+        yield words, str(eyes[0]["images"]), *(f"{one['posed']}, {one['wrong']}" for one in eyes)
 
 
 def _hardships(results: Results) -> Rows:
     for name, words in SKIES.items():
         cells = []
-        for row in (results["conditions"]["flights"][name][eyes] for eyes in ("with_attitude", "without")):
+        for row in (results["conditions"]["flights"][name][eyes] for eyes in (WITH, WITHOUT)):
             usual = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg"
             largest = f"{row['largest_cm']:.1f} cm, {row['largest_deg']:.1f} deg"
-            measured = f"{row['nees_measured_mean']:.2f} ({row['nees_measured_median']:.2f})"
+            measured = f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
             cells += [_posed(row), f"{usual}; {largest}", f"{measured}, {row['nees_published_mean']:.2f}"]
         yield words, *cells
 
@@ -142,10 +142,10 @@ def _adverse(results: Results) -> Rows:
 
 def _decks(results: Results) -> Rows:
     for name, words in LIES.items():
-        pair = [results["decks"][f"{name}_{target}"] for target in TARGETS]
+        pair = [results["decks"][f"{name}_{target}"][WITH] for target in TARGETS]
         yield (
             words,
-            *(_share(row["posed"], 1) for row in pair),
+            *(_share(row["posed"] / row["images"], 1) for row in pair),
             str(sum(row["wrong"] for row in pair)),
             ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
             ", ".join(f"{row['nees_published_mean']:.2f}" for row in pair),

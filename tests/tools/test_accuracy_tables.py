@@ -16,7 +16,7 @@ from lab.vision.weather import SKIES as WEATHERS
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import ROOT
 from tools.accuracy_tables import TABLES, accuracy_page
-from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TRIALS
+from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TRIALS, WITH
 from tools.accuracy_words import TROUBLES as WORDS
 
 RESULTS = ROOT / "docs/results/vision.json"
@@ -47,7 +47,7 @@ def test_every_camera_hardship_deck_and_trouble_has_a_row():
 
 def test_a_figure_reaches_its_table_and_the_prose_stays(tmp_path):
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    results["decks"]["level_nested"]["posed"] = 0.4321
+    results["decks"]["level_nested"][WITH].update(posed=432, images=1000)
     page = page_of(tmp_path, "Above.\n\n<!-- table decks -->\nold\n<!-- end -->\n\nBelow.\n", results)
     assert page.startswith("Above.\n\n<!-- table decks -->\n| attitude |")
     assert page.endswith("|\n<!-- end -->\n\nBelow.\n")
@@ -83,10 +83,9 @@ def rows_of(tmp_path, name, results):
 
 def test_a_goal_is_missed_when_its_results_miss_it(tmp_path):
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    results["decks"]["level_single"].update(wrong=2, posed=0.8, nees_mean=0.5)
-    for row in results["decks"].values():
-        if isinstance(row, dict) and row.get("nees_mean", 0.0) != 0.5:
-            row.update(wrong=0, posed=0.95, nees_mean=1.0)
+    for row in (row[WITH] for row in results["decks"].values() if isinstance(row, dict)):
+        row.update(wrong=0, images=100, posed=95, nees_mean=1.0)
+    results["decks"]["level_single"][WITH].update(wrong=2, posed=80, nees_mean=0.5)
     decks = rows_of(tmp_path / "decks", "deck_goals", results)
     assert decks["wrong poses: 0"][0].startswith("2 of ")
     assert decks["wrong poses: 0"][1] == "**missed**"
