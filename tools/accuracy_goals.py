@@ -120,7 +120,7 @@ def _eyes(results: Results, case: str) -> list[Row]:
 
 def _every(results: Results) -> list[tuple[int, int]]:
     """Wrong poses of all campaigns in which whole targets are seen, and of those that leave the image."""
-    parts = [rows_of(results["flights"]), rows_of(results["published"]), _hardships(results)]
+    parts: list[Iterable[Row]] = [rows_of(results["flights"]), rows_of(results["published"]), _hardships(results)]
     parts += [rows_of(results["decks"]), _eyes(results, "adverse"), _eyes(results, "real")]
     return [count for part in (*parts, [results["leaving"]["whole"]]) for count in _wrong(part)]
 

@@ -24,6 +24,7 @@ from lab.rigs.processes import (
     wait_for_control,
 )
 from lab.rigs.waiting import wait_until
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME
 from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
@@ -48,6 +49,11 @@ class Loss:
     neutral: float
     released: float
 
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit; the wire takes part of it, and the FlightCtrl samples later."""
+        return self.neutral > NEUTRAL_TIME or self.released > RELEASE_TIME
+
 
 async def fly(endpoint: str, name: str) -> None:
     """Be a client: take the lease, show the token, engage, then hold a tilt for ever."""
@@ -60,7 +66,7 @@ async def fly(endpoint: str, name: str) -> None:
             await asyncio.sleep(0.1)
 
 
-async def lose_clients(fc: str, runs: int, *, seed: int = 1) -> list[Loss]:
+async def lose_clients(fc: str, runs: int, seed: int) -> list[Loss]:
     """Lose one client process after another to the same daemon."""
     rng = random.Random(f"{seed} {fc} clients")
     config = SimConfig.model_validate(

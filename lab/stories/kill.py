@@ -70,7 +70,7 @@ class End:
         return late or self.first != "release" or self.steered > 0 or self.tracebacks > 0
 
 
-async def end_daemon(fc: str, number: signal.Signals, *, seed: int) -> End:
+async def end_daemon(fc: str, number: signal.Signals, seed: int) -> End:
     """Fly, end the daemon this way, and start another one where it was killed."""
     rng = random.Random(f"{seed} {fc} {number.name}")
     config = SimConfig.model_validate(

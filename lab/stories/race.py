@@ -66,9 +66,9 @@ class Race:
     unseen: int
 
     @property
-    def holds(self) -> bool:
-        """Whether no frame of an old epoch left, and every frame was seen, of both."""
-        return self.foreign == self.backwards == self.unseen == 0 and self.takes >= 2 and self.tilted > 0
+    def is_wrong(self) -> bool:
+        """Whether a frame of an old epoch left, or one was not seen, or nothing was raced for."""
+        return bool(self.foreign or self.backwards or self.unseen) or self.takes < 2 or self.tilted == 0
 
 
 class _Observer:
@@ -93,7 +93,7 @@ class _Observer:
                     )
 
 
-async def race(seconds: float, *, seed: int = 1) -> Race:
+async def race(seconds: float, seed: int) -> Race:
     """Let two clients take the lease from each other for so long [s]."""
     config = SimConfig(board="fc", pilot_plan=PilotPlan.NOTHING, calibrated=True, seed=seed)
     runtime = Runtime(ObservedSimulation(config, keeps=False))
