@@ -25,7 +25,7 @@ CAMPAIGNS: Final = (
     CommandEntry("fleet", "lab.fleet.main:main", "Many aircraft on a router: a link that is cut; what each costs."),
     CommandEntry("stalled", "lab.stalled:main", "A serial server that stands still: old stick frames it gathers."),
     CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),
-    CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
+    CommandEntry("kills", "lab.kills:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
     CommandEntry(

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.rigs.flown import observed
 from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
-from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 STREAMED: Final = frozenset({"osd", "attitude", "debug"})
@@ -76,13 +76,13 @@ class _Telemetry:
 class _Bench:
     """The device that comes and goes, and what was seen of the daemon meanwhile."""
 
-    def __init__(self, config: SimConfig, device: Path, rng: random.Random) -> None:
+    def __init__(self, simulation: ObservedSimulation, device: Path, rng: random.Random) -> None:
         self.back: list[float] = []
         self.wrong: list[int] = []
         self.lost: list[int] = []
         self.descriptors: list[int] = []
         self.memory: list[float] = []
-        self._simulation = ObservedSimulation(config)
+        self._simulation = simulation
         self._device = device
         self._rng = rng
 
@@ -111,13 +111,10 @@ class _Bench:
 
 async def replug(cycles: int, seed: int) -> Replugs:
     """Unplug and plug in so many times."""
-    config = SimConfig.model_validate(
-        {"board": "nc", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    )
     telemetry = _Telemetry()
     with tempfile.TemporaryDirectory() as folder:
         device = Path(folder) / "ttyMK"
-        bench = _Bench(config, device, random.Random(f"{seed} plug"))
+        bench = _Bench(observed(seed, nc="0.24", keeps=True), device, random.Random(f"{seed} plug"))
         async with (
             daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
             connected(daemon.endpoint) as client,

@@ -10,25 +10,16 @@ import asyncio
 import math
 import signal
 import statistics
-import tempfile
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
+from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import (
-    DaemonProcess,
-    ObservedSimulation,
-    connected,
-    daemon_process,
-    wait_for_control,
-)
+from lab.rigs.processes import DaemonProcess, ObservedSimulation
 from mkdaemon.client import Vehicle
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 LOAD: Final = "rates = {osd = 100, debug = 200, attitude = 50}\necho_hz = 10"
 STICK_HZ: Final = 40.0
@@ -92,27 +83,19 @@ class Soak:
 
 async def soak(seconds: float, seed: int) -> Soak:
     """Fly at full load for so long [s], then count."""
-    config = SimConfig(board="nc", pilot_plan=PilotPlan.NOTHING, calibrated=True, seed=seed)
-    simulation = ObservedSimulation(config, keeps=False)
-    runtime = Runtime(simulation)
-    with tempfile.TemporaryDirectory() as folder:
-        async with (
-            runtime.serve(),
-            daemon_process(f"pty:{runtime.port}", Path(folder), link=LOAD) as daemon,
-            connected(daemon.endpoint) as client,
-            _last_values(client, "link/traffic", "link/health") as last,
-        ):
-            await wait_for_control(client)
-            await asyncio.sleep(SETTLE_TIME)
-            before = last["link/traffic"]["dropped"]
-            watch = await _fly(client, daemon, simulation, seconds)
-            echo = last["link/health"]["echo"]["loss_percent"]
-            await asyncio.sleep(SETTLE_TIME)
-            simulation.is_frozen = True
-            await asyncio.sleep(SETTLE_TIME)
-            code = await daemon.end(signal.SIGTERM)
-            await asyncio.sleep(SETTLE_TIME)
-            traffic = last["link/traffic"]
+    simulation = observed(seed, nc="0.24")
+    async with flown(simulation, link=LOAD) as one, _last_values(one.client, "link/traffic", "link/health") as last:
+        client, daemon = one.client, one.daemon
+        await asyncio.sleep(SETTLE_TIME)
+        before = last["link/traffic"]["dropped"]
+        watch = await _fly(client, daemon, simulation, seconds)
+        echo = last["link/health"]["echo"]["loss_percent"]
+        await asyncio.sleep(SETTLE_TIME)
+        simulation.is_frozen = True
+        await asyncio.sleep(SETTLE_TIME)
+        code = await daemon.end(signal.SIGTERM)
+        await asyncio.sleep(SETTLE_TIME)
+        traffic = last["link/traffic"]
     return Soak(
         seconds=seconds,
         board_sent=simulation.to_host,
