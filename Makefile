@@ -22,7 +22,7 @@ LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance
 
 test: venv
 	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
-	$(BIN)/python -m pytest -m alone tests/examples tests/cli/test_quickstart.py
+	$(BIN)/python -m pytest -m alone tests/cli/test_quickstart.py
 	$(BIN)/python -m tools.floor
 
 check-pythons:
