@@ -17,9 +17,9 @@ demo: venv
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tests.wholefiles -o console_output_style=classic -m "not browser and not alone and not gateways and not whole"
-# What the product is measured, rehearsed, tested and packed with proves itself apart, and so does the shape of the tree.
-LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance $(addprefix tests/test_,$(addsuffix .py,\
-  house orphans repeats upgrade wheel wholefiles))
+# What the product is measured, rehearsed, tested and packed with proves itself apart, and so do the tree and the pages.
+LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance $(addprefix tests/,$(addsuffix .py,\
+  cli/test_pages stories/test_walks test_house test_orphans test_repeats test_upgrade test_wheel test_wholefiles))
 
 test: venv
 	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
