@@ -140,7 +140,7 @@ def _number(option: str, text: str, number: str) -> float:
 
 
 def _images(sources: list[Path], most: int) -> _Images:
-    """The images of all sources, at most so many."""
+    """The images of all sources, at most `most`, evenly chosen."""
     counts = [sum(1 for _ in _each(path)) for path in sources]
     count = sum(counts)
     if not count:

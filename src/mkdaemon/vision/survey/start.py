@@ -30,7 +30,7 @@ OPEN_TURN: Final = 0.5
 FITS_PX: Final = 5.0
 """Residual up to which all tags of an image agree about where it was taken, before any adjustment [px]."""
 ROUGHLY: Final = 0.5
-"""A tag is about where it was expected within so many of its sides: a small one shows the tilt badly."""
+"""A tag is about where it was expected within this share of its side: a small one shows the tilt badly."""
 
 Seen = Sequence[tuple[int, Detection]]
 """What one image shows: index of the tag, and the tag as it was found."""

@@ -46,7 +46,7 @@ FLAT: Final = np.cos(np.radians(10.0))
 LINE: Final = 0.1
 """Tags whose second extent is less than this share of their first lie in a line, which has no normal."""
 WEAK: Final = 3.0
-"""A place whose deviation is so many times the median one is weakly tied."""
+"""A place whose deviation is this many times the median one is weakly tied."""
 
 
 class Fault(StrEnum):
@@ -361,7 +361,8 @@ class _Work:
         for k, tag in enumerate(order):
             rows = seen.tags == tag
             sds = [
-                np.sqrt(np.diag(level @ covariances[k][part, part] @ level.T)) for part in (slice(0, 3), slice(3, 6))
+                np.sqrt(np.maximum(np.diag(level @ covariances[k][part, part] @ level.T), 0.0))
+                for part in (slice(0, 3), slice(3, 6))
             ]
             one = replace(
                 self._tags[tag],
