@@ -41,6 +41,7 @@ from mkdaemon.vision.tags.tagmap import load
 app = App(name="calibrate", help="Targets to print, camera calibration, camera mounting.")
 app.command("mkdaemon.cli.mkdaemon.printtarget:print_target", name="print")
 app.command("mkdaemon.cli.mkdaemon.checkprint:check_print", name="check-print")
+app.command("mkdaemon.cli.mkdaemon.calibratemap:survey_map", name="map")
 
 GUIDE_EVERY: Final = 1.5
 PATIENCE_TIME: Final = 10.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from mkdaemon.files import refuse_existing, save
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.target_print import Page, board_page, target_page, write_page
 from mkdaemon.vision.tags.tagmap import Target, build, load
+from mkdaemon.vision.tags.targetfile import as_toml
 
 
 def print_target(
@@ -98,7 +100,5 @@ def _from_tags(tags: tuple[str, ...]) -> Target:
 
 
 def _write_target_file(target: Target, path: Path, *, overwrite: bool) -> None:
-    lines = ["# Sizes as designed: measure the print and correct them.", "[[targets]]", f'name = "{path.stem.lower()}"']
-    for tag in target.tags:
-        lines += ["", "[[targets.tags]]", f'family = "{tag.family.name}"', f"id = {tag.tag_id}", f"size = {tag.size!r}"]
-    save(path, "\n".join(lines) + "\n", overwrite=overwrite)
+    named = replace(target, name=path.stem.lower())
+    save(path, as_toml(named, "Sizes as designed: measure the print and correct them."), overwrite=overwrite)

@@ -1,0 +1,253 @@
+"""Surveys by corners that a camera would see: places, what they are worth, and the tags that are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mkdaemon.errors import VisionError
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.survey.bundle import CORNERS, Bundle, Sightings, _moved, _rows, _System
+from mkdaemon.vision.survey.picture import picture_of
+from mkdaemon.vision.survey.survey import Fault, Wanted, survey
+from mkdaemon.vision.tags.cellread import Detection
+from mksim.scene.camera import BUILT_IN
+
+LENS = BUILT_IN.intrinsics
+PROJECTION = Projection(LENS)
+SIDE = 0.16
+NOISE = 0.1
+"""Of a corner [px]."""
+DOWN = np.diag([1.0, -1.0, -1.0])
+IMAGES = 80
+
+
+def room():
+    """Places, turns and sides of twelve tags about 0.8 m apart, by code; one stands on a step and leans."""
+    rng = np.random.default_rng(5)
+    found = {}
+    for code in range(12):
+        place = np.array([0.8 * (code % 4), 0.8 * (code // 4), 0.0]) + np.append(rng.normal(0.0, 0.04, 2), 0.0)
+        lean = 0.3 if code == 6 else 0.0
+        found[code] = (place + np.array([0.0, 0.0, lean]), rotation_from_euler(lean, 0.0, rng.uniform(-3.0, 3.0)), SIDE)
+    return found
+
+
+def seen_from(centre, turn, tags, rng):
+    """Tags that a camera sees whole."""
+    found = []
+    for code, (place, own, side) in tags:
+        pixels, visible = PROJECTION.project(((CORNERS * side) @ own.T + place - centre) @ turn)
+        if visible.all() and (pixels > 4.0).all() and (pixels < (LENS.width - 5.0, LENS.height - 5.0)).all():
+            found.append(Detection("tag36h11", code, 0, 50.0, pixels + rng.normal(0.0, NOISE, (4, 2))))
+    return found
+
+
+def images(later=None, extra=(), count=IMAGES, seed=1):
+    """What a camera sees that is carried over the room twice; from its middle on the room is another one."""
+    rng, before = np.random.default_rng(seed), room()
+    found = []
+    for k in range(count):
+        t = 2.0 * np.pi * k / count
+        centre = np.array([1.2 + 1.2 * np.cos(2 * t), 0.8 + 0.8 * np.sin(6 * t), 1.8 + 0.2 * np.sin(3 * t)])
+        turn = rotation_from_euler(*rng.normal(0.0, 0.1, 2), 3.0 * t) @ DOWN
+        tags = before if later is None or k < 0.55 * count else later
+        found.append(seen_from(centre, turn, [*tags.items(), *extra], rng))
+    return found
+
+
+@cache
+def whole():
+    return survey(images(), Wanted(SIDE, {}), PROJECTION)
+
+
+def laid_over(found, truth):
+    """Errors of the map `(n, 3)` in its axes, laid over the true places by the best motion."""
+    places = np.array([one.tag.position for one in found.tags])
+    true = np.array([truth[one.tag.tag_id][0] for one in found.tags])
+    a, b = places - places.mean(axis=0), true - true.mean(axis=0)
+    left, _, right = np.linalg.svd(a.T @ b)
+    return a - b @ (left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right).T
+
+
+def test_each_tag_is_found_within_a_millimetre_and_knows_it():
+    found = whole()
+    assert {one.tag.tag_id for one in found.tags} == set(room())
+    off = laid_over(found, room())
+    assert np.abs(off).max() < 0.002
+    sds = np.array([one.place_sd for one in found.tags])
+    assert 0.2 < float((off**2 / sds**2).mean()) < 2.0
+    assert (found.left_out, found.weak) == ((), ())
+    assert found.corner_sd == pytest.approx(NOISE, rel=0.2)
+    assert found.images == IMAGES
+
+
+def test_the_map_is_level_and_its_origin_is_the_tag_that_is_asked_for():
+    found = survey(images(), Wanted(SIDE, {}, origin=5), PROJECTION)
+    first = found.tags[0].tag
+    assert (first.tag_id, first.position.tolist()) == (5, [0.0, 0.0, 0.0])
+    flat = [one.tag.position[2] for one in found.tags if one.tag.tag_id != 6]
+    assert np.ptp(flat) < 0.002
+    step = next(one.tag for one in found.tags if one.tag.tag_id == 6)
+    assert step.position[2] == pytest.approx(0.3, abs=0.002)
+    assert np.degrees(np.arccos(step.rotation[2, 2])) == pytest.approx(np.degrees(0.3), abs=0.3)
+    assert abs(first.rotation[1, 0]) < 1e-3, "the x axis is the origin's"
+
+
+def test_a_measured_distance_gives_the_scale():
+    places = {code: place for code, (place, _, _) in room().items()}
+    true = float(np.linalg.norm(places[0] - places[11]))
+    found = survey(images(), Wanted(SIDE, {}, distances={(0, 11): 1.03 * true}), PROJECTION)
+    assert found.scale == pytest.approx(1.03, abs=0.001)
+    assert found.tags[0].tag.size == pytest.approx(1.03 * SIDE, rel=0.001)
+    mapped = {one.tag.tag_id: one.tag.position for one in found.tags}
+    assert np.linalg.norm(mapped[0] - mapped[11]) == pytest.approx(1.03 * true, rel=1e-6)
+
+
+def changed(code, *, by=(0.0, 0.0, 0.0), side=SIDE):
+    """The room with one tag shifted [m], or of another side [m]."""
+    tags = room()
+    place, turn, _ = tags[code]
+    tags[code] = (place + by, turn, side)
+    return tags
+
+
+def only(code, shown):
+    """The images with those sightings of one tag that are chosen by their number."""
+    return [[one for one in image if one.tag_id != code or shown(k)] for k, image in enumerate(images())]
+
+
+def alone(code):
+    """The images with one tag only where nothing else is seen."""
+    return [
+        image if k % 2 else [one for one in image if one.tag_id == code]
+        for k, image in enumerate(only(code, lambda k: k % 2 == 0))
+    ]
+
+
+FIRST, SECOND = room()[0], room()[11]
+COPY = (0, (SECOND[0] + (0.35, -0.4, 0.0), FIRST[1], SIDE))
+"""Another tag with the code 0, at the other end of the room."""
+FAULTS = {
+    Fault.MOVED: (5, lambda: images(later=changed(5, by=(0.05, 0.02, 0.0)))),
+    Fault.TWICE: (0, lambda: images(extra=[COPY])),
+    Fault.WRONG_SIDE: (7, lambda: images(later=changed(7, side=0.17), count=IMAGES)[int(0.55 * IMAGES) :] * 2),
+    Fault.UNTIED: (2, lambda: alone(2)),
+    Fault.RARE: (3, lambda: only(3, lambda k: k in {5, 35})),
+}
+
+
+@pytest.mark.parametrize("fault", Fault)
+def test_a_tag_that_does_not_fit_is_named_and_left_out(fault):
+    code, make = FAULTS[fault]
+    found = survey(make(), Wanted(SIDE, {}), PROJECTION)
+    assert [(one.tag_id, one.fault) for one in found.left_out] == [(code, fault)]
+    assert found.left_out[0].words
+    assert code not in {one.tag.tag_id for one in found.tags}
+    assert np.abs(laid_over(found, room())).max() < 0.003, "the others are where they were"
+
+
+def test_two_of_one_code_in_an_image_exist_twice():
+    beside = (0, (FIRST[0] + (0.35, 0.4, 0.0), FIRST[1], SIDE))
+    found = survey(images(extra=[beside]), Wanted(SIDE, {}), PROJECTION)
+    assert [(one.tag_id, one.fault) for one in found.left_out] == [(0, Fault.TWICE)]
+    assert "images show two of it" in found.left_out[0].words
+
+
+def test_a_side_that_is_given_right_stays_in_the_map():
+    later = images(later=changed(7, side=0.17))[int(0.55 * IMAGES) :] * 2
+    found = survey(later, Wanted(SIDE, {7: 0.17}), PROJECTION)
+    assert found.left_out == ()
+    assert next(one.tag.size for one in found.tags if one.tag.tag_id == 7) == pytest.approx(0.17)
+
+
+@pytest.mark.parametrize(
+    ("make", "wanted", "words"),
+    [
+        (list, Wanted(SIDE, {}), "no image shows a tag"),
+        (lambda: images()[:3], Wanted(SIDE, {}), "no tag is seen in 5 images"),
+        (images, Wanted(SIDE, {}, origin=99), "tag 99 cannot be the origin: no image shows it"),
+        (FAULTS[Fault.MOVED][1], Wanted(SIDE, {}, origin=5), "tag 5 cannot be the origin: it was moved"),
+        (images, Wanted(SIDE, {}, distances={(0, 99): 2.0}), "tag 99 is not in the map"),
+        (lambda: [image[:1] for image in images()], Wanted(SIDE, {}), "together with another tag"),
+    ],
+)
+def test_what_makes_no_map_is_refused_with_its_reason(make, wanted, words):
+    with pytest.raises(VisionError, match=words):
+        survey(make(), wanted, PROJECTION)
+
+
+def test_a_tag_with_one_neighbour_is_weak_and_says_where_to_look():
+    shown = []
+    for image in images():
+        codes = {one.tag_id for one in image}
+        kept = {2, 3} if {2, 3} <= codes else codes - {3}
+        shown.append([one for one in image if one.tag_id in kept])
+    weak = dict(survey(shown, Wanted(SIDE, {}), PROJECTION).weak)
+    assert "look at it once more together with" in weak[3]
+
+
+def test_the_picture_names_every_tag_and_what_was_left_out():
+    found = survey(FAULTS[Fault.MOVED][1](), Wanted(SIDE, {}), PROJECTION)
+    picture = picture_of(found)
+    assert all(f">{one.tag.tag_id}</text>" in picture for one in found.tags)
+    assert "left out: tag 5, it was moved" in picture
+
+
+def bundle():
+    """Two tags in three images, and what is seen of them."""
+    rng = np.random.default_rng(2)
+    tags = list(room().items())[:2]
+    centres = [np.array([0.4 + 0.2 * k, 0.1 * k, 1.5]) for k in range(3)]
+    turn = rotation_from_euler(0.1, -0.05, 0.7) @ DOWN
+    corners = [[one.corners for one in seen_from(centre, turn, tags, rng)] for centre in centres]
+    numbers = np.array([(image, tag) for image in range(3) for tag in range(2)])
+    seen = Sightings(numbers[:, 0], numbers[:, 1], np.array(corners).reshape(-1, 4, 2))
+    places = Bundle(
+        np.array([own for _, (_, own, _) in tags]),
+        np.array([place for _, (place, _, _) in tags]),
+        np.full(2, SIDE),
+        np.array([turn.T] * 3),
+        np.array([-turn.T @ centre for centre in centres]),
+    )
+    return places, seen
+
+
+def test_derivatives_are_those_of_what_is_expected():
+    places, seen = bundle()
+    rows, step = _rows(places, seen, PROJECTION), 1e-6
+    for k in range(6 + 7):
+        images, tags = np.zeros((3, 6)), np.zeros((2, 7))
+        if k < 6:
+            images[:, k] = step
+        else:
+            tags[:, k - 6] = step
+        moved = _rows(_moved(places, images, tags), seen, PROJECTION)
+        expected = (rows.residuals - moved.residuals).reshape(-1, 8) / step
+        found = rows.by_image[:, :, k] if k < 6 else rows.by_tag[:, :, k - 6]
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-2)
+
+
+def test_elimination_gives_the_step_of_the_whole_system():
+    places, seen = bundle()
+    off = replace(places, places=places.places + 0.002)
+    rows = _rows(off, seen, PROJECTION)
+    system = _System(rows, seen, off, np.full(2, SIDE), 1.0, 0)
+    images, tags = system.step(1e-12)
+    weight = 1.0 / (1.0 + (rows.residuals**2).sum(axis=(1, 2)) / 72.0)
+    matrix = np.zeros((8 * 6, 3 * 6 + 2 * 7))
+    for n, (image, tag) in enumerate(zip(seen.images, seen.tags, strict=True)):
+        matrix[8 * n : 8 * n + 8, 6 * image : 6 * image + 6] = rows.by_image[n]
+        matrix[8 * n : 8 * n + 8, 18 + 7 * tag : 25 + 7 * tag] = rows.by_tag[n]
+    weights = np.repeat(weight, 8)
+    normal = matrix.T @ (weights[:, None] * matrix)
+    normal[[24, 31], [24, 31]] += 1.0 / 0.003**2
+    free = np.r_[0:18, 24:32]
+    whole = np.zeros(32)
+    whole[free] = np.linalg.solve(normal[np.ix_(free, free)], (matrix.T @ (weights * rows.residuals.ravel()))[free])
+    assert images.ravel() == pytest.approx(whole[:18], rel=1e-4, abs=1e-7)
+    assert tags.ravel() == pytest.approx(whole[18:], rel=1e-4, abs=1e-7)
