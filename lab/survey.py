@@ -22,7 +22,7 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.arrays import Array, Grey
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.survey.survey import Fault, Survey, Wanted, look_at, survey
+from mkdaemon.vision.survey.survey import KnownTags, Survey, TagFault, look_at, survey
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Tag, Target
 from mksim.scene.motion import Platform
@@ -73,10 +73,10 @@ def _changed(target: Target, fault: str | None, rng: np.random.Generator) -> Tar
     """The room later, or as it is and was not said to be."""
     tags = list(target.tags)
     one = tags[MOVED]
-    if fault == Fault.MOVED:
+    if fault == TagFault.MOVED:
         far, way = rng.uniform(0.03, 0.25), rng.uniform(-np.pi, np.pi)
         tags[MOVED] = replace(one, position=one.position + far * np.array([np.cos(way), np.sin(way), 0.0]))
-    elif fault == Fault.WRONG_SIDE:
+    elif fault == TagFault.WRONG_SIDE:
         tags[MOVED] = replace(one, size=SIDE * rng.choice([0.8, 0.95, 1.04, 1.25]))
     return replace(target, tags=tuple(tags))
 
@@ -102,9 +102,9 @@ def images_of(room: Room) -> Iterator[Grey]:
     rng = np.random.default_rng(room.seed + 20_000)
     before = room_of(room.seed)
     after = _changed(before, room.fault, rng)
-    from_image = rng.uniform(0.3, 0.7) * room.images if room.fault == Fault.MOVED else 0
+    from_image = rng.uniform(0.3, 0.7) * room.images if room.fault == TagFault.MOVED else 0
     shown = [[before], [after]]
-    if room.fault == Fault.TWICE:  # a target of its own: one shows a code once
+    if room.fault == TagFault.TWICE:  # a target of its own: one shows a code once
         copy = replace(before.tags[MOVED], position=before.tags[0].position + np.array([0.45, 0.5, 0.0]))
         shown[1].append(replace(before, name="copy", tags=(copy,)))
     scenes = [
@@ -133,7 +133,7 @@ def run(room: Room) -> Row:
     began = time.process_time()
     tags = list(look_at(images_of(room), VGA, "tag36h11", 1))
     looked = time.process_time()
-    found = survey(tags, Wanted(SIDE, {}), Projection(VGA))
+    found = survey(tags, KnownTags(SIDE, {}), Projection(VGA))
     off, squares = errors_of(found, room_of(room.seed))
     sizes = np.linalg.norm(off, axis=1)
     places = np.array([one.tag.position for one in found.tags])

@@ -13,7 +13,7 @@ from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.survey.bundle import CORNERS, Bundle, Sightings, _moved, _rows, _System
 from mkdaemon.vision.survey.picture import picture_of
-from mkdaemon.vision.survey.survey import Fault, Wanted, survey
+from mkdaemon.vision.survey.survey import KnownTags, TagFault, survey
 from mkdaemon.vision.tags.cellread import Detection
 from mksim.scene.camera import BUILT_IN
 
@@ -62,7 +62,7 @@ def images(later=None, extra=(), count=IMAGES, seed=1):
 
 @cache
 def whole():
-    return survey(images(), Wanted(SIDE, {}), PROJECTION)
+    return survey(images(), KnownTags(SIDE, {}), PROJECTION)
 
 
 def laid_over(found, truth):
@@ -87,7 +87,7 @@ def test_each_tag_is_found_within_a_millimetre_and_knows_it():
 
 
 def test_the_map_is_level_and_its_origin_is_the_tag_that_is_asked_for():
-    found = survey(images(), Wanted(SIDE, {}, origin=5), PROJECTION)
+    found = survey(images(), KnownTags(SIDE, {}, origin=5), PROJECTION)
     first = found.tags[0].tag
     assert (first.tag_id, first.position.tolist()) == (5, [0.0, 0.0, 0.0])
     flat = [one.tag.position[2] for one in found.tags if one.tag.tag_id != 6]
@@ -101,7 +101,7 @@ def test_the_map_is_level_and_its_origin_is_the_tag_that_is_asked_for():
 def test_a_measured_distance_gives_the_scale():
     places = {code: place for code, (place, _, _) in room().items()}
     true = float(np.linalg.norm(places[0] - places[11]))
-    found = survey(images(), Wanted(SIDE, {}, distances={(0, 11): 1.03 * true}), PROJECTION)
+    found = survey(images(), KnownTags(SIDE, {}, distances={(0, 11): 1.03 * true}), PROJECTION)
     assert found.scale == pytest.approx(1.03, abs=0.001)
     assert found.tags[0].tag.size == pytest.approx(1.03 * SIDE, rel=0.001)
     mapped = {one.tag.tag_id: one.tag.position for one in found.tags}
@@ -133,18 +133,18 @@ FIRST, SECOND = room()[0], room()[11]
 COPY = (0, (SECOND[0] + (0.35, -0.4, 0.0), FIRST[1], SIDE))
 """Another tag with the code 0, at the other end of the room."""
 FAULTS = {
-    Fault.MOVED: (5, lambda: images(later=changed(5, by=(0.05, 0.02, 0.0)))),
-    Fault.TWICE: (0, lambda: images(extra=[COPY])),
-    Fault.WRONG_SIDE: (7, lambda: images(later=changed(7, side=0.17), count=IMAGES)[int(0.55 * IMAGES) :] * 2),
-    Fault.UNTIED: (2, lambda: alone(2)),
-    Fault.RARE: (3, lambda: only(3, lambda k: k in {5, 35})),
+    TagFault.MOVED: (5, lambda: images(later=changed(5, by=(0.05, 0.02, 0.0)))),
+    TagFault.TWICE: (0, lambda: images(extra=[COPY])),
+    TagFault.WRONG_SIDE: (7, lambda: images(later=changed(7, side=0.17), count=IMAGES)[int(0.55 * IMAGES) :] * 2),
+    TagFault.UNTIED: (2, lambda: alone(2)),
+    TagFault.RARE: (3, lambda: only(3, lambda k: k in {5, 35})),
 }
 
 
-@pytest.mark.parametrize("fault", Fault)
+@pytest.mark.parametrize("fault", TagFault)
 def test_a_tag_that_does_not_fit_is_named_and_left_out(fault):
     code, make = FAULTS[fault]
-    found = survey(make(), Wanted(SIDE, {}), PROJECTION)
+    found = survey(make(), KnownTags(SIDE, {}), PROJECTION)
     assert [(one.tag_id, one.fault) for one in found.left_out] == [(code, fault)]
     assert found.left_out[0].words
     assert code not in {one.tag.tag_id for one in found.tags}
@@ -153,14 +153,14 @@ def test_a_tag_that_does_not_fit_is_named_and_left_out(fault):
 
 def test_two_of_one_code_in_an_image_exist_twice():
     beside = (0, (FIRST[0] + (0.35, 0.4, 0.0), FIRST[1], SIDE))
-    found = survey(images(extra=[beside]), Wanted(SIDE, {}), PROJECTION)
-    assert [(one.tag_id, one.fault) for one in found.left_out] == [(0, Fault.TWICE)]
+    found = survey(images(extra=[beside]), KnownTags(SIDE, {}), PROJECTION)
+    assert [(one.tag_id, one.fault) for one in found.left_out] == [(0, TagFault.TWICE)]
     assert "images show two of it" in found.left_out[0].words
 
 
 def test_a_side_that_is_given_right_stays_in_the_map():
     later = images(later=changed(7, side=0.17))[int(0.55 * IMAGES) :] * 2
-    found = survey(later, Wanted(SIDE, {7: 0.17}), PROJECTION)
+    found = survey(later, KnownTags(SIDE, {7: 0.17}), PROJECTION)
     assert found.left_out == ()
     assert next(one.tag.size for one in found.tags if one.tag.tag_id == 7) == pytest.approx(0.17)
 
@@ -168,12 +168,12 @@ def test_a_side_that_is_given_right_stays_in_the_map():
 @pytest.mark.parametrize(
     ("make", "wanted", "words"),
     [
-        (list, Wanted(SIDE, {}), "no image shows a tag"),
-        (lambda: images()[:3], Wanted(SIDE, {}), "no tag is seen in 5 images"),
-        (images, Wanted(SIDE, {}, origin=99), "tag 99 cannot be the origin: no image shows it"),
-        (FAULTS[Fault.MOVED][1], Wanted(SIDE, {}, origin=5), "tag 5 cannot be the origin: it was moved"),
-        (images, Wanted(SIDE, {}, distances={(0, 99): 2.0}), "tag 99 is not in the map"),
-        (lambda: [image[:1] for image in images()], Wanted(SIDE, {}), "together with another tag"),
+        (list, KnownTags(SIDE, {}), "no image shows a tag"),
+        (lambda: images()[:3], KnownTags(SIDE, {}), "no tag is seen in 5 images"),
+        (images, KnownTags(SIDE, {}, origin=99), "tag 99 cannot be the origin: no image shows it"),
+        (FAULTS[TagFault.MOVED][1], KnownTags(SIDE, {}, origin=5), "tag 5 cannot be the origin: it was moved"),
+        (images, KnownTags(SIDE, {}, distances={(0, 99): 2.0}), "tag 99 is not in the map"),
+        (lambda: [image[:1] for image in images()], KnownTags(SIDE, {}), "together with another tag"),
     ],
 )
 def test_what_makes_no_map_is_refused_with_its_reason(make, wanted, words):
@@ -187,12 +187,12 @@ def test_a_tag_with_one_neighbour_is_weak_and_says_where_to_look():
         codes = {one.tag_id for one in image}
         kept = {2, 3} if {2, 3} <= codes else codes - {3}
         shown.append([one for one in image if one.tag_id in kept])
-    weak = dict(survey(shown, Wanted(SIDE, {}), PROJECTION).weak)
+    weak = dict(survey(shown, KnownTags(SIDE, {}), PROJECTION).weak)
     assert "look at it once more together with" in weak[3]
 
 
 def test_the_picture_names_every_tag_and_what_was_left_out():
-    found = survey(FAULTS[Fault.MOVED][1](), Wanted(SIDE, {}), PROJECTION)
+    found = survey(FAULTS[TagFault.MOVED][1](), KnownTags(SIDE, {}), PROJECTION)
     picture = picture_of(found)
     assert all(f">{one.tag.tag_id}</text>" in picture for one in found.tags)
     assert "left out: tag 5, it was moved" in picture

@@ -29,7 +29,7 @@ from mkdaemon.vision.camera.imagecodec import read_picture, unpack
 from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.survey.picture import picture_of
-from mkdaemon.vision.survey.survey import Survey, Wanted, look_at, survey
+from mkdaemon.vision.survey.survey import KnownTags, Survey, look_at, survey
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
 from mkdaemon.vision.tags.targetfile import WRITERS, as_toml
@@ -106,7 +106,9 @@ def survey_map(
     return 1 if result.left_out else 0
 
 
-def _wanted(size: float, sizes: tuple[str, ...], family: str, origin: int | None, distances: tuple[str, ...]) -> Wanted:
+def _wanted(
+    size: float, sizes: tuple[str, ...], family: str, origin: int | None, distances: tuple[str, ...]
+) -> KnownTags:
     """What the options say of the tags; an error where one cannot be."""
     by_code: dict[int, float] = {}
     for text in sizes:
@@ -126,7 +128,7 @@ def _wanted(size: float, sizes: tuple[str, ...], family: str, origin: int | None
         if between is None or between[1] == between[2]:
             raise ConfigError(f"--distance '{text}': give ID:ID=DISTANCE in metres, for example 3:17=2.405")
         measured[int(between[1]), int(between[2])] = _number("--distance", text, between[3])
-    return Wanted(size, by_code, family, origin, measured)
+    return KnownTags(size, by_code, family, origin, measured)
 
 
 def _number(option: str, text: str, number: str) -> float:

@@ -49,7 +49,7 @@ WEAK: Final = 3.0
 """A place whose deviation is this many times the median one is weakly tied."""
 
 
-class Fault(StrEnum):
+class TagFault(StrEnum):
     """Why a tag is not in the map."""
 
     MOVED = "moved"
@@ -77,7 +77,7 @@ class LeftOut:
 
     family: str
     tag_id: int
-    fault: Fault
+    fault: TagFault
     words: str
 
 
@@ -128,7 +128,7 @@ class Survey:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class KnownTags:
     """What is known of the tags before.
 
     Attributes:
@@ -170,7 +170,7 @@ def look_at(images: Iterable[Grey], intrinsics: Intrinsics, family: str, threads
 
 def survey(
     images: Sequence[Sequence[Detection]],
-    wanted: Wanted,
+    wanted: KnownTags,
     projection: Projection,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Survey:
@@ -193,13 +193,13 @@ def survey(
         code for image in images for code, often in Counter(found.tag_id for found in image).items() if often > 1
     )
     left_out = [
-        _of(wanted, code, Fault.TWICE, f"{often} images show two of it")
+        _of(wanted, code, TagFault.TWICE, f"{often} images show two of it")
         for code, often in sorted(doubled.items())
         if often > 1
     ]
     gone = {one.tag_id for one in left_out}
     left_out += [
-        _of(wanted, code, Fault.RARE, f"{often} of {len(images)} images show it")
+        _of(wanted, code, TagFault.RARE, f"{often} of {len(images)} images show it")
         for code, often in sorted(counts.items())
         if often < LEAST_IMAGES and code not in gone
     ]
@@ -221,7 +221,7 @@ def _is_doubled(found: Detection, image: Sequence[Detection]) -> bool:
     return sum(other.tag_id == found.tag_id for other in image) > 1
 
 
-def _of(wanted: Wanted, code: int, fault: Fault, words: str) -> LeftOut:
+def _of(wanted: KnownTags, code: int, fault: TagFault, words: str) -> LeftOut:
     return LeftOut(wanted.family, code, fault, words)
 
 
@@ -256,7 +256,7 @@ class _Work:
         self,
         shown: Sequence[Seen],
         tags: Sequence[Tag],
-        wanted: Wanted,
+        wanted: KnownTags,
         projection: Projection,
         progress: Callable[[float], None],
     ) -> None:
@@ -268,7 +268,7 @@ class _Work:
     def survey(self, left_out: list[LeftOut]) -> Survey:
         """Adjust, leave out the worst that does not fit, and again."""
         words = "images show it far apart: two tags have this code, or it was carried about"
-        strange = {tag: self._left_out(tag, Fault.TWICE, words) for tag in self._elsewhere()}
+        strange = {tag: self._left_out(tag, TagFault.TWICE, words) for tag in self._elsewhere()}
         while (worst := self._worst(done := self._adjusted(strange.keys()))) is not None:
             strange[worst[0]] = worst[1]
         # What is always seen beside a tag that was moved contradicts it as often, and was perhaps named before it.
@@ -280,7 +280,7 @@ class _Work:
         left_out = [*left_out, *strange.values()]
         words = "no image shows it together with a tag of the map: take some that do"
         untied = set(range(len(self._tags))) - done.tied - strange.keys()
-        left_out += [self._left_out(tag, Fault.UNTIED, words) for tag in untied]
+        left_out += [self._left_out(tag, TagFault.UNTIED, words) for tag in untied]
         return self._result(done, left_out)
 
     def _adjusted(self, without: Set[int]) -> _Done:
@@ -294,7 +294,7 @@ class _Work:
         adjusted = adjust(start, seen, self._given, self._projection, origin, self._progress)
         return _Done(adjusted, seen, sorted(tied, key=lambda tag: (tag != origin, tag)))
 
-    def _left_out(self, tag: int, fault: Fault, words: str) -> LeftOut:
+    def _left_out(self, tag: int, fault: TagFault, words: str) -> LeftOut:
         return _of(self._wanted, self._tags[tag].tag_id, fault, words)
 
     def _elsewhere(self) -> set[int]:
@@ -327,7 +327,7 @@ class _Work:
         against both, and the tag whose images count most is the one that all the others contradict.
         """
         adjusted, seen = done.adjusted, done.seen
-        found: list[tuple[float, int, Fault, str]] = []
+        found: list[tuple[float, int, TagFault, str]] = []
         _, of_image, together = np.unique(seen.images, return_inverse=True, return_counts=True)
         contradicts = np.zeros(len(together), dtype=bool)
         contradicts[of_image[_far(adjusted)]] = True
@@ -341,7 +341,7 @@ class _Work:
             elif abs(off) > max(WRONG_SIDE, 4.0 * off_sd):
                 side, said = adjusted.bundle.sides[tag], self._given[tag]
                 words = f"its side is {side:.4f} m by the others, {said:g} m was said; keep it with --sizes"
-                found.append((abs(off) / WRONG_SIDE, tag, Fault.WRONG_SIDE, words))
+                found.append((abs(off) / WRONG_SIDE, tag, TagFault.WRONG_SIDE, words))
         if not found:
             return None
         _, tag, fault, words = max(found)
@@ -403,7 +403,7 @@ def _far(adjusted: Adjusted) -> Bools:
     return np.asarray((adjusted.sizes > 2.0 * LARGE) & (adjusted.sizes * adjusted.corner_sd > FAR_PX))
 
 
-def _displaced(far: Bools, images: Indices) -> tuple[Fault, str]:
+def _displaced(far: Bools, images: Indices) -> tuple[TagFault, str]:
     """What a tag is that lies elsewhere in some of its images."""
     # Sightings that disagree with a move before each of them: far ones before and near ones after, or the reverse.
     before = np.concatenate([[0], np.cumsum(far)])
@@ -413,9 +413,9 @@ def _displaced(far: Bools, images: Indices) -> tuple[Fault, str]:
     split = int(np.argmin(wrong)) + 1
     if wrong[split - 1] <= NOT_MOVED * len(far):
         words = f"it was moved between images {images[split - 1] + 1} and {images[split] + 1}: fix it"
-        return Fault.MOVED, f"{words} and take the images again"
+        return TagFault.MOVED, f"{words} and take the images again"
     share = f"{100.0 * far.mean():.0f} % of its {len(far)} images show it elsewhere"
-    return Fault.TWICE, f"{share}, now and then: two tags have this code, or it lies loose"
+    return TagFault.TWICE, f"{share}, now and then: two tags have this code, or it lies loose"
 
 
 def free_covariances(adjusted: Adjusted, order: Sequence[int]) -> Array:
