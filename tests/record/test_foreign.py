@@ -12,6 +12,7 @@ from mcap.writer import CompressionType
 from lab.files.recordings import rewritten
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.program import run
+from mkdaemon.record import scan
 from mkdaemon.record.reader import Recording
 from tests.record.support import sample
 from tests.record.test_strangers import recording
@@ -30,6 +31,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "lz4": {"compression": CompressionType.LZ4},
     "not compressed": {"compression": CompressionType.NONE},
     "small chunks": {"chunk_size": 100},
+    "one chunk": {"chunk_size": 1 << 30},
 }
 
 
@@ -66,6 +68,17 @@ def test_a_chunk_whose_opcode_was_damaged_is_no_record_of_an_application(tmp_pat
     source.write_bytes(raw)
     found = Recording(source)
     assert list(found.entries()) == [] and found.report.damages
+
+
+def test_a_chunk_of_a_whole_file_is_read_up_to_a_limit_that_is_named(tmp_path: Path, monkeypatch: Any) -> None:
+    entries = [sample(number, size=1 << 20) for number in range(1, 41)]
+    large = written_again(recording(tmp_path / "a.mcap", entries), tmp_path / "b.mcap", chunk_size=1 << 30)
+    found = Recording(large)
+    assert sum(1 for _ in found.entries()) == 40 and found.report.is_whole
+    monkeypatch.setattr(scan, "MOST_CHUNK_BYTES", 1 << 25)
+    found = Recording(large)
+    assert list(found.entries()) == []
+    assert "MiB (mcap compress writes small ones)" in found.report.damages[0].reason
 
 
 def test_an_unknown_compression_is_not_called_damage_alone(tmp_path: Path) -> None:

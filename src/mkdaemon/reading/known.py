@@ -224,7 +224,9 @@ class Knowledge:
     def of_kind(self, kind: type[_Value]) -> Known[_Value] | None:
         """The newest value of a kind; of several cameras that of any."""
         suffix = _SUFFIXES.get(kind, "")
-        keys = [suffix.replace(_CAMERA, name) for name in self.cameras()] if _CAMERA in suffix else [suffix]
+        if _CAMERA not in suffix:
+            return self.last(suffix, kind)
+        keys = (suffix.replace(_CAMERA, name) for name in self.cameras())
         found = [known for known in (self.last(key, kind) for key in keys) if known is not None]
         return max(found, key=lambda known: known.at, default=None)
 
@@ -250,4 +252,5 @@ def _is_stream(key: str) -> bool:
 
 def key_of(value: object) -> str:
     """The key that a value of the daemon comes under; empty for an event."""
-    return _SUFFIXES.get(type(value), "").replace(_CAMERA, getattr(value, "camera", ""))
+    suffix = _SUFFIXES.get(type(value), "")
+    return suffix.replace(_CAMERA, getattr(value, "camera", "")) if _CAMERA in suffix else suffix

@@ -25,7 +25,7 @@ _NUMBER: Final = re.compile(r"[-+.\d]+")
 PERIOD: Final = 1.0
 """Between two messages while nothing changes [s]."""
 LOOK_PERIOD: Final = 0.2
-"""Between two searches for a change [s]: one takes as long as ten values."""
+"""Between two searches for a change of what is known [s]: one takes as long as ten values."""
 _TOLD_BY: Final = frozenset(PARTS.values())
 KEYS: Final = (*PICTURED, "control/preflight")
 """Keys of the values that are diagnosed."""
@@ -68,6 +68,7 @@ class Diagnostics:
         self._reading = Reading()
         self._gists: dict[str, tuple[DiagnosticLevel, str]] = {}
         self._shown = self._looked = float("-inf")
+        self._fresh: set[str] = set()
 
     def __call__(self, suffix: str, value: Stamped) -> bytes | None:
         """Every line that is known; None where nothing has changed, and for a value of no such part."""
@@ -75,12 +76,15 @@ class Diagnostics:
             return _message(self._names, value, map(diagnosis_of, value.findings))
         at = value.stamp.monotonic
         self._reading.take(suffix, value, at)
-        if 0.0 <= at - self._looked < LOOK_PERIOD or not (suffix in _TOLD_BY or suffix.endswith("/stats")):
+        if suffix not in _TOLD_BY and not suffix.endswith("/stats"):
             return None
-        self._looked = at
+        if suffix in self._fresh and 0.0 <= at - self._looked < LOOK_PERIOD:
+            return None
         picture = self._reading.at(at)
-        # What has to change to be shown at once: the level, and the message without its numbers.
-        gists = {one.name: (one.level, _NUMBER.sub("", one.message)) for one in states_of(picture)}
+        states = list(states_of(picture))
+        self._looked, self._fresh = at, {one.key for one in states if one.level is not DiagnosticLevel.STALE}
+        # What has to change to be shown: the level, and the message without its numbers.
+        gists = {one.name: (one.level, _NUMBER.sub("", one.message)) for one in states}
         if gists == self._gists and 0.0 <= at - self._shown < PERIOD:
             return None
         self._gists, self._shown = gists, at

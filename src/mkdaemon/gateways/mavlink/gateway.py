@@ -29,7 +29,7 @@ from mkdaemon.gateways.mavlink.queries import Queries
 from mkdaemon.gateways.mavlink.recordings import LogServer
 from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
 from mkdaemon.gateways.mavlink.steering import By, ManualSteering
-from mkdaemon.gateways.mavlink.telemetry import TABLE
+from mkdaemon.gateways.mavlink.telemetry import BY_CLOCK, BY_VALUE, TABLE
 from mkdaemon.gateways.mavlink.texts import Texts, text_of
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.mission import MissionEvent
@@ -142,6 +142,8 @@ class MavlinkGateway:
         now = self._now()
         self.picture.now = now
         self.picture.take(value, now)
+        for name in BY_VALUE.get(type(value), ()):
+            self._send(name, now)
         if isinstance(value, ControlStatus):
             self._announce_hands(value)
             self._announce_verdict()
@@ -151,10 +153,6 @@ class MavlinkGateway:
             self._parameters.forget()
         if (text := text_of(value)) is not None:
             self.announce(*text)
-        kind = type(value)
-        for name, row in TABLE.items():
-            if row.of is kind and not row.is_by_clock:
-                self._send(name, now)
 
     def _announce_verdict(self) -> None:
         """The worst that is known, as on every other screen, when it changes; and that nothing is wrong any more."""
@@ -199,9 +197,8 @@ class MavlinkGateway:
     def tick(self) -> None:
         """Send what the clock sends."""
         now = self.picture.now = self._now()
-        for name, row in TABLE.items():
-            if row.is_by_clock:
-                self._send(name, now)
+        for name in BY_CLOCK:
+            self._send(name, now)
         mode = self._mode()
         if now - self._beat_at < BEAT and mode is self._beaten:  # QGroundControl waits 1.3 s for a new mode
             return

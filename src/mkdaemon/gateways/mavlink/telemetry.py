@@ -265,6 +265,7 @@ def _body_speed(estimate: ControlEstimate) -> tuple[float, float, float]:
 
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+_UPPER = np.triu_indices(6)
 
 
 def pose_covariance(pose: VisionPose) -> list[float]:
@@ -288,7 +289,7 @@ def pose_covariance(pose: VisionPose) -> list[float]:
     both = np.zeros((6, 6))
     both[:3, :3], both[3:, 3:] = _NED, turn.T @ _NED  # small rotations about the body's axes are roll, pitch and yaw
     found = both @ np.array(pose.covariance).reshape(6, 6) @ both.T
-    return [float(value) for value in found[np.triu_indices(6)]]
+    return [float(value) for value in found[_UPPER]]
 
 
 def landing_target(now: VisionPose, picture: LinkPicture) -> Message | None:
@@ -430,6 +431,13 @@ TABLE: Final[dict[str, MessageRow]] = {
     "ODOMETRY": MessageRow(odometry, VisionPose, 30.0),
 }
 """Every message that is sent by itself, but HEARTBEAT and what belongs to a protocol."""
+BY_CLOCK: Final = tuple(name for name, row in TABLE.items() if row.is_by_clock)
+"""Names of those that the clock sends."""
+BY_VALUE: Final = {
+    kind: tuple(name for name, row in TABLE.items() if row.of is kind and not row.is_by_clock)
+    for kind in {row.of for row in TABLE.values()}
+}
+"""Names of those that are sent with a value of a kind."""
 IDS: Final = {int(getattr(mavlink, f"MAVLINK_MSG_ID_{name}")): name for name in TABLE}
 """Names of those messages by their number."""
 GROUPS: Final[dict[int, tuple[str, ...]]] = {

@@ -33,10 +33,10 @@ def mavlink(
     Example: mkdaemon gateway mavlink --link udpout:127.0.0.1:14550
 
     Args:
-        link: Where ground stations are met: `udpout:HOST:PORT`, `udpin:HOST:PORT`, `tcpin:HOST:PORT` or
-            `serial:DEVICE:BAUD`; with `,ardupilot` behind it for MAVProxy, whose modes have ArduPilot's numbers; with
-            `,as-px4` for the buttons of QGroundControl. Give it once for each. Without it `udpout:127.0.0.1:14550` and
-            `tcpin:127.0.0.1:5760`.
+        link: Where ground stations are met: `udpout:HOST:PORT`, `udpin:HOST:PORT`, `tcpin:HOST:PORT`,
+            `tcpout:HOST:PORT` or `serial:DEVICE:BAUD`; with `,ardupilot` behind it for MAVProxy, whose modes have
+            ArduPilot's numbers; with `,as-px4` for the buttons of QGroundControl. Give it once for each. Without it
+            `udpout:127.0.0.1:14550` and `tcpin:127.0.0.1:5760`.
         system: Number of the aircraft on the MAVLink network.
         signing_key: File of the key that signs messages: 64 hexadecimal digits, or a passphrase. What is not signed
             with it is dropped.
