@@ -11,10 +11,9 @@ import asyncio
 import io
 import random
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +23,7 @@ from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
 from lab.rigs.flown import flown, observed
-from lab.rigs.processes import VEHICLE, DaemonProcess
+from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program
 from lab.rigs.waiting import wait_until
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
@@ -91,8 +90,7 @@ async def kill_recorder(seed: int) -> Left:
             began = time.monotonic()
             await _random_while("recorder", seed)
             killed_at = time.monotonic()
-            recorder.kill()
-            await recorder.wait()
+            await recorder.end(signal.SIGKILL)
         return _look(_files(folder / GROUND), witness, began, killed_at, folder)
 
 
@@ -103,9 +101,9 @@ async def kill_both(seed: int) -> Left:
             began = time.monotonic()
             await _random_while("both", seed)
             killed_at = time.monotonic()
-            recorder.kill()
+            recorder.send_signal(signal.SIGKILL)
             await daemon.end(signal.SIGKILL)
-            await recorder.wait()
+            await recorder.end(signal.SIGKILL)
         found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in (BLACK_BOX, GROUND)]
     return Left(
         entries=sum(one.entries for one in found),
@@ -122,19 +120,14 @@ async def _random_while(name: str, seed: int) -> None:
 
 
 @asynccontextmanager
-async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
+async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[Program]:
     """`mkctl log record` into a folder, as soon as it writes; it does not outlive the context."""
-    words = ("-m", "mkdaemon.cli.mkctl.app", "log", "record", "--folder", str(folder), "--connect", endpoint)
-    recorder = await asyncio.create_subprocess_exec(
-        sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
-    )
+    recorder = await Program.start(*MKCTL, "log", "record", "--folder", str(folder), "--connect", endpoint)
     try:
         await wait_until(lambda: any(folder.glob("*.mcap")))
         yield recorder
     finally:
-        with suppress(ProcessLookupError):
-            recorder.kill()
-        await recorder.wait()
+        await recorder.end(signal.SIGKILL)
 
 
 @asynccontextmanager
