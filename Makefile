@@ -17,12 +17,13 @@ demo: venv
 
 # Three processes on two cores: what runs in real time mostly waits; beside four it came too late.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -p tests.wholefiles -o console_output_style=classic -m "not browser and not alone and not gateways and not whole"
-# What the product is measured and rehearsed with proves itself apart: the lab, the tools, the simulator.
-LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance
+# What the product is measured, rehearsed, tested and packed with proves itself apart, and so do the tree and the pages.
+LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance $(addprefix tests/,$(addsuffix .py,\
+  cli/test_pages stories/test_walks test_house test_orphans test_repeats test_upgrade test_wheel test_wholefiles))
 
 test: venv
 	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
-	$(BIN)/python -m pytest -m alone tests/examples tests/cli/test_quickstart.py
+	$(BIN)/python -m pytest -m alone tests/cli/test_quickstart.py
 	$(BIN)/python -m tools.floor
 
 check-pythons:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -76,7 +76,7 @@ def _lines() -> Iterator[str]:
             yield ""
 
 
-def _table(keys: list[ConfigKey]) -> Iterator[str]:
+def _table(keys: Sequence[ConfigKey]) -> Iterator[str]:
     """The keys of a section, with the effect of a wrong value if it is declared."""
     columns = _COLUMNS if any(key.consequence for key in keys) else _COLUMNS[:-1]
     rows = [

@@ -12,6 +12,7 @@ import contextvars
 import io
 import logging
 import os
+import runpy
 import shlex
 import socket
 import sys
@@ -299,7 +300,7 @@ class Desk:
 
         Args:
             line: a command of `mkctl` or `mkdaemon`, with `&` behind it if it is to run in the background; `wait` for
-                that one; `sleep SECONDS`; `cd FOLDER`; or, behind `#`, something that happens.
+                that one; `python FILE`; `sleep SECONDS`; `cd FOLDER`; or, behind `#`, something that happens.
         """
         if line in self._happenings:
             self._happenings[line]()
@@ -319,9 +320,20 @@ class Desk:
                     run(mkctl.app, mkctl.move_behind_command(words, GROUPS))
                 case "mkdaemon":
                     run(mkdaemon.app, words)
+                case "python":
+                    self._run_program(words)
                 case _:
                     raise ValueError(f"{name}: not on this desk")
         return self._there(page.getvalue())
+
+    def _run_program(self, words: list[str]) -> None:
+        """Run a program that stands on the client library; if it ends with a message, print that as Python does."""
+        with patch("sys.argv", words):
+            try:
+                runpy.run_path(words[0], run_name="__main__")
+            except SystemExit as end:
+                if end.code is not None:
+                    print(end.code)
 
     def _here(self, line: str) -> str:
         """A line as it must be typed on this machine."""

@@ -138,7 +138,7 @@ def settings(base: int) -> list[Setting]:
     stills += [("hidden", "nested", condition) for condition in HIDDEN] + [("steep", "single", 75.0)]
     left = [(name, camera) for name in both for camera in CAMERAS]
     return [
-        *(Setting(*scene, base + seed, FLIGHT) for *scene, seed in flown),
+        *(Setting(scene, target, which, base + seed, FLIGHT) for scene, target, which, seed in flown),
         *(Setting(*still, base + 950, EACH, k) for k, still in enumerate(stills)),
         *(Setting("leaving", name, camera, base + 1310 + k, LEFT) for k, (name, camera) in enumerate(left)),
         *(Setting("free", "nested", GROUNDS[k], base + 600, FREE, k) for k in range(len(GROUNDS))),

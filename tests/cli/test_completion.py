@@ -18,8 +18,8 @@ echo "${{COMPREPLY[@]}}"
 """
 
 
-def program():
-    return build("mkctl", ABOUT, COMMANDS, chosen=COMPLETION)
+def program(commands=COMMANDS):
+    return build("mkctl", ABOUT, commands, chosen=COMPLETION)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_bash_completes_commands_their_second_words_and_options(script, words, a
 
 def test_the_startup_file_is_changed_where_no_other_file_was_asked_for(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert run(program(), [COMPLETION, "--shell", "bash"]) == 0
+    assert run(program(COMMANDS[:1]), [COMPLETION, "--shell", "bash"]) == 0
     script = tmp_path / ".local" / "share" / "bash-completion" / "completions" / "mkctl"
     assert script.is_file()
     assert str(script) in (tmp_path / ".bashrc").read_text()
@@ -59,7 +59,7 @@ def test_the_startup_file_is_changed_where_no_other_file_was_asked_for(tmp_path,
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path, capsys):
     (tmp_path / "file").touch()
-    assert run(program(), [COMPLETION, "--shell", "bash", "--output", str(tmp_path / "file" / "x")]) == 1
+    assert run(program(COMMANDS[:1]), [COMPLETION, "--shell", "bash", "--output", str(tmp_path / "file" / "x")]) == 1
     assert "give another file by --output" in capsys.readouterr().err
 
 
@@ -67,7 +67,7 @@ def test_a_shell_that_is_not_known_is_asked_for(monkeypatch, capsys):
     monkeypatch.setattr("cyclopts.completion.detect.detect_shell", _fail)
     monkeypatch.setattr("cyclopts.core.detect_shell", _fail, raising=False)
     monkeypatch.setattr("cyclopts.completion.install.detect_shell", _fail, raising=False)
-    code = run(program(), [COMPLETION])
+    code = run(program(COMMANDS[:1]), [COMPLETION])
     assert (code, "give --shell" in capsys.readouterr().err) == (2, True)
 
 

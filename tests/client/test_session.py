@@ -185,6 +185,14 @@ def test_a_manoeuvre_is_led_until_the_daemon_engages_then_flown_for_its_time():
     assert now == pytest.approx(0.16) and flight.finished is not None and flight.repeated is None
 
 
+def test_a_timer_that_fires_a_hair_early_ends_a_manoeuvre():
+    """Else it is stepped again at once until the clock passes its end: without end in virtual time."""
+    flight = session(HELD, phase=Phase.FLYING)
+    flight.fly(RepeatedSetpoint("stick", STICKS, ENGAGING, 0.1, 50.0), 0.0)
+    assert flight.step(0.0) is not None
+    assert flight.step(math.nextafter(0.1, 0.0)) is None
+
+
 def test_late_steps_are_not_made_up_for():
     flight = session(HELD)
     flight.fly(HOLD, 0.0)

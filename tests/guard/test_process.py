@@ -178,7 +178,7 @@ asyncio.run(main())
 """
 
 
-@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP", "SIGTERM"])
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGSTOP"])
 async def test_a_daemon_that_dies_or_freezes_is_followed_by_a_release_and_a_report(line, tmp_path, name):
     far, near = line
     report = tmp_path / "guard.json"

@@ -12,7 +12,7 @@ from lab.rigs.sticks import build_sticks
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.link import Fates
 
-FLOWN = 40.0
+FLOWN = 20.0
 """Length of each flight [s]; streams live for 4.1 s."""
 
 

@@ -17,7 +17,7 @@ TILT = ExternControlV2(pitch=20, roll=0, yaw=0, throttle=0, frame=3, config=1).t
 FREE = ExternControlV2(pitch=0, roll=0, yaw=0, throttle=0, frame=4).to_frame()
 
 
-@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a"])
+@pytest.mark.parametrize("fc", ["2.08", "2.12a"])
 def test_after_every_cut_nobody_steers_and_telemetry_comes_back(fc):
     cycles = pull_cable(Boards(fc), seed=2, cycles=3, tick=ADAPTER_TIME)
     assert {cycle.cut for cycle in cycles} == set(Cut)

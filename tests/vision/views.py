@@ -32,10 +32,16 @@ def asphalt() -> Ground:
     return Ground("asphalt", 11)
 
 
+@lru_cache(maxsize=2)
+def on_the_ground(target: Target) -> SceneTarget:
+    """A target at the origin; it keeps the textures that are drawn of it."""
+    return SceneTarget.of(target, Platform())
+
+
 @lru_cache(maxsize=8)
 def scene(target: Target) -> tuple[Scene, SceneTarget]:
     """A scene for one test: its noise goes on from image to image, and starts anew for every test (`conftest`)."""
-    placed = SceneTarget.of(target, Platform())
+    placed = on_the_ground(target)
     return Scene([placed], ground=asphalt(), seed=11, fine=False), placed
 
 

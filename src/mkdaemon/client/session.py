@@ -51,6 +51,8 @@ SETTLING: Final = 1.0
 """Longest time after the grant in which a status from before the lease may still arrive [s]."""
 BUSY_TRIES: Final = 20
 """How often a lease that is refused as busy is asked for; a release takes up to 1.5 s."""
+EARLY: Final = 1e-6
+"""A timer of an event loop may fire this much before its time [s], by its resolution and by rounding."""
 BUSY_PAUSE: Final = 0.1
 """Between two of these [s]."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
@@ -404,7 +406,7 @@ class FlightSession:
         fields = wanted.fields
         if self._engaged_at is None:
             fields = wanted.fields if wanted.lead is None else wanted.lead
-        elif self._is_reached(wanted, now) or now >= self._engaged_at + wanted.seconds:
+        elif self._is_reached(wanted, now) or now >= self._engaged_at + wanted.seconds - EARLY:
             self._finish(wanted, is_done=self._is_reached(wanted, now))
             return None
         self.due = max(self.due + 1.0 / wanted.rate, now)

@@ -85,21 +85,32 @@ class Layer:
         """
         found = self._textures.get((density, channel))
         if found is None:
-            both = self._draw(density)
-            found = both if channel is None else np.ascontiguousarray(both[..., channel])
+            if density >= 1:
+                found = self._magnified(int(density), channel)
+            else:
+                both = self._reduced(density)
+                found = both if channel is None else np.ascontiguousarray(both[..., channel])
             self._textures[density, channel] = found
         return found
 
-    def _draw(self, density: float) -> Image32:
-        if density >= 1:
-            solid = np.kron(self.cells, np.ones((int(density), int(density)), dtype=np.float32))
-            texture = np.dstack([solid, np.ones_like(solid)])
-        else:
-            block = round(1 / density)
-            rows, columns = (-size % block for size in self.cells.shape)
-            texture = np.pad(np.dstack([self.cells, np.ones_like(self.cells)]), ((0, rows), (0, columns), (0, 0)))
-            size = (texture.shape[1] // block, texture.shape[0] // block)
-            texture = cv2.resize(texture, size, interpolation=cv2.INTER_AREA)
+    def _magnified(self, density: int, channel: int | None) -> Image32:
+        """Texture with a whole number of texels per cell."""
+        height, width = (density * size for size in self.cells.shape)
+        inside = slice(PAD, PAD + height), slice(PAD, PAD + width)
+        texture = np.zeros((height + 2 * PAD, width + 2 * PAD, *([2] if channel is None else [])), dtype=np.float32)
+        reflected = self.cells.repeat(density, axis=0).repeat(density, axis=1) if channel != 1 else 1.0
+        texture[(*inside, 0) if channel is None else inside] = reflected
+        if channel is None:
+            texture[(*inside, 1)] = 1.0
+        return texture
+
+    def _reduced(self, density: float) -> Image32:
+        """Texture with several cells per texel, both channels."""
+        block = round(1 / density)
+        rows, columns = (-size % block for size in self.cells.shape)
+        texture = np.pad(np.dstack([self.cells, np.ones_like(self.cells)]), ((0, rows), (0, columns), (0, 0)))
+        size = (texture.shape[1] // block, texture.shape[0] // block)
+        texture = cv2.resize(texture, size, interpolation=cv2.INTER_AREA)
         return np.ascontiguousarray(np.pad(texture, ((PAD, PAD), (PAD, PAD), (0, 0))), dtype=np.float32)
 
 

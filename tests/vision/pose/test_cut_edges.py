@@ -25,7 +25,7 @@ def test_a_fit_goes_on_until_its_reach_is_as_long_as_edges_are_wide(distance: fl
     still = view_towards(VGA, distance * np.array([0.15, 0.1, 0.98]), np.zeros(3), turn=0.5)
     view = replace(still, rate_cam=np.array([0.0, rate, 0.0]), exposure_time=0.018)
     rotation, position = cam_from_target(pad, view)
-    pixels = Scene([pad], seed=4, fine=False).render(view, LightConditions())
+    pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, LightConditions())
     fitter = EdgeFit(pad.target, Projection(VGA))
     for off in (-0.028, 0.0, 0.028):
         about = turn(np.eye(3), np.array([0.0, off, 0.0]))

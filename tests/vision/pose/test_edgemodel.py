@@ -33,7 +33,7 @@ def test_all_edges_of_a_plain_nested_target_agree(distance: float) -> None:
     pad = SceneTarget.of(target_named("nested"), Platform())
     view = view_towards(VGA, distance * np.array([0.2, 0.1, 0.97]), np.zeros(3))
     rotation, position = cam_from_target(pad, view)
-    pixels = Scene([pad], seed=4, fine=False).render(view, LightConditions())
+    pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, LightConditions())
     found = EdgeFit(pad.target, Projection(VGA)).fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
     assert found is not None
     assert found.inliers > 0.985  # 0.957 with the edges beside the inner tag's paper

@@ -141,7 +141,7 @@ def test_grey_values_polish_a_pose_from_edges():
     target = shipped("single")
     edge_fit, photo_fit = EdgeFit(target, PROJECTION), PhotoFit(target, PROJECTION)
     edges, polished = [], []
-    for k in range(64):
+    for k in range(0, 64, 3):
         distance = 2.6 + 0.03 * k
         view = View(target, place(distance, 0.05 + 0.08 * (k % 8), around=0.7 * k, roll=0.4 * k))
         start = Pose(turn(view.rotation, np.full(3, 0.01)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)

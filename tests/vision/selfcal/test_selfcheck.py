@@ -22,7 +22,7 @@ from mkdaemon.vision.tags.tagmap import TagMap, Target
 from tests.vision.views import VGA, View, place, shipped
 
 NESTED = "nested"
-VIEWS = 32
+VIEWS = 20
 RIGHT = Camera(intrinsics=VGA)
 
 

@@ -68,7 +68,3 @@ def test_a_yaw_of_the_wrong_sign_loses_no_image() -> None:
 def test_a_roll_that_jumps_loses_two_images() -> None:
     jumped = lost(lambda k, s: AttitudeSample(s.time, s.roll + np.radians(10.0 if k >= LIES else 0.0), s.pitch, s.yaw))
     assert jumped == [LIES, LIES + 1]
-
-
-def test_a_right_attitude_loses_none() -> None:
-    assert lost(lambda _k, s: s) == []

@@ -226,7 +226,7 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
     """One image of it does not always tell a pose from its mirror image, some do; then it stays decided."""
     target = shipped(name)
     posed = []
-    for far in (6.0, 6.2, 6.4, 6.6):
+    for far in (6.0, 6.4):
         follower = Tracker(TagMap((target,)), VGA, None)
         for k in range(12):
             view = View(target, place(far, 0.06 + 0.002 * k), replace(LightConditions(), defocus_px=4.0))
@@ -238,9 +238,9 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
             else:
                 assert angle_deg(found.pose.rotation, view.rotation) < 2.0
                 assert np.linalg.norm(found.pose.position - view.position) < 0.05
-    first, *_, last = np.reshape(posed, (4, 3, 4)).sum(axis=0)
-    assert first[0] < 4
-    assert last.sum() >= 13
+    first, *_, last = np.reshape(posed, (2, 3, 4)).sum(axis=0)
+    assert first[0] < 2
+    assert last.sum() >= 6
 
 
 def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
@@ -284,9 +284,9 @@ def test_a_small_second_target_is_not_posed_when_the_track_is_lost_and_found_aga
     for k in range(3):
         assert follower.update(near.image(k / 30, k)).poses
     posed = []
-    for k in range(3, 50):
-        image = far.image(k / 30, k)
+    for k in range(3, 19):
+        image = far.image(0.1 * k, k)
         image.pixels[0, 0] ^= k & 1  # equal images would be those of a frozen camera
         posed.append(bool(follower.update(image).poses))
-    assert not any(posed[:24])
+    assert not any(posed[:8])
     assert posed[-1]

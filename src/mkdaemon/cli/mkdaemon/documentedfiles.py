@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 from mkdaemon.cli.mkdaemon.extraprograms import file_with
@@ -25,12 +27,9 @@ class DocumentedFile(NamedTuple):
     model: type[Section]
     about: str = ""
 
-    def sections(self) -> dict[str, list[ConfigKey]]:
+    def sections(self) -> Mapping[str, Sequence[ConfigKey]]:
         """The keys of each section, in the order of the file; the top of the file has an empty name."""
-        found: dict[str, list[ConfigKey]] = {}
-        for key in keys_of(self.model):
-            found.setdefault(key.section, []).append(key)
-        return found
+        return _sections_of(self.model)
 
     def heading(self, section: str) -> str:
         """How a section is written; empty for the top of the file."""
@@ -39,6 +38,14 @@ class DocumentedFile(NamedTuple):
     def about_section(self, section: str) -> str:
         """What a section is for; of the top of the file, what the file is for."""
         return about_section(self.model, section) if section else self.about
+
+
+@cache
+def _sections_of(model: type[Section]) -> dict[str, list[ConfigKey]]:
+    found: dict[str, list[ConfigKey]] = {}
+    for key in keys_of(model):
+        found.setdefault(key.section, []).append(key)
+    return found
 
 
 def documented_files() -> tuple[DocumentedFile, ...]:
