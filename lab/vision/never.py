@@ -141,22 +141,6 @@ def _sum_up_flips(_quick: bool, _parts: Sequence[Part], found: Sequence[dict[boo
     }
 
 
-def all_flips(results: dict[str, Any]) -> dict[str, int]:
-    """Mirrored poses of flights and single views together, as far as both were asked for."""
-    figures = [
-        results[case][target][words] if target else results[case][words]
-        for case, targets in (("flights", ("nested", "single")), ("flips", ("",)))
-        if case in results
-        for target in targets
-        for words in ATTITUDES.values()
-    ]
-    return {
-        "asked": sum(one["frames"] for one in figures),
-        "published": sum(one["published"] for one in figures),
-        "flipped": sum(one["flips"] for one in figures),
-    }
-
-
 FLIGHTS: Final = Case(_plan_flights, _sum_up_flights)
 """Twelve random flights of 8 s at 30 fps with every trouble: share posed, wrong poses, flips."""
 FLIPS: Final = Case(_plan_flips, _sum_up_flips)

@@ -11,7 +11,7 @@ import pytest
 from lab import compare
 from lab.campaign import Campaign, CampaignError, Ending, Results, carried_out, endings
 from lab.vision.main import CASES, main, run_case
-from lab.vision.never import Tally, all_flips
+from lab.vision.never import Tally
 from lab.vision.parts import Part, in_parts, run_parts
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import _tag_free
@@ -55,14 +55,6 @@ def test_the_full_campaign_asks_often_enough():
     asked = {name: sum(p.images for p in CASES[name].plan(False, SeedSet.REPORTING)) for name in CASES}
     assert asked["false_positives"] >= 10_000
     assert 2 * asked["flips"] >= 10_000
-
-
-def test_flips_of_flights_and_views_are_counted_together():
-    one = {"frames": 10, "published": 8, "flips": 1}
-    both = {"with_attitude": one, "without_attitude": one}
-    results = {"flips": both, "flights": {"nested": both, "single": both}}
-    assert all_flips(results) == {"asked": 60, "published": 48, "flipped": 6}
-    assert all_flips({"flips": both}) == {"asked": 20, "published": 16, "flipped": 2}
 
 
 def test_tallies_of_parts_add_up():
