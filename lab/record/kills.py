@@ -13,7 +13,7 @@ import random
 import signal
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -72,39 +72,25 @@ class Witness:
             self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
 
 
-async def kill_daemon(seed: int) -> Left:
-    """Kill a daemon while it records."""
-    async with _flight(seed) as (folder, daemon, witness):
+VICTIMS: Final = {"daemon": (BLACK_BOX,), "recorder": (GROUND,), "both": (BLACK_BOX, GROUND)}
+"""What is killed, and where its files are."""
+
+
+async def kill(victim: str, seed: int) -> Left:
+    """Kill a daemon while it records, a recorder on the ground, or both at once; the worse of what they leave."""
+    async with _flight(seed) as (folder, daemon, witness), AsyncExitStack() as stack:
+        killed: list[Program] = [] if victim == "recorder" else [daemon]
+        if victim != "daemon":
+            killed.append(await stack.enter_async_context(_recorder(folder / GROUND, daemon.endpoint)))
         await wait_until(lambda: len(witness.frames) > 5)
         began = time.monotonic()
-        await _random_while("daemon", seed)
+        await asyncio.sleep(random.Random(f"{victim} {seed}").uniform(0.0, LONGEST))
         killed_at = time.monotonic()
-        await daemon.end(signal.SIGKILL)
-        return _look(_files(folder / BLACK_BOX), witness, began, killed_at, folder)
-
-
-async def kill_recorder(seed: int) -> Left:
-    """Kill a recorder on the ground."""
-    async with _flight(seed) as (folder, daemon, witness):
-        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
-            began = time.monotonic()
-            await _random_while("recorder", seed)
-            killed_at = time.monotonic()
-            await recorder.end(signal.SIGKILL)
-        return _look(_files(folder / GROUND), witness, began, killed_at, folder)
-
-
-async def kill_both(seed: int) -> Left:
-    """Kill a daemon and a recorder on the ground at once; the worse of what they leave."""
-    async with _flight(seed) as (folder, daemon, witness):
-        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
-            began = time.monotonic()
-            await _random_while("both", seed)
-            killed_at = time.monotonic()
-            recorder.send_signal(signal.SIGKILL)
-            await daemon.end(signal.SIGKILL)
-            await recorder.end(signal.SIGKILL)
-        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in (BLACK_BOX, GROUND)]
+        for one in killed:
+            one.send_signal(signal.SIGKILL)
+        for one in killed:
+            await one.end(signal.SIGKILL)
+        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in VICTIMS[victim]]
     return Left(
         entries=sum(one.entries for one in found),
         age=max(one.age for one in found),
@@ -113,10 +99,6 @@ async def kill_both(seed: int) -> Left:
         gaps=sum(one.gaps for one in found),
         is_readable=all(one.is_readable for one in found),
     )
-
-
-async def _random_while(name: str, seed: int) -> None:
-    await asyncio.sleep(random.Random(f"{name} {seed}").uniform(0.0, LONGEST))
 
 
 @asynccontextmanager
