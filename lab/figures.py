@@ -1,4 +1,4 @@
-"""`python -m lab figures`: the pictures of docs/figures that are rendered."""
+"""`python -m lab figures`: the picture of docs/figures that is rendered."""
 
 from __future__ import annotations
 
@@ -8,17 +8,13 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from lab.places import CONFIGS
-from lab.vision.camerascreen import camera_screen
 from mkdaemon.vision.tags import tagmap
 from mksim.scene.sheet import contact_sheet
 
-PICTURES: Final = {"scene_conditions.png": contact_sheet, "camera_screen.svg": camera_screen}
-"""By file: what renders it of a target."""
+SHEET: Final = "scene_conditions.png"
 
 
-def main(*, out: Annotated[Path, Parameter(help="Folder for the files.")] = Path("docs/figures")) -> None:
-    """Render the scene in 25 conditions, and what `mkctl camera` shows of a view. Half a minute."""
-    shown = tagmap.load([CONFIGS / "targets" / "nested.toml"]).targets[0]
-    for name, render in PICTURES.items():
-        render(shown, out / name)
-        print(out / name)
+def main(*, out: Annotated[Path, Parameter(help="Folder for the file.")] = Path("docs/figures")) -> None:
+    """Render the scene in 25 conditions. Half a minute."""
+    contact_sheet(tagmap.load([CONFIGS / "targets" / "nested.toml"]).targets[0], out / SHEET)
+    print(out / SHEET)

@@ -29,8 +29,6 @@ PERIOD: Final = 0.02
 def main(
     *,
     seconds: float = 20.0,
-    fps: float = 15.0,
-    wind: str = "indoor",
     seed: int = 1,
     as_json: AsJson = False,
 ) -> int:
@@ -38,21 +36,19 @@ def main(
 
     Args:
         seconds: how long the machine flies.
-        fps: images a second.
-        wind: none, indoor, light or moderate.
         seed: of the simulator.
     """
-    figures = asyncio.run(fly(seconds, fps, wind, seed))
+    figures = asyncio.run(fly(seconds, seed))
     return show([{"seed": seed} | figures], ("seed",), as_json=as_json)
 
 
-async def fly(seconds: float, fps: float, wind: str, seed: int) -> dict[str, Any]:
+async def fly(seconds: float, seed: int) -> dict[str, Any]:
     """Fly once; the figures. See `main`.
 
     Raises:
         TimeoutError: the pilot did not come to hover with the target in sight.
     """
-    async with hovering(Setting(fps, wind, seed)) as hover:
+    async with hovering(Setting(seed=seed)) as hover:
         daemon, client, seen = hover.daemon, hover.client, hover.seen
         began, share, lost = math.nan, math.nan, ""
         try:

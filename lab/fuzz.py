@@ -13,7 +13,6 @@ import math
 import random
 import signal
 import sys
-import tempfile
 import time
 from collections import Counter
 from contextlib import suppress
@@ -27,10 +26,11 @@ from cyclopts import Parameter
 
 from lab.cases import silence_log
 from lab.control.corefuzz import run_sequences, shortened
-from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, daemon_process
+from lab.rigs.flown import flown, observed
+from lab.rigs.processes import VEHICLE, DaemonProcess
 from lab.rigs.waiting import wait_until
+from lab.tables import show
 from mkdaemon.bus.codec import decode_map
-from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
 from mkdaemon.bus.setpointroot import below
 from mkdaemon.cli.arguments import AsJson
@@ -42,9 +42,6 @@ from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.signature import sign
 from mkdaemon.telemetry.status import Status
 from mkdaemon.telemetry.verbs import VERBS
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
-from mksim.simulation import Simulation
 
 if TYPE_CHECKING:
     from lab.busfuzz import BusFindings
@@ -381,19 +378,13 @@ async def fuzz(seconds: float, seed: int, *, shows: bool = False) -> Findings:
         MkError: it does not answer an honest client.
     """
     findings = Findings(seconds)
-    plan = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed})
-    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
-        where = port.removeprefix("tcp/")
-        async with (
-            Runtime(Simulation(plan), listen=where).serve(),
-            daemon_process(f"tcp:{where}", Path(name)) as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-        ):
-            await _fuzz(daemon, client, ConfigFile(Path(name) / "daemon.toml"), Nonsense(seed), findings, shows=shows)
-            findings.exit_code = await daemon.end(signal.SIGTERM)
-            findings.tracebacks = daemon.errors.count("Traceback")
-            if findings.tracebacks:
-                print(daemon.errors[-5000:], file=sys.stderr)
+    async with flown(observed(seed, nc="0.24"), on_tcp=True) as one:
+        config = ConfigFile(one.folder / "daemon.toml")
+        await _fuzz(one.daemon, one.client, config, Nonsense(seed), findings, shows=shows)
+        findings.exit_code = await one.daemon.end(signal.SIGTERM)
+        findings.tracebacks = one.daemon.errors.count("Traceback")
+        if findings.tracebacks:
+            print(one.daemon.errors[-5000:], file=sys.stderr)
     return findings
 
 
@@ -431,12 +422,7 @@ def main(
     findings: Findings | BusFindings
     findings = asyncio.run(fuzz_bus(count, seed)) if bus else asyncio.run(fuzz(seconds, seed, shows=True))
     row = vars(findings) | {"holds": findings.holds}
-    if as_json:
-        print(json.dumps(row))
-    else:
-        for name, value in row.items():
-            print(f"{name:18} {json.dumps(value)}")
-    return 0 if findings.holds else 1
+    return show([{"what": "bus" if bus else "requests"} | row], ("what",), as_json=as_json)
 
 
 def _fuzz_core(first: int, count: int, jobs: int, results: Path | None, *, as_json: bool) -> int:

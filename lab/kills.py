@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import random
 import signal
-import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Mapping
@@ -25,7 +24,7 @@ from cyclopts import Parameter
 from lab.cases import Case, Figure, Flight, carry_out, largest, part, total
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.flown import observed
-from lab.rigs.processes import VEHICLE, DaemonProcess, connected, daemon_process
+from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program, connected, daemon_process
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
@@ -169,19 +168,13 @@ async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed:
             write_backup(Path(name) / "wanted", saved, RESTORED)
             words = ["restore", f"{name}/wanted"]
         async with uav.watch("event/progress") as samples:
-            program = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "mkdaemon.cli.mkctl.app", "settings", *words),
-                *("--vehicle", VEHICLE, "--connect", endpoint),
-                stdout=asyncio.subprocess.DEVNULL,
-                stderr=asyncio.subprocess.DEVNULL,
-            )
+            program = await Program.start(*MKCTL, "settings", *words, "--vehicle", VEHICLE, "--connect", endpoint)
             async with asyncio.timeout(PATIENCE):
                 first = await anext(samples)
                 await asyncio.sleep(moment)
-                with suppress(ProcessLookupError):
-                    program.send_signal(signal.SIGKILL)
+                program.send_signal(signal.SIGKILL)
                 at, other = time.monotonic(), bench.contents().live != before.live
-                await program.wait()
+                await program.end(signal.SIGKILL)
                 state = first.fields["state"]
                 while state == "running":
                     state = (await anext(samples)).fields["state"]

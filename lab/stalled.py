@@ -29,6 +29,7 @@ PITCH: Final = 30
 """Of the stick frames [counts]."""
 LEAVE: Final = 5.0
 """Longest wait for the server's end, when its client has gone [s]."""
+STICK_HZ: Final = 50.0
 STEADY: Final = 1.0
 """Steered before the server stands still [s]."""
 
@@ -79,14 +80,13 @@ class StallingServer:
             port.write(chunk)
 
 
-async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> Row:
+async def measure(board: str, *, is_deaf: bool, seconds: float) -> Row:
     """Steer into a server that stands still.
 
     Args:
         board: `fc` or `nc`.
         is_deaf: telemetry goes on meanwhile.
         seconds: how long it stands still [s].
-        rate: stick frames a second [Hz].
 
     Returns:
         How many stick frames were written into it, and after how long the last of them [s].
@@ -106,7 +106,7 @@ async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> 
         async def steer(until: float) -> None:
             while loop.time() < until:
                 link.send_setpoint(build_sticks(layout, pitch=PITCH), deadline=loop.time() + 0.1)
-                await asyncio.sleep(1 / rate)
+                await asyncio.sleep(1 / STICK_HZ)
 
         await steer(loop.time() + STEADY)
         relay.runs.clear()
@@ -130,7 +130,6 @@ async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> 
 async def main(
     *,
     seconds: Annotated[float, Parameter(help="How long the server stands still.")] = 4.0,
-    rate: Annotated[float, Parameter(help="Stick frames a second.")] = 50.0,
     as_json: AsJson = False,
 ) -> int:
     """Measure every combination of board and standstill; about 30 s."""
@@ -138,5 +137,5 @@ async def main(
     for board in ("fc", "nc"):
         for is_deaf in (False, True):
             with suppress(TimeoutError):
-                found.append(await measure(board, is_deaf=is_deaf, seconds=seconds, rate=rate))
+                found.append(await measure(board, is_deaf=is_deaf, seconds=seconds))
     return show(found, ("board", "what"), as_json=as_json)

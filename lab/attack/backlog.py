@@ -9,16 +9,14 @@ import asyncio
 import mmap
 import os
 import signal
-import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 from lab.attack.floods import LADDER_LIMIT, NEUTRAL_LIMIT
 from lab.attack.flown import daemon_on_tcp
 from lab.attack.holder import NOTE
-from lab.rigs.processes import VEHICLE, ObservedSimulation, Sticks
+from lab.rigs.processes import VEHICLE, ObservedSimulation, Program, Sticks
 from lab.rigs.waiting import wait_until
 
 RATES: Final = (1000.0, 3000.0, 5000.0, 0.0)
@@ -67,17 +65,15 @@ async def flood_and_end(rate: float, end: str, seed: int) -> Backlog:
         notes_path.write_bytes(NOTE.pack(0.0, 0.0))
         endpoint = attacked.daemon.endpoint
         words = ("-m", "lab.attack.holder", endpoint, VEHICLE, str(rate), str(SECONDS), str(notes_path), end)
-        holder = await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
+        holder = await Program.start(*words)
         try:
             with notes_path.open("r+b") as opened, mmap.mmap(opened.fileno(), NOTE.size) as notes:
                 return await _judge(attacked.simulation, notes, holder)
         finally:
-            with suppress(ProcessLookupError):
-                holder.send_signal(signal.SIGKILL)
-            await holder.wait()
+            await holder.end(signal.SIGKILL)
 
 
-async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: asyncio.subprocess.Process) -> Backlog:
+async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: Program) -> Backlog:
     def began() -> float:
         return float(NOTE.unpack(notes[:])[1])
 
@@ -94,8 +90,7 @@ async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: async
             raise TimeoutError("the aircraft was never released")
         await asyncio.sleep(STEP)
     last = float(NOTE.unpack(notes[:])[0])
-    rate = None
-    if holder.returncode is None and holder.stdout is not None:
-        rate = float((await holder.stdout.readline()).decode() or "nan")
+    reached = await holder.first_line()
+    rate = float(reached) if reached else None
     load = round(os.getloadavg()[0], 1)
     return Backlog(rate, round(tilted - last, 3), round(held - last, 3), held < last, load)

@@ -9,10 +9,9 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -22,11 +21,7 @@ from lab.attack.flown import daemon_on_tcp
 from lab.attack.programs import DEAF_DAEMON
 from lab.cases import percentile
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import (
-    VEHICLE,
-    ObservedSimulation,
-    Sticks,
-)
+from lab.rigs.processes import VEHICLE, ObservedSimulation, Program, Sticks
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
 from mkdaemon.cli.mkctl.connection import Connection
@@ -110,7 +105,7 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
             log = (len(daemon.errors) - written) / (time.monotonic() - began)
             memory = daemon.most_resident_mb()
             neutral, released = await (_die if dies else _release)(pilot, simulation, daemon.endpoint)
-        rates = tuple([(await one.communicate())[0].decode().strip() for one in attackers])
+        rates = tuple([(await one.output())[1].strip() for one in attackers])
     gaps = sorted(after - before for before, after in pairwise(times)) or [SECONDS]
     return Ride(
         rates,
@@ -127,26 +122,20 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
 
 
 @asynccontextmanager
-async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[asyncio.subprocess.Process]]:
+async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[Program]]:
     """Attackers that have begun, for as long as the context lasts and a little longer.
 
     On a busy machine they take seconds to load: a flight that did not wait for them was hardly attacked.
     """
     words = ("-m", "lab.attack.attackers", kind.value, endpoint, VEHICLE, str(SECONDS + 2.0))
-    attackers = [
-        await asyncio.create_subprocess_exec(sys.executable, *words, stdout=asyncio.subprocess.PIPE)
-        for _ in range(ATTACKERS)
-    ]
+    attackers = [await Program.start(*words) for _ in range(ATTACKERS)]
     try:
         for one in attackers:
-            assert one.stdout is not None
-            await one.stdout.readline()
+            await one.first_line()
         yield attackers
     finally:
-        for one in attackers:
-            with suppress(ProcessLookupError):
-                if kind is Flood.STOPPED:
-                    one.send_signal(signal.SIGKILL)
+        for one in attackers if kind is Flood.STOPPED else ():
+            one.send_signal(signal.SIGKILL)
 
 
 async def _release(pilot: Pilot, simulation: ObservedSimulation, endpoint: str) -> tuple[None, float]:

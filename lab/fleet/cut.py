@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from lab.fleet.findings import CutFindings, Refusal, longest_gap
-from lab.fleet.members import CLIENT, RECEIVING, ROUTER, Aircraft, Program, say
+from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.fleet.network import Place, traffic_of
 from lab.fleet.radio import Air, RadioLink
-from lab.rigs.processes import START
+from lab.rigs.processes import MKCTL, START
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.names import ROOT
 from mkdaemon.client import Vehicle, connect
@@ -120,7 +120,7 @@ async def fleet(folder: Path, air: Air, seed: int) -> AsyncIterator[tuple[dict[s
         for number, name in enumerate(NAMES, 1):
             places[name] = Place(number, air if name == CUT else None, seed)
             stack.callback(places[name].close)
-        router = await Program.start([*ROUTER, "tcp/0.0.0.0:7447"], threads=RECEIVING)
+        router = await Member.start(*ROUTER, "tcp/0.0.0.0:7447", threads=RECEIVING)
         stack.push_async_callback(router.end)
         await router.first_line()
         aircraft: dict[str, Aircraft] = {}
@@ -147,8 +147,8 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
     """
     findings = CutFindings(seconds, air.loss, air.delay)
     async with fleet(folder, air, seed) as (aircraft, places), connect(CUT, ENDPOINT) as client:
-        recorder = await Program.start(
-            [*CLIENT, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT]
+        recorder = await Member.start(
+            *MKCTL, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT
         )
         watcher = Watcher(client)
         watching = asyncio.create_task(watcher.run(), name="watcher")
@@ -275,8 +275,9 @@ async def _ask(client: Vehicle, begin: float, findings: CutFindings) -> None:
 
 async def _refusal_of_mkctl(word: str, begin: float) -> Refusal:
     at = time.monotonic()
-    asked = await Program.start([*CLIENT, "--vehicle", CUT, "--connect", ENDPOINT, word])
+    asked = await Member.start(*MKCTL, "--vehicle", CUT, "--connect", ENDPOINT, word)
     code, said = await asked.output()
+    said += asked.errors
     name = f"mkctl --vehicle {CUT} {word}"
     return Refusal(name, at - begin, time.monotonic() - at, said.strip(), code != 0, is_program=True)
 
@@ -326,7 +327,9 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
                 findings.ground_lost += lost
             else:
                 findings.others_lost += lost
-        _, said = await (await Program.start([*CLIENT, "log", "info", str(path)])).output()
+        _, said = await (await Member.start(*MKCTL, "log", "info", str(path))).output()
         findings.info = next((line.strip() for line in said.splitlines() if f" {key} " in line), "")
-        _, said = await (await Program.start([*CLIENT, "log", "verify", str(path)])).output()
+        verifying = await Member.start(*MKCTL, "log", "verify", str(path))
+        _, said = await verifying.output()
+        said += verifying.errors
         findings.check = "; ".join(line.strip() for line in said.replace(str(path), path.name).splitlines()[:CHECKED])

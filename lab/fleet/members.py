@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
 import signal
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Self
 
-from lab.rigs.processes import cpu_of
+from lab.rigs.processes import PROGRAM, Program, cpu_of
 
-DAEMON: Final = ("-m", "mkdaemon.cli.mkdaemon.app")
-CLIENT: Final = ("-m", "mkdaemon.cli.mkctl.app")
 ROUTER: Final = ("-m", "lab.fleet.router")
 RECEIVING: Final = "(rx: (worker_threads: 32))"
 """Zenoh's threads of a router that receive: docs/operations.md."""
-ENDING: Final = 60.0
-"""Longest end of a program that was asked to [s]."""
 
 
 def say(words: str) -> None:
@@ -29,68 +22,8 @@ def say(words: str) -> None:
     print(f"{time.strftime('%H:%M:%S')} {words}", file=sys.stderr, flush=True)
 
 
-class Program:
-    """One process.
-
-    Attributes:
-        pid: its number.
-        errors: what it wrote to standard error, complete once it has ended.
-    """
-
-    def __init__(self, process: asyncio.subprocess.Process) -> None:
-        self.errors = ""
-        self._process = process
-        self._reading = asyncio.create_task(self._read(), name="stderr")
-
-    @classmethod
-    async def start(cls, words: Sequence[str], *, prefix: Sequence[str] = (), threads: str = "") -> Self:
-        """Start what Python runs; returns when it has said its first line, or at once where it says none.
-
-        Args:
-            words: of Python.
-            prefix: what it is started with.
-            threads: Zenoh's setting of its threads.
-        """
-        more = {"ZENOH_RUNTIME": threads} if threads else {}
-        process = await asyncio.create_subprocess_exec(
-            *(*prefix, sys.executable, *words),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            env={**os.environ, **more, "OPENBLAS_NUM_THREADS": "1"},
-        )
-        return cls(process)
-
-    async def first_line(self) -> str:
-        """What it says first; empty where it ends without a word."""
-        assert self._process.stdout is not None
-        return (await self._process.stdout.readline()).decode(errors="replace").strip()
-
-    async def output(self) -> tuple[int, str]:
-        """Wait for its end; returns its exit code and what it wrote."""
-        assert self._process.stdout is not None
-        said = (await self._process.stdout.read()).decode(errors="replace")
-        code = await self._process.wait()
-        await self._reading
-        return code, said + self.errors
-
-    @property
-    def pid(self) -> int:
-        """Its number."""
-        return self._process.pid
-
-    async def end(self, number: signal.Signals = signal.SIGTERM) -> int:
-        """Ask it to end, kill it if it does not; returns its exit code."""
-        with suppress(ProcessLookupError):
-            self._process.send_signal(number)
-        try:
-            async with asyncio.timeout(ENDING):
-                code = await self._process.wait()
-        except TimeoutError:
-            self._process.kill()
-            code = await self._process.wait()
-        await self._reading
-        return code
+class Member(Program):
+    """One process of a fleet, and what it has used with those it has started."""
 
     def family(self) -> list[int]:
         """It and the processes it has started: a daemon and its guard."""
@@ -106,11 +39,6 @@ class Program:
     def own_mb(self) -> float:
         """Memory that would be free without it and what it has started: its share of what others use too [MiB]."""
         return sum(_share_kb(pid) for pid in self.family()) / 1024
-
-    async def _read(self) -> None:
-        assert self._process.stderr is not None
-        while line := await self._process.stderr.readline():
-            self.errors += line.decode(errors="replace")
 
 
 def _share_kb(pid: int) -> int:
@@ -132,8 +60,8 @@ class Aircraft:
 
     name: str
     folder: Path
-    simulator: Program
-    daemon: Program
+    simulator: Member
+    daemon: Member
 
     @classmethod
     async def start(
@@ -150,10 +78,10 @@ class Aircraft:
             prefix: what its programs are started with.
         """
         boards, config = _written(name, folder, vehicle_config(name, folder, port, router, listen))
-        words = (*DAEMON, "sim", "--config", str(boards), "--pilot", "nothing", "--vehicle", name)
-        simulator = await Program.start([*words, "--listen", f"127.0.0.1:{port}"], prefix=prefix)
+        words = (*PROGRAM, "sim", "--config", str(boards), "--pilot", "nothing", "--vehicle", name)
+        simulator = await Member.start(*words, "--listen", f"127.0.0.1:{port}", prefix=prefix)
         await simulator.first_line()
-        daemon = await Program.start([*DAEMON, "run", "--config", str(config), "--log", "warning"], prefix=prefix)
+        daemon = await Member.start(*PROGRAM, "run", "--config", str(config), "--log", "warning", prefix=prefix)
         return cls(name, folder, simulator, daemon)
 
     @property

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import zenoh
 
-from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Program, say
+from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.rigs.processes import START
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -134,7 +134,7 @@ async def measure(count: int, seconds: float, folder: Path) -> dict[str, Any]:
     """
     async with AsyncExitStack() as stack:
         endpoint = stack.enter_context(reserved_endpoint())
-        router = await Program.start([*ROUTER, endpoint], threads=RECEIVING)
+        router = await Member.start(*ROUTER, endpoint, threads=RECEIVING)
         stack.push_async_callback(router.end)
         await router.first_line()
         fleet: list[Aircraft] = []
@@ -171,9 +171,7 @@ async def _wait_for_all(session: zenoh.Session, names: set[str], patience: float
         await wait_until(lambda: names <= alive, patience, 0.1)
 
 
-async def _counted(
-    session: zenoh.Session, router: Program, fleet: Sequence[Aircraft], seconds: float
-) -> dict[str, Any]:
+async def _counted(session: zenoh.Session, router: Member, fleet: Sequence[Aircraft], seconds: float) -> dict[str, Any]:
     counted = Counted()
 
     def arrived(sample: zenoh.Sample) -> None:

@@ -66,11 +66,6 @@ class NaviBoard:
         """Time since power-up [s]."""
         return float(self._library.navi_time())
 
-    @property
-    def is_in_loader(self) -> bool:
-        """Whether it has left its firmware for the boot loader."""
-        return bool(self._library.navi_is_in_loader())
-
     def receive(self, socket: Socket, arrivals: Iterable[tuple[float, int]]) -> None:
         """Let characters arrive, each with the time of its last bit [s], not before `now`."""
         for at, byte in arrivals:

@@ -11,10 +11,9 @@ import asyncio
 import io
 import random
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +23,7 @@ from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
 from lab.rigs.flown import flown, observed
-from lab.rigs.processes import VEHICLE, DaemonProcess
+from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program
 from lab.rigs.waiting import wait_until
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
@@ -73,40 +72,25 @@ class Witness:
             self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
 
 
-async def kill_daemon(seed: int) -> Left:
-    """Kill a daemon while it records."""
-    async with _flight(seed) as (folder, daemon, witness):
+VICTIMS: Final = {"daemon": (BLACK_BOX,), "recorder": (GROUND,), "both": (BLACK_BOX, GROUND)}
+"""What is killed, and where its files are."""
+
+
+async def kill(victim: str, seed: int) -> Left:
+    """Kill a daemon while it records, a recorder on the ground, or both at once; the worse of what they leave."""
+    async with _flight(seed) as (folder, daemon, witness), AsyncExitStack() as stack:
+        killed: list[Program] = [] if victim == "recorder" else [daemon]
+        if victim != "daemon":
+            killed.append(await stack.enter_async_context(_recorder(folder / GROUND, daemon.endpoint)))
         await wait_until(lambda: len(witness.frames) > 5)
         began = time.monotonic()
-        await _random_while("daemon", seed)
+        await asyncio.sleep(random.Random(f"{victim} {seed}").uniform(0.0, LONGEST))
         killed_at = time.monotonic()
-        await daemon.end(signal.SIGKILL)
-        return _look(_files(folder / BLACK_BOX), witness, began, killed_at, folder)
-
-
-async def kill_recorder(seed: int) -> Left:
-    """Kill a recorder on the ground."""
-    async with _flight(seed) as (folder, daemon, witness):
-        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
-            began = time.monotonic()
-            await _random_while("recorder", seed)
-            killed_at = time.monotonic()
-            recorder.kill()
-            await recorder.wait()
-        return _look(_files(folder / GROUND), witness, began, killed_at, folder)
-
-
-async def kill_both(seed: int) -> Left:
-    """Kill a daemon and a recorder on the ground at once; the worse of what they leave."""
-    async with _flight(seed) as (folder, daemon, witness):
-        async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
-            began = time.monotonic()
-            await _random_while("both", seed)
-            killed_at = time.monotonic()
-            recorder.kill()
-            await daemon.end(signal.SIGKILL)
-            await recorder.wait()
-        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in (BLACK_BOX, GROUND)]
+        for one in killed:
+            one.send_signal(signal.SIGKILL)
+        for one in killed:
+            await one.end(signal.SIGKILL)
+        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in VICTIMS[victim]]
     return Left(
         entries=sum(one.entries for one in found),
         age=max(one.age for one in found),
@@ -117,24 +101,15 @@ async def kill_both(seed: int) -> Left:
     )
 
 
-async def _random_while(name: str, seed: int) -> None:
-    await asyncio.sleep(random.Random(f"{name} {seed}").uniform(0.0, LONGEST))
-
-
 @asynccontextmanager
-async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
+async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[Program]:
     """`mkctl log record` into a folder, as soon as it writes; it does not outlive the context."""
-    words = ("-m", "mkdaemon.cli.mkctl.app", "log", "record", "--folder", str(folder), "--connect", endpoint)
-    recorder = await asyncio.create_subprocess_exec(
-        sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
-    )
+    recorder = await Program.start(*MKCTL, "log", "record", "--folder", str(folder), "--connect", endpoint)
     try:
         await wait_until(lambda: any(folder.glob("*.mcap")))
         yield recorder
     finally:
-        with suppress(ProcessLookupError):
-            recorder.kill()
-        await recorder.wait()
+        await recorder.end(signal.SIGKILL)
 
 
 @asynccontextmanager

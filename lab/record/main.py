@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Final, Literal
 
 from cyclopts import Parameter
@@ -22,6 +21,8 @@ from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
 SLOW_SECONDS: Final = 8.0
 """Of entries that come to the slow disk [s]."""
+ENTRIES, TURNS = 60_000, 3
+"""Of `writing`, and of `cost`."""
 CASES: Final = ("writing", "cost", "playing", "kills", "disks")
 
 
@@ -32,8 +33,6 @@ def main(
     ] = None,
     runs: Annotated[int, Parameter(help="Kills of the daemon, as many of the recorder, and of both.")] = 50,
     seconds: Annotated[float, Parameter(help="Of each flight of `cost` and `playing`.")] = 20.0,
-    turns: Annotated[int, Parameter(help="Of `cost`.")] = 3,
-    entries: Annotated[int, Parameter(help="Of `writing`.")] = 60_000,
     as_json: AsJson = False,
 ) -> int:
     """Measure recording. All cases take about 15 minutes; `--case writing` half a minute.
@@ -41,25 +40,19 @@ def main(
     Exit code 0 only if nothing older than 1.1 s was lost, every file was readable and no flight was disturbed.
     """
     require_count(runs, "--runs")
-    require_count(turns, "--turns")
-    require_count(entries, "--entries")
     require_length(seconds, "--seconds")
     figures: dict[str, Any] = {}
     for name in CASES if case is None else (case,):
         match name:
             case "writing":
-                figures[name] = writing.measure(entries)
+                figures[name] = writing.measure(ENTRIES)
             case "cost":
-                figures[name] = asyncio.run(cost.measure(seconds, turns))
-                figures[name]["loop"] = looplag.measure(2 * turns)
+                figures[name] = asyncio.run(cost.measure(seconds, TURNS))
+                figures[name]["loop"] = looplag.measure(2 * TURNS)
             case "playing":
                 figures[name] = asyncio.run(playing.measure(seconds))
             case "kills":
-                figures[name] = {
-                    "daemon": asyncio.run(_repeat("daemon", kills.kill_daemon, runs)),
-                    "recorder": asyncio.run(_repeat("recorder", kills.kill_recorder, runs)),
-                    "both": asyncio.run(_repeat("both", kills.kill_both, runs)),
-                }
+                figures[name] = {victim: asyncio.run(_repeat(victim, runs)) for victim in kills.VICTIMS}
             case _:
                 figures[name] = {
                     "full": asyncio.run(disks.fill_disk(1)),
@@ -73,11 +66,11 @@ def main(
     return EXIT_OK if is_right(figures) else EXIT_FAILURE
 
 
-async def _repeat(name: str, kill: Callable[[int], Awaitable[kills.Left]], runs: int) -> dict[str, Any]:
+async def _repeat(victim: str, runs: int) -> dict[str, Any]:
     found = []
     for seed in range(runs):
-        found.append(await kill(seed))
-        print(f"{name} {seed + 1}/{runs}: {found[-1]}", file=sys.stderr)
+        found.append(await kills.kill(victim, seed))
+        print(f"{victim} {seed + 1}/{runs}: {found[-1]}", file=sys.stderr)
     return kills.sum_up(found)
 
 

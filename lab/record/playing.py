@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any, Final
 from lab.record.cost import LINK
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
+from lab.rigs.processes import MKCTL, Program
 from lab.rigs.sleeper import Sleeper
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -50,25 +50,29 @@ async def measure(seconds: float) -> dict[str, Any]:
 async def _fly(folder: Path, seconds: float) -> None:
     async with flown(observed(1), folder=folder, link=LINK) as one, Pilot(one.client, "pilot") as pilot:
         words = ("log", "record", "--folder", f"{folder}/flown", "--connect", one.daemon.endpoint, "--json")
-        recorder = await _mkctl(*words)
+        recorder = await Program.start(*MKCTL, *words)
         await wait_until(lambda: any((folder / "flown").glob("*.mcap")))
         await pilot.engage(lambda: one.simulation.is_controlled)
         for number in range(4):
             pilot.sticks["pitch"] = 5.0 * (number % 2)
             await one.client.command("do", "mark", {"text": f"part {number}"})
             await asyncio.sleep(seconds / 4)
-        await _end(recorder)
+        await recorder.end(signal.SIGINT)
 
 
 async def _play(folder: Path, first: Path) -> dict[str, Any]:
     """What the player, the recorder and the sleeper said of themselves."""
     with reserved_endpoint() as endpoint:
-        recorder = await _mkctl("log", "record", "--folder", f"{folder}/played", "--connect", endpoint, "--json")
-        player = await _mkctl("log", "play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
+        words = ("log", "play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
+        recorder = await Program.start(
+            *MKCTL, "log", "record", "--folder", f"{folder}/played", "--connect", endpoint, "--json"
+        )
+        player = await Program.start(*MKCTL, *words)
         with Sleeper() as sleeper:
-            said, _ = await player.communicate()
+            _, said = await player.output()
         await asyncio.sleep(GONE)
-        played, recorded = json.loads(said), json.loads(await _end(recorder))
+        await recorder.end(signal.SIGINT)
+        played, recorded = json.loads(said), json.loads((await recorder.output())[1])
     return {
         "put": played["sent"],
         "not_put": played["missing"],
@@ -77,19 +81,6 @@ async def _play(folder: Path, first: Path) -> dict[str, Any]:
         "written": recorded["written"],
         "sleeper": {name: sleeper.percentile(part) for name, part in SLEPT.items()},
     }
-
-
-async def _mkctl(*words: str) -> asyncio.subprocess.Process:
-    words = ("-m", "mkdaemon.cli.mkctl.app", *words)
-    return await asyncio.create_subprocess_exec(
-        sys.executable, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
-    )
-
-
-async def _end(program: asyncio.subprocess.Process) -> bytes:
-    program.send_signal(signal.SIGINT)
-    said, _ = await program.communicate()
-    return said
 
 
 def _only_file(folder: Path) -> Path:

@@ -5,39 +5,27 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Final
 
 from lab.rigs.overtarget import favour
-from lab.rigs.processes import PROGRAM, cpu_of
+from lab.rigs.processes import PROGRAM, Program
 
 START: Final = 120.0
 """Longest start on a machine that is busy [s]."""
-END: Final = 30.0
-"""Longest end [s]."""
 
 
-@dataclass(slots=True)
-class GatewayProcess:
+class GatewayProcess(Program):
     """One `mkdaemon gateway NAME`.
 
     Attributes:
-        pid: number of its process.
         where: it serves, as it says itself.
-        errors: everything it wrote to stderr, complete once it has ended.
         code: how it ended; None while it runs.
     """
 
-    pid: int
-    where: str
-    errors: str = field(default="")
+    where = ""
     code: int | None = None
-
-    def cpu_s(self) -> float:
-        """Processor time it has used [s]."""
-        return cpu_of(self.pid)
 
 
 @asynccontextmanager
@@ -51,41 +39,20 @@ async def gateway_process(name: str, endpoint: str, vehicle: str, *options: str)
         options: further ones of the gateway.
 
     Raises:
-        TimeoutError: it did not say that it serves, or did not end.
+        TimeoutError: it did not say that it serves.
     """
-    process = await asyncio.create_subprocess_exec(
-        *_command(name, endpoint, vehicle, options),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,
-    )
-    favour(process.pid)
-    assert process.stdout is not None
-    assert process.stderr is not None
-    reading = asyncio.create_task(process.stderr.read(), name="stderr")
-    gateway = GatewayProcess(process.pid, "")
+    whose = ("--connect", endpoint, "--vehicle", vehicle, "--json")
+    gateway = await GatewayProcess.start(*PROGRAM, "gateway", name, *whose, *options)
+    favour(gateway.pid)
     try:
         async with asyncio.timeout(START):
-            line = await process.stdout.readline()
+            line = await gateway.first_line()
         if not line:
-            msg = f"the gateway ended: {(await reading).decode(errors='replace')}"
+            await gateway.end()
+            msg = f"the gateway ended: {gateway.errors}"
             raise TimeoutError(msg)
         gateway.where = json.loads(line)["where"]
         yield gateway
     finally:
-        with suppress(ProcessLookupError):
-            process.terminate()
-        try:
-            async with asyncio.timeout(END):
-                gateway.code = await process.wait()
-        finally:
-            with suppress(ProcessLookupError):
-                process.kill()
-            gateway.errors = (await reading).decode(errors="replace")
-            sys.stderr.write(gateway.errors)
-
-
-def _command(name: str, endpoint: str, vehicle: str, options: Sequence[str]) -> tuple[str, ...]:
-    whose = ("--connect", endpoint, "--vehicle", vehicle, "--json")
-    return (sys.executable, *PROGRAM, "gateway", name, *whose, *options)
+        gateway.code = await gateway.end()
+        sys.stderr.write(gateway.errors)

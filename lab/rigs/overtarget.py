@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lab.places import ROOT
-from lab.rigs.processes import PROGRAM, START, DaemonProcess, connected, wait_for_control
+from lab.rigs.processes import MKCTL, PROGRAM, START, DaemonProcess, Program, connected, start_daemon, wait_for_control
 from lab.rigs.waiting import wait_for
 from lab.rigs.wiretap import WireTap, tapped
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -32,7 +32,6 @@ TAKE_OFF: Final = 120.0
 """Longest wait for the pilot to hover with the target in sight [s]; half a minute on an idle machine."""
 ENGAGED: Final = 60.0
 """Longest wait until the daemon flies [s]."""
-CLIENT_PROGRAM: Final = ("-m", "mkdaemon.cli.mkctl.app")
 NOT_OURS: Final = -10
 """Nice value of the simulator and of the operator's program, where they may have one: an aircraft, and an operator's
 own computer, do not stand still because this one is busy."""
@@ -184,7 +183,7 @@ class Hover:
         """
         place = ("--height", str(HEIGHT), "--seconds", str(seconds), *options)
         operator = await asyncio.create_subprocess_exec(
-            *(sys.executable, *CLIENT_PROGRAM, "hold", *place, "--vehicle", VEHICLE, "--connect", self.endpoint),
+            *(sys.executable, *MKCTL, "hold", *place, "--vehicle", VEHICLE, "--connect", self.endpoint),
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.DEVNULL,
             start_new_session=True,
@@ -269,25 +268,18 @@ def _name_port(config: Path, port: str) -> None:
 @asynccontextmanager
 async def _simulator(config: Path, where: str) -> AsyncIterator[int]:
     """The simulator, with its boards behind a TCP port (lab/rigs/live.py says why); number of its process."""
-    simulator = await asyncio.create_subprocess_exec(
-        *(sys.executable, *PROGRAM, "sim", "--config", str(config), "--listen", where),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    simulator = await Program.start(*PROGRAM, "sim", "--config", str(config), "--listen", where)
     try:
         favour(simulator.pid)  # its threads, started later, inherit it
-        assert simulator.stdout is not None
-        await simulator.stdout.readline()  # it serves
+        await simulator.first_line()  # it serves
         yield simulator.pid
     finally:
-        simulator.terminate()
-        await simulator.wait()
+        await simulator.end()
 
 
 @asynccontextmanager
 async def _daemon(config: Path, endpoint: str, program: Sequence[str]) -> AsyncIterator[DaemonProcess]:
-    daemon = await DaemonProcess.start(config, endpoint, program)
+    daemon = await start_daemon(config, endpoint, program)
     try:
         yield daemon
     finally:

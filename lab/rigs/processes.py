@@ -29,6 +29,9 @@ VEHICLE: Final = "stories"
 START: Final = 150.0
 """Longest start of a daemon on a machine that is busy [s]."""
 PROGRAM: Final = ("-m", "mkdaemon.cli.mkdaemon.app")
+MKCTL: Final = ("-m", "mkdaemon.cli.mkctl.app")
+ENDING: Final = 60.0
+"""Longest end of a program that was asked to [s]."""
 
 
 class Sticks(Enum):
@@ -100,41 +103,37 @@ def cpu_of(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-class DaemonProcess:
-    """One `mkdaemon run`.
+class Program:
+    """What Python runs as a process of a session of its own.
 
     Attributes:
-        endpoint: where its bus listens.
         errors: everything it wrote to stderr so far, complete once it has ended.
     """
 
-    def __init__(self, process: asyncio.subprocess.Process, endpoint: str) -> None:
-        self.endpoint = endpoint
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.errors = ""
         self._process = process
         self._reading = asyncio.create_task(self._read(), name="stderr")
 
     @classmethod
-    async def start(cls, config: Path, endpoint: str, program: Sequence[str] = PROGRAM, log: str = "warning") -> Self:
-        """Start it with a configuration file; `program` is what Python runs, `log` the least severity it writes."""
+    async def start(cls, *words: str, prefix: Sequence[str] = (), threads: str = "") -> Self:
+        """Start it.
+
+        Args:
+            words: of Python.
+            prefix: what it is started with.
+            threads: Zenoh's setting of its threads.
+        """
+        more = {"ZENOH_RUNTIME": threads} if threads else {}
         process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *program,
-            *(
-                "run",
-                "--config",
-                str(config),
-                "--real-time",
-                "--listen",
-                endpoint,
-                "--log",
-                log,
-            ),
-            stdout=asyncio.subprocess.DEVNULL,
+            *(*prefix, sys.executable, *words),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
+            env={**os.environ, **more, "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,  # as a service: it goes before the programs of other sessions
         )
-        return cls(process, endpoint)
+        return cls(process)
 
     @property
     def pid(self) -> int:
@@ -146,15 +145,33 @@ class DaemonProcess:
         while line := await self._process.stderr.readline():
             self.errors += line.decode(errors="replace")
 
+    async def first_line(self) -> str:
+        """What it says first; empty where it ends without a word."""
+        assert self._process.stdout is not None
+        return (await self._process.stdout.readline()).decode(errors="replace").strip()
+
+    async def output(self) -> tuple[int, str]:
+        """Wait for its end; returns its exit code and what it wrote."""
+        assert self._process.stdout is not None
+        said = (await self._process.stdout.read()).decode(errors="replace")
+        code = await self._process.wait()
+        await self._reading
+        return code, said
+
     def send_signal(self, number: signal.Signals) -> None:
         """Send a signal and do not wait."""
-        self._process.send_signal(number)
-
-    async def end(self, number: signal.Signals) -> int:
-        """Send a signal and wait for the end; returns the exit code."""
         with suppress(ProcessLookupError):
             self._process.send_signal(number)
-        code = await self._process.wait()
+
+    async def end(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """Ask it to end, kill it if it does not; returns its exit code."""
+        self.send_signal(number)
+        try:
+            async with asyncio.timeout(ENDING):
+                code = await self._process.wait()
+        except TimeoutError:
+            self._process.kill()
+            code = await self._process.wait()
         await self._reading
         return code
 
@@ -175,6 +192,33 @@ class DaemonProcess:
     def cpu_s(self) -> float:
         """Processor time it has used [s]."""
         return cpu_of(self.pid)
+
+
+class DaemonProcess(Program):
+    """One `mkdaemon run`.
+
+    Attributes:
+        endpoint: where its bus listens.
+    """
+
+    endpoint: str
+
+
+async def start_daemon(
+    config: Path, endpoint: str, program: Sequence[str] = PROGRAM, log: str = "warning"
+) -> DaemonProcess:
+    """Start a daemon with a configuration file.
+
+    Args:
+        config: the file.
+        endpoint: where its bus listens.
+        program: what Python runs in place of the daemon's own program.
+        log: the least severity it writes.
+    """
+    words = ("run", "--config", str(config), "--real-time", "--listen", endpoint, "--log", log)
+    daemon = await DaemonProcess.start(*program, *words)
+    daemon.endpoint = endpoint
+    return daemon
 
 
 @asynccontextmanager
@@ -203,7 +247,7 @@ async def daemon_process(
         encoding="utf-8",
     )
     with reserved_endpoint() if endpoint is None else nullcontext(endpoint) as where:
-        daemon = await DaemonProcess.start(config, where, program or PROGRAM, log)
+        daemon = await start_daemon(config, where, program or PROGRAM, log)
         try:
             yield daemon
         finally:

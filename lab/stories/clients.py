@@ -8,15 +8,13 @@ from __future__ import annotations
 import asyncio
 import random
 import signal
-import sys
 import time
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import ObservedSimulation, connected
+from lab.rigs.processes import ObservedSimulation, Program, connected
 from lab.rigs.waiting import wait_until
 from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME
 
@@ -72,7 +70,7 @@ async def lose_clients(fc: str, runs: int, seed: int) -> list[Loss]:
 async def _lose(
     endpoint: str, simulation: ObservedSimulation, how: signal.Signals, name: str, rng: random.Random
 ) -> Loss:
-    process = await asyncio.create_subprocess_exec(sys.executable, "-c", _CLIENT, endpoint, name)
+    process = await Program.start("-c", _CLIENT, endpoint, name)
     try:
         await wait_until(lambda: _tilts(simulation))
         await asyncio.sleep(rng.uniform(0.1, 0.5))
@@ -82,9 +80,7 @@ async def _lose(
         await wait_until(lambda: not simulation.is_controlled, _LATE)
         return Loss(how.name, round(neutral, 3), round(time.monotonic() - began, 3))
     finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
+        await process.end(signal.SIGKILL)
 
 
 def _tilts(simulation: ObservedSimulation) -> bool:

@@ -11,7 +11,6 @@ import asyncio
 import json
 import os
 import random
-import sys
 import time
 from dataclasses import dataclass
 from typing import Final
@@ -19,7 +18,7 @@ from typing import Final
 from lab.cases import percentile
 from lab.rigs.flown import flown, observed
 from lab.rigs.pipedpad import PipedPad
-from lab.rigs.processes import connected
+from lab.rigs.processes import Program, connected
 from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
@@ -101,8 +100,7 @@ async def measure_latency(moves: int, seed: int) -> Latency:
     before = os.getloadavg()[0]
     async with flown(simulation) as one:
         arguments = ("-c", _OPERATOR, one.daemon.endpoint, str(moves), str(seed))
-        operator = await asyncio.create_subprocess_exec(sys.executable, *arguments, stdout=asyncio.subprocess.PIPE)
-        out, _ = await operator.communicate()
+        _, out = await (await Program.start(*arguments)).output()
     moved = json.loads(out)
     return summed_up(moved, _rolls(simulation.heard), before)
 

@@ -8,18 +8,17 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import sys
+import signal
 import time
-from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 import msgpack
 
-from lab.rigs.processes import START, VEHICLE, cpu_of
+from lab.rigs.processes import MKCTL, START, VEHICLE, Program, cpu_of
 from mkdaemon.record.entry import Entry, unpacked
 from mkdaemon.record.layout import Session
 from mkdaemon.record.reader import Recording
@@ -33,7 +32,6 @@ FLUSHED: Final = 1000
 """Entries of a chunk; the recorder flushes once a second, which are as many of a flight with everything on."""
 PAUSE: Final = 1.0
 """Between two flights of the recording [s]."""
-MKCTL: Final = (sys.executable, "-m", "mkdaemon.cli.mkctl.app")
 
 
 async def open_recordings(folder: Path, flight: Path | None) -> dict[str, Any]:
@@ -61,23 +59,19 @@ async def open_recordings(folder: Path, flight: Path | None) -> dict[str, Any]:
 
 
 @asynccontextmanager
-async def viewer_process(*words: str) -> AsyncIterator[tuple[Process, str]]:
+async def viewer_process(*words: str) -> AsyncIterator[tuple[Program, str]]:
     """`mkctl view` as a process, and the address of its page.
 
     Args:
         words: further arguments: a file, or where a daemon is.
     """
-    command = (*MKCTL, "view", *words, "--no-browser", "--port", "0", "--json", "--vehicle", VEHICLE)
-    process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=PIPE, stderr=DEVNULL)
+    viewer = await Program.start(*MKCTL, "view", *words, "--no-browser", "--port", "0", "--json", "--vehicle", VEHICLE)
     try:
-        assert process.stdout is not None
         async with asyncio.timeout(START):
-            line = await process.stdout.readline()
-        yield process, json.loads(line)["address"]
+            line = await viewer.first_line()
+        yield viewer, json.loads(line)["address"]
     finally:
-        with suppress(ProcessLookupError):
-            process.kill()
-        await process.wait()
+        await viewer.end(signal.SIGKILL)
 
 
 async def _view(file: Path) -> tuple[float, float]:
@@ -104,9 +98,8 @@ async def _report(file: Path) -> tuple[float, float]:
     """From the start of `mkctl log report FILE` until its page is written."""
     before = _of_children()
     began = time.monotonic()
-    command = (*MKCTL, "log", "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
-    process = await asyncio.create_subprocess_exec(*command, stdin=DEVNULL, stdout=DEVNULL)
-    code = await process.wait()
+    words = ("log", "report", str(file), "-o", str(file.with_suffix(".html")), "--force")
+    code, _ = await (await Program.start(*MKCTL, *words)).output()
     assert code == 0
     return round(time.monotonic() - began, 2), round(_of_children() - before, 2)
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import cycle
-from typing import Any, Final
+from itertools import chain, cycle
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,44 +40,35 @@ ROLLING: Final = VGA.model_copy(update={"line_time": 30e-6})
 CAMERAS: Final = {"global": VGA, "rolling": ROLLING}
 
 
-@dataclass(slots=True)
-class Tally:
-    """What became of the images of a part.
+class Left(NamedTuple):
+    """What became of an image.
 
     Attributes:
-        images: by share of the way out.
-        posed: published, the same way.
-        wrong: where what was published was wrong.
-        faults: exceptions, each with its place.
+        way: share of the way out.
+        is_posed: a pose was published.
+        wrong: where it was wrong, and by how much; empty where it was right.
+        fault: an exception and its place; empty for none.
     """
 
-    images: Counter[float] = field(default_factory=Counter)
-    posed: Counter[float] = field(default_factory=Counter)
-    wrong: list[str] = field(default_factory=list)
-    faults: list[str] = field(default_factory=list)
+    way: float
+    is_posed: bool = False
+    wrong: str = ""
+    fault: str = ""
 
-    @classmethod
-    def together(cls, tallies: Sequence[Tally]) -> Tally:
-        """Several parts as one."""
-        whole = cls()
-        for one in tallies:
-            whole.images += one.images
-            whole.posed += one.posed
-            whole.wrong += one.wrong
-            whole.faults += one.faults
-        return whole
 
-    def summary(self) -> dict[str, Any]:
-        """The figures."""
-        return {
-            "images": self.images.total(),
-            "published": self.posed.total(),
-            "wrong": len(self.wrong),
-            "first_wrong": self.wrong[:10],
-            "faults": len(self.faults),
-            "first_faults": self.faults[:5],
-            "posed_by_way_out": {str(way): round(self.posed[way] / n, 3) for way, n in sorted(self.images.items())},
-        }
+def summary(left: Sequence[Left]) -> dict[str, Any]:
+    """The figures."""
+    images, posed = Counter(one.way for one in left), Counter(one.way for one in left if one.is_posed)
+    wrong, faults = ([words for one in left if (words := getattr(one, of))] for of in ("wrong", "fault"))
+    return {
+        "images": len(left),
+        "published": posed.total(),
+        "wrong": len(wrong),
+        "first_wrong": wrong[:10],
+        "faults": len(faults),
+        "first_faults": faults[:5],
+        "posed_by_way_out": {str(way): round(posed[way] / n, 3) for way, n in sorted(images.items())},
+    }
 
 
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -91,26 +81,22 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     ]
 
 
-def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
+def _leave(name: str, camera: str, count: int, seed: int, part: int) -> list[Left]:
     """So many images of a target leaving, every second sequence without an attitude."""
-    target, tally = target_named(name), Tally()
+    target, left = target_named(name), list[Left]()
     tracker = Tracker(TagMap((target,)), CAMERAS[camera], LOOKING_DOWN)
     for k, (way, still) in enumerate(ways_out(name, camera, count, seed, part)):
         has_attitude = k // len(WAY_OUT) % 2 == 0
         place = f"{name} {camera} seed {seed} part {part} image {k}"
-        tally.images[way] += 1
         try:
             found = tracker.update(still.image, still.attitude if has_attitude else None).pose_of(target.name)
         except Exception as fault:  # noqa: BLE001 - what faults is what this campaign counts
-            tally.faults.append(f"{place}: {fault!r}")
+            left.append(Left(way, fault=f"{place}: {fault!r}"))
             continue
-        if found is None:
-            continue
-        tally.posed[way] += 1
         seen = look(still, found)
-        if seen.wrong:
-            tally.wrong.append(f"{place}: {seen.off:.3f} m, {seen.turned:.1f} degrees")
-    return tally
+        wrong = f"{place}: {seen.off:.3f} m, {seen.turned:.1f} degrees" if seen.wrong else ""
+        left.append(Left(way, seen.posed, wrong))
+    return left
 
 
 def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[tuple[float, Still]]:
@@ -150,12 +136,12 @@ def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterat
         time += PAUSE
 
 
-def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Tally]) -> dict[str, Any]:
+def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Sequence[Left]]) -> dict[str, Any]:
     out: dict[str, Any] = {"range_m": [NEAR_M, FAR_M], "tilt_deg": [0, round(float(np.degrees(MOST_TILT)))]}
     for name, camera in dict.fromkeys(part.args[:2] for part in parts):
-        mine = [tally for part, tally in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
-        out[f"{name}_{camera}"] = Tally.together(mine).summary()
-    out["whole"] = Tally.together(found).summary()
+        mine = [left for part, left in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
+        out[f"{name}_{camera}"] = summary(list(chain.from_iterable(mine)))
+    out["whole"] = summary(list(chain.from_iterable(found)))
     return out
 
 

@@ -23,7 +23,7 @@ from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
 from lab.vision.decks import DECKS
 from lab.vision.layouts import LAYOUTS
 from lab.vision.leaving import LEAVING
-from lab.vision.never import FLIGHTS, FLIPS, all_flips
+from lab.vision.never import FLIGHTS, FLIPS
 from lab.vision.night import NIGHT
 from lab.vision.parts import Case, Part, run_parts
 from lab.vision.rates import rates
@@ -110,8 +110,6 @@ def put_into(file: Path, found: dict[str, Any]) -> None:
     try:
         kept = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         whole = {"seeds": SeedSet.REPORTING.value, "quick": False} | kept | found
-        if "flips" in whole and "flights" in whole:
-            whole["all_flips"] = all_flips(whole)
         write_whole(file, json.dumps(whole) + "\n", overwrite=True)
     except (OSError, TypeError, ValueError) as error:
         msg = f"--into {file}: {error}; give a file that --into has written, or a new one"
@@ -172,6 +170,4 @@ def _measure(names: Sequence[str], quick: bool, seeds: SeedSet, jobs: int | None
         print(f"{name}: {results[name]['seconds']} s", file=sys.stderr, flush=True)
         if into is not None:
             put_into(into, {name: results[name]})
-    if "flips" in results:
-        results["all_flips"] = all_flips(results)
     return results

@@ -3,85 +3,66 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from lab.vision.flight import LOOKING_DOWN, VGA, fly
+from lab.vision.looks import Shown
 from lab.vision.parts import Case, Part, in_parts
-from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
-from mkdaemon.vision.pose.pose import Pose
+from lab.vision.stills import PoseError, SeedSet, Studio, error_of, is_flip, look_once, target_named
 from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
 
-Array = npt.NDArray[np.float64]
-
-ATTITUDES: Final = {True: "with_attitude", False: "without_attitude"}
+ATTITUDES: Final = {"with_attitude": True, "without_attitude": False}
 
 
-@dataclass(slots=True)
-class Tally:
-    """Counts of one campaign, or of a part of it.
+class Seen(NamedTuple):
+    """An image: what troubled it, and how far what was published is off; None where nothing was."""
 
-    Attributes:
-        frames: asked, by trouble.
-        posed: published, by trouble.
-        wrong: published beyond 5 cm or 5 degrees.
-        flips: published mirrored.
-        distance: 3-D errors [m].
-        angle: angle errors [deg].
-    """
+    trouble: str
+    error: PoseError | None
+    is_flip: bool = False
 
-    frames: Counter[str] = field(default_factory=Counter)
-    posed: Counter[str] = field(default_factory=Counter)
-    wrong: int = 0
-    flips: int = 0
-    distance: list[float] = field(default_factory=list)
-    angle: list[float] = field(default_factory=list)
 
-    def add(self, pose: Pose | None, rotation: Array, position: Array, trouble: str) -> None:
-        """Compare one frame's pose with the truth."""
-        self.frames[trouble or "none"] += 1
-        if pose is None:
-            return
-        self.posed[trouble or "none"] += 1
-        error = error_of(pose.rotation, pose.position, rotation, position)
-        self.distance.append(error.distance)
-        self.angle.append(error.angle_deg)
-        self.wrong += error.is_wrong
-        self.flips += is_flip(pose.rotation, pose.position, rotation)
+Looks = Mapping[str, Sequence[Seen]]
+"""Of a part, by whether the eyes had an attitude."""
 
-    @classmethod
-    def together(cls, tallies: Sequence[Tally]) -> Tally:
-        """Several parts as one."""
-        whole = cls()
-        for one in tallies:
-            whole.frames += one.frames
-            whole.posed += one.posed
-            whole.wrong += one.wrong
-            whole.flips += one.flips
-            whole.distance += one.distance
-            whole.angle += one.angle
-        return whole
 
-    def summary(self) -> dict[str, Any]:
-        """The figures."""
-        frames, posed = self.frames.total(), self.posed.total()
-        return {
-            "frames": frames,
-            "published": posed,
-            "posed": round(posed / max(frames, 1), 4),
-            "wrong": self.wrong,
-            "flips": self.flips,
-            "median_cm": round(float(np.median(self.distance)) * 100, 4) if posed else None,
-            "p99_cm": round(float(np.percentile(self.distance, 99)) * 100, 3) if posed else None,
-            "median_deg": round(float(np.median(self.angle)), 4) if posed else None,
-            "p99_deg": round(float(np.percentile(self.angle, 99)), 3) if posed else None,
-            "posed_by_trouble": {k: round(self.posed[k] / n, 3) for k, n in sorted(self.frames.items())},
-        }
+def _seen(found: TargetPose | None, shown: Shown, trouble: str = "none") -> Seen:
+    """Compare one image's pose with the truth."""
+    if found is None:
+        return Seen(trouble, None)
+    rotation, position = found.pose.rotation, found.pose.position
+    error = error_of(rotation, position, shown.rotation, shown.position)
+    return Seen(trouble, error, is_flip(rotation, position, shown.rotation))
+
+
+def summary(seen: Sequence[Seen]) -> dict[str, Any]:
+    """The figures; wrong is beyond 5 cm or 5 degrees."""
+    errors = [one.error for one in seen if one.error is not None]
+    asked, posed = Counter(one.trouble for one in seen), Counter(one.trouble for one in seen if one.error is not None)
+    figures: dict[str, Any] = {
+        "frames": len(seen),
+        "published": len(errors),
+        "posed": round(len(errors) / max(len(seen), 1), 4),
+        "wrong": sum(error.is_wrong for error in errors),
+        "flips": sum(one.is_flip for one in seen),
+    }
+    for unit, scale, values in (
+        ("cm", 100, [error.distance for error in errors]),
+        ("deg", 1, [error.angle_deg for error in errors]),
+    ):
+        figures[f"median_{unit}"] = round(float(np.median(values)) * scale, 4) if values else None
+        figures[f"p99_{unit}"] = round(float(np.percentile(values, 99)) * scale, 3) if values else None
+    return figures | {"posed_by_trouble": {name: round(posed[name] / n, 3) for name, n in sorted(asked.items())}}
+
+
+def together(found: Sequence[Looks]) -> dict[str, list[Seen]]:
+    """Several parts as one."""
+    return {words: [one for looks in found for one in looks[words]] for words in ATTITUDES}
 
 
 def _plan_flights(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -89,24 +70,23 @@ def _plan_flights(quick: bool, seeds: SeedSet) -> list[Part]:
     return [Part(_flight, (name, seeds.base + seed), 240) for name in ("nested", "single") for seed in range(count)]
 
 
-def _flight(name: str, seed: int) -> dict[bool, Tally]:
+def _flight(name: str, seed: int) -> Looks:
     """One flight, seen with and without attitude."""
     target = target_named(name)
-    tallies = {True: Tally(), False: Tally()}
-    trackers = {key: Tracker(TagMap((target,)), VGA, LOOKING_DOWN) for key in tallies}
+    looks: dict[str, list[Seen]] = {words: [] for words in ATTITUDES}
+    trackers = {words: Tracker(TagMap((target,)), VGA, LOOKING_DOWN) for words in ATTITUDES}
     for frame in fly(target, seed):
-        for with_attitude, tracker in trackers.items():
-            found = tracker.update(frame.image, frame.attitude if with_attitude else None).pose_of(target.name)
-            pose = found.pose if found is not None else None
-            tallies[with_attitude].add(pose, frame.rotation, frame.position, frame.trouble)
-    return tallies
+        for words, has_attitude in ATTITUDES.items():
+            result = trackers[words].update(frame.image, frame.attitude if has_attitude else None)
+            looks[words].append(_seen(result.pose_of(target.name), frame, frame.trouble or "none"))
+    return looks
 
 
-def _sum_up_flights(quick: bool, parts: Sequence[Part], found: Sequence[dict[bool, Tally]]) -> dict[str, Any]:
+def _sum_up_flights(quick: bool, parts: Sequence[Part], found: Sequence[Looks]) -> dict[str, Any]:
     out: dict[str, Any] = {"flights": 2 if quick else 12, "seconds": 8, "fps": 30, "range_m": [0.35, 4.5]}
     for name in dict.fromkeys(part.args[0] for part in parts):
-        mine = [tallies for part, tallies in zip(parts, found, strict=True) if part.args[0] == name]
-        out[name] = {words: Tally.together([t[key] for t in mine]).summary() for key, words in ATTITUDES.items()}
+        whole = together([looks for part, looks in zip(parts, found, strict=True) if part.args[0] == name])
+        out[name] = {words: summary(seen) for words, seen in whole.items()}
     return out
 
 
@@ -115,46 +95,25 @@ def _plan_flips(quick: bool, seeds: SeedSet) -> list[Part]:
     return [Part(_views, (seeds.base + 500, part, count), count) for part, count in in_parts(views, 125)]
 
 
-def _views(seed: int, part: int, count: int) -> dict[bool, Tally]:
+def _views(seed: int, part: int, count: int) -> Looks:
     """Single images of the single tag, 1 to 12 m, tilted up to 57 degrees, each asked about twice."""
     target = target_named("single")
     studio = Studio(target, seed, fine=False, part=part)
-    tallies = {True: Tally(), False: Tally()}
+    looks: dict[str, list[Seen]] = {words: [] for words in ATTITUDES}
     for _ in range(count):
         rng = studio.rng
         still = studio.shoot(float(rng.uniform(1.0, 12.0)), float(rng.uniform(0, 1.0)))
-        for with_attitude, tally in tallies.items():
-            found = look_once(still, target, VGA, with_attitude=with_attitude).pose_of(target.name)
-            tally.add(found.pose if found is not None else None, still.rotation, still.position, "")
-    return tallies
+        for words, has_attitude in ATTITUDES.items():
+            found = look_once(still, target, VGA, with_attitude=has_attitude)
+            looks[words].append(_seen(found.pose_of(target.name), still))
+    return looks
 
 
-def _sum_up_flips(_quick: bool, _parts: Sequence[Part], found: Sequence[dict[bool, Tally]]) -> dict[str, Any]:
-    whole = {key: Tally.together([tallies[key] for tallies in found]) for key in ATTITUDES}
-    return {
-        "range_m": [1, 12],
-        "tilt_deg": [0, 57],
-        **{words: whole[key].summary() for key, words in ATTITUDES.items()},
-        "asked": sum(tally.frames.total() for tally in whole.values()),
-        "published": sum(tally.posed.total() for tally in whole.values()),
-        "flipped": sum(tally.flips for tally in whole.values()),
-    }
-
-
-def all_flips(results: dict[str, Any]) -> dict[str, int]:
-    """Mirrored poses of flights and single views together, as far as both were asked for."""
-    figures = [
-        results[case][target][words] if target else results[case][words]
-        for case, targets in (("flights", ("nested", "single")), ("flips", ("",)))
-        if case in results
-        for target in targets
-        for words in ATTITUDES.values()
-    ]
-    return {
-        "asked": sum(one["frames"] for one in figures),
-        "published": sum(one["published"] for one in figures),
-        "flipped": sum(one["flips"] for one in figures),
-    }
+def _sum_up_flips(_quick: bool, _parts: Sequence[Part], found: Sequence[Looks]) -> dict[str, Any]:
+    figures = {words: summary(seen) for words, seen in together(found).items()}
+    counts = {"asked": "frames", "published": "published", "flipped": "flips"}
+    whole = {name: sum(one[of] for one in figures.values()) for name, of in counts.items()}
+    return {"range_m": [1, 12], "tilt_deg": [0, 57], **figures, **whole}
 
 
 FLIGHTS: Final = Case(_plan_flights, _sum_up_flights)

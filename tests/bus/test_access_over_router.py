@@ -15,8 +15,9 @@ from threading import Thread
 import pytest
 import zenoh
 
-from lab.fleet.members import CLIENT, ROUTER, Program
+from lab.fleet.members import ROUTER
 from lab.rigs.live import VEHICLE, live_daemon
+from lab.rigs.processes import MKCTL, Program
 from lab.rigs.waiting import PATIENCE, wait_for
 from lab.rigs.walk import blocks_of
 from mkdaemon.bus.endpoint import reserved_endpoint
@@ -62,7 +63,7 @@ class Fleetside:
 async def fleetside(folder):
     with reserved_endpoint() as plain:
         side = Fleetside(folder, plain.replace("tcp/", "tls/"))
-        router = await Program.start([*ROUTER, "--config", str(folder / "router.json5"), side.endpoint])
+        router = await Program.start(*ROUTER, "--config", str(folder / "router.json5"), side.endpoint)
         assert await router.first_line() == "listens", router.errors
         bus = BusConfig(listen=(), connect=(side.endpoint,), zenoh_file=folder / AIRCRAFT, lease=30.0)
         try:
@@ -110,7 +111,7 @@ async def recording(side, folder):
     environment = {**os.environ, "MK_ZENOH_FILE": str(side.folder / "recorder.json5")}
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
-        sys.executable, *CLIENT, *words, env=environment, stdout=pipe, stderr=pipe
+        sys.executable, *MKCTL, *words, env=environment, stdout=pipe, stderr=pipe
     )
     try:
         await wait_for(lambda: list(folder.rglob("*.mcap")), PATIENCE, 0.1)

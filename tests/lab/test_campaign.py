@@ -11,7 +11,7 @@ import pytest
 from lab import compare
 from lab.campaign import Campaign, CampaignError, Ending, Results, carried_out, endings
 from lab.vision.main import CASES, main, run_case
-from lab.vision.never import Tally, all_flips
+from lab.vision.never import ATTITUDES, Seen, summary, together
 from lab.vision.parts import Part, in_parts, run_parts
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import _tag_free
@@ -57,19 +57,11 @@ def test_the_full_campaign_asks_often_enough():
     assert 2 * asked["flips"] >= 10_000
 
 
-def test_flips_of_flights_and_views_are_counted_together():
-    one = {"frames": 10, "published": 8, "flips": 1}
-    both = {"with_attitude": one, "without_attitude": one}
-    results = {"flips": both, "flights": {"nested": both, "single": both}}
-    assert all_flips(results) == {"asked": 60, "published": 48, "flipped": 6}
-    assert all_flips({"flips": both}) == {"asked": 20, "published": 16, "flipped": 2}
-
-
-def test_tallies_of_parts_add_up():
-    parts = [Tally(), Tally()]
-    parts[0].frames["none"], parts[1].frames["dim"], parts[1].wrong = 3, 2, 1
-    whole = Tally.together(parts).summary()
-    assert (whole["frames"], whole["published"], whole["wrong"]) == (5, 0, 1)
+def test_parts_of_a_campaign_are_summed_up_as_one():
+    parts = [{words: [Seen(trouble, None)] * 2 for words in ATTITUDES} for trouble in ("none", "dim")]
+    whole = summary(together(parts)["with_attitude"])
+    assert (whole["frames"], whole["published"], whole["wrong"], whole["median_cm"]) == (4, 0, 0, None)
+    assert whole["posed_by_trouble"] == {"dim": 0.0, "none": 0.0}
 
 
 def test_results_that_a_page_quotes_are_whole_campaigns_on_reporting_seeds(tmp_path):

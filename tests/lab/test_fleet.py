@@ -12,7 +12,7 @@ import pytest
 
 from lab.fleet.findings import CutFindings, Refusal, longest_gap
 from lab.fleet.main import counts_of, keep, main
-from lab.fleet.members import Program, vehicle_config
+from lab.fleet.members import Member, vehicle_config
 from lab.fleet.network import traffic_of
 from lab.fleet.radio import Air, DelayLine
 from lab.fleet.scale import Counted, figures
@@ -195,9 +195,9 @@ def test_the_traffic_of_an_interface_is_read_and_an_unknown_one_is_named():
 
 
 async def test_a_program_says_what_it_used_and_how_it_ended():
-    program = await Program.start(["-c", "import time; print('here', flush=True); time.sleep(60)"])
+    program = await Member.start("-c", "import time; print('here', flush=True); time.sleep(60)")
     assert await program.first_line() == "here"
     assert program.cpu_s() >= 0.0
     assert program.own_mb() > 1.0
     assert await program.end() == -signal.SIGTERM
-    assert await (await Program.start(["-c", "print('well'); raise SystemExit(3)"])).output() == (3, "well\n")
+    assert await (await Member.start("-c", "print('well'); raise SystemExit(3)")).output() == (3, "well\n")
