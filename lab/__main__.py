@@ -16,6 +16,7 @@ CAMPAIGNS: Final = (
     CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
     CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
+    CommandEntry("paired", "lab.vision.paired:main", "Images of every kind, a row each, to compare two trees."),
     CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
@@ -24,7 +25,7 @@ CAMPAIGNS: Final = (
     CommandEntry("fleet", "lab.fleet.main:main", "Many aircraft on a router: a link that is cut; what each costs."),
     CommandEntry("stalled", "lab.stalled:main", "A serial server that stands still: old stick frames it gathers."),
     CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),
-    CommandEntry("kills", "lab.kills.main:main", "kill -9 of mkctl and of the daemon during backups and restores."),
+    CommandEntry("kills", "lab.kills:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),
     CommandEntry("fly", "lab.fly:main", "The whole daemon holds over a target, rendered camera, in real time."),
     CommandEntry(
@@ -34,10 +35,10 @@ CAMPAIGNS: Final = (
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
     CommandEntry("gateways", "lab.gateways:main", "Gateways: what they add in time, and what they cost."),
-    CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon; its picture."),
+    CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon."),
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("compare", "lab.compare:main", "Two results, or two trees, flight by flight."),
-    CommandEntry("figures", "lab.figures:main", "Every plot of docs/figures."),
+    CommandEntry("figures", "lab.figures:main", "The pictures of docs/figures that are rendered."),
 )
 
 ABOUT: Final = """Measure this machine. With `--json` the last line is one JSON object.

@@ -6,16 +6,12 @@ flying model, not computed from its equations.
 
 from __future__ import annotations
 
-import json
 import math
-import platform
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 
-from rich.console import Console
-from rich.table import Table
-
+from lab.campaign import Row
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
@@ -35,45 +31,7 @@ ROUNDS = 3
 """A speed is the best of this many runs: the others met somebody else on the machine."""
 
 
-@dataclass(frozen=True, slots=True)
-class Speed:
-    """Cost of a kind of flight.
-
-    Attributes:
-        flight: which.
-        times_real_time: simulated over real seconds.
-        step_us: cost of one 2.048 ms step [us].
-    """
-
-    flight: str
-    times_real_time: float
-    step_us: float
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """Answer to a tilt step of 8 deg in hover gas and still air.
-
-    Attributes:
-        gains: parameter set.
-        stick_filter: FC >= 2.10.
-        drag: of the airframe [1/s].
-        t63: time until the true tilt passes 63 % [s].
-        overshoot: of the tilt the FlightCtrl believes in.
-        true_deg: true tilt after 0.5, 1, 2 and 4 s [deg].
-        believed_deg: what the FlightCtrl believes then [deg].
-    """
-
-    gains: str
-    stick_filter: bool
-    drag: float
-    t63: float
-    overshoot: float
-    true_deg: tuple[float, ...]
-    believed_deg: tuple[float, ...]
-
-
-def measure_world(wind: WindClass) -> Speed:
+def measure_world(wind: WindClass) -> Row:
     """Hover under height control, sticks at rest: the physics alone."""
     sticks = StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True, height_control=True)
 
@@ -85,7 +43,7 @@ def measure_world(wind: WindClass) -> Speed:
     return _timed(f"world alone, {wind} wind", fly)
 
 
-def measure_boards(*, with_navi: bool) -> Speed:
+def measure_boards(*, with_navi: bool) -> Row:
     """Arm, take off and circle by hand over simulated boards, light wind, no serial traffic."""
 
     def fly() -> None:
@@ -100,17 +58,23 @@ def measure_boards(*, with_navi: bool) -> Speed:
     return _timed("world, pilot, FlightCtrl" + (" and NaviCtrl" if with_navi else ""), fly)
 
 
-def _timed(flight: str, fly: Callable[[], None]) -> Speed:
+def _timed(flight: str, fly: Callable[[], None]) -> Row:
     best = math.inf
     for _ in range(ROUNDS):
         began = time.perf_counter()
         fly()
         best = min(best, time.perf_counter() - began)
-    return Speed(flight, RUN / best, best / (RUN / DT) * 1e6)
+    speed = RUN / best
+    return {"what": flight, "times_real_time": round(speed), "step_us": round(best / (RUN / DT) * 1e6, 1)}
 
 
-def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
-    """Command 8 deg from a still hover and watch for four seconds."""
+def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Row:
+    """Command 8 deg from a still hover and watch for four seconds.
+
+    Returns:
+        Time until the true tilt passes 63 %, overshoot of the tilt the FlightCtrl believes in, and both tilts after
+        0.5, 1, 2 and 4 s.
+    """
     config = FlightConfig(
         wind=WindClass.NONE,
         sensors=SensorConfig.ideal(),
@@ -126,18 +90,16 @@ def measure_step(name: str, gains: AttitudeGains, *, drag: float) -> Step:
         believed_deg.append(math.degrees(world.sensors.fc_angle_pitch))
     t63 = next(k for k, tilt in enumerate(true_deg, 1) if tilt >= (1.0 - math.exp(-1.0)) * STEP_DEG) * DT
     when = [round(t / DT) - 1 for t in (0.5, 1.0, 2.0, 4.0)]
-    return Step(
-        name,
-        gains.ts > 0.0,
-        drag,
-        t63,
-        max(believed_deg) / STEP_DEG - 1.0,
-        tuple(true_deg[k] for k in when),
-        tuple(believed_deg[k] for k in when),
-    )
+    return {
+        "what": f"step of 8 deg, {name}, {'stick filter' if gains.ts else 'no filter'}, drag {drag}",
+        "t63_s": round(t63, 3),
+        "overshoot_percent": round(100 * (max(believed_deg) / STEP_DEG - 1.0)),
+        "true_deg": [round(true_deg[k], 1) for k in when],
+        "believed_deg": [round(believed_deg[k], 1) for k in when],
+    }
 
 
-def main(*, as_json: AsJson = False) -> None:
+def main(*, as_json: AsJson = False) -> int:
     """Measure the simulated flight: its speed and its answer to a tilt step.
 
     About ten seconds.
@@ -157,32 +119,4 @@ def main(*, as_json: AsJson = False) -> None:
         for stick_filter in (True, False)
         for drag in (0.35, 0.18)
     ]
-    if as_json:
-        result = {
-            "machine": platform.machine(),
-            "python": platform.python_version(),
-            "goal_times_real_time": GOAL_SPEED,
-            "speed": [asdict(speed) for speed in speeds],
-            "step": [asdict(step) for step in steps],
-        }
-        print(json.dumps(result))
-        return
-    console = Console()
-    table = Table("flight", "x real time", "us a step", title=f"Speed of the flight, goal {GOAL_SPEED:g}")
-    for speed in speeds:
-        table.add_row(speed.flight, f"{speed.times_real_time:.0f}", f"{speed.step_us:.1f}")
-    console.print(table)
-    table = Table(
-        "set", "filter", "drag", "t63 s", "overshoot %", "true deg at 0.5 1 2 4 s", "believed deg", title="8 deg step"
-    )
-    for step in steps:
-        table.add_row(
-            step.gains,
-            "yes" if step.stick_filter else "no",
-            f"{step.drag:.2f}",
-            f"{step.t63:.3f}",
-            f"{100.0 * step.overshoot:.0f}",
-            " ".join(f"{tilt:.1f}" for tilt in step.true_deg),
-            " ".join(f"{tilt:.1f}" for tilt in step.believed_deg),
-        )
-    console.print(table)
+    return show(speeds + steps, ("what",), as_json=as_json, goal_times_real_time=GOAL_SPEED)

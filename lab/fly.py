@@ -7,7 +7,6 @@ off by hand and hovers; a client streams position setpoints, the aircraft holds 
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 from typing import Any, Final
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from lab.rigs.overtarget import HEIGHT, Seen, Setting, hovering
 from lab.rigs.waiting import wait_for
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import MkError
 
@@ -43,12 +43,7 @@ def main(
         seed: of the simulator.
     """
     figures = asyncio.run(fly(seconds, fps, wind, seed))
-    if as_json:
-        print(json.dumps(figures))
-    else:
-        for name, value in figures.items():
-            print(f"{name:<24} {value}")
-    return 0 if figures["holds"] else 1
+    return show([{"seed": seed} | figures], ("seed",), as_json=as_json)
 
 
 async def fly(seconds: float, fps: float, wind: str, seed: int) -> dict[str, Any]:

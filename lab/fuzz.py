@@ -25,10 +25,10 @@ import msgpack
 import zenoh
 from cyclopts import Parameter
 
+from lab.cases import silence_log
 from lab.control.corefuzz import run_sequences, shortened
 from lab.rigs.processes import START, VEHICLE, DaemonProcess, connected, daemon_process
 from lab.rigs.waiting import wait_until
-from lab.stories.losses import silence_log
 from mkdaemon.bus.codec import decode_map
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config

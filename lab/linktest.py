@@ -6,7 +6,6 @@ single conversation went (`lab.link.fates`). Losses and latencies found have to 
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -15,6 +14,7 @@ from cyclopts import Parameter
 from lab.link.cases import FULL, RADIO, Case
 from lab.link.fates import Fate
 from lab.rigs.measuredlink import measure_link
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client.linktest.advice import judge
 from mkdaemon.client.linktest.measures import LoadRun, measure
@@ -63,13 +63,8 @@ def main(
         return 0
     if line is not None and line not in _LINES:
         raise ConfigError(f"no line {line!r}: choose from {', '.join(_LINES)}")
-    results = {name: found_and_put_in(name, seconds) for name in ([line] if line else _LINES)}
-    for name, result in results.items():
-        if not as_json:
-            print(name, *(f"{key} {value}" for key, value in result.items()), sep="  ")
-    if as_json:
-        print(json.dumps(results))
-    return 0 if all(result["worst"] <= LIMIT for result in results.values()) else 1
+    rows = [{"line": name} | found_and_put_in(name, seconds) for name in ([line] if line else _LINES)]
+    return show(rows, ("line",), as_json=as_json)
 
 
 def case_of(name: str, *, full: bool = False) -> Case:
@@ -110,7 +105,7 @@ def found_and_put_in(name: str, seconds: float) -> dict[str, Any]:
         wire = measure(measure_link(case_of("wire"), min(seconds, 60.0)).run.of(ProbeKind.ECHO)).mean_ms or 0.0
         result["added_ms"], result["added_put_in_ms"] = round((found.mean_ms or 0.0) - wire, 2), round(added_ms, 2)
         worst = max(worst, _apart((found.mean_ms or 0.0) - wire, added_ms), _apart(found.loss_percent, 100 * loss))
-    return {**result, "worst": round(worst, 4)}
+    return {**result, "worst": round(worst, 4), "holds": worst <= LIMIT}
 
 
 def happened(fates: list[Fate]) -> tuple[float, float]:

@@ -6,16 +6,16 @@ Everything is drawn from the run's seed, so a run that fails can be looked at ag
 
 from __future__ import annotations
 
-import json
 import random
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Annotated, Final, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, Final
 
 from cyclopts import Parameter
 
-from lab.campaign import in_order
+from lab.cases import Case, Figure, Flight, carry_out, total
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualline import Noise, VirtualBoard, VirtualLine
 from mkdaemon.cli.arguments import AsJson
@@ -44,47 +44,28 @@ SHORT_PATIENCE: Final = Patience(attempts=40, timeout=0.1)
 HASTY: Final = Patience(attempts=12, timeout=0.1)
 
 
-class Run(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Run:
     """How one run ended.
 
     Attributes:
-        seed: of everything random in it.
         end: `verified`, or the name of the failure.
-        is_wrong: it claimed what the board does not hold.
+        claims_wrongly: it claimed what the board does not hold.
         is_changed: the live parameter set is not what it was (backups).
         asked: requests sent.
         seconds: virtual time it took [s].
     """
 
-    seed: int
     end: str
-    is_wrong: bool
+    claims_wrongly: bool
     is_changed: bool
     asked: int
     seconds: float
 
-
-@dataclass(frozen=True, slots=True)
-class Tally:
-    """A campaign.
-
-    Attributes:
-        name: what was done, over what line.
-        runs: how many.
-        ends: how many ended how.
-        wrong: seeds that claimed what the board does not hold.
-        changed: seeds after which the live set was another.
-        asked: requests sent in all.
-        virtual_hours: time it would have taken [h].
-    """
-
-    name: str
-    runs: int
-    ends: dict[str, int]
-    wrong: list[int]
-    changed: list[int]
-    asked: int
-    virtual_hours: float
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it lied or left another live set."""
+        return self.claims_wrongly or self.is_changed
 
 
 def random_route(rng: random.Random, count: int) -> tuple[WireMessage, ...]:
@@ -115,8 +96,8 @@ def run_upload(seed: int, noise: Noise = NOISE, patience: Patience = UPLOAD_PATI
     points = random_route(rng, rng.randint(1, longest))
     end, line = _drive(board, noise, rng, upload_points(points, patience))
     held = [(board.navigator.points.read(number) or b"")[2:] for number in range(1, board.navigator.points.count + 1)]
-    is_wrong = end == "verified" and held != [point.encode() for point in points]
-    return Run(seed, end, is_wrong, False, line.traffic.asked, line.now)
+    lies = end == "verified" and held != [point.encode() for point in points]
+    return Run(end, lies, False, line.traffic.asked, line.now)
 
 
 def run_backup(seed: int, noise: Noise = NOISE, patience: Patience = BACKUP_PATIENCE) -> Run:
@@ -135,8 +116,8 @@ def run_backup(seed: int, noise: Noise = NOISE, patience: Patience = BACKUP_PATI
         saved.update(backup.sets)
 
     end, line = _drive(board, noise, rng, procedure())
-    is_wrong = end == "verified" and {slot: raw[: len(live)] for slot, raw in saved.items()} != sets
-    return Run(seed, end, is_wrong, board.live.raw != live, line.traffic.asked, line.now)
+    lies = end == "verified" and {slot: raw[: len(live)] for slot, raw in saved.items()} != sets
+    return Run(end, lies, board.live.raw != live, line.traffic.asked, line.now)
 
 
 def _drive(
@@ -152,61 +133,45 @@ def _drive(
     return "verified", line
 
 
-def campaign(name: str, run: Callable[[int], Run], runs: int, jobs: int) -> Tally:
-    """Do the runs of seeds 0, 1, 2... and count."""
-    found = in_order(run, range(runs), jobs)
-    return Tally(
-        name=name,
-        runs=runs,
-        ends=dict(Counter(one.end for one in found).most_common()),
-        wrong=[one.seed for one in found if one.is_wrong],
-        changed=[one.seed for one in found if one.is_changed],
-        asked=sum(one.asked for one in found),
-        virtual_hours=round(sum(one.seconds for one in found) / 3600, 2),
-    )
+def _flights(rows: Mapping[str, Callable[[int], Run]], runs: int) -> Callable[[int | None, int], list[Flight]]:
+    return lambda asked, first: [
+        Flight(what, "virtual line", run, seed)
+        for what, run in rows.items()
+        for seed in range(first, first + (asked or runs))
+    ]
 
 
-def run_fair_backup(seed: int) -> Run:
-    """One backup over the fair line."""
-    return run_backup(seed, FAIR, SHORT_PATIENCE)
-
-
-def run_hasty_backup(seed: int) -> Run:
-    """One backup over the poor line that mostly breaks off in the middle."""
-    return run_backup(seed, POOR, HASTY)
-
-
-def run_impatient_backup(seed: int) -> Run:
-    """One backup over the bad line that gives up early."""
-    return run_backup(seed, NOISE, SHORT_PATIENCE)
+FIGURES: Final[Mapping[str, Figure]] = {
+    "ends": lambda found: dict(Counter(one["end"] for one in found).most_common()),
+    "claims_wrongly": total("claims_wrongly"),
+    "live_set_changed": total("is_changed"),
+    "asked": total("asked"),
+    "hours_on_a_real_line": lambda found: round(sum(one["seconds"] for one in found) / 3600, 2),
+}
+BACKUPS: Final[Mapping[str, Callable[[int], Run]]] = {
+    "backups, 0.3 % of bytes harmed": partial(run_backup, noise=FAIR, patience=SHORT_PATIENCE),
+    "backups, 1 % of bytes harmed, 12 attempts": partial(run_backup, noise=POOR, patience=HASTY),
+    "backups, 3 % of bytes harmed, 40 attempts": partial(run_backup, noise=NOISE, patience=SHORT_PATIENCE),
+    "backups, 3 % of bytes harmed, 5000 attempts": run_backup,
+}
+CASES: Final = {
+    "uploads": Case(_flights({"uploads, 3 % of bytes harmed": run_upload}, 1000), FIGURES),
+    "backups": Case(_flights(BACKUPS, 200), FIGURES),
+}
 
 
 def main(
     *,
-    uploads: int = 1000,
-    backups: int = 200,
+    case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
+    runs: Annotated[int | None, Parameter(help="Runs of every row, in place of each case's own.")] = None,
     jobs: Annotated[int, Parameter(help="Processes.")] = 1,
     as_json: AsJson = False,
 ) -> int:
     """Upload missions and back up settings over a bad line; exit code 1 if any run lied or left another live set.
 
-    Virtual time, seeded. The backups over the worst line take nearly all of it; `--uploads 10 --backups 2` is
-    a quick look.
+    Virtual time, seeded. The backups over the worst line take nearly all of it; `--runs 2` is a quick look.
+
+    Raises:
+        ConfigError: there is no such case.
     """
-    tallies = [
-        campaign("uploads, 3 % of bytes harmed", run_upload, uploads, jobs),
-        campaign("backups, 0.3 % of bytes harmed", run_fair_backup, backups, jobs),
-        campaign("backups, 1 % of bytes harmed, 12 attempts", run_hasty_backup, backups, jobs),
-        campaign("backups, 3 % of bytes harmed, 40 attempts", run_impatient_backup, backups, jobs),
-        campaign("backups, 3 % of bytes harmed, 5000 attempts", run_backup, backups, jobs),
-    ]
-    if as_json:
-        print(json.dumps({"campaigns": [asdict(tally) for tally in tallies]}))
-    else:
-        for tally in tallies:
-            ends = ", ".join(f"{count} {end}" for end, count in tally.ends.items())
-            print(
-                f"{tally.name}: {tally.runs} runs: {ends}; wrong claims {tally.wrong}, live set changed {tally.changed}"
-            )
-            print(f"  {tally.asked} requests, {tally.virtual_hours} h on a real line")
-    return 1 if any(tally.wrong or tally.changed for tally in tallies) else 0
+    return carry_out("procedures", CASES, case, runs, first=0, jobs=jobs, as_json=as_json)

@@ -7,17 +7,17 @@ that gets no processor does, while its kernel goes on acknowledging; then it rea
 from __future__ import annotations
 
 import asyncio
-import json
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from typing import Annotated, Final
 
 from cyclopts import Parameter
 
+from lab.campaign import Row
 from lab.rigs.boardport import Socket
 from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl
 from lab.rigs.sticks import build_sticks
 from lab.rigs.waiting import PATIENCE, wait_until
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkError
@@ -79,24 +79,7 @@ class StallingServer:
             port.write(chunk)
 
 
-@dataclass(frozen=True, slots=True)
-class Stalled:
-    """One standstill.
-
-    Attributes:
-        board: at whose port.
-        is_deaf: telemetry went on.
-        tilted: stick frames that were written into it.
-        last: after so long the last of them [s].
-    """
-
-    board: str
-    is_deaf: bool
-    tilted: int
-    last: float
-
-
-async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> Stalled:
+async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> Row:
     """Steer into a server that stands still.
 
     Args:
@@ -104,6 +87,9 @@ async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> 
         is_deaf: telemetry goes on meanwhile.
         seconds: how long it stands still [s].
         rate: stick frames a second [Hz].
+
+    Returns:
+        How many stick frames were written into it, and after how long the last of them [s].
     """
     loop = asyncio.get_running_loop()
     relay = StallingServer(Socket((flight_ctrl if board == "fc" else navi_ctrl)(), seed=1), is_deaf=is_deaf)
@@ -128,7 +114,9 @@ async def measure(board: str, *, is_deaf: bool, seconds: float, rate: float) -> 
         await steer(began + seconds)
         sticks = [sent for sent in log.tx if sent.message is not None and sent.message.spec.id == "b"]
         written = [sent.at for sent in sticks if sent.at > began and getattr(sent.message, "pitch", 0) == PITCH]
-        return Stalled(board, is_deaf, len(written), max(written, default=began) - began)
+        what = "telemetry goes on" if is_deaf else "nothing passes"
+        last = round(max(written, default=began) - began, 2)
+        return {"board": board, "what": what, "tilted_frames": len(written), "last_s": last}
     finally:
         relay.runs.set()
         running.cancel()
@@ -144,15 +132,11 @@ async def main(
     seconds: Annotated[float, Parameter(help="How long the server stands still.")] = 4.0,
     rate: Annotated[float, Parameter(help="Stick frames a second.")] = 50.0,
     as_json: AsJson = False,
-) -> None:
+) -> int:
     """Measure every combination of board and standstill; about 30 s."""
     found = []
     for board in ("fc", "nc"):
         for is_deaf in (False, True):
             with suppress(TimeoutError):
-                one = await measure(board, is_deaf=is_deaf, seconds=seconds, rate=rate)
-                kind = "telemetry goes on" if is_deaf else "nothing passes"
-                print(f"{board}, {kind}: {one.tilted} tilted frames, the last after {one.last:.2f} s", flush=True)
-                found.append(asdict(one))
-    if as_json:
-        print(json.dumps(found))
+                found.append(await measure(board, is_deaf=is_deaf, seconds=seconds, rate=rate))
+    return show(found, ("board", "what"), as_json=as_json)

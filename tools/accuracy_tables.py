@@ -6,23 +6,21 @@ The prose of the page is written by hand; a table stands between `<!-- table NAM
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping
 from math import radians
 from pathlib import Path
 from typing import Any, Final
 
-from mkdaemon.errors import MkError
-from tools.accuracy_goals import goals
-from tools.accuracy_part_goals import adverse_goals, camera_goals, deck_goals, hardship_goals, leaving_goals
+from tools.accuracy_goals import GOALS, goals_of
 from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TRIALS, TROUBLES, WITH, WITHOUT, Results
-from tools.markdown import table
+from tools.markdown import filled, table
 
-PAGE: Final = "docs/lab/accuracy.md"
-PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
+Row = Mapping[str, Any]
+Rows = Iterator[tuple[str, ...]]
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
-ATTITUDES: Final = {"with_attitude": "yes", "without_attitude": "no"}
+EYES: Final = (("with_attitude", "yes"), ("without_attitude", "no"))
+TARGETS: Final = ("nested", "single")
 
 
 def accuracy_page(root: Path) -> str:
@@ -32,48 +30,35 @@ def accuracy_page(root: Path) -> str:
         MkError: a table that is not known, or that has no results.
     """
     results: Results = json.loads((root / "docs/results/vision.json").read_text(encoding="utf-8"))
-
-    def made(place: re.Match[str]) -> str:
-        name = place["name"]
-        if name not in TABLES:
-            msg = f"{PAGE}: no table '{name}'; known are {', '.join(TABLES)}"
-            raise MkError(msg)
-        try:
-            lines = list(TABLES[name](results))
-        except KeyError as missing:
-            msg = f"{PAGE}, table '{name}': no {missing} in docs/results/vision.json; measure it with --into"
-            raise MkError(msg) from None
-        return place["begin"] + "\n".join(lines) + "\n" + place["end"]
-
-    return PLACE.sub(made, (root / PAGE).read_text(encoding="utf-8"))
+    return filled(root, "docs/lab/accuracy.md", TABLES, results)
 
 
-def _share(value: float) -> str:
-    return f"{100 * value:.0f} %"
-
-
-def _tenth(part: float, whole: float) -> str:
-    return f"{100 * part / whole:.1f} %"
+def _share(value: float, digits: int = 0) -> str:
+    return f"{100 * value:.{digits}f} %"
 
 
 def _all(values: list[float], digits: int) -> str:
     return " / ".join(f"{value:.{digits}f}" for value in values)
 
 
-def _seeds(results: Results) -> Iterator[str]:
+def _posed(row: Row) -> str:
+    """Posed of all images, and wrong."""
+    return f"{_share(row['posed'] / row['images'], 1)}, {row['wrong']}"
+
+
+def _first(row: Row) -> str:
+    return " / ".join(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude"))
+
+
+def _seeds(results: Results) -> Rows:
     """Which reporting seeds each campaign was drawn from."""
-    rows = [(f"`{name}`", f"{found['base']:,}") for name, found in results.items() if "base" in _dict(found)]
-    yield from table(("campaign", "reporting seeds from"), rows)
+    found = ((name, one) for name, one in results.items() if isinstance(one, dict) and "base" in one)
+    return ((f"`{name}`", f"{one['base']:,}") for name, one in found)
 
 
-def _dict(found: Any) -> Mapping[str, Any]:
-    return found if isinstance(found, dict) else {}
-
-
-def _distances(results: Results) -> Iterator[str]:
-    head = ("distance", "posed", "mean 3-D", "largest", "mean range", "sd x / y / z", "sd roll / pitch / yaw", "wrong")
-    rows = [
-        (
+def _distances(results: Results) -> Rows:
+    for row in results["accuracy"]["by_distance"]:
+        yield (
             FEET.get(round(row["distance"], 4), f"{row['distance']:g} m"),
             _share(row["posed"]),
             f"{row['mean_3d_cm']:.3f} cm",
@@ -83,215 +68,152 @@ def _distances(results: Results) -> Iterator[str]:
             f"{_all(row['sd_rpy_deg'], 3)} deg",
             str(row["wrong"]),
         )
-        for row in results["accuracy"]["by_distance"]
-    ]
-    yield from table(head, rows)
 
 
-def _target_frame(results: Results) -> Iterator[str]:
+def _target_frame(results: Results) -> Rows:
     """Where the vehicle is over the target: an error of the angles counts with the distance."""
-    rows = []
     for row in results["accuracy"]["by_distance"]:
-        across = 100.0 * row["distance"] * radians(max(row["sd_rpy_deg"][:2]))
-        along = row["sd_xyz_cm"][2]
-        rows.append((f"{row['distance']:.3g} m", f"{across:.2g} cm", f"{along:.2g} cm", f"{across / along:.0f}"))
-    head = ("distance", "deviation across in the target's frame", "in the camera's frame", "times")
-    yield from table(head, rows)
+        across, along = 100.0 * row["distance"] * radians(max(row["sd_rpy_deg"][:2])), row["sd_xyz_cm"][2]
+        yield f"{row['distance']:.3g} m", f"{across:.2g} cm", f"{along:.2g} cm", f"{across / along:.0f}"
 
 
-def _first(row: Mapping[str, Any]) -> str:
-    return " / ".join(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude"))
+def _cold(results: Results) -> Rows:
+    for nested, single in zip(results["cold"]["nested"], results["cold"]["single"], strict=True):
+        wrong = nested["wrong"] + single["wrong"]
+        yield f"{nested['distance']:g} m", _first(nested), _first(single), str(wrong)
 
 
-def _cold(results: Results) -> Iterator[str]:
-    cold = results["cold"]
-    pairs = zip(cold["nested"], cold["single"], strict=True)
-    rows = [
-        (f"{nested['distance']:g} m", _first(nested), _first(single), f"{nested['wrong'] + single['wrong']}")
-        for nested, single in pairs
-    ]
-    yield from table(("distance", "nested", "single", "wrong"), rows)
+def _cold_720p(results: Results) -> Rows:
+    return ((f"{row['distance']:g} m", _first(row), str(row["wrong"])) for row in results["cold"]["single_720p"])
 
 
-def _cold_720p(results: Results) -> Iterator[str]:
-    rows = [(f"{row['distance']:g} m", _first(row), str(row["wrong"])) for row in results["cold"]["single_720p"]]
-    yield from table(("distance", "single, 1280x720", "wrong"), rows)
+def _steep(results: Results) -> Rows:
+    for centre, edge in zip(results["view_angle"]["centre"], results["view_angle"]["edge"], strict=True):
+        cells = (f"{_share(row['decoded'])} / {_share(row['posed'])}" for row in (centre, edge))
+        whole, wrong = f"{edge['posed_whole']} of {edge['whole']}", centre["wrong"] + edge["wrong"]
+        yield f"{centre['angle_deg']} deg", *cells, whole, str(wrong)
 
 
-def _steep(results: Results) -> Iterator[str]:
-    def cell(row: Mapping[str, Any]) -> str:
-        return f"{_share(row['decoded'])} / {_share(row['posed'])}"
-
-    views = results["view_angle"]
-    rows = [
-        (
-            f"{centre['angle_deg']} deg",
-            cell(centre),
-            cell(edge),
-            f"{edge['posed_whole']} of {edge['whole']}",
-            str(centre["wrong"] + edge["wrong"]),
-        )
-        for centre, edge in zip(views["centre"], views["edge"], strict=True)
-    ]
-    yield from table(("angle", "in the middle", "near the edge of the image", "whole tags there, posed", "wrong"), rows)
+def _stills(results: Results) -> Rows:
+    for row in results["conditions"]["by_condition"]:
+        yield row["condition"].replace("_", " "), *_first(row).split(" / "), str(row["wrong"])
 
 
-def _stills(results: Results) -> Iterator[str]:
-    rows = [
-        (
-            row["condition"].replace("_", " "),
-            *(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude")),
-            str(row["wrong"]),
-        )
-        for row in results["conditions"]["by_condition"]
-    ]
-    yield from table(("condition", "decoded", "posed with attitude", "without", "wrong"), rows)
-
-
-def _eyes(row: Mapping[str, Any]) -> str:
-    posed = f"{_tenth(row['posed'], row['images'])}, {row['wrong']}"
-    if not row["posed"]:
-        return posed
-    errors = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg, {row['range_bias_percent']:+.2f} %"
-    return f"{posed}; {errors}, {row['nees_mean']:.2f} ({row['nees_median']:.2f})"
-
-
-def _plain(row: Mapping[str, Any]) -> str:
-    return f"{_share(row['posed'] / row['images'])}, {row['wrong']}"
-
-
-def _cameras(results: Results) -> Iterator[str]:
-    found = results["real"]
-    near, far = (found["ideal"][WITH][part]["images"] for part in (NEAR, FAR))
-    columns = [(eyes, part) for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)]
-    head = (f"with attitude, to 4 m ({near} images)", f"4-8 m ({far})", "without, to 4 m", "4-8 m")
-    rows = [(words, *(_eyes(found[name][eyes][part]) for eyes, part in columns)) for name, words in CAMERAS.items()]
-    yield from table(("camera", *head), rows)
-
-
-def _plain_cameras(results: Results) -> Iterator[str]:
-    found = results["real"]
-    columns = [(program, part) for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
-    head = ("posed, wrong", "AprilTag, to 4 m", "4-8 m", "OpenCV, to 4 m", "4-8 m")
-    rows = [(words, *(_plain(found[name][who][part]) for who, part in columns)) for name, words in CAMERAS.items()]
-    yield from table(head, rows)
-
-
-def _published(results: Results) -> Iterator[str]:
-    found = results["published"]["by_camera"]
-    rows = []
+def _cameras(results: Results) -> Rows:
     for name, words in CAMERAS.items():
-        eyes = [found[name][which] for which in (WITH, WITHOUT)]
-        rows.append((words, str(eyes[0]["images"]), *(f"{one['published']}, {one['wrong']}" for one in eyes)))
-    yield from table(("camera", "images", "with attitude: published, wrong", "without"), rows)
+        cells = []
+        for row in (results["real"][name][eyes][part] for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)):
+            errors = "" if not row["posed"] else (
+                f"; {row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg, {row['range_bias_percent']:+.2f} %, "
+                f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
+            )  # fmt: skip
+            cells.append(_posed(row) + errors)
+        yield words, *cells
 
 
-def _hardships(results: Results) -> Iterator[str]:
-    rows = []
+def _plain_cameras(results: Results) -> Rows:
+    for name, words in CAMERAS.items():
+        rows = [results["real"][name][program][part] for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
+        yield words, *(f"{_share(row['posed'] / row['images'])}, {row['wrong']}" for row in rows)
+
+
+def _published(results: Results) -> Rows:
+    for name, words in CAMERAS.items():
+        eyes = [results["published"][name][which] for which in (WITH, WITHOUT)]
+        yield words, str(eyes[0]["images"]), *(f"{one['posed']}, {one['wrong']}" for one in eyes)
+
+
+def _hardships(results: Results) -> Rows:
     for name, words in SKIES.items():
         cells = []
-        for eyes in ("with_attitude", "without"):
-            row = results["conditions"]["flights"][name][eyes]
+        for row in (results["conditions"]["flights"][name][eyes] for eyes in (WITH, WITHOUT)):
             usual = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg"
             largest = f"{row['largest_cm']:.1f} cm, {row['largest_deg']:.1f} deg"
-            cells += [f"{_tenth(row['posed'], row['images'])}, {row['wrong']}", f"{usual}; {largest}"]
-            measured = f"{row['nees_measured_mean']:.2f} ({row['nees_measured_median']:.2f})"
-            cells.append(f"{measured}, {row['nees_published_mean']:.2f}")
-        rows.append((words, *cells))
-    yield from table(("hardship", "with attitude", "errors", "NEES", "without", "errors", "NEES"), rows)
+            measured = f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
+            cells += [_posed(row), f"{usual}; {largest}", f"{measured}, {row['nees_published_mean']:.2f}"]
+        yield words, *cells
 
 
-def _adverse(results: Results) -> Iterator[str]:
-    programs = ("eyes_with_attitude", "eyes_without", "apriltag", "opencv")
-    rows = []
+def _adverse(results: Results) -> Rows:
     for name, words in TRIALS.items():
-        found = [results["adverse"][name][program] for program in programs]
-        counted = (f"{_tenth(row['posed'], row['images'])}, {row['wrong']}" for row in found)
-        rows.append((words, str(found[0]["images"]), *counted))
-    yield from table(("posed, wrong", "images", "with attitude", "without", "AprilTag", "OpenCV"), rows)
+        found = [results["adverse"][name][program] for program in (WITH, WITHOUT, "apriltag", "opencv")]
+        yield words, str(found[0]["images"]), *map(_posed, found)
 
 
-def _decks(results: Results) -> Iterator[str]:
-    rows = []
+def _decks(results: Results) -> Rows:
     for name, words in LIES.items():
-        pair = [results["decks"][f"{name}_{target}"] for target in ("nested", "single")]
-        rows.append(
-            (
-                words,
-                *(_tenth(row["posed"], 1.0) for row in pair),
-                str(sum(row["wrong"] for row in pair)),
-                ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
-                ", ".join(f"{row['nees_published_mean']:.2f}" for row in pair),
-            )
+        pair = [results["decks"][f"{name}_{target}"][WITH] for target in TARGETS]
+        yield (
+            words,
+            *(_share(row["posed"] / row["images"], 1) for row in pair),
+            str(sum(row["wrong"] for row in pair)),
+            ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
+            ", ".join(f"{row['nees_published_mean']:.2f}" for row in pair),
         )
-    head = ("attitude", "nested", "single", "wrong", "NEES of the measurement, mean (median)", "as published")
-    yield from table(head, rows)
 
 
-def _leaving(results: Results) -> Iterator[str]:
+def _leaving(results: Results) -> Rows:
     """Targets on their way out of the image, by where their middle is."""
-    found = results["leaving"]
-    rows = []
     for name, words in LEAVING.items():
-        one = found[name]
-        posed = (_share(share) for share in one["posed_by_way_out"].values())
-        counted = (one["images"], one["published"], one["wrong"], one["faults"])
-        rows.append((words, *(f"{count:,}" for count in counted), *posed))
-    ways = [f"at {_share(float(way))} of the way out" for way in found["whole"]["posed_by_way_out"]]
-    yield from table(("target, shutter", "images", "published", "wrong", "faults", *ways), rows)
+        one = results["leaving"][name]
+        counts = (f"{one[key]:,}" for key in ("images", "published", "wrong", "faults"))
+        yield words, *counts, *map(_share, one["posed_by_way_out"].values())
 
 
-def _flights(results: Results) -> Iterator[str]:
-    rows = []
-    for target in ("nested", "single"):
-        for eyes, words in ATTITUDES.items():
+def _flights(results: Results) -> Rows:
+    for target in TARGETS:
+        for eyes, words in EYES:
             row = results["flights"][target][eyes]
             usual = f"{row['median_cm']:.3f} cm, {row['median_deg']:.3f} deg"
             largest = f"{row['p99_cm']:.2f} cm, {row['p99_deg']:.2f} deg"
-            posed = f"{_tenth(row['posed'], 1.0)} of {row['frames']}"
-            rows.append((target, words, posed, str(row["wrong"]), str(row["flips"]), usual, largest))
-    yield from table(("target", "attitude", "posed", "wrong", "flips", "median error", "99 %"), rows)
+            posed = f"{_share(row['posed'], 1)} of {row['frames']}"
+            yield target, words, posed, str(row["wrong"]), str(row["flips"]), usual, largest
 
 
-def _troubles(results: Results) -> Iterator[str]:
+def _troubles(results: Results) -> Rows:
     """Posed in flights by what was wrong with the image."""
-    found = [results["flights"][target][eyes] for target in ("nested", "single") for eyes in ATTITUDES]
+    found = [results["flights"][target][eyes] for target in TARGETS for eyes, _ in EYES]
     names = sorted(found[0]["posed_by_trouble"], key=lambda name: (name != "none", name))
-    rows = [(TROUBLES[name], *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names]
-    yield from table(("trouble", "nested with attitude", "without", "single with attitude", "without"), rows)
+    return ((TROUBLES[name], *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names)
 
 
-def _nees(results: Results) -> Iterator[str]:
-    rows = []
+def _nees(results: Results) -> Rows:
     for kind, words in (("measurement", "measurement, exact lens"), ("published", "published, lens within the floor")):
-        pair = [results["nees"][f"{kind}_{target}"] for target in ("nested", "single")]
-        rows.append((words, *(f"{one['nees_per_dof']:.2f} ({one['median']:.2f})" for one in pair)))
-    yield from table(("mean (median) NEES per degree of freedom", "nested", "single"), rows)
+        pair = [results["nees"][f"{kind}_{target}"] for target in TARGETS]
+        yield words, *(f"{one['nees_per_dof']:.2f} ({one['median']:.2f})" for one in pair)
+
+
+_SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
+    "seeds": ("campaign|reporting seeds from", _seeds),
+    "distances": ("distance|posed|mean 3-D|largest|mean range|sd x / y / z|sd roll / pitch / yaw|wrong", _distances),
+    "target_frame": ("distance|deviation across in the target's frame|in the camera's frame|times", _target_frame),
+    "cold": ("distance|nested|single|wrong", _cold),
+    "cold_720p": ("distance|single, 1280x720|wrong", _cold_720p),
+    "steep": ("angle|in the middle|near the edge of the image|whole tags there, posed|wrong", _steep),
+    "stills": ("condition|decoded|posed with attitude|without|wrong", _stills),
+    "cameras": ("camera|with attitude, to 4 m|4-8 m|without, to 4 m|4-8 m", _cameras),
+    "plain_cameras": ("posed, wrong|AprilTag, to 4 m|4-8 m|OpenCV, to 4 m|4-8 m", _plain_cameras),
+    "published": ("camera|images|with attitude: published, wrong|without", _published),
+    "hardships": ("hardship|with attitude|errors|NEES|without|errors|NEES", _hardships),
+    "adverse": ("posed, wrong|images|with attitude|without|AprilTag|OpenCV", _adverse),
+    "decks": ("attitude|nested|single|wrong|NEES of the measurement, mean (median)|as published", _decks),
+    "leaving": (
+        "target, shutter|images|published|wrong|faults|at 35 % of the way out|75 %|100 %|125 %",
+        _leaving,
+    ),
+    "flights": ("target|attitude|posed|wrong|flips|median error|99 %", _flights),
+    "troubles": ("trouble|nested with attitude|without|single with attitude|without", _troubles),
+    "nees": ("mean (median) NEES per degree of freedom|nested|single", _nees),
+}
+"""The columns of each table, and its rows."""
+
+
+def _lines(head: str, rows: Callable[[Results], Rows]) -> Callable[[Results], Iterator[str]]:
+    return lambda results: table(tuple(head.split("|")), rows(results))
 
 
 TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
-    "seeds": _seeds,
-    "goals": goals,
-    "distances": _distances,
-    "target_frame": _target_frame,
-    "cold": _cold,
-    "cold_720p": _cold_720p,
-    "steep": _steep,
-    "stills": _stills,
-    "cameras": _cameras,
-    "plain_cameras": _plain_cameras,
-    "camera_goals": camera_goals,
-    "published": _published,
-    "hardships": _hardships,
-    "hardship_goals": hardship_goals,
-    "adverse": _adverse,
-    "adverse_goals": adverse_goals,
-    "decks": _decks,
-    "deck_goals": deck_goals,
-    "leaving": _leaving,
-    "leaving_goals": leaving_goals,
-    "flights": _flights,
-    "troubles": _troubles,
-    "nees": _nees,
+    **{name: _lines(*shown) for name, shown in _SHOWN.items()},
+    **{name: goals_of(name) for name in GOALS},
 }
 """The tables by the names that the page gives them."""

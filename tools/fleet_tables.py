@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from tools.genuine_tables import PLACE
-from tools.markdown import table
+from tools.markdown import filled, table
 
 PAGE: Final = "docs/lab/scale.md"
 RESULTS: Final = Path("docs/results/fleet.json")
@@ -35,10 +34,7 @@ COLUMNS: Final = (
 def scale_page(root: Path) -> str:
     """Return docs/lab/scale.md with fresh tables."""
     results: Results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
-    return PLACE.sub(
-        lambda place: place["begin"] + "\n".join(TABLES[place["name"]](results)) + "\n" + place["end"],
-        (root / PAGE).read_text(encoding="utf-8"),
-    )
+    return filled(root, PAGE, TABLES, results)
 
 
 def _scale(results: Results) -> Iterator[str]:

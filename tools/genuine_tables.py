@@ -5,7 +5,6 @@ The prose of both pages is written by hand; a table stands between `<!-- table N
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,9 +13,8 @@ from typing import Any, Final
 from lab.campaign import Results, Row
 from lab.hil.scenes import FIGURES, LINES, SIMULATED, Figure, summary
 from lab.hil.triggers import by_story, story_figures
-from tools.markdown import table
+from tools.markdown import filled, table
 
-PLACE: Final = re.compile(r"(?P<begin><!-- table (?P<name>\w+) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 RESULTS: Final = Path("docs/results/genuine.jsonl")
 EACH: Final = ("hold_cm", "light_cm", "moderate_cm", "step_t90", "step_over_percent", "touch_cm", "moving_touch_cm")
 """Figures that are shown of every flight."""
@@ -26,20 +24,12 @@ SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 
 def genuine_page(root: Path) -> str:
     """Return docs/lab/genuine.md with fresh tables."""
-    return _filled(root, "docs/lab/genuine.md")
+    return filled(root, "docs/lab/genuine.md", TABLES, Results(root / RESULTS).rows)
 
 
 def triggers_page(root: Path) -> str:
     """Return docs/lab/genuine-triggers.md with a fresh table."""
-    return _filled(root, "docs/lab/genuine-triggers.md")
-
-
-def _filled(root: Path, page: str) -> str:
-    rows = Results(root / RESULTS).rows
-    return PLACE.sub(
-        lambda place: place["begin"] + "\n".join(TABLES[place["name"]](rows)) + "\n" + place["end"],
-        (root / page).read_text(encoding="utf-8"),
-    )
+    return filled(root, "docs/lab/genuine-triggers.md", TABLES, Results(root / RESULTS).rows)
 
 
 def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:

@@ -10,11 +10,14 @@ from typing import Final
 
 from mkdaemon.control.modes import IN_FLIGHT, ROWS, Row, Trigger
 from mkdaemon.telemetry.control import Phase
-from tools.page_drawings import arrow_head
 from tools.screensvg import svg_of, svg_text
 
 Point = tuple[float, float]
 _INK, _LINE, _PALE, _GROUND = "#222222", "#555555", "#f2f2f2", "#ffffff"
+_HEAD: Final = (
+    '<defs><marker id="tip" markerWidth="10" markerHeight="8" refX="9" refY="4" orient="auto-start-reverse">'
+    f'<path d="M 0 0 L 10 4 L 0 8 z" fill="{_LINE}"/></marker></defs>'
+)
 _WIDE, _HIGH, _APART = 140, 44, 26
 """Size of a box, and distance between the two arrows of a pair [px]."""
 _WIDTH, _HEIGHT = 1480, 720
@@ -51,7 +54,7 @@ def phases_picture(_root: Path) -> str:
     left, top, width, height = _FLIGHT
     frame = f'x="{left}" y="{top}" width="{width}" height="{height}"'
     parts = [
-        arrow_head(),
+        _HEAD,
         f'<rect width="{_WIDTH}" height="{_HEIGHT}" fill="{_GROUND}"/>',
         f'<rect {frame} rx="10" fill="none" stroke="{_LINE}" stroke-dasharray="6 4"/>',
         svg_text(left + 12, top + height - 14, "in flight: stick frames are sent", _INK, bold=True),

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 from rich.text import Text
 
+from lab.cases import silence_log
 from lab.places import CONFIGS
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandPad
-from lab.stories.losses import silence_log
 from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher

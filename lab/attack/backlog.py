@@ -13,10 +13,8 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
-from lab.attack.flights import Plan
 from lab.attack.floods import LADDER_LIMIT, NEUTRAL_LIMIT
 from lab.attack.flown import daemon_on_tcp
 from lab.attack.holder import NOTE
@@ -101,16 +99,3 @@ async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: async
         rate = float((await holder.stdout.readline()).decode() or "nan")
     load = round(os.getloadavg()[0], 1)
     return Backlog(rate, round(tilted - last, 3), round(held - last, 3), held < last, load)
-
-
-def backlog_plans(boards: str) -> list[Plan[Backlog]]:
-    """Every rate and end."""
-    return [
-        Plan(
-            f"the holder floods {f'{rate:g}/s' if rate else 'at full rate'}, {end}",
-            boards,
-            partial(flood_and_end, rate, end),
-        )
-        for rate in RATES
-        for end in ENDS
-    ]

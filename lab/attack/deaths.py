@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import random
 import signal
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -26,26 +25,15 @@ from lab.attack.blocked import Blocked, fly_on_blocked
 from lab.attack.flightlog import flight_log
 from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON
 from lab.rigs.cockpit import Boards
+from lab.rigs.flown import flown, observed
 from lab.rigs.lateness import measured_lateness
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import (
-    START,
-    VEHICLE,
-    DaemonProcess,
-    ObservedSimulation,
-    Sticks,
-    connected,
-    daemon_process,
-    wait_for_control,
-)
+from lab.rigs.processes import VEHICLE, DaemonProcess, Sticks
 from lab.rigs.troubled import TROUBLE
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
-from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.session import session_config
 from mkdaemon.daemon.priority import favour_loop, favour_threads
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 NEUTRAL_LIMIT: Final = 0.35
 """Sticks are neutral in the FlightCtrl this long after the attack [s]; docs/safety.md, "The guard"."""
@@ -137,55 +125,45 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
     """
     favour_loop()  # who judges must not be starved by the machine's other programs
     rng = random.Random(f"{seed} {boards.name} {kind.value}")
-    front = {"board": "fc"} if boards.nc is None else {"board": "nc", "nc": boards.nc}
-    fields = {**front, "fc": boards.fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    simulation = ObservedSimulation(SimConfig.model_validate(fields))
+    simulation = observed(seed, boards.fc, boards.nc, keeps=True)
     simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start
     is_on_terminal = seed % 2 == 1
-    with reserved_endpoint() as endpoint, tempfile.TemporaryDirectory() as name:
-        listen = None if is_on_terminal else endpoint.removeprefix("tcp/")
-        runtime = Runtime(simulation, listen=listen)
-        port = f"pty:{runtime.port}" if listen is None else f"tcp:{listen}"
-        async with (
-            runtime.serve(),
-            daemon_process(port, Path(name), program=_PROGRAMS.get(kind), log="info") as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-            Pilot(client, "pilot") as pilot,
-            flight_log(client, pilot, simulation) as log,
-            measured_lateness() as lateness,
-        ):
-            simulation.is_frozen = False
-            await wait_for_control(client)
-            await pilot.engage(lambda: simulation.is_controlled)
-            pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
-            with suppress(TimeoutError):
-                await wait_until(lambda: simulation.sticks is Sticks.STEERED)
-            await asyncio.sleep(rng.uniform(0.2, 0.8))
-            favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
-            if simulation.sticks is not Sticks.STEERED:
-                raise ControlLostError("; ".join(log.said))
-            lateness.forget()
-            blocked = None
-            if kind is Death.BLOCKED:
-                blocked = await fly_on_blocked(daemon, client, log)
-                await pilot.stop()
-                began = pilot.puts[-1]
-            else:
-                began = await _strike(daemon, kind)
-            await wait_until(lambda: simulation.sticks is not Sticks.STEERED)
-            neutral = time.monotonic() - began
-            await wait_until(lambda: not simulation.is_controlled)
-            released = time.monotonic() - began
-            late = round(max(lateness.loop, lateness.thread, lateness.terminal if is_on_terminal else 0.0), 3)
-            simulation.heard.clear()
-            await asyncio.sleep(WATCH)
-            steered = steering(b"".join(data for _, data in simulation.heard)) + int(simulation.is_controlled)
-            if kind is Death.HELD:
-                steered = max(0, steered - 1)  # the daemon comes back and releases once more, level sticks first
-            with suppress(ProcessLookupError):
-                daemon.send_signal(signal.SIGKILL)
-            times = round(neutral, 3), round(released, 3)
-            return Attack(boards.name, kind.value, port[:3], *times, steered, late, blocked)
+    async with (
+        flown(simulation, on_tcp=not is_on_terminal, program=_PROGRAMS.get(kind), log="info") as one,
+        Pilot(one.client, "pilot") as pilot,
+        flight_log(one.client, pilot, simulation) as log,
+        measured_lateness() as lateness,
+    ):
+        await pilot.engage(lambda: simulation.is_controlled)
+        pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
+        with suppress(TimeoutError):
+            await wait_until(lambda: simulation.sticks is Sticks.STEERED)
+        await asyncio.sleep(rng.uniform(0.2, 0.8))
+        favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
+        if simulation.sticks is not Sticks.STEERED:
+            raise ControlLostError("; ".join(log.said))
+        lateness.forget()
+        blocked = None
+        if kind is Death.BLOCKED:
+            blocked = await fly_on_blocked(one.daemon, one.client, log)
+            await pilot.stop()
+            began = pilot.puts[-1]
+        else:
+            began = await _strike(one.daemon, kind)
+        await wait_until(lambda: simulation.sticks is not Sticks.STEERED)
+        neutral = time.monotonic() - began
+        await wait_until(lambda: not simulation.is_controlled)
+        released = time.monotonic() - began
+        late = round(max(lateness.loop, lateness.thread, lateness.terminal if is_on_terminal else 0.0), 3)
+        simulation.heard.clear()
+        await asyncio.sleep(WATCH)
+        steered = steering(b"".join(data for _, data in simulation.heard)) + int(simulation.is_controlled)
+        if kind is Death.HELD:
+            steered = max(0, steered - 1)  # the daemon comes back and releases once more, level sticks first
+        with suppress(ProcessLookupError):
+            one.daemon.send_signal(signal.SIGKILL)
+        times = round(neutral, 3), round(released, 3)
+        return Attack(boards.name, kind.value, one.port[:3], *times, steered, late, blocked)
 
 
 async def _strike(daemon: DaemonProcess, kind: Death) -> float:

@@ -14,14 +14,13 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Final
 
 from lab.attack.attackers import Flood
-from lab.attack.flights import Plan
 from lab.attack.flown import daemon_on_tcp
 from lab.attack.programs import DEAF_DAEMON
+from lab.cases import percentile
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import (
     VEHICLE,
@@ -30,7 +29,6 @@ from lab.rigs.processes import (
 )
 from lab.rigs.waiting import wait_until
 from lab.stories.kill import steering
-from lab.stories.losses import percentile
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
 from mkdaemon.daemon.priority import favour_threads
@@ -56,7 +54,6 @@ class Ride:
     """One flight under attack.
 
     Attributes:
-        kind: the attack.
         rates: what each attacker reached [1/s].
         gap_p50: between two stick frames on the wire [s].
         gap_p99: the same, 99th percentile [s].
@@ -69,7 +66,6 @@ class Ride:
         load: of the machine, over one minute.
     """
 
-    kind: str
     rates: tuple[str, ...]
     gap_p50: float
     gap_p99: float
@@ -117,7 +113,6 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
         rates = tuple([(await one.communicate())[0].decode().strip() for one in attackers])
     gaps = sorted(after - before for before, after in pairwise(times)) or [SECONDS]
     return Ride(
-        _name(kind, dies=dies),
         rates,
         round(percentile(gaps, 0.5) or 0.0, 4),
         round(percentile(gaps, 0.99) or 0.0, 4),
@@ -129,17 +124,6 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Ride:
         round(log),
         round(os.getloadavg()[0], 1),
     )
-
-
-def flood_plans(boards: str) -> list[Plan[Ride]]:
-    """Every flight under a flood; under setpoints those in which the pilot dies too."""
-    deadly = (Flood.SETPOINTS, Flood.STEADY)
-    rows = [(kind, dies) for kind in Flood for dies in ((False, True) if kind in deadly else (False,))]
-    return [Plan(_name(kind, dies=dies), boards, partial(ride, kind, dies=dies)) for kind, dies in rows]
-
-
-def _name(kind: Flood, *, dies: bool) -> str:
-    return f"{kind.value}, the pilot dies" if dies else kind.value
 
 
 @asynccontextmanager

@@ -6,7 +6,7 @@ import asyncio
 import math
 import random
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from lab.rigs.boardport import ADAPTER_TIME, LineFault
@@ -27,40 +27,36 @@ NEEDS_GUARD: Final = frozenset(
 """Faults in which no stick frame can be written: there the guard has to act, or has no port."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Quiet:
-    """Flights of one aircraft.
+    """One flight.
 
     Attributes:
-        boards: which.
         hours: flown under control, virtual.
         faults: of the line that were played.
         leases: taken; a fault that ends one is followed by another.
-        written: what the guard wrote, as (seed, time since the flight began [s]).
+        written: what the guard wrote, by the time since the flight began [s].
     """
 
-    boards: str
-    hours: float
-    faults: int
-    leases: int
-    written: list[tuple[int, float]]
+    hours: float = 0.0
+    faults: int = 0
+    leases: int = 0
+    written: list[float] = field(default_factory=list)
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the guard acted."""
+        return bool(self.written)
 
 
-def fly_quietly(boards: Boards, seeds: range) -> Quiet:
-    """Fly once per seed."""
-    found = [run_virtually(_fly(boards, seed)) for seed in seeds]
-    return Quiet(
-        boards.name,
-        round(sum(tally.flown for tally, _ in found) / STICK_HZ / 3600.0, 3),
-        sum(tally.faults for tally, _ in found),
-        sum(tally.leases for tally, _ in found),
-        [(seed, at) for seed, (_, written) in zip(seeds, found, strict=True) for at in written],
-    )
+def fly_quietly(boards: Boards, seed: int) -> Quiet:
+    """Fly once."""
+    return run_virtually(_fly(boards, seed))
 
 
-async def _fly(boards: Boards, seed: int) -> tuple[_Tally, list[float]]:
+async def _fly(boards: Boards, seed: int) -> Quiet:
     rng = random.Random(f"{seed} quiet")
-    guard, tally = VirtualGuard(), _Tally()
+    guard, tally = VirtualGuard(), Quiet()
     kinds = [fault for fault in FAULTS if fault not in NEEDS_GUARD]
     loop = asyncio.get_running_loop()
     async with cockpit(boards, seed, guard=guard, tick=ADAPTER_TIME) as flown:
@@ -78,17 +74,11 @@ async def _fly(boards: Boards, seed: int) -> tuple[_Tally, list[float]]:
                 port.inject(LineFault.NONE)
         pilot.cancel()
         guard.stop()
-        return tally, [round(at - began, 3) for at, _ in guard.written]
+        tally.written = [round(at - began, 3) for at, _ in guard.written]
+        return tally
 
 
-@dataclass(slots=True)
-class _Tally:
-    leases: int = 0
-    flown: int = 0
-    faults: int = 0
-
-
-async def _pilot(flown: Cockpit, rng: random.Random, tally: _Tally) -> None:
+async def _pilot(flown: Cockpit, rng: random.Random, tally: Quiet) -> None:
     """Stream sticks for ever, with a new lease wherever the last one ended."""
     sequence = 0
     while True:
@@ -98,7 +88,7 @@ async def _pilot(flown: Cockpit, rng: random.Random, tally: _Tally) -> None:
                 tally.leases += 1
                 sequence = 0
         sequence += 1
-        tally.flown += flown.flight.phase is Phase.FLYING
+        tally.hours += (flown.flight.phase is Phase.FLYING) / STICK_HZ / 3600.0
         # The stream begins with level sticks, or nobody engages.
         tilt = 40.0 * math.sin(sequence / 30.0) + rng.uniform(-5.0, 5.0) if sequence > 2 * STICK_HZ else 0.0
         sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": 0.0}

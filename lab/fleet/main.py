@@ -16,6 +16,7 @@ from lab.fleet.cut import cut
 from lab.fleet.network import enter_ground
 from lab.fleet.radio import Air
 from lab.fleet.scale import scale
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson, require_length
 from mkdaemon.errors import ConfigError, MkError
 
@@ -60,18 +61,14 @@ def main(
                     "the aircraft did not come up, or were not flown, in time: this machine is busy"
                 ) from None
             row, holds = findings.row(), findings.holds
-            shown = [row, {claim: "yes" if so else "NO" for claim, so in findings.claims().items()}]
+            shown = [{"what": claim, "holds": so} for claim, so in findings.claims().items()]
         else:
             rows = asyncio.run(scale(counts, seconds, Path(name)))
             row, holds = {"rows": rows, "machine": machine()}, [one["vehicles"] for one in rows] == counts
-            shown = rows
+            shown = [{"what": f"{one['vehicles']} aircraft"} | one for one in rows]
     if results is not None:
         keep(results, case, row)
-    if as_json:
-        print(json.dumps(row))
-    else:
-        print("\n\n".join("\n".join(f"{key:<36} {json.dumps(value)}" for key, value in one.items()) for one in shown))
-    return 0 if holds else 1
+    return max(show(shown, ("what",), as_json=as_json, found=row), int(not holds))
 
 
 def counts_of(text: str) -> list[int]:

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from lab.hil import eeprom
 from lab.hil.build import Firmware
 from lab.hil.chip import Chip
+from lab.hil.line import Line
 from lab.hil.world import GenuineWorld
-from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.airframe import GroundContact
 from mksim.physics.pilot import DelayedProgram
 from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
-from mksim.radio import RadioChannel
 from mksim.supervision import Supervision
 
 ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
 """Tells the world only that the motors turn: the firmware has the sticks."""
 
 
-class GenuineAircraft:
+class GenuineAircraft(Line):
     """One aircraft, and the far end of its serial line.
 
     Attributes:
-        now: simulated time [s].
         world: what flies.
     """
+
+    _world_class: ClassVar[type[GenuineWorld]] = GenuineWorld
 
     def __init__(
         self,
@@ -46,23 +48,17 @@ class GenuineAircraft:
             voltage: of the battery, held [V]; by default the battery of the configuration.
             has_compass: whether the board hears of the heading.
         """
-        self.now = 0.0
+        super().__init__(config)
         chip = Chip(firmware, eeprom.content(firmware), seed=config.seed)
-        self.world = GenuineWorld(
+        self.world = self._world_class(
             config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=has_compass
         )
-        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
         plan = Supervision(
             lambda: self.world.is_controlled,
             take_off=config.pilot_plan is PilotPlan.SUPERVISE,
             start_motors=config.pilot_plan is PilotPlan.START,
         )
         self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
-
-    def write(self, data: bytes, at: float) -> None:
-        """Send bytes to the board at `at` [s]; they take their time on the line."""
-        self._to_board.push(data, at)
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
@@ -73,8 +69,4 @@ class GenuineAircraft:
             world.inbox.extend((at, byte) for byte in data)
         while world.now + DT <= to:
             world.step(ARMED if world.is_armed else MOTORS_OFF)
-        for at, byte in world.chip.read():
-            # the channel counts the character's own time, which the board has counted already
-            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
-        self.now = to
-        return self._to_host.poll(to)
+        return self._answer(world.chip.read(), to)

@@ -7,28 +7,25 @@ frames its receive buffer took.
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, Final
 
 import numpy as np
 
+from lab import tables
 from lab.campaign import Ending
 from lab.hil.aircraft import GenuineAircraft
-from lab.hil.build import built
-from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, config_of, motors_run
-from lab.hil.scenes import SIMULATED, setting_of
+from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, aircraft_of, config_of, motors_run
+from lab.hil.scenes import setting_of
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass
-from mksim.physics.world import StartState, World
+from mksim.physics.world import World
 from mksim.programs.rehearsal import FlightPart, FlyingAircraft, land, over_pad, take_off
-from mksim.scene.camera import DECK_RADIUS_M, deck_of
-from mksim.simulation import Simulation
+from mksim.scene.camera import DECK_RADIUS_M
 
 PARTS: Final = (
     take_off(),
@@ -149,20 +146,7 @@ def fly(work: Work) -> dict[str, Any]:
 async def _fly(work: Work) -> dict[str, Any]:
     setting = setting_of(work.board, work.line, work.seed)
     config = _config(config_of(setting), work)
-    deck, start = deck_of(config.scene.platform), StartState(yaw=setting.yaw)
-    aircraft: FlyingAircraft
-    if work.board == SIMULATED:
-        aircraft = Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=deck))
-    else:
-        aircraft = GenuineAircraft(
-            built(work.board),
-            config,
-            start=start,
-            ground=deck,
-            voltage=setting.voltage,
-            has_compass=setting.has_compass,
-        )
-    tap = Tap(aircraft)
+    tap = Tap(aircraft_of(setting, config))
     flight = EndFlight(config, tap)
     await flight.fly()
     return flight.ending() | counts(tap)
@@ -264,29 +248,11 @@ def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def show(rows: Sequence[Mapping[str, Any]], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
+def show(rows: Sequence[Mapping[str, Any]], *, as_json: bool) -> int:
     """Print a summary of every board and line; exit code 1 unless every flight finished or was refused."""
-    holds = True
-    for board, line in product(boards, lines):
+    shown = []
+    for board, line in dict.fromkeys((row["board"], row["line"]) for row in rows):
         part = summed([row for row in rows if (row["board"], row["line"]) == (board, line)])
-        holds &= not any(part[ending] for ending in (Ending.RELEASED, Ending.LOST, Ending.FAILED))
-        if as_json:
-            print(json.dumps({"board": board, "line": line} | part), flush=True)
-            continue
-        print(f"{board} by {line}: " + ", ".join(f"{part[ending]} {ending}" for ending in ENDINGS))
-        for name in ("sticks", "requests", "link_tests"):
-            print("  " + _shares(name, part))
-        for text in (*part["why"], *(f"{count} times: {text}" for text, count in part["warnings"].items())):
-            print(f"  {text}")
-    return 0 if holds else 1
-
-
-def _shares(name: str, part: Mapping[str, Any]) -> str:
-    """Counts of a kind of frame, each with its share of those sent."""
-    sent = part.get(f"{name}_sent", 0)
-    told = [f"{name.replace('_', ' ')}: {sent} sent"]
-    for what in ("in_memory", "obeyed", "answered"):
-        count = part.get(f"{name}_{what}")
-        if count is not None:
-            told.append(f"{count} {what.replace('_', ' ')} ({100 * count / max(sent, 1):.1f} %)")
-    return ", ".join(told)
+        holds = not any(part[ending] for ending in (Ending.RELEASED, Ending.LOST, Ending.FAILED))
+        shown.append({"board": board, "line": line} | part | {"holds": holds})
+    return tables.show(shown, ("board", "line"), as_json=as_json)

@@ -141,23 +141,19 @@ def fly(setting: Setting) -> dict[str, Any]:
 
 async def _fly(setting: Setting) -> dict[str, Any]:
     config = config_of(setting)
-    deck = deck_of(config.scene.platform)
-    start = StartState(yaw=setting.yaw)
-    aircraft: FlyingAircraft
-    if setting.firmware is None:
-        aircraft = Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=deck))
-    else:
-        aircraft = GenuineAircraft(
-            built(setting.firmware),
-            config,
-            start=start,
-            ground=deck,
-            voltage=setting.voltage,
-            has_compass=setting.has_compass,
-        )
-    flight = SceneFlight(config, aircraft, EVERYTHING)
+    flight = SceneFlight(config, aircraft_of(setting, config), EVERYTHING)
     await flight.fly()
     return flight.found
+
+
+def aircraft_of(setting: Setting, config: SimConfig) -> FlyingAircraft:
+    """What flies: the firmware of a setting, or the simulator's boards."""
+    deck, start = deck_of(config.scene.platform), StartState(yaw=setting.yaw)
+    if setting.firmware is None:
+        return Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=deck))
+    voltage, has_compass = setting.voltage, setting.has_compass
+    firmware = built(setting.firmware)
+    return GenuineAircraft(firmware, config, start=start, ground=deck, voltage=voltage, has_compass=has_compass)
 
 
 class SceneFlight(Rehearsal):

@@ -7,20 +7,17 @@ then the board is left alone, or asked for other things, and its memory says for
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Any, Final
 
-from rich.table import Table
-
+from lab import tables
 from lab.hil import eeprom
 from lab.hil.build import built
 from lab.hil.chip import Chip
 from lab.hil.memory import control_of
 from lab.hil.world import CHANNELS
-from mkdaemon.cli.console import Console
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
@@ -205,38 +202,18 @@ def _keeps(bench: Bench, kind: Kind, letters: Sequence[str], longest: float) -> 
     return is_kept
 
 
+_STICKS: Final = (VALUES["pitch"], VALUES["roll"], VALUES["yaw"])
+
+
 def show(names: list[str], tries: int, *, as_json: bool) -> int:
     """Measure every firmware, and show it; exit code 1 where one takes no stick frame.
 
     Args:
         names: of firmware that was built.
         tries: silences of each.
-        as_json: print JSON, one object a line, in place of a table.
+        as_json: print JSON in place of a table.
     """
-    table = Table("firmware", "says", "its layout", "confirmed", "held in silence", "kept alive by", "not by")
-    right = True
-    for name in names:
-        found = measure(name, tries)
-        right &= bool(found.held)
-        if as_json:
-            print(json.dumps(row_of(name, found)), flush=True)
-        major, minor, patch = found.version
-        layouts = [kind for kind, held in found.layouts.items() if held and held[:3] == _STICKS]
-        table.add_row(
-            name,
-            f"{major}.{minor:02d}{patch}",
-            ", ".join(layouts) or "none",
-            " / ".join(f"{1e3 * at:.1f} ms" for at in found.confirmed),
-            " / ".join(f"{value:.2f} s" for value in spread(found.held)),
-            " ".join(found.kept_alive_by),
-            " ".join(found.not_by),
-        )
-    if not as_json:
-        Console().print(table)
-    return 0 if right else 1
-
-
-_STICKS: Final = (VALUES["pitch"], VALUES["roll"], VALUES["yaw"])
+    return tables.show([row_of(name, measure(name, tries)) for name in names], ("firmware",), as_json=as_json)
 
 
 def spread(values: list[float]) -> tuple[float, ...]:
@@ -245,13 +222,15 @@ def spread(values: list[float]) -> tuple[float, ...]:
 
 
 def row_of(name: str, found: Found) -> dict[str, Any]:
-    """A firmware's row as JSON has it."""
+    """A firmware's row."""
+    major, minor, patch = found.version
     return {
         "firmware": name,
-        "version": list(found.version),
-        "layouts": found.layouts,
-        "confirmed_s": found.confirmed,
-        "held_s": found.held,
+        "version": f"{major}.{minor:02d}{patch}",
+        "layouts": [kind for kind, held in found.layouts.items() if held and held[:3] == _STICKS],
+        "confirmed_s": [round(at, 4) for at in found.confirmed],
+        "held_s": [round(value, 3) for value in spread(found.held)],
         "kept_alive_by": found.kept_alive_by,
         "not_by": found.not_by,
+        "holds": bool(found.held),
     }

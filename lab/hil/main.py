@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal
-
-from rich.table import Table
+from typing import Final, Literal
 
 from lab.campaign import Campaign, Row, carried_out
 from lab.hil import endings, generations, navicase, navipairs
@@ -19,8 +16,8 @@ from lab.hil.flights import fly
 from lab.hil.quiet import be_quiet
 from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, summary
 from lab.hil.triggers import by_story, story_figures, tell
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.console import Console
 from mkdaemon.errors import ConfigError
 
 Work = tuple[str, str, int]
@@ -61,7 +58,7 @@ def main(
         tilt: Of `flights`: of the pad, 0 to 20 degrees.
         jobs: Processes.
         results: File in which every flight is kept as it ends; flights that are in it are not flown again.
-        as_json: Print JSON, one object a line, in place of a table.
+        as_json: Print JSON in place of a table.
     """
     try:
         if case == "navictrl":
@@ -82,7 +79,7 @@ def main(
     lines = LINES if line == "both" else (line,)
     if case == "flights":
         asked = [endings.Work(board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
-        return endings.show(ENDINGS.rows(asked, jobs, results), flown, lines, as_json=as_json)
+        return endings.show(ENDINGS.rows(asked, jobs, results), as_json=as_json)
     work = [(board, by, seed) for seed in seeds for board, by in product(flown, lines)]
     return _show_scenes(SCENES.rows(work, jobs, results), flown, lines, as_json=as_json)
 
@@ -123,29 +120,26 @@ ENDINGS: Final = Campaign("hil flights", _end_one, lambda work: work.key, limit=
 
 
 def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
-    holds = len(carried_out(rows)) == len(rows)
-    rows = carried_out(rows)
+    """Median / 90th percentile / worst (mean) of every figure, the boards side by side."""
+    found, shown = carried_out(rows), list[Row]()
     for line in lines:
         summed = {
-            board: summary(line, [row for row in rows if (row["board"], row["line"]) == (board, line)])
+            board: summary(line, [row for row in found if (row["board"], row["line"]) == (board, line)])
             for board in boards
         }
-        holds &= not any(part["missed"] or part["lost"] for part in summed.values())
-        if as_json:
-            print(json.dumps({"line": line, "boards": summed}), flush=True)
-        else:
-            Console().print(_table(line, summed))
-    return 0 if holds else 1
-
-
-def _table(line: str, boards: Mapping[str, Any]) -> Table:
-    table = Table("figure", *boards, "goal", title=f"by {line}: median / p90 / worst (mean)")
-    for figure in FIGURES:
-        cells = [_cell(part["figures"].get(figure.key), figure.digits) for part in boards.values()]
-        if any(cells):
-            table.add_row(figure.about, *cells, figure.goal_words(line))
-    table.add_row("lost", *(f"{len(part['lost'])} of {part['flights']}" for part in boards.values()), "0")
-    return table
+        missed = " ".join(words for part in summed.values() for words in part["missed"])
+        for figure in FIGURES:
+            cells = {board: _cell(part["figures"].get(figure.key), figure.digits) for board, part in summed.items()}
+            if any(cells.values()):
+                named = {"line": line, "figure": figure.about}
+                goal = {"goal": figure.goal_words(line), "holds": f"{figure.key}: " not in missed}
+                shown.append(named | cells | goal)
+        lost = {board: [f"{one['seed']}: {one['why']}" for one in part["lost"]] for board, part in summed.items()}
+        flights = {"flights": [part["flights"] for part in summed.values()]}
+        shown.append({"line": line, "figure": "lost"} | lost | flights | {"holds": not any(lost.values())})
+    if len(found) < len(rows):
+        shown.append({"line": "", "figure": "not flown", "flights": len(rows) - len(found), "holds": False})
+    return show(shown, ("line", "figure"), as_json=as_json)
 
 
 def _cell(figure: Mapping[str, float] | None, digits: int) -> str:
@@ -156,15 +150,12 @@ def _cell(figure: Mapping[str, float] | None, digits: int) -> str:
 
 
 def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:
-    table = Table("what happens", "figure", "least / median / most", "goal", "right", title=f"triggers on {firmware}")
-    holds = len(carried_out(rows)) == len(rows)
-    for name, found in by_story(carried_out(rows)):
+    """Least / median / most of every figure of what happens, and its goal."""
+    flown, shown = carried_out(rows), list[Row]()
+    for name, found in by_story(flown):
         right = sum(not each["missed"] for each in found)
-        holds &= right == len(found)
-        if as_json:
-            print(json.dumps({"story": name, "right": right, "of": len(found), "flights": found}), flush=True)
-        for figure, shown, goal in story_figures(name, found):
-            table.add_row(name, figure, shown, goal, f"{right} of {len(found)}")
-    if not as_json:
-        Console().print(table)
-    return 0 if holds else 1
+        figures = {figure: f"{spread}, goal {goal}" for figure, spread, goal in story_figures(name, found)}
+        shown.append({"what": name, "right": right, "of": len(found)} | figures | {"holds": right == len(found)})
+    if len(flown) < len(rows):
+        shown.append({"what": "not flown", "of": len(rows) - len(flown), "holds": False})
+    return show(shown, ("what",), as_json=as_json, firmware=firmware)

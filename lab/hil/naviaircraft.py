@@ -7,25 +7,23 @@ from __future__ import annotations
 
 from typing import Final
 
+from lab.hil.line import Line
 from lab.hil.navibuild import NaviFirmware
 from lab.hil.navigation import NaviBoard, Socket
 from lab.hil.navipeer import SimulatedMaster, Surroundings
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
-from mksim.boards.line import HOST_CHAR
 from mksim.config import SimConfig
 from mksim.physics.world import World
-from mksim.radio import RadioChannel
 
 SLICE: Final = 1e-3
 """The two boards run in turn, so long each [s]."""
 
 
-class NaviAircraft:
+class NaviAircraft(Line):
     """One aircraft, and the far end of its serial line.
 
     Attributes:
-        now: simulated time [s].
         world: what flies.
         flight: the simulated FlightCtrl.
         board: the genuine NaviCtrl.
@@ -42,7 +40,7 @@ class NaviAircraft:
         Raises:
             ConfigError: this process has run a NaviCtrl already.
         """
-        self.now = 0.0
+        super().__init__(config)
         self.world = World(config.flight, seed=config.seed)
         self.flight = FlightCtrl(
             FC_GENERATIONS[config.fc],
@@ -56,21 +54,12 @@ class NaviAircraft:
         self.board = NaviBoard(firmware)
         self.master = SimulatedMaster(self.flight, self.flight.generation.release)
         self._surroundings = Surroundings(self.world)
-        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
-
-    def write(self, data: bytes, at: float) -> None:
-        """Send bytes to the board at `at` [s]; they take their time on the line."""
-        self._to_board.push(data, at)
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
         while self.now < to:
             self._run(min(to, self.now + SLICE))
-        for at, byte in self.board.read(Socket.HOST):
-            # the channel counts the character's own time, which the board has counted already
-            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
-        return self._to_host.poll(to)
+        return self._answer(self.board.read(Socket.HOST), self.now)
 
     def _run(self, until: float) -> None:
         board, flight = self.board, self.flight

@@ -6,19 +6,16 @@ Four pieces of work, each in a process of its own: the script of bytes and the d
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
-from rich.table import Table
-
-from lab.campaign import in_order
+from lab.campaign import Row, in_order
 from lab.hil.naviaircraft import NaviAircraft
 from lab.hil.navibuild import built_navictrl
 from lab.hil.navidaemon import DaemonAtNavi, Step
 from lab.hil.naviscript import FLIGHT, GROUND, LAST, Heard, Item, differences, listen
 from lab.hil.quiet import be_quiet
-from mkdaemon.cli.console import Console
+from lab.tables import show as show_rows
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.config import GasLaw, PilotPlan, SimConfig
@@ -74,13 +71,17 @@ def show(seed: int, jobs: int, *, as_json: bool) -> int:
     genuine, simulated, steps, simulated_steps = in_order(_do, work, jobs, is_alone=True)
     rows = [(item, list(differences(item, *pair))) for item, *pair in zip(SCRIPT, genuine, simulated, strict=True)]
     pairs = list(zip(steps, simulated_steps, strict=False))
-    right = all(not unknown(found) for _, found in rows) and len(steps) == len(simulated_steps)
-    right &= all(agree(*pair) for pair in pairs)
-    if as_json:
-        _print_json(release, rows, pairs)
-    else:
-        _print_tables(release, rows, pairs)
-    return 0 if right else 1
+    shown: list[Row] = [
+        {"what": item.name, "differs": found, "unknown": unknown(found), "holds": not unknown(found)}
+        for item, found in rows
+    ]
+    shown += [
+        {"what": one.name, "genuine": [one.ended, one.figure], "simulated": [other.ended, other.figure],
+         "holds": agree(one, other)}
+        for one, other in pairs
+    ]  # fmt: skip
+    shown.append({"what": "the daemon's steps", "holds": len(steps) == len(simulated_steps)})
+    return show_rows(shown, ("what",), as_json=as_json, release=release)
 
 
 SCRIPT: Final = (*GROUND, *FLIGHT, *LAST)
@@ -148,43 +149,3 @@ async def _run_daemon(make: Callable[[], Boards]) -> list[Step]:
         return now.pitch, now.roll, now.yaw, now.throttle, external.is_valid
 
     return await DaemonAtNavi(boards, held).run()
-
-
-# -- what is shown ----------------------------------------------------------------------------------------------------
-
-
-def _print_json(release: str, rows: Sequence[tuple[Item, list[str]]], pairs: Sequence[tuple[Step, Step]]) -> None:
-    for item, found in rows:
-        print(json.dumps({"release": release, "item": item.name, "differs": found, "unknown": unknown(found)}))
-    for genuine, simulated in pairs:
-        print(
-            json.dumps(
-                {
-                    "release": release,
-                    "step": genuine.name,
-                    "genuine": [genuine.ended, genuine.figure],
-                    "simulated": [simulated.ended, simulated.figure],
-                    "agree": agree(genuine, simulated),
-                }
-            )
-        )
-
-
-def _print_tables(release: str, rows: Sequence[tuple[Item, list[str]]], pairs: Sequence[tuple[Step, Step]]) -> None:
-    table = Table("the host does", "what differs", "why", title=f"NaviCtrl {release}, genuine and simulated")
-    for item, found in rows:
-        for words in found:
-            why = next((why for known, why in KNOWN.items() if words.startswith(known)), "NOT KNOWN")
-            table.add_row(item.name, words[:120], why)
-    Console().print(table)
-    alike = sum(not found for _, found in rows)
-    print(f"{alike} of {len(rows)} items are answered alike")
-    steps = Table("the daemon", "genuine", "simulated", "agree", title="the daemon's own code on both")
-    for genuine, simulated in pairs:
-        alike_words = "yes" if agree(genuine, simulated) else "NO"
-        steps.add_row(genuine.name, _shown(genuine), _shown(simulated), alike_words)
-    Console().print(steps)
-
-
-def _shown(step: Step) -> str:
-    return step.ended if step.figure is None else f"{step.ended} ({step.figure:.3g})"

@@ -6,23 +6,16 @@ heading comes from the NaviCtrl's compass, by the bus.
 
 from __future__ import annotations
 
-from lab.hil import eeprom
+from typing import Any
+
+from lab.hil.aircraft import ARMED, GenuineAircraft
 from lab.hil.build import Firmware
-from lab.hil.chip import Chip
 from lab.hil.navibuild import NaviFirmware
 from lab.hil.navigation import NaviBoard, Socket
 from lab.hil.navipeer import Surroundings
 from lab.hil.world import GenuineWorld
-from mksim.boards.line import HOST_CHAR
-from mksim.config import PilotPlan, SimConfig
-from mksim.physics.airframe import GroundContact
-from mksim.physics.pilot import DelayedProgram
-from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
-from mksim.radio import RadioChannel
-from mksim.supervision import Supervision
-
-ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
-"""Tells the world only that the motors turn: the firmware has the sticks."""
+from mksim.config import SimConfig
+from mksim.physics.world import DT, MOTORS_OFF
 
 
 class PairWorld(GenuineWorld):
@@ -49,57 +42,31 @@ class PairWorld(GenuineWorld):
         self.inbox.extend(navi.read(Socket.FLIGHTCTRL))
 
 
-class NaviPair:
+class NaviPair(GenuineAircraft):
     """One aircraft, and the far end of the NaviCtrl's serial line.
 
     Attributes:
-        now: simulated time [s].
-        world: what flies.
         board: the NaviCtrl.
     """
 
-    def __init__(
-        self,
-        flight: Firmware,
-        navi: NaviFirmware,
-        config: SimConfig,
-        *,
-        voltage: float,
-        start: StartState | None = None,
-        ground: GroundContact | None = None,
-    ) -> None:
+    world: PairWorld
+    _world_class = PairWorld
+
+    def __init__(self, flight: Firmware, navi: NaviFirmware, config: SimConfig, **more: Any) -> None:
         """Set everything up; both boards are switched on at time zero.
 
         Args:
             flight: firmware of the FlightCtrl.
             navi: firmware of the NaviCtrl.
             config: world, line and pilot; what it says of boards does not count.
-            voltage: of the battery, held [V].
-            start: where it stands; default the origin, nose north.
-            ground: what is below; default flat.
+            more: start, ground and voltage, see `GenuineAircraft`.
 
         Raises:
             ConfigError: this process has run a NaviCtrl already.
         """
-        self.now = 0.0
         self.board = NaviBoard(navi)
-        chip = Chip(flight, eeprom.content(flight), seed=config.seed)
-        self.world = PairWorld(
-            config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=False
-        )
-        plan = Supervision(
-            lambda: self.world.is_controlled,
-            take_off=config.pilot_plan is PilotPlan.SUPERVISE,
-            start_motors=config.pilot_plan is PilotPlan.START,
-        )
-        self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
+        super().__init__(flight, config, has_compass=False, **more)
         self.world.join(self.board)
-        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
-
-    def write(self, data: bytes, at: float) -> None:
-        """Send bytes to the board at `at` [s]; they take their time on the line."""
-        self._to_board.push(data, at)
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
@@ -109,8 +76,4 @@ class NaviPair:
         while world.now + DT <= to:
             world.step(ARMED if world.is_armed else MOTORS_OFF)
         board.read(Socket.COMPASS)
-        for at, byte in board.read(Socket.HOST):
-            # the channel counts the character's own time, which the board has counted already
-            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
-        self.now = to
-        return self._to_host.poll(to)
+        return self._answer(board.read(Socket.HOST), to)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 from typing import Any, Final
 
-from rich.table import Table
-
+from lab import tables
+from lab.campaign import Row
 from lab.hil.build import built
 from lab.hil.navibuild import built_navictrl
 from lab.hil.navidaemon import NEUTRAL, DaemonAtNavi, Step
 from lab.hil.naviflight import BOOTED, VOLTAGE, fly_all
 from lab.hil.navipair import NaviPair
 from lab.hil.quiet import be_quiet
-from mkdaemon.cli.console import Console
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.truth import Truth
@@ -31,13 +29,9 @@ TILTS: Final = 20
 """Setpoints with a tilt before each."""
 TILT: Final = 5.0
 """[count]."""
-FIGURES: Final = {
-    "take_off_far_cm": "take-off, farthest from the middle [cm]",
-    "hold_cm": "hold, indoor air [cm]",
-    "touch_cm": "landing, from the middle [cm]",
-    "sink": "its sink [m/s]",
-    "nees_level": "NEES of the place",
-}
+REACHED: Final = "sticks reach the FlightCtrl"
+FIGURES: Final = ("take_off_far_cm", "hold_cm", "touch_cm", "sink", "nees_level")
+"""Of a flight; see `lab.hil.flights.figures`."""
 SLOWEST: Final = 8.0
 """Longest that sticks are waited for to be dropped [s]."""
 
@@ -166,23 +160,11 @@ def show(flight: str, seeds: Sequence[int], jobs: int, *, as_json: bool) -> int:
         as_json: print JSON in place of tables.
     """
     release, steps = measure(flight, seeds[0])
-    flights = fly_all(flight, seeds, jobs)
-    if as_json:
-        print(json.dumps(row_of(flight, release, steps) | {"flights": flights}))
-    else:
-        table = Table("step", "ended", "figure", title=f"{flight} behind NaviCtrl {release}")
-        for step in steps:
-            table.add_row(step.name, step.ended, "" if step.figure is None else f"{step.figure:.3g}")
-        Console().print(table)
-        flown = Table("seed", *FIGURES.values(), "lost", title="over the target, sticks through the NaviCtrl")
-        for row in flights:
-            cells = (f"{row[key]:.2f}" if key in row else "" for key in FIGURES)
-            flown.add_row(str(row["seed"]), *cells, "; ".join(row["lost"]))
-        Console().print(flown)
-    reached = any(step.name == "sticks reach the FlightCtrl" and step.ended == "yes" for step in steps)
-    return 0 if reached and not any(row["lost"] for row in flights) else 1
-
-
-def row_of(flight: str, release: str, steps: Sequence[Step]) -> dict[str, Any]:
-    """A pair's row as JSON has it."""
-    return {"flight": flight, "navi": release, "steps": {step.name: [step.ended, step.figure] for step in steps}}
+    rows: list[Row] = [{"what": step.name, "ended": step.ended, "figure": step.figure} for step in steps]
+    is_reached = any((step.name, step.ended) == (REACHED, "yes") for step in steps)
+    rows.append({"what": "the FlightCtrl held sticks", "ended": "yes" if is_reached else "no", "holds": is_reached})
+    for row in fly_all(flight, seeds, jobs):
+        figures: Row = {key: round(row[key], 2) for key in FIGURES if key in row}
+        ended = "; ".join(row["lost"])
+        rows.append({"what": f"flight {row['seed']}", "ended": ended, **figures, "holds": not row["lost"]})
+    return tables.show(rows, ("what", "ended"), as_json=as_json, flight=flight, navi=release)

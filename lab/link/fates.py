@@ -16,14 +16,14 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from lab.link.cases import Case
-from lab.link.sim import Witness
-from lab.link.virtual import Waits, configurations, running_link, steer_steadily
+from lab.link.virtual import configurations, running_link, steer_steadily
 from mkdaemon.link.session.health import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import SimConfig
 from mksim.physics.world import World
+from mksim.simulation import Simulation
 
 PROOF: Final = 600.0
 """Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""
@@ -73,7 +73,7 @@ class Account:
     by_us_at_most: float
 
 
-class Tracer(Witness):
+class Tracer(Simulation):
     """A simulation that follows every link test and every stick frame.
 
     Attributes:
@@ -91,6 +91,8 @@ class Tracer(Witness):
         self._places = {place: FrameDecoder() for place in ("asked", "arrived", "answered", "heard")}
         self._poll = self.port.poll
         self.port.poll = self._note_answers  # type: ignore[method-assign]
+        self._board_takes = self.port.receive_byte
+        self.port.receive_byte = self._deliver  # type: ignore[method-assign]
         external, navigation = self.flight.external, self.navigation
         self._take, self._control = external.take, None if navigation is None else navigation.control
         external.take = self._note_taken  # type: ignore[method-assign]
@@ -108,9 +110,16 @@ class Tracer(Witness):
         self._follow("heard", b"".join(data for _, data in heard))
         return heard
 
+    def radio_loss(self) -> float:
+        """Share of conversations that the radio took: there, or back."""
+        kept = 1.0
+        for channel in (self._to_board, self._to_host):
+            kept *= 1 - channel.packets_lost / channel.packets if channel.packets else 1.0
+        return round(1 - kept, 5)
+
     def _deliver(self, byte: int, at: float) -> None:
         self._follow("arrived", bytes((byte,)))
-        super()._deliver(byte, at)
+        self._board_takes(byte, at)
 
     def _note_taken(self, raw: bytes) -> None:
         self._mark(raw)
@@ -191,11 +200,10 @@ def prove(case: Case, seconds: float = PROOF) -> dict[str, Any]:
 
 async def _follow_all(case: Case, seconds: float) -> tuple[Account, Account | None]:
     sim, options = configurations(case)
-    tracer, sink = Tracer(sim), Waits()
-    loop = asyncio.get_running_loop()
-    async with running_link(case, tracer, options, sink) as link:
+    tracer, loop = Tracer(sim), asyncio.get_running_loop()
+    async with running_link(case, tracer, options) as running:
         began = loop.time()
-        handed_in = await steer_steadily(link, case, seconds, [])
+        handed_in = len(await steer_steadily(running.link, case, seconds))
         ended = loop.time()
         await asyncio.sleep(_TAIL)
     echo = echo_account(fate for fate in tracer.echoes if began <= fate.asked < ended)

@@ -16,11 +16,9 @@ import cv2
 import numpy as np
 
 from lab.places import CONFIGS
+from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
 from mkdaemon.link.session.evidence import percentile
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 SETTLE: Final = 3.0
 """After the aircraft obeys, before anything counts [s]."""
@@ -67,21 +65,14 @@ def _make_images(folder: Path) -> None:
 
 
 async def _fly(section: str, seconds: float, *, seed: int) -> dict[str, float]:
-    config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
-    runtime = Runtime(simulation)
+    simulation = observed(seed)
     ages: list[float] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _make_images(folder / "images")
         lines = LINK + section.format(folder=folder, target=CONFIGS / "targets" / "nested.toml")
-        async with (
-            runtime.serve(),
-            daemon_process(f"pty:{runtime.port}", folder, link=lines) as daemon,
-            connected(daemon.endpoint) as client,
-            Pilot(client, "pilot") as pilot,
-        ):
-            await wait_for_control(client)
+        async with flown(simulation, folder=folder, link=lines) as one, Pilot(one.client, "pilot") as pilot:
+            client, daemon = one.client, one.daemon
             await pilot.engage(lambda: simulation.is_controlled)
             await asyncio.sleep(SETTLE)
             status = await client.get("record/status")

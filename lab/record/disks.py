@@ -13,7 +13,7 @@ from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any, Final
 
-from lab.rigs.processes import ObservedSimulation, connected, daemon_process
+from lab.rigs.flown import flown, observed
 from lab.rigs.waiting import wait_until
 from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
@@ -25,8 +25,6 @@ from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.recorder import RETRY, Recorder, RecorderThread
 from mkdaemon.record.tap import Tap
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 SMALL: Final = "4m"
 """Size of the disk that is filled."""
@@ -170,24 +168,21 @@ async def remove_folder(seed: int) -> dict[str, Any]:
 @asynccontextmanager
 async def _flying(seed: int, folder: Path, section: str) -> AsyncIterator[tuple[Vehicle, list[int]]]:
     """A simulated aircraft, a daemon on it, and a client that counts its frames."""
-    config = {"board": "nc", "nc": "2.14", "fc": "2.14", "pilot_plan": PilotPlan.NOTHING, "seed": seed}
-    runtime = Runtime(ObservedSimulation(SimConfig.model_validate(config), keeps=False))
     frames: list[int] = []
 
     async def count(samples: AsyncIterator[Any]) -> None:
         async for sample in samples:
             frames.append(sample.fields["sequence"])  # noqa: PERF401 - it is looked at meanwhile
 
+    simulation = observed(seed, "2.14", "2.14", calibrated=False)
     async with (
-        runtime.serve(),
-        daemon_process(f"pty:{runtime.port}", folder, link=section) as daemon,
-        connected(daemon.endpoint) as client,
-        client.watch("raw/rx") as samples,
+        flown(simulation, folder=folder, waits=False, link=section) as one,
+        one.client.watch("raw/rx") as samples,
     ):
         counting = asyncio.create_task(count(samples))
         try:
             await wait_until(lambda: len(frames) > 20)
-            yield client, frames
+            yield one.client, frames
         finally:
             counting.cancel()
 

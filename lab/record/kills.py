@@ -12,7 +12,6 @@ import io
 import random
 import signal
 import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
@@ -24,13 +23,12 @@ import msgpack
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
-from lab.rigs.processes import VEHICLE, ObservedSimulation, connected, daemon_process
+from lab.rigs.flown import flown, observed
+from lab.rigs.processes import VEHICLE, DaemonProcess
 from lab.rigs.waiting import wait_until
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 ALLOWED: Final = 1.1
 """Nothing older than this may be lost [s]."""
@@ -77,7 +75,7 @@ class Witness:
 
 async def kill_daemon(seed: int) -> Left:
     """Kill a daemon while it records."""
-    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+    async with _flight(seed) as (folder, daemon, witness):
         await wait_until(lambda: len(witness.frames) > 5)
         began = time.monotonic()
         await _random_while("daemon", seed)
@@ -88,7 +86,7 @@ async def kill_daemon(seed: int) -> Left:
 
 async def kill_recorder(seed: int) -> Left:
     """Kill a recorder on the ground."""
-    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+    async with _flight(seed) as (folder, daemon, witness):
         async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
             began = time.monotonic()
             await _random_while("recorder", seed)
@@ -100,7 +98,7 @@ async def kill_recorder(seed: int) -> Left:
 
 async def kill_both(seed: int) -> Left:
     """Kill a daemon and a recorder on the ground at once; the worse of what they leave."""
-    async with _flight(seed) as (folder, daemon), _watched(daemon.endpoint) as witness:
+    async with _flight(seed) as (folder, daemon, witness):
         async with _recorder(folder / GROUND, daemon.endpoint) as recorder:
             began = time.monotonic()
             await _random_while("both", seed)
@@ -124,18 +122,6 @@ async def _random_while(name: str, seed: int) -> None:
 
 
 @asynccontextmanager
-async def _watched(endpoint: str) -> AsyncIterator[Witness]:
-    """A witness of what the daemon publishes."""
-    witness = Witness()
-    async with connected(endpoint) as client, client.watch(FRAMES) as samples:
-        watching = asyncio.create_task(witness.watch(samples))
-        try:
-            yield witness
-        finally:
-            watching.cancel()
-
-
-@asynccontextmanager
 async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """`mkctl log record` into a folder, as soon as it writes; it does not outlive the context."""
     words = ("-m", "mkdaemon.cli.mkctl.app", "log", "record", "--folder", str(folder), "--connect", endpoint)
@@ -152,14 +138,18 @@ async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[asyncio.subpro
 
 
 @asynccontextmanager
-async def _flight(seed: int) -> AsyncIterator[tuple[Path, Any]]:
-    """A simulated aircraft and a daemon on it."""
-    config = {"board": "nc", "nc": "2.14", "fc": "2.14", "pilot_plan": PilotPlan.NOTHING, "seed": seed}
-    runtime = Runtime(ObservedSimulation(SimConfig.model_validate(config), keeps=False))
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        async with runtime.serve(), daemon_process(f"pty:{runtime.port}", folder) as daemon:
-            yield folder, daemon
+async def _flight(seed: int) -> AsyncIterator[tuple[Path, DaemonProcess, Witness]]:
+    """A simulated aircraft, a daemon on it, and a witness of what it publishes."""
+    witness = Witness()
+    async with (
+        flown(observed(seed, "2.14", "2.14", calibrated=False), waits=False) as one,
+        one.client.watch(FRAMES) as samples,
+    ):
+        watching = asyncio.create_task(witness.watch(samples))
+        try:
+            yield one.folder, one.daemon, witness
+        finally:
+            watching.cancel()
 
 
 def _files(folder: Path) -> list[Path]:

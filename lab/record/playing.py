@@ -1,7 +1,7 @@
 """A flight that is recorded on the ground, played, and recorded again: the same bytes in the same order, and how late.
 
 Real programs: `mkdaemon run`, `mkctl log record` and `mkctl log play`. Setpoints and requests are never played; what
-they did is in the values that are. Beside the player a program sleeps and says how late it is woken.
+they did is in the values that are. Beside the player a thread sleeps and says how late it is woken.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from statistics import median
 from typing import Any, Final
 
 from lab.record.cost import LINK
+from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import ObservedSimulation, connected, daemon_process, wait_for_control
+from lab.rigs.sleeper import Sleeper
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.link.session.evidence import percentile
 from mkdaemon.record.entry import Entry, EntryKind
 from mkdaemon.record.reader import Recording
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 SHOWN: Final = "show"
 """Vehicle as which it is played."""
+SLEPT: Final = {"p50_ms": 50.0, "p99_ms": 99.0, "p999_ms": 99.9}
 GONE: Final = 1.0
 """After the player's end, before its recorder is told to end [s]."""
 
@@ -48,22 +48,14 @@ async def measure(seconds: float) -> dict[str, Any]:
 
 
 async def _fly(folder: Path, seconds: float) -> None:
-    config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": 1}
-    simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
-    runtime = Runtime(simulation)
-    async with (
-        runtime.serve(),
-        daemon_process(f"pty:{runtime.port}", folder, link=LINK) as daemon,
-        connected(daemon.endpoint) as client,
-        Pilot(client, "pilot") as pilot,
-    ):
-        await wait_for_control(client)
-        recorder = await _mkctl("log", "record", "--folder", f"{folder}/flown", "--connect", daemon.endpoint, "--json")
+    async with flown(observed(1), folder=folder, link=LINK) as one, Pilot(one.client, "pilot") as pilot:
+        words = ("log", "record", "--folder", f"{folder}/flown", "--connect", one.daemon.endpoint, "--json")
+        recorder = await _mkctl(*words)
         await wait_until(lambda: any((folder / "flown").glob("*.mcap")))
-        await pilot.engage(lambda: simulation.is_controlled)
+        await pilot.engage(lambda: one.simulation.is_controlled)
         for number in range(4):
             pilot.sticks["pitch"] = 5.0 * (number % 2)
-            await client.command("do", "mark", {"text": f"part {number}"})
+            await one.client.command("do", "mark", {"text": f"part {number}"})
             await asyncio.sleep(seconds / 4)
         await _end(recorder)
 
@@ -73,9 +65,8 @@ async def _play(folder: Path, first: Path) -> dict[str, Any]:
     with reserved_endpoint() as endpoint:
         recorder = await _mkctl("log", "record", "--folder", f"{folder}/played", "--connect", endpoint, "--json")
         player = await _mkctl("log", "play", str(first), "--as", SHOWN, "--listen", endpoint, "--wait", "30", "--json")
-        sleeper = await _program("-m", "lab.record.sleeper")
-        said, _ = await player.communicate()
-        slept = json.loads(await _end(sleeper))
+        with Sleeper() as sleeper:
+            said, _ = await player.communicate()
         await asyncio.sleep(GONE)
         played, recorded = json.loads(said), json.loads(await _end(recorder))
     return {
@@ -84,15 +75,12 @@ async def _play(folder: Path, first: Path) -> dict[str, Any]:
         "put_late_p99_ms": 1e3 * played["late_p99_s"],
         "received": recorded["received"],
         "written": recorded["written"],
-        "sleeper": slept,
+        "sleeper": {name: sleeper.percentile(part) for name, part in SLEPT.items()},
     }
 
 
 async def _mkctl(*words: str) -> asyncio.subprocess.Process:
-    return await _program("-m", "mkdaemon.cli.mkctl.app", *words)
-
-
-async def _program(*words: str) -> asyncio.subprocess.Process:
+    words = ("-m", "mkdaemon.cli.mkctl.app", *words)
     return await asyncio.create_subprocess_exec(
         sys.executable, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
     )

@@ -31,15 +31,11 @@ class MeasuredLink:
         run: as `mkctl linktest` has it.
         echoes: what became of every link test.
         sticks: what became of every stick frame.
-        packets: radio packets sent, to the board and to the host.
-        packets_lost: of these, lost.
     """
 
     run: LoadRun
     echoes: list[Fate]
     sticks: list[Fate]
-    packets: tuple[int, int]
-    packets_lost: tuple[int, int]
 
 
 class _Nobody:
@@ -77,17 +73,14 @@ async def _measure(case: Case, seconds: float) -> MeasuredLink:
     tracer, bus, nobody = Tracer(sim, cast("World", GroundedAircraft())), _LedgerBus(), cast("Any", _Nobody())
     facts = cast("Any", SimpleNamespace(link=None))
     sink = BusSink(cast("Any", bus), nobody.feed, facts, nobody, nobody, Clock(monotonic=loop.time))
-    async with running_link(case, tracer, options, cast("Any", sink)) as link:
+    async with running_link(case, tracer, options, cast("Any", sink)) as running:
         began, bus.ledger = loop.time(), Ledger()
-        await steer_steadily(link, case, seconds, [])
+        await steer_steadily(running.link, case, seconds)
         ended = loop.time()
         bus.ledger.end()
         await asyncio.sleep(0.5)
-    channels = tracer.channels()
     return MeasuredLink(
         LoadRun(case.name, case.name, case.setpoint_hz, tuple(bus.ledger.probes())),
         [fate for fate in tracer.echoes if began <= fate.asked < ended],
         [fate for fate in tracer.sticks if began <= fate.asked < ended],
-        (channels[0].packets, channels[1].packets),
-        (channels[0].packets_lost, channels[1].packets_lost),
     )

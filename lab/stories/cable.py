@@ -1,7 +1,7 @@
 """The cable is pulled while a client flies and plugged in again, or the board reboots: telemetry back, sticks free.
 
 In virtual time, with a client that notices nothing and goes on streaming. The same over a real pseudo terminal, with a
-daemon process whose descriptors and memory are watched, is in `stories_plug`.
+daemon process whose descriptors and memory are watched, is in `lab/stories/plug.py`.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ import asyncio
 import itertools
 import random
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from lab.rigs.boardport import TICK_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
-from mkdaemon.bus.codec import encode_map
-from mkdaemon.errors import CommandRejectedError
+from lab.stories.standstills import Streamer
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -31,7 +29,6 @@ CLEARED: Final = 1.1
 """An old tilt that came back with the board is taken away within this time [s]."""
 WATCH: Final = 1.0
 """How long the boards are watched after that [s]."""
-STICK_TIME: Final = 0.02
 
 
 class Cut(StrEnum):
@@ -107,7 +104,7 @@ async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut
         for number in range(cycles):
             rng = random.Random(f"{seed} cable {number}")
             cut = cuts[number % len(cuts)]
-            flying = asyncio.create_task(_fly_on(flown, f"client{number}"), name="client")
+            flying = asyncio.create_task(Streamer(flown, f"client{number}").fly(), name="client")
             await flown.until(lambda: flown.aircraft.is_controlled)
             await asyncio.sleep(rng.uniform(0.1, 0.6))
             found.append(await _interrupt(flown, cut, number, rng))
@@ -115,24 +112,6 @@ async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut
             await asyncio.gather(flying, return_exceptions=True)
             await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
     return found
-
-
-async def _fly_on(flown: Cockpit, name: str) -> None:
-    """Take the lease once, engage, and stream a tilt for ever, whatever becomes of it."""
-    epoch, secret = None, ""
-    while epoch is None:
-        with suppress(CommandRejectedError):
-            epoch = await flown.take(name)
-            secret = flown.secret
-        await asyncio.sleep(STICK_TIME)
-    sequence, tilt = 0, 0.0
-    while True:
-        sequence += 1
-        tilt = 40.0 if flown.flight.phase is Phase.FLYING else tilt
-        sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": -10.0}
-        setpoint = encode_map(sticks | {"epoch": epoch, "sequence": sequence, "ttl": 0.3})
-        flown.stream(setpoint, secret=secret)
-        await asyncio.sleep(STICK_TIME)
 
 
 async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) -> Cycle:

@@ -9,23 +9,16 @@ import asyncio
 import random
 import signal
 import sys
-import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
+from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import (
-    ObservedSimulation,
-    connected,
-    daemon_process,
-    wait_for_control,
-)
+from lab.rigs.processes import ObservedSimulation, connected
 from lab.rigs.waiting import wait_until
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME
 
 TILT: Final = 40.0
 SIGNALS: Final = (signal.SIGKILL, signal.SIGSTOP)
@@ -48,6 +41,11 @@ class Loss:
     neutral: float
     released: float
 
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit; the wire takes part of it, and the FlightCtrl samples later."""
+        return self.neutral > NEUTRAL_TIME or self.released > RELEASE_TIME
+
 
 async def fly(endpoint: str, name: str) -> None:
     """Be a client: take the lease, show the token, engage, then hold a tilt for ever."""
@@ -60,22 +58,14 @@ async def fly(endpoint: str, name: str) -> None:
             await asyncio.sleep(0.1)
 
 
-async def lose_clients(fc: str, runs: int, *, seed: int = 1) -> list[Loss]:
+async def lose_clients(fc: str, runs: int, seed: int) -> list[Loss]:
     """Lose one client process after another to the same daemon."""
     rng = random.Random(f"{seed} {fc} clients")
-    config = SimConfig.model_validate(
-        {"board": "fc", "fc": fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    )
-    simulation = ObservedSimulation(config, keeps=False)
-    runtime = Runtime(simulation)
     losses = []
-    with tempfile.TemporaryDirectory() as folder:
-        async with runtime.serve(), daemon_process(f"pty:{runtime.port}", Path(folder)) as daemon:
-            async with connected(daemon.endpoint) as client:
-                await wait_for_control(client)
-            for number in range(runs):
-                how = SIGNALS[number % len(SIGNALS)]
-                losses.append(await _lose(daemon.endpoint, simulation, how, f"client{number}", rng))
+    async with flown(observed(seed, fc)) as one:
+        for number in range(runs):
+            how = SIGNALS[number % len(SIGNALS)]
+            losses.append(await _lose(one.daemon.endpoint, one.simulation, how, f"client{number}", rng))
     return losses
 
 

@@ -28,7 +28,7 @@ from mksim.boards.line import HOST_CHAR
 
 STICK_HZ: Final = 50.0
 NEUTRAL_TIME: Final = 0.350
-"""Neutral sticks on the wire this long after the last setpoint, at the 99.9th percentile [s]."""
+"""Neutral sticks on the wire this long after the last setpoint [s]."""
 RELEASE_TIME: Final = 1.1
 """Config cleared in the FlightCtrl this long after the last setpoint [s]."""
 WATCH: Final = 2.5
@@ -87,7 +87,8 @@ class Loss:
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit that holds for every single death."""
-        return self.relapses > 0 or self.released is None or self.released > RELEASE_TIME
+        is_late = self.wire is None or self.wire > NEUTRAL_TIME or self.released is None
+        return is_late or self.relapses > 0 or (self.released or 0.0) > RELEASE_TIME
 
 
 class SilentRelease(Link):

@@ -8,25 +8,16 @@ from __future__ import annotations
 import asyncio
 import random
 import signal
-import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
+from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import (
-    DaemonProcess,
-    ObservedSimulation,
-    connected,
-    daemon_process,
-    wait_for_control,
-)
+from lab.rigs.processes import DaemonProcess, ObservedSimulation, daemon_process
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import first_words
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
 
 END_TIME: Final = 2.0
 """An orderly end takes no longer than this, the release included [s]."""
@@ -70,46 +61,34 @@ class End:
         return late or self.first != "release" or self.steered > 0 or self.tracebacks > 0
 
 
-async def end_daemon(fc: str, number: signal.Signals, *, seed: int) -> End:
+async def end_daemon(fc: str, number: signal.Signals, seed: int) -> End:
     """Fly, end the daemon this way, and start another one where it was killed."""
     rng = random.Random(f"{seed} {fc} {number.name}")
-    config = SimConfig.model_validate(
-        {"board": "fc", "fc": fc, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    )
-    simulation = ObservedSimulation(config)
-    runtime = Runtime(simulation)
-    with tempfile.TemporaryDirectory() as name:
-        folder, port = Path(name), f"pty:{runtime.port}"
-        async with (
-            runtime.serve(),
-            daemon_process(port, folder) as daemon,
-            connected(daemon.endpoint) as client,
-            Pilot(client, "pilot") as pilot,
-        ):
-            await wait_for_control(client)
-            await pilot.engage(lambda: simulation.is_controlled)
-            pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
-            await asyncio.sleep(rng.uniform(0.2, 0.6))
+    simulation = observed(seed, fc, keeps=True)
+    async with flown(simulation) as one, Pilot(one.client, "pilot") as pilot:
+        daemon = one.daemon
+        await pilot.engage(lambda: simulation.is_controlled)
+        pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
+        await asyncio.sleep(rng.uniform(0.2, 0.6))
+        simulation.heard.clear()
+        began = time.monotonic()
+        letting_go = asyncio.create_task(wait_until(lambda: not simulation.is_controlled), name="letting go")
+        code = await daemon.end(number)
+        took = time.monotonic() - began
+        if number is signal.SIGKILL:
+            await asyncio.sleep(rng.uniform(0.0, 1.0))
             simulation.heard.clear()
-            began = time.monotonic()
-            letting_go = asyncio.create_task(wait_until(lambda: not simulation.is_controlled), name="letting go")
-            code = await daemon.end(number)
-            took = time.monotonic() - began
-            if number is signal.SIGKILL:
-                await asyncio.sleep(rng.uniform(0.0, 1.0))
-                simulation.heard.clear()
-                first, steered, released = await _restart(port, folder, daemon, simulation)
-            else:
-                first, steered, released = last_words(_written(simulation)), 0, None
-            held = await letting_go
+            first, steered, released = await _restart(one)
+        else:
+            first, steered, released = last_words(_written(simulation)), 0, None
+        held = await letting_go
     return End(fc, number.name, _round(took), _round(held), first, steered, released, code, _tracebacks(daemon))
 
 
-async def _restart(
-    port: str, folder: Path, before: DaemonProcess, simulation: ObservedSimulation
-) -> tuple[str, int, float]:
+async def _restart(one: Flown) -> tuple[str, int, float]:
     """Start the next daemon where the killed one was; the client finds it again and streams what it streamed."""
-    async with daemon_process(port, folder, endpoint=before.endpoint) as daemon:
+    before, simulation = one.daemon, one.simulation
+    async with daemon_process(one.port, one.folder, endpoint=before.endpoint) as daemon:
         await wait_until(lambda: len(_written(simulation)) >= 20)
         opened = simulation.heard[0][0]
         await wait_until(lambda: not simulation.is_controlled)

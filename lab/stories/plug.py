@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.rigs.flown import observed
 from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
-from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 STREAMED: Final = frozenset({"osd", "attitude", "debug"})
@@ -54,16 +54,10 @@ class Replugs:
     tracebacks: int
 
     @property
-    def holds(self) -> bool:
-        """Whether every limit holds."""
-        return (
-            self.back_max <= BACK
-            and not self.not_release
-            and not self.never_back
-            and self.descriptors[1] <= self.descriptors[0]
-            and self.memory_mb[1] - self.memory_mb[0] <= MEMORY_MB
-            and not self.tracebacks
-        )
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit."""
+        grows = self.descriptors[1] > self.descriptors[0] or self.memory_mb[1] - self.memory_mb[0] > MEMORY_MB
+        return self.back_max > BACK or bool(self.not_release or self.never_back or self.tracebacks) or grows
 
 
 class _Telemetry:
@@ -82,13 +76,13 @@ class _Telemetry:
 class _Bench:
     """The device that comes and goes, and what was seen of the daemon meanwhile."""
 
-    def __init__(self, config: SimConfig, device: Path, rng: random.Random) -> None:
+    def __init__(self, simulation: ObservedSimulation, device: Path, rng: random.Random) -> None:
         self.back: list[float] = []
         self.wrong: list[int] = []
         self.lost: list[int] = []
         self.descriptors: list[int] = []
         self.memory: list[float] = []
-        self._simulation = ObservedSimulation(config)
+        self._simulation = simulation
         self._device = device
         self._rng = rng
 
@@ -115,15 +109,12 @@ class _Bench:
         await asyncio.sleep(rng.uniform(0.05, 0.6))
 
 
-async def replug(cycles: int, *, seed: int = 1, board: str = "nc") -> Replugs:
+async def replug(cycles: int, seed: int) -> Replugs:
     """Unplug and plug in so many times."""
-    config = SimConfig.model_validate(
-        {"board": board, "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-    )
     telemetry = _Telemetry()
     with tempfile.TemporaryDirectory() as folder:
         device = Path(folder) / "ttyMK"
-        bench = _Bench(config, device, random.Random(f"{seed} plug"))
+        bench = _Bench(observed(seed, nc="0.24", keeps=True), device, random.Random(f"{seed} plug"))
         async with (
             daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
             connected(daemon.endpoint) as client,

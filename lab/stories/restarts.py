@@ -36,6 +36,7 @@ class Restart:
         steered: frames with the valid bit before a client confirmed the FlightCtrl.
         token: why a lease without the confirmation was refused; empty where it was granted.
         layout: in which the confirmed lease flew; empty for none.
+        expected: the layout of the aircraft.
     """
 
     number: int
@@ -43,12 +44,14 @@ class Restart:
     steered: int
     token: str
     layout: str
+    expected: str
 
     @property
     def is_wrong(self) -> bool:
-        """Whether it breaks a limit; the layout is compared with the others."""
+        """Whether it breaks a limit."""
         is_late = self.cleared is None or self.cleared > CLEARED
-        return is_late or self.steered > 0 or self.token != Token.REMEMBERED_ONLY or not self.layout
+        is_other = self.layout != self.expected or not self.layout
+        return is_late or self.steered > 0 or self.token != Token.REMEMBERED_ONLY or is_other
 
 
 def restart(boards: Boards, seed: int, *, count: int, tick: float = TICK_TIME) -> list[Restart]:
@@ -63,10 +66,11 @@ async def _restart(boards: Boards, seed: int, count: int, tick: float) -> list[R
         flown.aircraft.flight.core.start()
         await asyncio.sleep(5.0)
         socket, memory = flown.socket, await _fly_and_die(flown, "client", use_remembered=False)
+        layout = flown.link.dialect.extern_control_layout or ""
     found = []
     for number in range(count):
         await asyncio.sleep(random.Random(f"{seed} restart {number}").uniform(0.1, 1.5))
-        one, memory = await _begin_again(boards, socket, memory, number)
+        one, memory = await _begin_again(boards, socket, memory, number, layout)
         found.append(one)
     return found
 
@@ -86,7 +90,7 @@ async def _fly_and_die(flown: Cockpit, name: str, *, use_remembered: bool) -> Fl
 
 
 async def _begin_again(
-    boards: Boards, socket: Socket, memory: FlightMemory, number: int
+    boards: Boards, socket: Socket, memory: FlightMemory, number: int, layout: str
 ) -> tuple[Restart, FlightMemory]:
     was_controlled = not socket.aircraft.flight.external.is_valid
     written = len(socket.wire)
@@ -105,5 +109,5 @@ async def _begin_again(
         except CommandRejectedError as error:
             token = error.token
         memory = await _fly_and_die(flown, f"client{number}", use_remembered=True)
-        found = Restart(number, cleared, steered, token, flown.link.dialect.extern_control_layout or "")
+        found = Restart(number, cleared, steered, token, flown.link.dialect.extern_control_layout or "", layout)
     return found, memory

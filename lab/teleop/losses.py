@@ -17,7 +17,7 @@ from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
-from lab.stories.deaths import measure_loss
+from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, measure_loss
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.link.session.traffic import Purpose
@@ -70,6 +70,12 @@ class HandsLost:
     released: float | None
     relapses: int
     foreign: int
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it breaks a limit."""
+        is_late = self.wire is None or self.wire > NEUTRAL_TIME or self.released is None
+        return is_late or (self.released or 0.0) > RELEASE_TIME or self.relapses > 0 or self.foreign > 0
 
 
 class _Operator:

@@ -1,1 +1,1 @@
-"""`mkctl view`: what it costs a daemon, and its picture for the documentation."""
+"""`mkctl view`: what it costs a daemon."""

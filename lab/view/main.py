@@ -7,7 +7,6 @@ reads. A client streams sticks all the time, so that everything is published whi
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import signal
 import statistics
@@ -20,14 +19,12 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from lab.rigs.processes import DaemonProcess, connected, daemon_process, wait_for_control
-from lab.view.figure import draw
+from lab.rigs.flown import flown, observed
+from lab.rigs.processes import DaemonProcess, connected
+from lab.tables import show
 from lab.view.opening import open_recordings, viewer_process
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
-from mksim.simulation import Simulation
 
 SETTLING: Final = 3.0
 """After a viewer has come or gone, before anything is counted [s]."""
@@ -42,40 +39,24 @@ def main(
     flight: Annotated[
         Path | None, Parameter(help="Recording of the demonstration; without it the demonstration is flown first.")
     ] = None,
-    figure: Annotated[
-        Path | None, Parameter(help="Draw the page's picture into this PNG, and do nothing else.")
-    ] = None,
     as_json: AsJson = False,
-) -> None:
-    """Measure what a viewer costs, two minutes; or draw the picture of the documentation.
+) -> int:
+    """Measure what a viewer costs, two minutes.
 
     Raises:
         TimeoutError: something did not start.
     """
-    if figure is not None:
-        draw(figure)
-        return
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(_measure(Path(folder), seconds, rounds))
         found |= asyncio.run(open_recordings(Path(folder), flight))
-    if as_json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name}: {value}")
+    return show([{"what": "viewer"} | found], ("what",), as_json=as_json)
 
 
 async def _measure(folder: Path, seconds: float, rounds: int) -> dict[str, Any]:
     """Processor time of the daemon and its answers, without a viewer, with one, and with one that hangs."""
-    simulation = Simulation(SimConfig(board="fc", pilot_plan=PilotPlan.NOTHING, calibrated=True))
-    async with (
-        Runtime(simulation).serve() as runtime,
-        daemon_process(f"pty:{runtime.port}", folder) as daemon,
-        connected(daemon.endpoint) as uav,
-        connected(daemon.endpoint) as asker,
-    ):
-        await wait_for_control(uav)
-        steering = asyncio.create_task(_steer(uav), name="sticks")
+    async with flown(observed(1), folder=folder) as one, connected(one.daemon.endpoint) as asker:
+        daemon = one.daemon
+        steering = asyncio.create_task(_steer(one.client), name="sticks")
         try:
             costs = await _costs(daemon, seconds, rounds)
             return costs | {"answers_ms": await _hanging(daemon, asker)}

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import pi, radians
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import VGA, Device, fly
+from lab.vision.looks import Look, eyes, flights, look_at, summed
 from lab.vision.parts import Case, Part
-from lab.vision.real import RESPONSE, Look, look_at, tally
+from lab.vision.real import RESPONSE, plain_programs
 from lab.vision.stills import SeedSet, target_named
 from lab.vision.weather import SKIES, Change, Sky
 from mkdaemon.vision.camera.calibration_file import Intrinsics
@@ -156,29 +157,16 @@ class _Met:
 
 
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
-    flights = 1 if quick else FLIGHTS
-    return [Part(_fly, (name, seeds.base + 1500 + k), FLIGHT_IMAGES) for name in TRIALS for k in range(flights)]
+    return flights(_fly, TRIALS, seeds.base + 1500, 1 if quick else FLIGHTS, FLIGHT_IMAGES)
 
 
 def _fly(name: str, seed: int) -> dict[str, list[Look]]:
     """One flight through all programs."""
     trial, target = TRIALS[name], target_named("nested")
-    lens = WIDE if trial.lens is WIDE else VGA
-    frames = fly(
-        target,
-        seed,
-        seconds=SECONDS,
-        troubled=False,
-        intrinsics=lens,
-        device=trial.device,
-        weather=_Met(trial, seed, target.tags[0].size),
-    )
-    return look_at(frames, target, trial.lens)
+    lens, weather = WIDE if trial.lens is WIDE else VGA, _Met(trial, seed, target.tags[0].size)
+    frames = fly(target, seed, seconds=SECONDS, troubled=False, intrinsics=lens, device=trial.device, weather=weather)
+    return look_at(frames, eyes(target, trial.lens), plain_programs(target, trial.lens))
 
 
-def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
-    return tally(parts, found, "posed")
-
-
-ADVERSE: Final = Case(_plan, _sum_up)
+ADVERSE: Final = Case(_plan, summed)
 """Posed and wrong of four programs under each."""

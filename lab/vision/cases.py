@@ -7,19 +7,17 @@ from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from lab.vision.flight import VGA, share_in_view
+from lab.vision.looks import flights, look, summed
 from lab.vision.parts import Case, Part
 from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
 from lab.vision.troubles import band, patches, shadow
-from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions, sum_up_flights
+from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
 from mksim.scene.light import Glare, LightConditions
-
-Array = npt.NDArray[np.float64]
 
 FOOT = 0.3048
 COLD_DISTANCES = (0.10, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 2.0, 3.0, 4.57, 6.0, 8.0, 9.0, 10.0, 11.0, 12.0)
@@ -83,7 +81,7 @@ class _Share:
                 continue
             self.posed += with_attitude
             self.blind += not with_attitude
-            self.wrong += _is_wrong(found.pose.rotation, found.pose.position, still)
+            self.wrong += look(still, found).wrong
 
     def row(self, *, blind: bool = True) -> dict[str, Any]:
         """The figures."""
@@ -94,12 +92,6 @@ class _Share:
             **without,
             "wrong": self.wrong,
         }
-
-
-def _is_wrong(rotation: Array, position: Array, still: Still) -> bool:
-    """Far away 5 cm is less than the calibration floor: 1 % of the range counts where that is more."""
-    error = error_of(rotation, position, still.rotation, still.position)
-    return error.distance > max(0.05, 0.01 * float(np.linalg.norm(still.position))) or error.angle_deg > 5.0
 
 
 def _plan_accuracy(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -194,13 +186,11 @@ def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditi
 
 
 def _plan_conditions(quick: bool, seeds: SeedSet) -> list[Part]:
-    count, flights = (12, 1) if quick else (50, 6)
+    count, each = (12, 1) if quick else (50, 6)
     stills = [
         Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))
     ]
-    return stills + [
-        Part(fly_conditions, (name, seeds.base + 1400 + k), FLIGHT_IMAGES) for name in SKIES for k in range(flights)
-    ]
+    return stills + flights(fly_conditions, SKIES, seeds.base + 1400, each, FLIGHT_IMAGES)
 
 
 def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any]:
@@ -215,14 +205,14 @@ def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any
     return {"condition": name, **tally.row()}
 
 
-def _sum_up_conditions(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _sum_up_conditions(quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     stills = [row for part, row in zip(parts, rows, strict=True) if part.work is _condition_row]
     return {
         "images_each": parts[0].images,
         "target": "nested",
         "distance": [0.5, 2.0],
         "by_condition": stills,
-        "flights": sum_up_flights(parts[len(stills) :], rows[len(stills) :]),
+        "flights": summed(quick, parts[len(stills) :], rows[len(stills) :]),
     }
 
 

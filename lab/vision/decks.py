@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from math import radians
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from lab.vision.flight import LEVEL, LOOKING_DOWN, VGA, fly
+from lab.vision.flight import LEVEL, VGA, FlightFrame, fly
+from lab.vision.looks import WITH, Look, eyes, flights, look_at, summed
 from lab.vision.parts import Case, Part
-from lab.vision.stills import SeedSet, error_of, target_named
-from mkdaemon.vision.pose.pose import with_floor
-from mkdaemon.vision.tags.tagmap import TagMap
+from lab.vision.stills import SeedSet, target_named
+from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
-from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 
 Report = Callable[[AttitudeSample], AttitudeSample]
@@ -50,74 +47,23 @@ LIES: Final = {
 """Decks of 4 degrees, and attitudes that are wrong from the start or from the middle of a flight on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """One image.
-
-    Attributes:
-        posed: whether it was.
-        wrong: posed beyond 5 cm and 1 % of the range, or 5 degrees.
-        nees: of the measurement, per degree of freedom, as the lens is known exactly.
-        nees_published: of the published covariance, which has the floor of a calibration in it.
-    """
-
-    posed: bool
-    wrong: bool = False
-    nees: float = 0.0
-    nees_published: float = 0.0
-
-
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
-    flights = 1 if quick else 6
-    images = int(30 * SECONDS)
-    return [
-        Part(_fly, (f"{name}_{target}", name, target, seeds.base + 1200 + k), images)
-        for name in LIES
-        for target in ("nested", "single")
-        for k in range(flights)
-    ]
+    rows = [f"{name}_{target}" for name in LIES for target in ("nested", "single")]
+    return flights(_fly, rows, seeds.base + 1200, 1 if quick else 6, int(30 * SECONDS))
 
 
-def _fly(_row: str, name: str, target_name: str, seed: int) -> list[Look]:
-    lie, target = LIES[name], target_named(target_name)
-    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
-    looks = []
-    for frame in fly(target, seed, seconds=SECONDS, deck=lie.deck):
-        reported = AttitudeHistory(lie.report(sample) for sample in frame.attitude.samples)
-        found = tracker.update(frame.image, reported).pose_of(target.name)
-        if frame.in_view < 1.0:
-            continue
-        if found is None:
-            looks.append(Look(posed=False))
-            continue
-        error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
-        vector = np.array([*error.xyz, *error.rpy])
-        nees, published = (
-            float(vector @ np.linalg.solve(covariance, vector)) / 6
-            for covariance in (found.pose.covariance, with_floor(found.pose))
-        )
-        too_far = error.distance > max(0.05, 0.01 * float(np.linalg.norm(frame.position)))
-        looks.append(Look(True, too_far or error.angle_deg > 5.0, nees, published))
-    return looks
+def _fly(row: str, seed: int) -> dict[str, list[Look]]:
+    name, _, target_name = row.rpartition("_")
+    target = target_named(target_name)
+    return look_at(lied(name, target, seed, SECONDS), {WITH: eyes(target, VGA)[WITH]})
 
 
-def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[list[Look]]) -> dict[str, Any]:
-    rows: dict[str, Any] = {}
-    for row in dict.fromkeys(part.args[0] for part in parts):
-        looks = [look for part, looks in zip(parts, found, strict=True) if part.args[0] == row for look in looks]
-        posed = [look for look in looks if look.posed]
-        nees = [look.nees for look in posed]
-        rows[row] = {
-            "images": len(looks),
-            "posed": round(len(posed) / len(looks), 4),
-            "wrong": sum(look.wrong for look in looks),
-            "nees_mean": round(float(np.mean(nees)), 2) if nees else None,
-            "nees_median": round(float(np.median(nees)), 2) if nees else None,
-            "nees_p95": round(float(np.percentile(nees, 95)), 2) if nees else None,
-            "nees_published_mean": round(float(np.mean([look.nees_published for look in posed])), 2) if nees else None,
-        }
-    return rows
+def lied(name: str, target: Target, seed: int, seconds: float) -> Iterator[FlightFrame]:
+    """A flight over a deck, or with an attitude that is wrong."""
+    lie = LIES[name]
+    for frame in fly(target, seed, seconds=seconds, deck=lie.deck):
+        yield replace(frame, attitude=AttitudeHistory(lie.report(sample) for sample in frame.attitude.samples))
 
 
-DECKS: Final = Case(_plan, _sum_up)
+DECKS: Final = Case(_plan, summed)
 """Posed, wrong and NEES where target and attitude disagree; images with the whole target in view."""

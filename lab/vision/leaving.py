@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
+from lab.vision.looks import look
 from lab.vision.parts import Case, Part, in_parts
-from lab.vision.stills import WRONG_DEG, WRONG_M, SeedSet, Still, error_of, ground_of, look_along, target_named
+from lab.vision.stills import SeedSet, Still, ground_of, look_along, target_named
 from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
@@ -32,8 +33,6 @@ NEAR_M, FAR_M, MOST_TILT = 0.1, 14.0, 1.1
 """Distances are drawn evenly by their logarithm, tilts to 63 degrees."""
 WAY_OUT: Final = (0.35, 0.75, 1.0, 1.25)
 """Where the middle of the target is in each image: share of the way from the middle of the image to its border."""
-SHARE_M: Final = 0.01
-"""A pose is wrong beyond 5 cm and this share of the range, or 5 degrees."""
 TURNING_SD, EXPOSURE = 0.3, 0.003
 """Of the camera about each axis [rad/s], and how long its shutter is open [s]."""
 PAUSE: Final = 2.0
@@ -108,10 +107,9 @@ def _leave(name: str, camera: str, count: int, seed: int, part: int) -> Tally:
         if found is None:
             continue
         tally.posed[way] += 1
-        error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
-        furthest = max(WRONG_M, SHARE_M * float(np.linalg.norm(still.position)))
-        if error.distance > furthest or error.angle_deg > WRONG_DEG:
-            tally.wrong.append(f"{place}: {error.distance:.3f} m, {error.angle_deg:.1f} degrees")
+        seen = look(still, found)
+        if seen.wrong:
+            tally.wrong.append(f"{place}: {seen.off:.3f} m, {seen.turned:.1f} degrees")
     return tally
 
 

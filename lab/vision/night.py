@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
+from lab.vision.looks import look
 from lab.vision.parts import Case, Part
-from lab.vision.stills import SeedSet, error_of, target_named
+from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
@@ -101,10 +102,10 @@ def fly_night(way: str, lux: float, seed: int, seconds: float = SECONDS) -> dict
             continue
         images += 1
         if found is not None:
-            error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
+            seen_as = look(frame, found)
             posed += 1
-            wrong += error.distance > max(0.05, 0.01 * float(np.linalg.norm(frame.position))) or error.angle_deg > 5.0
-            off.append(100 * error.distance)
+            wrong += seen_as.wrong
+            off.append(100 * seen_as.off)
     return {
         "images": images,
         "posed": posed,

@@ -73,38 +73,11 @@ def run_parts(name: str, parts: Sequence[Part], jobs: int) -> list[Any]:
     Raises:
         CampaignError: a process died.
     """
-    progress, found = Progress(name, sum(part.images for part in parts)), {}
+    found, began, written = {}, time.monotonic(), 0.0
     for number, result in each_result(Part.run, parts, jobs):
         found[number] = result
-        progress.add(parts[number].images)
+        passed = time.monotonic() - began
+        if passed - written >= PROGRESS_EVERY:
+            written, left = passed, passed * (len(parts) - len(found)) / len(found)
+            print(f"{name}: {len(found)} of {len(parts)} parts, {minutes(left)} left", file=sys.stderr, flush=True)
     return [found[number] for number in range(len(parts))]
-
-
-class Progress:
-    """How far the images of a case are and when they will end, on stderr.
-
-    Args:
-        name: of the case.
-        total: images.
-        clock: gives the time [s].
-    """
-
-    def __init__(self, name: str, total: int, clock: Callable[[], float] = time.monotonic) -> None:
-        self._name, self._total = name, total
-        self._clock = clock
-        self._start = self._written = clock()
-        self._done = 0
-
-    def add(self, images: int) -> None:
-        """Some more are done."""
-        self._done += images
-        now = self._clock()
-        if now - self._written >= PROGRESS_EVERY:
-            self._written = now
-            print(self.line(now), file=sys.stderr, flush=True)
-
-    def line(self, now: float) -> str:
-        """The words for a time [s]."""
-        left = (now - self._start) * (self._total - self._done) / max(self._done, 1)
-        share = 100 * self._done // max(self._total, 1)
-        return f"{self._name}: {self._done} of {self._total} images, {share} %, {minutes(left)} left"

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
-from lab.vision.parts import Part
-from lab.vision.stills import error_of, target_named
+from lab.vision.flight import VGA, Device, fly
+from lab.vision.looks import Look, eyes, look_at
+from lab.vision.stills import target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.pose.pose import with_floor
-from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl
 from mksim.scene.gloss import Gloss
@@ -26,7 +23,6 @@ from mksim.scene.processing import Processing
 from mksim.scene.shadows import SUN_OVER_SKY, LeafShadow, VehicleShadow
 from mksim.scene.view import CameraView
 
-Array = npt.NDArray[np.float64]
 Change = Callable[[np.random.Generator, float], "Callable[[CameraView, LightConditions], LightConditions]"]
 """Draws a hardship for a target of a size [m]; what it gives changes the conditions of one image."""
 
@@ -188,18 +184,6 @@ class SkyWeather:
             self._auto.image_seen(pixels, self._gamma)
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """What the eyes made of one image, per degree of freedom of what was measured and of what was published."""
-
-    posed: bool
-    wrong: bool = False
-    measured_nees: float = 0.0
-    published_nees: float = 0.0
-    off: float = 0.0
-    turned: float = 0.0
-
-
 def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, list[Look]]:
     """One flight through the eyes with attitude and without.
 
@@ -212,55 +196,6 @@ def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, 
         What they made of the images that show the whole target.
     """
     sky, target = SKIES[name], target_named("nested")
-    eyes = {
-        "with_attitude": Tracker(TagMap((target,)), sky.lens, LOOKING_DOWN),
-        "without": Tracker(TagMap((target,)), sky.lens),
-    }
     weather = SkyWeather(sky, seed, target.tags[0].size)
-    looks: dict[str, list[Look]] = {program: [] for program in eyes}
-    for frame in fly(target, seed, seconds=seconds, troubled=False, device=sky.device, weather=weather):
-        for program, tracker in eyes.items():
-            found = tracker.update(frame.image, frame.attitude).pose_of(target.name)
-            if frame.in_view < 1.0:
-                continue
-            if found is None:
-                looks[program].append(Look(posed=False))
-                continue
-            error = error_of(found.pose.rotation, found.pose.position, frame.rotation, frame.position)
-            vector = np.array([*error.xyz, *error.rpy])
-            measured, published = (
-                float(vector @ np.linalg.solve(covariance, vector)) / 6
-                for covariance in (found.pose.covariance, with_floor(found.pose))
-            )
-            too_far = error.distance > max(0.05, 0.01 * float(np.linalg.norm(frame.position)))
-            wrong = too_far or error.angle_deg > 5.0
-            looks[program].append(Look(True, wrong, measured, published, error.distance, error.angle_deg))
-    return looks
-
-
-def sum_up_flights(parts: Sequence[Part], found: Sequence[dict[str, list[Look]]]) -> dict[str, Any]:
-    """Counts and figures by condition and program."""
-    rows: dict[str, Any] = {}
-    for name in dict.fromkeys(part.args[0] for part in parts):
-        flights = [looks for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
-        rows[name] = {
-            program: figures([look for flight in flights for look in flight[program]]) for program in flights[0]
-        }
-    return rows
-
-
-def figures(looks: list[Look]) -> dict[str, Any]:
-    """Counts, NEES and errors of what one program made of some images."""
-    posed = [look for look in looks if look.posed]
-    row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(look.wrong for look in posed)}
-    if posed:
-        row |= {
-            "nees_measured_mean": round(float(np.mean([look.measured_nees for look in posed])), 2),
-            "nees_measured_median": round(float(np.median([look.measured_nees for look in posed])), 2),
-            "nees_published_mean": round(float(np.mean([look.published_nees for look in posed])), 2),
-            "median_cm": round(100 * float(np.median([look.off for look in posed])), 3),
-            "median_deg": round(float(np.median([look.turned for look in posed])), 3),
-            "largest_cm": round(100 * max(look.off for look in posed), 2),
-            "largest_deg": round(max(look.turned for look in posed), 2),
-        }
-    return row
+    frames = fly(target, seed, seconds=seconds, troubled=False, device=sky.device, weather=weather)
+    return look_at(frames, eyes(target, sky.lens))

@@ -236,12 +236,13 @@ def test_a_target_is_met_with_the_heading_that_the_boards_reported_last():
 
 
 def test_another_aircraft_is_met_anew_and_the_same_is_not(sight):
-    first = sight.estimator
+    first, answers = sight.estimator, sight.answer
     sight.model_known(AircraftModel())
-    assert sight.estimator is first
+    assert (sight.estimator, sight.answer) == (first, answers)
     other = AircraftModel(drag=0.5)
     sight.model_known(other)
     assert sight.estimator is None
+    assert sight.answer is not answers, "it expects the answers of the aircraft before"
     see(sight, view(10.1))
     assert sight.estimator.model == other
 

@@ -2,46 +2,34 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 from dataclasses import replace
-from functools import partial
 
 import pytest
 
 from lab.attack import flightlog, quiet
-from lab.attack import flights as flights_of
 from lab.attack.blocked import Blocked
 from lab.attack.deaths import Attack
 from lab.attack.flightlog import FlightLog, Gaps
-from lab.attack.flights import Flights, Plan, fly_all
 from lab.attack.floods import Ride
 from lab.attack.guardless import GuardDeath
-from lab.attack.main import DEATHS, FLOODS, GUARD, Scope
 from lab.attack.programs import HELD_DAEMON
 from lab.attack.virtual import Silence, fly_virtually
+from lab.cases import silence_log
 from lab.rigs.cockpit import Boards
 from lab.rigs.processes import Sticks
 from lab.rigs.troubled import TROUBLE
-from lab.stories.losses import silence_log
 from mkdaemon.cli.mkdaemon.run import RELOAD
 from mkdaemon.client import Sample
 from mkdaemon.protocol.framing import encode_frame
 
-RIDE = Ride("setpoints", ("1000", "1000"), 0.02, 0.03, 0.04, True, None, 0.1, 100.0, 90.0, 1.0)
+RIDE = Ride(("1000", "1000"), 0.02, 0.03, 0.04, True, None, 0.1, 100.0, 90.0, 1.0)
 
 
 def test_what_the_lab_tells_a_daemon_by_is_no_signal_that_the_daemon_takes_for_itself():
     assert TROUBLE not in {RELOAD, signal.SIGINT, signal.SIGTERM}
     compile(HELD_DAEMON, "held", "exec")
     assert f"signal.signal({int(TROUBLE)}," in HELD_DAEMON
-
-
-def test_a_row_names_the_deaths_that_break_a_limit():
-    flown = [Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0), Attack("FC 2.08", "killed", "pty", 0.03, 1.2, 0)]
-    row = DEATHS.row(Flights("daemon killed", "FC 2.08", flown))
-    assert row["released_max_s"] == 1.2
-    assert [one["released"] for one in row["wrong"]] == [1.2]
 
 
 @pytest.mark.parametrize(
@@ -61,49 +49,20 @@ def test_a_row_names_the_deaths_that_break_a_limit():
 )
 def test_a_ride_is_wrong_where_one_limit_is_broken(changed, is_wrong):
     found = Ride(**{field: getattr(RIDE, field) for field in Ride.__slots__} | changed)
-    assert bool(FLOODS.row(Flights("setpoints", "FC 2.08", [RIDE, found]))["wrong"]) is is_wrong
+    assert found.is_wrong is is_wrong
 
 
 def test_a_guard_whose_death_is_not_said_is_wrong():
-    found = [GuardDeath(0.1, "guard_dead", True), GuardDeath(0.1, None, True)]
-    row = GUARD.row(Flights("guard killed", "FC 2.08", found))
-    assert row["refused"] == 1
-    assert len(row["wrong"]) == 1
-
-
-def test_a_flight_that_fails_is_counted_and_costs_no_other_its_result(capsys):
-    async def fly(seed):
-        if seed == 2:
-            raise TimeoutError("not within 30 s")
-        return Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0)
-
-    [flights] = fly_all([Plan("daemon killed", "FC 2.08", fly)], range(1, 4))
-    row = DEATHS.row(flights)
-    assert (row["runs"], row["not_flown"], row["released_max_s"]) == (3, 1, 0.05)
-    [wrong] = row["wrong"]
-    assert wrong["seed"] == 2
-    assert wrong["reason"].startswith("TimeoutError: not within 30 s (test_attack.py:")  # the place
-    told = capsys.readouterr().err.splitlines()
-    assert [line.partition(" (")[0] for line in told] == [
-        "daemon killed, FC 2.08, seed 1: holds",
-        "daemon killed, FC 2.08, seed 2: NOT FLOWN: TimeoutError: not within 30 s",
-        "daemon killed, FC 2.08, seed 3: holds",
-    ]
+    assert not GuardDeath(0.1, "guard_dead", True).is_wrong
+    assert GuardDeath(0.1, None, True).is_wrong
 
 
 def test_a_flight_that_is_slow_beside_a_late_machine_is_wrong_and_says_so():
     slow = Attack("FC 2.08", "killed", "pty", 0.36, 0.5, 0, late=0.05)
     lost = replace(slow, neutral=0.3, blocked=Blocked(kept=False, gaps=Gaps(0.3, 0.3, 0.3, 0.3)))
-    row = DEATHS.row(Flights("daemon killed", "FC 2.08", [slow, replace(slow, late=0.005), lost]))
-    assert (row["machine_late"], len(row["wrong"])) == (1, 3)
-
-
-def test_rows_are_chosen_by_attack_and_boards():
-    async def fly(seed):
-        return Attack("FC 2.08", "killed", "pty", 0.03, 0.05, 0)
-
-    plans = [Plan("daemon killed", boards, fly) for boards in ("FC 2.08", "FC early")]
-    assert [flights.boards for flights in Scope(range(1), only="killed, FC early").fly(plans)] == ["FC early"]
+    assert [one.is_machine_late for one in (slow, replace(slow, late=0.005), lost)] == [True, False, False]
+    assert slow.is_wrong
+    assert lost.is_wrong
 
 
 class Putter:
@@ -148,32 +107,6 @@ def test_a_log_of_a_flight_tells_when_control_was_lost(monkeypatch):
     ]
 
 
-def test_a_row_of_which_nothing_was_flown_has_no_figures_and_is_wrong():
-    row = FLOODS.row(Flights("setpoints", "FC 2.08", [], [{"seed": 1, "reason": "TimeoutError: "}]))
-    assert row["gap_max_s"] is None
-    assert row["wrong"]
-
-
-def test_a_flight_without_an_end_is_cut(monkeypatch):
-    monkeypatch.setattr(flights_of, "LONGEST", 0.01)
-
-    async def fly(seed):
-        await asyncio.sleep(3600)
-
-    [flights] = fly_all([Plan("daemon killed", "FC 2.08", fly)], range(1))
-    assert flights.not_flown[0]["seed"] == 0
-
-
-def test_flights_come_back_in_the_order_of_the_rows():
-    async def fly(name, seed):
-        return Attack("FC 2.08", name, "pty", 0.001 * seed, 0.05, 0)
-
-    plans = [Plan(name, "FC 2.08", partial(fly, name)) for name in ("killed", "frozen")]
-    killed, frozen = fly_all(plans, range(1, 4))
-    assert [(one.kind, one.neutral) for one in killed.flown] == [("killed", at) for at in (0.001, 0.002, 0.003)]
-    assert {one.kind for one in frozen.flown} == {"frozen"}
-
-
 @pytest.mark.parametrize(("silence", "limit"), [(Silence.CLOSED, 0.1), (Silence.AGED, 0.9)])
 async def test_the_guard_releases_in_virtual_time_too(silence, limit):
     found = await fly_virtually(Boards("2.08"), silence, 1)
@@ -184,7 +117,7 @@ async def test_the_guard_releases_in_virtual_time_too(silence, limit):
 def test_the_guard_is_quiet_in_a_flight_with_faults(monkeypatch):
     silence_log()
     monkeypatch.setattr(quiet, "FLIGHT", 8.0)
-    found = quiet.fly_quietly(Boards("2.08"), range(1, 2))
-    assert found.written == []
+    found = quiet.fly_quietly(Boards("2.08"), 1)
+    assert not found.is_wrong
     assert found.leases >= 1
     assert found.hours > 0.001

@@ -12,7 +12,7 @@ from lab import compare
 from lab.campaign import Campaign, CampaignError, Ending, Results, carried_out, endings
 from lab.vision.main import CASES, main, run_case
 from lab.vision.never import Tally, all_flips
-from lab.vision.parts import Part, Progress, in_parts, run_parts
+from lab.vision.parts import Part, in_parts, run_parts
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import _tag_free
 from mkdaemon.errors import ConfigError
@@ -35,12 +35,6 @@ def test_a_process_that_dies_is_named():
 def test_an_error_in_a_part_is_the_caller_s():
     with pytest.raises(ZeroDivisionError):
         run_parts("failing", [Part(divmod, (1, 0), 1)] * 2, 2)
-
-
-def test_progress_tells_what_is_left():
-    progress = Progress("cold", 400, clock=iter([0.0, 1.0]).__next__)
-    progress.add(100)
-    assert progress.line(30.0) == "cold: 100 of 400 images, 25 %, 1:30 left"
 
 
 @pytest.mark.parametrize(("count", "size", "sizes"), [(10, 4, [4, 4, 2]), (8, 4, [4, 4]), (3, 4, [3])])

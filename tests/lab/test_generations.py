@@ -39,8 +39,9 @@ def test_what_was_found_is_shown_and_a_firmware_that_takes_no_stick_frame_fails(
     found = Found((0, 84, "a"), held, [0.005], [5.1, 5.2, 5.0], "abdhlpt", "cgnqvz")
     monkeypatch.setattr(generations, "measure", lambda name, tries: found)
     assert show(["some"], 3, as_json=True) == 0
-    assert json.loads(capsys.readouterr().out)["kept_alive_by"] == "abdhlpt"
-    assert row_of("some", found)["held_s"] == [5.1, 5.2, 5.0]
+    [row] = json.loads(capsys.readouterr().out)["rows"]
+    assert (row["kept_alive_by"], row["layouts"]) == ("abdhlpt", ["ExternControlV1"])
+    assert row_of("some", found)["held_s"] == [5.0, 5.1, 5.2]
     assert spread(found.held) == (5.0, 5.1, 5.2)
     assert spread([]) == ()
     found.held.clear()
@@ -54,12 +55,12 @@ def test_a_pair_whose_sticks_do_not_arrive_fails(monkeypatch, capsys):
     flown = [{"seed": 7, "hold_cm": 3.5, "lost": []}]
     monkeypatch.setattr(navipairs, "fly_all", lambda flight, seeds, jobs: flown)
     assert navipairs.show("some", [1], 1, as_json=True) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert told["steps"]["link up"] == ["yes", 0.1]
-    assert told["flights"] == flown
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["rows"][0] == {"what": "link up", "ended": "yes", "figure": 0.1}
+    assert [row["holds"] for row in printed["rows"][2:]] == [False, True]
+    assert (printed["navi"], printed["rows"][3]["hold_cm"]) == ("0.24b", 3.5)
     steps[1] = Step("sticks reach the FlightCtrl", "yes", 0.04)
     assert navipairs.show("some", [1], 1, as_json=False) == 0
-    assert "behind NaviCtrl 0.24b" in capsys.readouterr().out
     flown[0]["lost"] = ["it did not land"]
     assert navipairs.show("some", [1], 1, as_json=False) == 1
     assert "it did not land" in capsys.readouterr().out

@@ -305,9 +305,9 @@ def test_endings_and_counts_are_summed_and_a_release_fails(capsys):
         196,
     )
     assert summed["why"] == ["2 released: no image of pad for 3.0 s"]
-    assert endings.show([good], ["fc"], ["cable"], as_json=False) == 0
-    assert endings.show([good, bad], ["fc"], ["cable"], as_json=False) == 1
-    assert "sticks: 200 sent, 196 in memory (98.0 %)" in capsys.readouterr().out
+    assert endings.show([good], as_json=True) == 0
+    assert endings.show([good, bad], as_json=True) == 1
+    assert '"sticks_sent": 200, "sticks_in_memory": 196' in capsys.readouterr().out
 
 
 def test_frames_are_counted_where_the_daemon_sends_and_hears_them():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lab.vision import leaving
+from lab.vision import leaving, looks
 from lab.vision.leaving import WAY_OUT, Tally
 from mkdaemon.vision.track.tracker import Tracker
 
@@ -17,7 +17,7 @@ def test_a_target_goes_over_the_border_and_is_posed_while_it_is_in_view() -> Non
 
 
 def test_what_is_wrong_is_counted_with_its_place(monkeypatch) -> None:
-    monkeypatch.setattr(leaving, "WRONG_DEG", -1.0)
+    monkeypatch.setattr(looks, "WRONG_DEG", -1.0)
     whole = leaving._leave("nested", "global", 4, 3, 0).summary()
     assert whole["wrong"] == whole["published"] > 0
     assert whole["first_wrong"][0].startswith("nested global seed 3 part 0 image 0: 0.0")

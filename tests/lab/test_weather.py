@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from lab.vision.weather import figures, fly_conditions
+from lab.vision.looks import WITH, figures
+from lab.vision.weather import fly_conditions
 
 SEED = 3_001_401
 
 
 @pytest.mark.parametrize("name", ["curl", "auto_exposure"])
 def test_a_hardship_costs_poses_but_gives_no_wrong_one(name: str) -> None:
-    found = figures(fly_conditions(name, SEED, 0.34)["with_attitude"])
+    found = figures(fly_conditions(name, SEED, 0.34)[WITH])
     print(name, found)
     assert found["images"] == 10
     assert found["wrong"] == 0

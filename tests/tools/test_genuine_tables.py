@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from lab.campaign import Results, plain
-from tools.genuine_tables import PLACE, RESULTS, genuine_page, triggers_page
+from tools.genuine_tables import RESULTS, genuine_page, triggers_page
+from tools.markdown import PLACE
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ Nothing is imported from the daemon: any program on any machine can do the same 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, suppress
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -182,6 +182,30 @@ class Transport:
             for pattern in patterns:
                 require_known(self._suffix(pattern))
         return Watch(self._session, expressions, self._sample, self._handover, backlog)
+
+    @contextmanager
+    def each(self, pattern: str, take: Callable[[Sample], None]) -> Iterator[None]:
+        """Subscribe without the loop: a value costs no wake-up of it, and waits for nothing that runs there.
+
+        Args:
+            pattern: key of the table without `mk/<vehicle>/`; may hold `*` and `**`.
+            take: called with each sample on Zenoh's thread, one after the other. Values that come while it works wait
+                at their sender, which drops what is too many.
+
+        Raises:
+            MkError: the pattern is not a key expression.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if (found := self._sample(sample)) is not None:
+                take(found)
+
+        subscriber = self._session.declare_subscriber(self._expression(pattern), direct(on_sample))
+        try:
+            yield
+        finally:
+            with suppress(zenoh.ZError):  # the session may be closed
+                subscriber.undeclare()  # type: ignore[no-untyped-call]
 
     @asynccontextmanager
     async def token(self, name: str) -> AsyncIterator[None]:

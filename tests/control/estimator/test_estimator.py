@@ -383,7 +383,7 @@ WRONG = {
         {"covariance": np.diag([1e-4] * 5 + [-1e-4])},
         {"covariance": np.diag([1e-4] * 6) + 1e-5 * np.eye(6, k=1)},
     ],
-    ViewFault.CALIBRATION: [{"calibration_sd": (0.1, 0.1, 0.0)}, {"calibration_sd": (0.0, -0.1, 0.0)}],
+    ViewFault.CALIBRATION: [{"calibration_sd": (0.1, 0.1, 0.0)}, {"calibration_sd": (0.0, -0.0028, 0.0)}],
     ViewFault.FUTURE: [{"at": 5.0 + FUTURE + 0.001}, {"at": 1e9}],
     ViewFault.TOO_OLD: [{"at": 5.0 - MEMORY - 0.001}, {"at": -1e9}],
 }

@@ -192,6 +192,23 @@ def test_sticks_that_were_sent_tilt_the_aircraft_that_is_looked_ahead_for():
     assert ahead.velocity[0] > 0.05
 
 
+def test_sticks_that_were_lost_neither_tilt_nor_lift_the_aircraft():
+    """All of them acted in the estimate for a time before the board's word came."""
+    lost, never_sent = (Estimator(AircraftModel(), level_view(), HOVER) for _ in range(2))
+    for estimator in (lost, never_sent):
+        estimator.sent(StickCommand(0.0, 0.0, 0.0, 0.0, HOVER))
+    lost.sent(StickCommand(0.05, 20.0, 0.0, 0.0, HOVER + 40.0))
+    lost.advance(0.4)
+    assert lost.estimate(0.4).velocity[2] > 0.2
+    lost.sticks_lost(0.0, [])
+    for found, expected in zip(
+        (lost.estimate(0.4).axes, lost.estimate(0.4).vertical),
+        (never_sent.estimate(0.4).axes, never_sent.estimate(0.4).vertical),
+        strict=True,
+    ):
+        assert found == pytest.approx(expected, abs=1e-9)
+
+
 @pytest.mark.parametrize("steepest", [0.05, 0.15])
 def test_no_flight_leans_further_than_its_configuration_says(steepest):
     """An aircraft that does not come nearer is asked for all the tilt there is."""

@@ -23,6 +23,7 @@ from mkdaemon.client.playselection import PlaySelection
 from mkdaemon.client.playsource import RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
+from mkdaemon.gateways.foxglove.feed import Feed
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
@@ -102,6 +103,21 @@ async def test_only_what_somebody_looks_at_is_subscribed_on_the_bus():
             await viewer.subscribe("/link/health")
             await wait_until(lambda: uav.is_watched("link/health"))
         await wait_until(lambda: not uav.is_watched("**"))  # its connection is gone
+
+
+async def test_values_do_not_wait_for_the_loop_and_end_with_the_subscription():
+    taken = []
+    async with open_player_session(connect=(), listen=None, alone=True) as session:
+        uav, feed = Aircraft(session, "mk1"), Feed(lambda sample: taken.append(sample.value.stamp.monotonic))
+        feed.want({"state/attitude"})
+        feed.follow(Vehicle(session, "mk1", "here"))
+        for at, patterns in ((1.0, {"state/attitude"}), (2.0, {"state/*"}), (3.0, {"state/gps"}), (4.0, {"state/*"})):
+            feed.want(patterns)
+            uav.put("state/attitude", flights.attitude(at))
+            session.delete("mk/mk1/state/attitude")
+        feed.want(())
+        uav.put("state/attitude", flights.attitude(5.0))
+    assert taken == [1.0, 2.0, 4.0], "no turn of the loop between"
 
 
 async def test_a_value_comes_once_however_many_channels_are_made_of_its_key():

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from foxglove import Schema
+from pydantic_core import to_json
 
 from mkdaemon.gateways.foxglove.names import Names, time_ns
 from mkdaemon.reading import Reading
@@ -23,6 +24,9 @@ from mkdaemon.telemetry.preflight import ControlPreflight
 _NUMBER: Final = re.compile(r"[-+.\d]+")
 PERIOD: Final = 1.0
 """Between two messages while nothing changes [s]."""
+LOOK_PERIOD: Final = 0.2
+"""Between two searches for a change [s]: one takes as long as ten values."""
+_TOLD_BY: Final = frozenset(PARTS.values())
 KEYS: Final = (*PICTURED, "control/preflight")
 """Keys of the values that are diagnosed."""
 
@@ -52,7 +56,7 @@ def schema() -> Schema:
 
 
 class Diagnostics:
-    """What the values of a vehicle say about the health of its parts: once a second, and at once what changes."""
+    """What the values of a vehicle say about the health of its parts: once a second, and what changes with it."""
 
     def __init__(self, names: Names) -> None:
         """Have shown nothing yet.
@@ -63,7 +67,7 @@ class Diagnostics:
         self._names = names
         self._reading = Reading()
         self._gists: dict[str, tuple[DiagnosticLevel, str]] = {}
-        self._shown = float("-inf")
+        self._shown = self._looked = float("-inf")
 
     def __call__(self, suffix: str, value: Stamped) -> bytes | None:
         """Every line that is known; None where nothing has changed, and for a value of no such part."""
@@ -71,8 +75,9 @@ class Diagnostics:
             return _message(self._names, value, map(diagnosis_of, value.findings))
         at = value.stamp.monotonic
         self._reading.take(suffix, value, at)
-        if suffix not in PARTS.values() and not suffix.endswith("/stats"):
+        if 0.0 <= at - self._looked < LOOK_PERIOD or not (suffix in _TOLD_BY or suffix.endswith("/stats")):
             return None
+        self._looked = at
         picture = self._reading.at(at)
         # What has to change to be shown at once: the level, and the message without its numbers.
         gists = {one.name: (one.level, _NUMBER.sub("", one.message)) for one in states_of(picture)}
@@ -98,7 +103,7 @@ def _message(names: Names, value: Stamped, lines: Iterable[Diagnosis]) -> bytes:
             for one in lines
         ],
     }
-    return json.dumps(shown).encode()
+    return to_json(shown)
 
 
 def _text(value: object) -> str:

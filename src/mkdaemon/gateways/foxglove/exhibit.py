@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -90,6 +91,7 @@ class Exhibit:
         self._context, self._names, self._clock = context, names, clock
         self._client: Vehicle | None = None
         self._listeners = lru_cache(_LISTENED)(self._listening)
+        self._lock = threading.Lock()  # values come on Zenoh's thread, viewers on the loop
         self._feed = Feed(self._take)
         self._known: set[str] = set()
         self._cameras: set[str] = set()
@@ -117,7 +119,8 @@ class Exhibit:
     def _add(self, name: str, encoding: str, schema: Any, topic: FoxgloveTopic | None, keys: tuple[str, ...]) -> None:
         channel = Channel(self._names.topic(name), message_encoding=encoding, schema=schema, context=self._context)
         convert = None if topic is None else topic.convert(self._names)
-        self.lines[channel.id()] = Line(channel, topic, keys, convert)
+        with self._lock:
+            self.lines[channel.id()] = Line(channel, topic, keys, convert)
 
     def _add_camera(self, camera: str) -> None:
         if camera in self._cameras:
@@ -135,16 +138,18 @@ class Exhibit:
     def subscribed(self, channel: int, client: int) -> None:
         """A viewer looks at a channel."""
         line = self.lines[channel]
-        is_first = not line.clients
-        line.clients.add(client)
-        if is_first:
-            self._forget(line)
+        with self._lock:
+            is_first = not line.clients
+            line.clients.add(client)
+            if is_first:
+                self._forget(line)
         self._want()
         self._start(self._show_last(line, client, is_first=is_first), f"last values of {line.channel.topic()}")
 
     def unsubscribed(self, channel: int, client: int) -> None:
         """A viewer looks at a channel no more."""
-        self.lines[channel].clients.discard(client)
+        with self._lock:
+            self.lines[channel].clients.discard(client)
         self._want()
 
     def follow(self, client: Vehicle, *, is_played: bool = False) -> None:
@@ -155,7 +160,8 @@ class Exhibit:
             is_played: a recording; it is not queried before a viewer subscribes, because the query would start it.
         """
         self._client = client
-        self._restart()
+        with self._lock:
+            self._restart()
         self._feed.follow(client)
         if self._looking is not None:
             self._looking.cancel()
@@ -166,7 +172,7 @@ class Exhibit:
 
     async def close(self) -> None:
         """End everything."""
-        await self._feed.close()
+        self._feed.want(())
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -175,15 +181,17 @@ class Exhibit:
 
     def _want(self) -> None:
         """Subscribe on the bus to the keys of the channels in use."""
-        self._listeners.cache_clear()
-        wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
-        self._feed.want(wanted)
+        with self._lock:
+            self._listeners.cache_clear()
+            wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
+        self._feed.want(wanted)  # without the lock: a callback that waits for it may have to end first
         (self._is_watched.set if wanted else self._is_watched.clear)()
 
     def _listening(self, suffix: str) -> list[Line]:
-        """Channels in use that are made of a key."""
+        """Channels in use that are made of a key; the values themselves first, which take the least time."""
         watched = (line for line in self.lines.values() if line.clients)
-        return [line for line in watched if any(matches(key, suffix) for key in line.keys)]
+        found = (line for line in watched if any(matches(key, suffix) for key in line.keys))
+        return sorted(found, key=lambda line: line.topic is not None)
 
     def _start(self, work: Any, name: str) -> asyncio.Task[None]:
         task: asyncio.Task[None] = asyncio.create_task(work, name=name)
@@ -221,25 +229,28 @@ class Exhibit:
     # -- what they are given --------------------------------------------------------------------------------------
 
     def _take(self, sample: Sample) -> None:
-        """A value comes."""
+        """A value comes, on Zenoh's thread."""
         boot, at, wall = _moment(sample)
-        known_boot, known = self._newest.get(sample.suffix, (boot, at))
-        if boot != known_boot or at < known - LEAP:
-            self._restart()
-        self._newest[sample.suffix] = (boot, at)
-        self._clock(wall)
-        for line in self._listeners(sample.suffix):
-            line.given[sample.suffix] = at
-            self._show(line, line.convert, sample, wall)
+        with self._lock:
+            known_boot, known = self._newest.get(sample.suffix, (boot, at))
+            if boot != known_boot or at < known - LEAP:
+                self._restart()
+            self._newest[sample.suffix] = (boot, at)
+            self._clock(wall)
+            for line in self._listeners(sample.suffix):
+                line.given[sample.suffix] = at
+                self._show(line, line.convert, sample, wall)
 
     def _show(
         self, line: Line, convert: Conversion | None, sample: Sample, wall: int, client: int | None = None
     ) -> None:
         """Send a value to every viewer of a channel, or to one of them."""
-        with self.faults.contained(line.channel.topic()):  # a stranger may put numbers that no message can have
+        try:
             message = _message(convert, sample)
             if message is not None:
                 line.channel.log(message, log_time=wall, sink_id=client)
+        except Exception as error:  # noqa: BLE001  # a stranger may put numbers that no message can have
+            self.faults.note(line.channel.topic(), error)
 
     def _restart(self) -> None:
         """Forget all values: a recording was moved to another time, or another source publishes the vehicle."""
@@ -267,15 +278,16 @@ class Exhibit:
         for key in line.keys:
             with suppress(MkError):  # a daemon that is busy: what it publishes comes all the same
                 samples += list((await bus.get_all(key)).values())
-        convert = line.convert
-        if line.topic is not None and not is_first:  # others have been given what came before
-            convert = line.topic.convert(self._names)
-        for sample in sorted(samples, key=lambda one: _moment(one)[1]):
-            _, at, wall = _moment(sample)
-            if is_first and at <= line.given.get(sample.suffix, float("-inf")):
-                continue  # it came while the others were asked for
-            if client in line.clients:
-                self._show(line, convert, sample, wall, client)
+        with self._lock:
+            convert = line.convert
+            if line.topic is not None and not is_first:  # others have been given what came before
+                convert = line.topic.convert(self._names)
+            for sample in sorted(samples, key=lambda one: _moment(one)[1]):
+                _, at, wall = _moment(sample)
+                if is_first and at <= line.given.get(sample.suffix, float("-inf")):
+                    continue  # it came while the others were asked for
+                if client in line.clients:
+                    self._show(line, convert, sample, wall, client)
 
 
 def _moment(sample: Sample) -> tuple[str, float, int]:

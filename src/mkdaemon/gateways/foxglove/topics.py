@@ -131,9 +131,6 @@ def json_schema(name: str | None) -> Schema:
     return Schema(name=f"mk.{name}", encoding="jsonschema", data=data)
 
 
-_NO_JSON: Final = (b"NaN", b"Infinity")
-
-
 def json_message(fields: dict[str, Any]) -> bytes | None:
     """The map of a value as JSON; None where it has something that JSON has not, as strangers may put.
 
@@ -143,7 +140,7 @@ def json_message(fields: dict[str, Any]) -> bytes | None:
     shown = viewer_value({name: part for name, part in fields.items() if name != "age"} if "age" in fields else fields)
     try:
         message = to_json(shown, inf_nan_mode="constants")  # a third of the time of the standard library's
-        if any(word in message for word in _NO_JSON):  # or in a text
+        if b"NaN" in message or b"Infinity" in message:  # or in a text
             json.dumps(shown, allow_nan=False)
     except ValueError:
         return None

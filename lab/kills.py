@@ -8,44 +8,109 @@ changed. The moments are drawn over the length of the procedure, measured first.
 from __future__ import annotations
 
 import asyncio
-import json
 import random
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
-from dataclasses import asdict
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 from cyclopts import Parameter
 
-from lab.kills.record import RESTORED, Contents, Cut, Kill, summarise
+from lab.cases import Case, Figure, Flight, carry_out, largest, part, total
 from lab.rigs.boardport import ADAPTER_TIME
-from lab.rigs.processes import VEHICLE, DaemonProcess, ObservedSimulation, connected, daemon_process
+from lab.rigs.flown import observed
+from lab.rigs.processes import VEHICLE, DaemonProcess, connected, daemon_process
 from lab.rigs.waiting import PATIENCE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.settings import SettingsBackup, StoredSet
-from mksim.config import PilotPlan, SimConfig
 from mksim.runtime import Runtime
 
 VERBS: Final = ("backup", "restore")
 """Procedures in which is killed."""
+RESTORED: Final = (1, 4)
+"""Sets that a restore changes; the active one is another."""
 LOOK: Final = 0.1
 """Time between two looks at whether the live set is proven [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """One kill and what was left.
+
+    Attributes:
+        moment: from the first progress to the kill [s].
+        was_other_set_live: another set than the right one was live at that moment.
+        is_live_same: the live set is byte-identical in the end, and the same one is active.
+        are_others_same: so is every stored set that was not to be changed.
+        is_half_written: a set to be restored is neither the old one nor the new one.
+        took: from the kill to the end of the procedure, or to the proof after the next start [s].
+    """
+
+    moment: float
+    was_other_set_live: bool
+    is_live_same: bool
+    are_others_same: bool
+    is_half_written: bool
+    took: float
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether anything is not as it must be."""
+        return not (self.is_live_same and self.are_others_same) or self.is_half_written
+
+
+class Contents(NamedTuple):
+    """What a FlightCtrl holds.
+
+    Attributes:
+        live: bytes of the live set.
+        active: number of the active set.
+        sets: bytes of the stored sets.
+    """
+
+    live: bytes
+    active: int
+    sets: dict[int, bytes]
+
+
+class Cut(NamedTuple):
+    """A procedure that was cut off: what, when, what the FlightCtrl held, what was to be written, another set live."""
+
+    verb: str
+    moment: float
+    before: Contents
+    wanted: dict[int, bytes]
+    was_other_set_live: bool
+
+
+def judge(cut: Cut, after: Contents, took: float) -> Kill:
+    """Compare what is left with what was there."""
+    changed = RESTORED if cut.verb == "restore" else ()
+    before = cut.before.sets
+    return Kill(
+        moment=round(cut.moment, 3),
+        was_other_set_live=cut.was_other_set_live,
+        is_live_same=(after.live, after.active) == (cut.before.live, cut.before.active),
+        are_others_same=all(after.sets[slot] == raw for slot, raw in before.items() if slot not in changed),
+        is_half_written=any(after.sets[slot] not in (before[slot], cut.wanted[slot]) for slot in changed),
+        took=round(took, 3),
+    )
 
 
 class Bench:
     """A simulated FlightCtrl whose five sets differ, and the daemon on it."""
 
     def __init__(self, seed: int, folder: Path) -> None:
-        config = {"board": "fc", "fc": "2.12a", "pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed}
-        self.simulation = ObservedSimulation(SimConfig.model_validate(config), keeps=False)
+        self.simulation = observed(seed)
         self.runtime = Runtime(self.simulation, tick=ADAPTER_TIME)
         self.port = f"pty:{self.runtime.port}"
         self.folder = folder
@@ -83,14 +148,11 @@ async def open_bench(seed: int) -> AsyncIterator[Bench]:
             yield bench
 
 
-async def measure(bench: Bench, uav: Vehicle, verbs: Sequence[str]) -> dict[str, float]:
-    """How long each procedure takes when nobody is killed [s]."""
-    lengths = {}
-    for verb in verbs:
-        began = time.monotonic()
-        await bench.ask(uav, verb, bench.new_sets())
-        lengths[verb] = time.monotonic() - began
-    return lengths
+async def measure(bench: Bench, uav: Vehicle, verb: str) -> float:
+    """How long a procedure takes when nobody is killed [s]."""
+    began = time.monotonic()
+    await bench.ask(uav, verb, bench.new_sets())
+    return time.monotonic() - began
 
 
 async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed: int, length: float) -> Kill:
@@ -123,8 +185,7 @@ async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed:
                 state = first.fields["state"]
                 while state == "running":
                     state = (await anext(samples)).fields["state"]
-    cut = Cut("mkctl", verb, seed, moment, before, wanted, other)
-    return cut.judge(bench.contents(), time.monotonic() - at)
+    return judge(Cut(verb, moment, before, wanted, other), bench.contents(), time.monotonic() - at)
 
 
 async def kill_daemon(bench: Bench, daemon: DaemonProcess, uav: Vehicle, verb: str, seed: int, length: float) -> Cut:
@@ -141,7 +202,7 @@ async def kill_daemon(bench: Bench, daemon: DaemonProcess, uav: Vehicle, verb: s
         other = bench.contents().live != before.live
         asking.cancel()
         await asyncio.gather(asking, return_exceptions=True)
-    return Cut("daemon", verb, seed, moment, before, wanted, other)
+    return Cut(verb, moment, before, wanted, other)
 
 
 async def wait_until_proven(uav: Vehicle) -> None:
@@ -160,46 +221,54 @@ async def wait_until_proven(uav: Vehicle) -> None:
             await asyncio.sleep(LOOK)
 
 
-async def run_mkctl_kills(runs: int, seed: int, verbs: Sequence[str] = VERBS) -> AsyncIterator[Kill]:
-    """Kill mkctl so many times in each of some procedures, beside one daemon."""
+async def kill_mkctls(verb: str, runs: int, seed: int) -> list[Kill]:
+    """Kill mkctl so many times in a procedure, beside one daemon."""
     async with (
         open_bench(seed) as bench,
         daemon_process(bench.port, bench.folder) as daemon,
         connected(daemon.endpoint) as uav,
     ):
         await wait_until_proven(uav)
-        lengths = await measure(bench, uav, verbs)
-        for number in range(runs):
-            for verb, length in lengths.items():
-                yield await kill_mkctl(bench, uav, daemon.endpoint, verb, seed + number, length)
+        length = await measure(bench, uav, verb)
+        return [await kill_mkctl(bench, uav, daemon.endpoint, verb, seed + run, length) for run in range(runs)]
 
 
-async def run_daemon_kills(runs: int, seed: int, verbs: Sequence[str] = VERBS) -> AsyncIterator[Kill]:
-    """Kill the daemon so many times in each of some procedures; each next one is the victim after it."""
+async def kill_daemons(verb: str, runs: int, seed: int) -> list[Kill]:
+    """Kill the daemon so many times in a procedure; each next one is the victim after it."""
+    kills: list[Kill] = []
     async with open_bench(seed) as bench:
-        lengths: dict[str, float] = {}
-        cut: Cut | None = None
-        plan = [(verb, seed + number) for number in range(runs) for verb in verbs]
-        for verb, number in [*plan, ("", 0)]:
+        length, cut = 0.0, None
+        for run in range(runs + 1):
             began = time.monotonic()
             async with daemon_process(bench.port, bench.folder) as daemon, connected(daemon.endpoint) as uav:
                 await wait_until_proven(uav)
                 if cut is not None:
-                    yield cut.judge(bench.contents(), time.monotonic() - began)
-                if not verb:
-                    break
-                lengths = lengths or await measure(bench, uav, verbs)
-                cut = await kill_daemon(bench, daemon, uav, verb, number, lengths[verb])
-
-
-async def _run(runs: int, seed: int) -> list[Kill]:
-    kills = []
-    for campaign in (run_mkctl_kills(runs, seed), run_daemon_kills(runs, seed)):
-        async for kill in campaign:
-            kills.append(kill)
-            if kill.is_wrong:
-                print(f"WRONG: {kill}", file=sys.stderr, flush=True)
+                    kills.append(judge(cut, bench.contents(), time.monotonic() - began))
+                if run < runs:
+                    length = length or await measure(bench, uav, verb)
+                    cut = await kill_daemon(bench, daemon, uav, verb, seed + run, length)
     return kills
+
+
+FIGURES: Final[Mapping[str, Figure]] = {
+    "live_set_same": total("is_live_same"),
+    "other_sets_same": total("are_others_same"),
+    "half_written": total("is_half_written"),
+    "other_set_live_at_the_kill": total("was_other_set_live"),
+    "until_proven_p50": part("took", 0.5),
+    "until_proven_max": largest("took"),
+}
+CASES: Final = {
+    victim: Case(
+        lambda runs, first, kill=kill, victim=victim: [  # type: ignore[misc]  # each has its own
+            Flight(f"{victim} killed during {verb}", "FC 2.12a", partial(kill, verb, runs or 25), first)
+            for verb in VERBS
+        ],
+        FIGURES,
+        longest=7200.0,
+    )
+    for victim, kill in (("mkctl", kill_mkctls), ("daemon", kill_daemons))
+}
 
 
 def main(
@@ -209,11 +278,4 @@ def main(
     as_json: AsJson = False,
 ) -> int:
     """Kill mkctl and the daemon during backups and restores; exit code 1 if a live set was not the same afterwards."""
-    kills = asyncio.run(_run(runs, seed))
-    rows = summarise(kills)
-    if as_json:
-        print(json.dumps({"kills": rows, "runs": [asdict(kill) for kill in kills]}))
-    else:
-        for row in rows:
-            print(", ".join(f"{name} {value}" for name, value in row.items()))
-    return 1 if any(kill.is_wrong for kill in kills) else 0
+    return carry_out("kills", CASES, None, runs, first=seed, as_json=as_json)

@@ -1,1 +1,0 @@
-"""`kill -9` during procedures, and what is left."""

@@ -1,0 +1,167 @@
+"""What programs make of images, against the truth: one judge and one set of figures for every campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from lab.vision.flight import LOOKING_DOWN, FlightFrame
+from lab.vision.parts import Part
+from lab.vision.stills import WRONG_DEG, WRONG_M, error_of
+from mkdaemon.vision.camera.calibration_file import Intrinsics
+from mkdaemon.vision.pose.pose import Pose, with_floor
+from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.track.follower import TargetPose
+from mkdaemon.vision.track.tracker import Tracker
+
+Array = npt.NDArray[np.float64]
+Program = Callable[[FlightFrame], "Look"]
+SHARE_M: Final = 0.01
+"""A pose is wrong beyond 5 cm and this share of the distance, or 5 degrees."""
+WITH, WITHOUT = "eyes_with_attitude", "eyes_without"
+"""The eyes as programs."""
+
+
+class Shown(Protocol):
+    """An image whose truth is known."""
+
+    @property
+    def rotation(self) -> Array:
+        """Camera from target `(3, 3)`."""
+
+    @property
+    def position(self) -> Array:
+        """Of the target `(3,)` [m; RDF]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one program made of one image.
+
+    Attributes:
+        distance: true distance [m].
+        posed: whether there was a pose.
+        wrong: beyond 5 cm and 1 % of the distance, or 5 degrees.
+        off: distance of the position from the truth [m].
+        turned: angle from the truth [deg].
+        farther: measured distance over the true one, less 1.
+        nees: of the measurement, per degree of freedom, without the calibration floor, as the lens is known exactly
+            here; NaN for programs that give no covariance.
+        nees_published: of the published covariance, which has that floor in it.
+    """
+
+    distance: float
+    posed: bool = False
+    wrong: bool = False
+    off: float = np.nan
+    turned: float = np.nan
+    farther: float = np.nan
+    nees: float = np.nan
+    nees_published: float = np.nan
+
+
+def judged(shown: Shown, rotation: Array, position: Array, measured: Pose | None = None) -> Look:
+    """A pose against the truth; with its covariance, where it has one."""
+    error = error_of(rotation, position, shown.rotation, shown.position)
+    distance = float(np.linalg.norm(shown.position))
+    nees = published = float("nan")
+    if measured is not None:
+        vector = np.array([*error.xyz, *error.rpy])
+        nees, published = (
+            float(vector @ np.linalg.solve(covariance, vector)) / 6
+            for covariance in (measured.covariance, with_floor(measured))
+        )
+    wrong = error.distance > max(WRONG_M, SHARE_M * distance) or error.angle_deg > WRONG_DEG
+    farther = float(np.linalg.norm(position)) / distance - 1.0
+    return Look(distance, True, wrong, error.distance, error.angle_deg, farther, nees, published)
+
+
+def look(shown: Shown, found: TargetPose | None) -> Look:
+    """What the eyes made of an image."""
+    if found is None:
+        return Look(float(np.linalg.norm(shown.position)))
+    return judged(shown, found.pose.rotation, found.pose.position, found.pose)
+
+
+def eyes(target: Target, lens: Intrinsics) -> dict[str, Program]:
+    """The eyes behind a lens, with attitude and without."""
+    tags = TagMap((target,))
+    trackers = {WITH: Tracker(tags, lens, LOOKING_DOWN), WITHOUT: Tracker(tags, lens)}
+
+    def program(tracker: Tracker) -> Program:
+        return lambda frame: look(frame, tracker.update(frame.image, frame.attitude).pose_of(target.name))
+
+    return {name: program(tracker) for name, tracker in trackers.items()}
+
+
+def look_at(
+    frames: Iterable[FlightFrame],
+    following: Mapping[str, Program],
+    beside: Mapping[str, Program] | None = None,
+    *,
+    whole: bool = True,
+) -> dict[str, list[Look]]:
+    """What programs make of a flight.
+
+    Args:
+        frames: of the flight.
+        following: programs that see every image.
+        beside: programs that see only images that count.
+        whole: only images that show the whole target count.
+    """
+    looks: dict[str, list[Look]] = {program: [] for program in (*following, *(beside or {}))}
+    for frame in frames:
+        found = {name: program(frame) for name, program in following.items()}
+        if whole and frame.in_view < 1.0:
+            continue
+        found |= {name: program(frame) for name, program in (beside or {}).items()}
+        for name, one in found.items():
+            looks[name].append(one)
+    return looks
+
+
+def figures(looks: Sequence[Look]) -> dict[str, Any]:
+    """Counts and errors of what one program made of some images."""
+    posed = [one for one in looks if one.posed]
+    row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(one.wrong for one in posed)}
+    if posed:
+        off, turned = ([getattr(one, name) for one in posed] for name in ("off", "turned"))
+        row |= {
+            "median_cm": round(100 * float(np.median(off)), 3),
+            "median_deg": round(float(np.median(turned)), 3),
+            "largest_cm": round(100 * max(off), 2),
+            "largest_deg": round(max(turned), 2),
+            "range_bias_percent": round(100 * float(np.median([one.farther for one in posed])), 3),
+        }
+        nees = np.array([(one.nees, one.nees_published) for one in posed])
+        if not np.isnan(nees).any():
+            row["nees_mean"], row["nees_published_mean"] = (round(float(mean), 2) for mean in nees.mean(axis=0))
+            row["nees_median"] = round(float(np.median(nees[:, 0])), 2)
+    return row
+
+
+def summed(
+    _quick: bool,
+    parts: Sequence[Part],
+    found: Sequence[Mapping[str, Sequence[Look]]],
+    figures: Callable[[Sequence[Look]], dict[str, Any]] = figures,
+) -> dict[str, Any]:
+    """Figures by the first argument of the parts and by program, and seeds, the second one, with a wrong pose."""
+    rows: dict[str, Any] = {}
+    for name in dict.fromkeys(part.args[0] for part in parts):
+        flights = [(part.args[1], looks) for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
+        rows[name] = {
+            program: figures([one for _, looks in flights for one in looks[program]])
+            | {"wrong_seeds": [seed for seed, looks in flights if any(one.wrong for one in looks[program])]}
+            for program in flights[0][1]
+        }
+    return rows
+
+
+def flights(work: Callable[..., Any], names: Iterable[str], first: int, count: int, images: int) -> list[Part]:
+    """Parts: so many flights of each name, with seeds from a first one."""
+    return [Part(work, (name, first + k), images) for name in names for k in range(count)]
