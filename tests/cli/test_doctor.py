@@ -25,7 +25,6 @@ from mkdaemon.telemetry.vision import EyeState, VisionStats
 from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
-TEN_HZ = "Size: Discrete 1280x720\n Interval: 0.1s (10.000 fps)\n"
 V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
 
 

@@ -1,4 +1,4 @@
-"""Every command for a FlightCtrl against a running daemon and a simulated aircraft, over real Zenoh and real codec."""
+"""Every command for a FlightCtrl against a whole daemon and a simulated aircraft, in virtual time."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from lab.rigs.background import background_daemon
-from lab.rigs.live import VEHICLE
+from lab.rigs.desk import desk
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
 from mkdaemon.telemetry.mission import Mission, MissionPoint
 from tests.cli.conftest import Ctl
 
-pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
-"""A request waits a few tenths of a second for its answer, and the program itself asks again."""
-
 
 @pytest.fixture(scope="module")
-def at() -> Iterator[list[str]]:
-    """The options that reach the daemon."""
-    with background_daemon(board="fc") as daemon:
-        yield ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
+def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
+    """Options of every command, while `mkctl` is at the desk of an aircraft."""
+    with desk(tmp_path_factory.mktemp("aircraft"), board="fc"):
+        yield []
 
 
 def mission(count: int) -> Mission:
@@ -42,29 +38,14 @@ def test_without_a_navictrl_an_upload_says_so(at: list[str], ctl: Ctl, tmp_path:
         assert "board_unreachable: nc cannot be reached from here: the line ends at a FlightCtrl" in err
 
 
-def test_settings_are_backed_up_changed_and_restored(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
-    folder = tmp_path / "backup"
-    code, out, err = ctl(at, "settings", "backup", str(folder))
-    assert (code, err) == (EXIT_OK, "")
-    assert "set 3 is live, byte for byte as before" in out
-    assert sorted(path.name for path in folder.iterdir()) == [f"set{slot}.toml" for slot in range(1, 6)]
-    assert ctl(at, "settings", "compare", str(folder)) == (EXIT_OK, "no difference\n", "")
-
+def test_settings_are_written_as_the_board_takes_them(at: list[str], ctl: Ctl) -> None:
     changes = ("gyro_p=85", "throttle_max=5")
     out = ctl(at, "settings", "write", *changes, "--slot", "1", "--dry-run")[1]
     assert "set 1: would change gyro_p from 90 to 85" in out
-    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
     out = ctl(at, "settings", "write", *changes, "--slot", "1")[1]
     assert "the FC changed throttle_max from 5 to 100" in out
-    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[0] == EXIT_FAILURE
-
-    assert ctl(at, "settings", "restore", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
-    assert ctl(at, "settings", "compare", str(folder / "set1.toml"))[::2] == (EXIT_OK, "")
     out = ctl(at, "settings", "list", "--json")[1]
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
-    code, _, err = ctl(at, "settings", "backup", str(folder))
-    assert code == EXIT_CONFIG
-    assert "already exists" in err
 
 
 def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
@@ -117,3 +98,7 @@ def test_motors_turn_and_stop(at: list[str], ctl: Ctl) -> None:
 
 def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
     assert ctl(at, "board", "display")[1].startswith("FlightCtrl ")
+
+
+def test_a_release_is_confirmed(at: list[str], ctl: Ctl) -> None:
+    assert "the FlightCtrl confirmed it" in ctl(at, "release")[1]

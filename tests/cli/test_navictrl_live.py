@@ -1,4 +1,4 @@
-"""Every command for a NaviCtrl against a running daemon and a simulated aircraft, over real Zenoh and real codec."""
+"""Every command for a NaviCtrl against a whole daemon and a simulated aircraft, in virtual time."""
 
 from __future__ import annotations
 
@@ -8,23 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from lab.rigs.background import background_daemon
-from lab.rigs.live import VEHICLE
+from lab.rigs.desk import desk
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
 from mkdaemon.telemetry.mission import Mission, MissionPoint
-from mksim.config import PilotPlan
 from tests.cli.conftest import Ctl
-
-pytestmark = [pytest.mark.flight, pytest.mark.real_time(tolerance=0.1)]
-"""A request waits a few tenths of a second for its answer, and the program itself asks again."""
 
 
 @pytest.fixture(scope="module")
-def at() -> Iterator[list[str]]:
-    """The options that reach the daemon."""
-    with background_daemon(board="nc") as daemon:
-        yield ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
+def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
+    """Options of every command, while `mkctl` is at the desk of an aircraft."""
+    with desk(tmp_path_factory.mktemp("aircraft"), board="nc"):
+        yield []
 
 
 def mission(count: int) -> Mission:
@@ -33,23 +28,6 @@ def mission(count: int) -> Mission:
         MissionPoint(latitude_deg=53.23 + n / 1e5, longitude_deg=7.459, altitude=10 + n, hold=n) for n in range(count)
     )
     return Mission(points=tuple(points))
-
-
-def test_in_flight_an_upload_needs_its_flag(ctl: Ctl, tmp_path: Path) -> None:
-    file = tmp_path / "mission.csv"
-    write_mission(mission(3), file)
-    with background_daemon(board="nc", pilot_plan=PilotPlan.HOVER, pilot_wait=600.0) as daemon:
-        at = ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
-        daemon.start_pilot()
-        daemon.wait_for_value("state/flight", lambda flight: flight["motors_running"])
-        code, _, err = ctl(at, "waypoints", "upload", str(file))
-        assert code == EXIT_FAILURE
-        assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err
-        assert "--in-flight" in err
-        assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
-        code, _, err = ctl(at, "settings", "list")
-        assert code == EXIT_FAILURE
-        assert "motors_running" in err
 
 
 def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
@@ -126,9 +104,25 @@ def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
     at: list[str], ctl: Ctl, tmp_path: Path
 ) -> None:
     """Each request passes the line through for itself, so that the motors stay watched."""
-    code, out, err = ctl(at, "settings", "backup", str(tmp_path / "backup"))
-    assert (code, err) == (EXIT_OK, "")
-    assert "set 3 is live, byte for byte as before" in out
+    file = tmp_path / "set3.toml"
+    assert ctl(at, "settings", "backup", str(file), "--slot", "3")[::2] == (EXIT_OK, "")
+    assert ctl(at, "settings", "compare", str(file)) == (EXIT_OK, "no difference\n", "")
     assert "1 = [64, 64, 0, 64]" in ctl(at, "board", "mixer", "read")[1]
     assert ctl(at, "board", "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
     assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False
+
+
+def test_while_motors_run_an_upload_needs_its_flag(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
+    file = tmp_path / "mission.csv"
+    write_mission(mission(3), file)
+    ctl(at, "sim", "start")
+    shown = ctl(at, "watch", "state/flight", "--seconds", "8", "--json")[1].splitlines()
+    assert json.loads(shown[-1])["motors_running"] is True
+    code, _, err = ctl(at, "waypoints", "upload", str(file))
+    assert code == EXIT_FAILURE
+    assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err
+    assert "--in-flight" in err
+    assert ctl(at, "waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
+    code, _, err = ctl(at, "settings", "list")
+    assert code == EXIT_FAILURE
+    assert "motors_running" in err

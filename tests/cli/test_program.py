@@ -208,7 +208,7 @@ def test_an_argument_that_is_no_text_is_one_line(capsys):
     assert capsys.readouterr().err == "x: '\\udcc3' is not text in this encoding: set LC_ALL=C.UTF-8\n"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_while_a_mistake_is_told_shows_no_traceback(number):
     code = (
         f"import os, sys; from mkdaemon.cli import program; from mkdaemon.errors import MkError\n"
@@ -330,7 +330,7 @@ program.main("x", "", [program.CommandEntry("linger", "lingering:linger", "Stay.
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_closed_terminal_ends_a_command_in_order_like_an_interrupt(number):
     """Otherwise a motor test would leave out its stop, and a backup the set that was live."""
     with subprocess.Popen([sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:

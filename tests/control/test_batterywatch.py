@@ -10,10 +10,9 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
-from mkdaemon.control.events import AbortAsked, StateValue
+from mkdaemon.control.events import StateValue
 from mkdaemon.control.flightwatch import LASTING, RECOVERED, BatteryWatch
 from mkdaemon.control.vehicle import VehicleMemory
-from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
 from mksim.config import WindClass
@@ -142,14 +141,6 @@ def test_over_its_target_it_lands_there_whatever_is_streamed():
     place = next(place for at, place in zip(record.times, record.positions, strict=True) if at >= released - 0.1)
     assert place == pytest.approx([0.0, 0.0, 0.1], abs=0.1)
     assert any("pulls the throttle down" in a.hands for _, a in rig.of(PublishStatus))
-
-
-def test_who_aborts_that_landing_holds_and_is_not_landed_again():
-    rig = RunsEmpty(replace(CALM, seconds=10.0))
-    rig._at(7.0, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="not here")), 0.0))
-    rig.fly()
-    assert rig.core.phase is Phase.ABORTED
-    assert not rig.of(ReleaseAircraft)
 
 
 @pytest.mark.parametrize(("voltage", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])

@@ -247,14 +247,17 @@ GROUNDED = {
 }
 
 
-@pytest.mark.parametrize("kind", BY_TARGET_IN_AIR, ids=lambda kind: kind.__name__)
-@pytest.mark.parametrize(("height", "said"), GROUNDED.values(), ids=GROUNDED)
-def test_no_flight_by_the_target_begins_with_an_aircraft_that_does_not_fly(kind, height, said):
+@pytest.mark.parametrize(
+    ("kind", "case"),
+    [*((HoldSetpoint, case) for case in GROUNDED), *((kind, [*GROUNDED][-1]) for kind in [*BY_TARGET_IN_AIR][1:])],
+)
+def test_no_flight_by_the_target_begins_with_an_aircraft_that_does_not_fly(kind, case):
     """The question that was not asked: does each beginning know whether the aircraft flies?
 
     Throttle wound up to its limit against a model that flies; when the pilot started the motors the aircraft went up
-    at 6.9 m/s.
+    at 6.9 m/s. That each kind asks it is a row of admission.
     """
+    height, said = GROUNDED[case]
     story = Story(height)
     story.see(height)
     for _ in range(16):
@@ -536,10 +539,7 @@ def throttles(story, kind, seconds, **fields):
     return [frame.counts.throttle for frame in story.of(SendSticks)[before:]]
 
 
-@pytest.mark.parametrize(
-    ("kind", "fields"),
-    [(HoldSetpoint, {}), (PositionSetpoint, HIGHER), (VelocitySetpoint, CLIMBING), (LandSetpoint, {})],
-)
+@pytest.mark.parametrize(("kind", "fields"), [(VelocitySetpoint, CLIMBING), (LandSetpoint, {})])
 def test_what_has_come_down_by_accident_is_not_lifted_by_itself(kind, fields):
     """The question that was not asked of what is flown: do the feet stand?
 

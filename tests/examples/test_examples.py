@@ -87,13 +87,11 @@ async def test_telemetry_is_watched_while_a_recording_is_made_and_read_back(tmp_
     assert re.fullmatch(r"roll between [+-]\d\.\d{3} and [+-]\d\.\d{3} rad in \d+ attitudes", lines[2])
 
 
-@pytest.mark.flight
-async def test_settings_are_saved_changed_compared_and_restored(tmp_path):
-    async with live_daemon() as flown:
-        await flown.until(lambda: flown.values("state/flight") or flown.values("health"))
-        before = dict(flown.runtime.simulation.flight.eeprom.sets)
-        lines = await output_of("settings_backup", str(tmp_path / "backup"), endpoint=flown.endpoint)
-        assert flown.runtime.simulation.flight.eeprom.sets == before
+def test_settings_are_saved_changed_compared_and_restored(tmp_path):
+    with desk(tmp_path, board="fc") as made:
+        before = dict(made.simulation.flight.eeprom.sets)
+        lines = made.type(f"python {ROOT}/examples/settings_backup.py {tmp_path}/backup").splitlines()
+        assert made.simulation.flight.eeprom.sets == before
     assert "saved: set1.toml, set2.toml, set3.toml, set4.toml, set5.toml" in lines
     assert re.fullmatch(r"set 2: gyro_p was \d+, is 81", lines[-2])
     assert lines[-1].startswith("restored sets: 2")

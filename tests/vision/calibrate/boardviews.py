@@ -64,7 +64,7 @@ def board_views(
     looking_north = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     sheet = sheet_layer(layers[0].width * 1.08, layers[0].height * 1.1)
     held = SceneTarget(single(1.0, 0), (sheet, *layers), _Held(width, places, lens))
-    scene = Scene([held], ground=None, seed=0)
+    scene = Scene([held], ground=None, seed=0, fine=False)
     return [
         scene.render(CameraView(lens, looking_north, np.zeros(3), time=k + 0.5), conditions) for k in range(len(places))
     ]
