@@ -83,7 +83,9 @@ def test_pictures_become_a_target_file(pictures: Path, camera: Path, capsys: pyt
     pose = json.loads(capsys.readouterr().out)["pose"]
     middle = turn @ (0.25, 0.25, 0.0)
     seen = rotation_from_quaternion(tuple(pose["quaternion"])) @ middle + pose["translation"]
-    assert seen == pytest.approx([0.0, 0.0, 1.2 / np.cos(0.25)], abs=0.005), "the camera looks at the middle of the four"
+    assert seen == pytest.approx([0.0, 0.0, 1.2 / np.cos(0.25)], abs=0.005), (
+        "the camera looks at the middle of the four"
+    )
 
 
 def test_a_tag_of_another_side_is_named(pictures: Path, camera: Path, capsys: pytest.CaptureFixture[str]) -> None:
