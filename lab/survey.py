@@ -31,8 +31,8 @@ from mksim.scene.view import CameraView
 
 SIDE: Final = 0.16
 COLUMNS, ROWS = 6, 4
-MOVED: Final = 17
-"""Which tag is moved, or has another size, or is there twice."""
+MOVED: Final = 9
+"""Which tag is moved, has another size, or exists twice: one in the middle, which is seen before and after."""
 GOAL: Final = 0.005
 """Error of each tag [m], and a thousandth of its distance from the middle more."""
 DOWN: Final = np.diag([1.0, -1.0, -1.0])
