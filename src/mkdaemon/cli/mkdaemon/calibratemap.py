@@ -73,7 +73,7 @@ def survey_map(
 
     Carry the camera slowly over the tags, or fly by hand: each tag in twenty images or more, always two or more tags
     at once, from different places and turned. The sides of the tags, or a measured distance, give the scale. A tag that
-    was moved, has another size than was said, or exists twice is named and left out; the exit code is then 1.
+    was moved, has another size than was given, or exists twice is named and left out; the exit code is then 1.
 
     Example: mkdaemon calibrate map flight.mcap --camera camera.toml --size 0.16 -o map.toml
 

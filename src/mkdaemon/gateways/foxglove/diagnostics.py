@@ -26,7 +26,7 @@ PERIOD: Final = 1.0
 """Between two messages while nothing changes [s]."""
 LOOK_PERIOD: Final = 0.2
 """Between two searches for a change of what is known [s]: one takes as long as ten values."""
-_TOLD_BY: Final = frozenset(PARTS.values())
+_SHOWN_BY: Final = frozenset(PARTS.values())
 KEYS: Final = (*PICTURED, "control/preflight")
 """Keys of the values that are diagnosed."""
 
@@ -76,7 +76,7 @@ class Diagnostics:
             return _message(self._names, value, map(diagnosis_of, value.findings))
         at = value.stamp.monotonic
         self._reading.take(suffix, value, at)
-        if suffix not in _TOLD_BY and not suffix.endswith("/stats"):
+        if suffix not in _SHOWN_BY and not suffix.endswith("/stats"):
             return None
         if suffix in self._fresh and 0.0 <= at - self._looked < LOOK_PERIOD:
             return None

@@ -1,6 +1,6 @@
 """A survey: which tags a room has and where, from images that show some of them together.
 
-What is measured says when it is wrong. A tag that was moved, of another side than was said, or printed twice does not
+What is measured says when it is wrong. A tag that was moved, of another side than was given, or printed twice does not
 fit what the others say; the worst is named and left out, and the rest is adjusted again.
 """
 
@@ -38,7 +38,9 @@ STRANGE_SHARE: Final = 0.1
 FAR_PX: Final = 1.0
 """Residual from which a sighting shows a tag elsewhere [px]: a lens known to a few tenths of a pixel shows less."""
 WRONG_SIDE: Final = 0.02
-"""A side that differs by more from what was said was measured wrong, as a share."""
+"""A side that differs by more from what was given was measured wrong, as a share,"""
+CERTAIN: Final = 4.0
+"""and by more than this many deviations."""
 NOT_MOVED: Final = 0.15
 """Share of its sightings that a tag which was moved once may contradict; one that exists twice contradicts more."""
 FLAT: Final = np.cos(np.radians(10.0))
@@ -57,7 +59,7 @@ class TagFault(StrEnum):
     TWICE = "twice"
     """Two tags have this code."""
     WRONG_SIDE = "wrong_side"
-    """Its side is not what was said."""
+    """Its side is not what was given."""
     UNTIED = "untied"
     """No image shows it together with a tag that is tied to the origin."""
     RARE = "rare"
@@ -86,7 +88,7 @@ class Surveyed:
     """One tag of the map.
 
     Attributes:
-        tag: where it is, with the side that was said.
+        tag: where it is, with the side that was given.
         place_sd: deviations of its middle `(3,)` [m; map].
         turn_sd: deviations of its turn `(3,)` [rad; map].
         images: that show it.
@@ -338,9 +340,9 @@ class _Work:
             off_sd = float(np.sqrt(adjusted.covariance[7 * tag + 6, 7 * tag + 6]))
             if far.mean() > STRANGE_SHARE:
                 found.append((float(far.mean()) / STRANGE_SHARE, tag, *_displaced(far, images)))
-            elif abs(off) > max(WRONG_SIDE, 4.0 * off_sd):
-                side, said = adjusted.bundle.sides[tag], self._given[tag]
-                words = f"its side is {side:.4f} m by the others, {said:g} m was said; keep it with --sizes"
+            elif abs(off) > max(WRONG_SIDE, CERTAIN * off_sd):
+                side, given = adjusted.bundle.sides[tag], self._given[tag]
+                words = f"its side is {side:.4f} m by the others, {given:g} m was given; keep it with --sizes"
                 found.append((abs(off) / WRONG_SIDE, tag, TagFault.WRONG_SIDE, words))
         if not found:
             return None
