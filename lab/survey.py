@@ -7,7 +7,6 @@ judged apart from where they lie as a whole: truth is laid over them by the best
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -116,16 +115,22 @@ def images_of(room: Room) -> Iterator[Grey]:
 
 
 def errors_of(found: Survey, truth: Target) -> tuple[Array, Array]:
-    """Errors of tags `(n, 3)` [m; truth], and their squares over the variances `(n,)`, the map laid over the truth."""
+    """Errors of tags `(n, 3)` [m; map], and their squares over the variances `(n,)`, the map laid over the truth."""
     places = {tag.tag_id: tag.position for tag in truth.tags}
     mapped = np.array([one.tag.position for one in found.tags])
     true = np.array([places[one.tag.tag_id] for one in found.tags])
-    # The rotation of least squares: W. Kabsch, Acta Crystallographica A 32, 1976.
+    off = laid_over(mapped, true)
+    return off, (off**2 / np.array([one.place_sd for one in found.tags]) ** 2).sum(axis=1)
+
+
+def laid_over(mapped: Array, true: Array) -> Array:
+    """Errors of places `(n, 3)` [m; map] after true ones `(n, 3)` were laid over them by the best motion.
+
+    Source: W. Kabsch, Acta Crystallographica A 32, 1976.
+    """
     a, b = mapped - mapped.mean(axis=0), true - true.mean(axis=0)
     left, _, right = np.linalg.svd(a.T @ b)
-    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    off = a - b @ turn.T
-    return off @ turn, (off**2 / np.array([one.place_sd for one in found.tags]) ** 2).sum(axis=1)
+    return np.asarray(a - b @ (left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right).T)
 
 
 def run(room: Room) -> Row:
@@ -178,7 +183,6 @@ def main(
         jobs: processes.
         results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
-    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
     rows = SURVEYS.rows([Room(seed, fault, images) for seed in range(first, first + seeds)], jobs, results)
     found: dict[str, Any] = endings(rows)
     for name in ("worst_mm", "rms_mm", "nees", "rms_px", "looking_s", "adjusting_s"):

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lab.survey import laid_over
 from mkdaemon.errors import VisionError
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.pose.projection import Projection
@@ -65,19 +66,17 @@ def whole():
     return survey(images(), KnownTags(SIDE, {}), PROJECTION)
 
 
-def laid_over(found, truth):
+def errors_of(found, truth):
     """Errors of the map `(n, 3)` in its axes, laid over the true places by the best motion."""
     places = np.array([one.tag.position for one in found.tags])
     true = np.array([truth[one.tag.tag_id][0] for one in found.tags])
-    a, b = places - places.mean(axis=0), true - true.mean(axis=0)
-    left, _, right = np.linalg.svd(a.T @ b)
-    return a - b @ (left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right).T
+    return laid_over(places, true)
 
 
 def test_each_tag_is_found_within_a_millimetre_and_knows_it():
     found = whole()
     assert {one.tag.tag_id for one in found.tags} == set(room())
-    off = laid_over(found, room())
+    off = errors_of(found, room())
     assert np.abs(off).max() < 0.002
     sds = np.array([one.place_sd for one in found.tags])
     assert 0.2 < float((off**2 / sds**2).mean()) < 2.0
@@ -148,7 +147,7 @@ def test_a_tag_that_does_not_fit_is_named_and_left_out(fault):
     assert [(one.tag_id, one.fault) for one in found.left_out] == [(code, fault)]
     assert found.left_out[0].words
     assert code not in {one.tag.tag_id for one in found.tags}
-    assert np.abs(laid_over(found, room())).max() < 0.003, "the others are where they were"
+    assert np.abs(errors_of(found, room())).max() < 0.003, "the others are where they were"
 
 
 def test_two_of_one_code_in_an_image_exist_twice():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from typing import get_args
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Tag, Target, load
-from mkdaemon.vision.tags.targetfile import as_apriltag_ros, as_tagslam, as_toml, as_wpilib
+from mkdaemon.vision.tags.targetfile import WRITERS, Form, as_apriltag_ros, as_tagslam, as_toml, as_wpilib
 from tests.places import CONFIGS
 
 FAMILY = find_family("tag36h11")
@@ -72,9 +73,15 @@ def test_tagslam_has_rotation_vectors():
 
 
 def test_a_tag_of_wpilib_looks_along_its_x_axis():
-    tags = {tag["ID"]: tag["pose"] for tag in json.loads(as_wpilib(ROOM))["tags"]}
+    layout = json.loads(as_wpilib(ROOM))
+    assert layout["field"] == {"length": 1.25, "width": 2.5}
+    tags = {tag["ID"]: tag["pose"] for tag in layout["tags"]}
     assert list(tags[7]["translation"].values()) == [1.25, -2.5, 0.3]
     for tag in ROOM.tags:
         w, x, y, z = (tags[tag.tag_id]["rotation"]["quaternion"][name] for name in "WXYZ")
         out, right, up = rotation_from_quaternion((w, x, y, z)).T
         assert pytest.approx(tag.rotation, abs=3e-5) == np.array([right, up, out]).T
+
+
+def test_every_format_that_is_offered_is_written():
+    assert set(get_args(Form)) == WRITERS.keys()

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 import numpy as np
 from cyclopts import Parameter
@@ -29,10 +29,10 @@ from mkdaemon.vision.camera.imagecodec import read_picture, unpack
 from mkdaemon.vision.camera.sources import CLIPS, list_pictures, open_clip
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.survey.picture import picture_of
-from mkdaemon.vision.survey.survey import KnownTags, Survey, look_at, survey
+from mkdaemon.vision.survey.survey import KnownTags, Survey, Surveyed, look_at, survey
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
-from mkdaemon.vision.tags.targetfile import WRITERS, as_toml
+from mkdaemon.vision.tags.targetfile import WRITERS, Form, as_toml
 
 Decode = Callable[[], Grey]
 _SIZES: Final = re.compile(r"([0-9]{1,5})(?:-([0-9]{1,5}))?=([0-9.]+)")
@@ -61,9 +61,7 @@ def survey_map(
         tuple[str, ...], Parameter(help="Measured between the middles of two tags: ID:ID=DISTANCE [m].")
     ] = (),
     name: Annotated[str, Parameter(help="Name of the target in the map.")] = "map",
-    form: Annotated[
-        Literal["toml", "apriltag_ros", "tagslam", "wpilib"], Parameter(name="--format", help="Format of the file.")
-    ] = "toml",
+    form: Annotated[Form, Parameter(name="--format", help="Format of the file.")] = "toml",
     most: Annotated[int, Parameter(name="--images", help="Images that are looked at, evenly chosen.")] = 2000,
     picture: Annotated[Path | None, Parameter(help="Also draw the map into this SVG file.")] = None,
     force: Annotated[bool, Parameter(help="Overwrite existing files.")] = False,
@@ -102,7 +100,9 @@ def survey_map(
         save(output, WRITERS[form](target), overwrite=force)
     if picture is not None:
         save(picture, picture_of(result), overwrite=force)
-    show(_object(result, output), _words(result, output), as_json=as_json)
+    lacking = "\nthis format holds neither sizes nor family: give them to the program that reads it"
+    words = _words(result, output) + (lacking if form == "wpilib" else "")
+    show(_object(result, output), words, as_json=as_json)
     return 1 if result.left_out else 0
 
 
@@ -146,7 +146,9 @@ def _images(sources: list[Path], most: int) -> _Images:
     counts = [sum(1 for _ in _each(path)) for path in sources]
     count = sum(counts)
     if not count:
-        raise ConfigError(f"no image in {', '.join(map(str, sources))}: record with [record] images = true")
+        raise ConfigError(
+            f"no image in {', '.join(map(str, sources))}: a recording has images where record.images.hz is above 0"
+        )
     chosen = {k * count // min(most, count) for k in range(min(most, count))}
 
     def each() -> Iterator[Decode]:
@@ -210,7 +212,7 @@ def _bars(*, quiet: bool) -> Iterator[tuple[Callable[[float], None], Callable[[f
         )
 
 
-def _note(one: Any) -> str:
+def _note(one: Surveyed) -> str:
     place, turn = 1000.0 * np.linalg.norm(one.place_sd), np.degrees(np.linalg.norm(one.turn_sd))
     return f"known to {place:.1f} mm and {turn:.2f} deg by {one.images} images"
 

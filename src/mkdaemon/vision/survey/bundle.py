@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mkdaemon.vision.arrays import Array, Bools
+from mkdaemon.vision.arrays import Array
 from mkdaemon.vision.pose.projection import Projection
 
 Indices = npt.NDArray[np.int64]
@@ -59,10 +59,6 @@ class Sightings:
     tags: Indices
     corners: Array
 
-    def only(self, kept: Bools) -> Sightings:
-        """Some of them `(n,)`, under the same indices."""
-        return Sightings(self.images[kept], self.tags[kept], self.corners[kept])
-
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
@@ -86,12 +82,6 @@ class Bundle:
     def centres(self) -> Array:
         """Where the camera was `(i, 3)` [m; map]."""
         return np.asarray(-np.einsum("nji,nj->ni", self.eye_turns, self.eye_places))
-
-    def scaled(self, factor: float) -> Bundle:
-        """The same with all lengths times a factor."""
-        return replace(
-            self, places=self.places * factor, sides=self.sides * factor, eye_places=self.eye_places * factor
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from mkdaemon.vision.camera.image import in_light
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.still import ANY_ID_FALSE_RATE
-from mkdaemon.vision.survey.bundle import LARGE, Adjusted, Bundle, Indices, Sightings, adjust
+from mkdaemon.vision.survey.bundle import LARGE, TAG, Adjusted, Bundle, Indices, Sightings, adjust
 from mkdaemon.vision.survey.start import Beginner, Seen, sightings
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import Detector
@@ -337,7 +337,7 @@ class _Work:
             rows = (seen.tags == tag) & (together[of_image] > 1)
             far, images = contradicts[of_image[rows]], seen.images[rows]
             off = float(np.log(adjusted.bundle.sides[tag] / self._given[tag]))
-            off_sd = float(np.sqrt(adjusted.covariance[7 * tag + 6, 7 * tag + 6]))
+            off_sd = float(np.sqrt(adjusted.covariance[TAG * tag + 6, TAG * tag + 6]))
             if far.mean() > STRANGE_SHARE:
                 found.append((float(far.mean()) / STRANGE_SHARE, tag, *_displaced(far, images)))
             elif abs(off) > max(WRONG_SIDE, CERTAIN * off_sd):
@@ -414,8 +414,10 @@ def _displaced(far: Bools, images: Indices) -> tuple[TagFault, str]:
     wrong = np.minimum(against, len(far) - against)[1:-1]
     split = int(np.argmin(wrong)) + 1
     if wrong[split - 1] <= NOT_MOVED * len(far):
-        words = f"it was moved between images {images[split - 1] + 1} and {images[split] + 1}: fix it"
-        return TagFault.MOVED, f"{words} and take the images again"
+        words = (
+            f"it was moved between images {images[split - 1] + 1} and {images[split] + 1} of those that were looked at"
+        )
+        return TagFault.MOVED, f"{words}: fix it and take the images again"
     share = f"{100.0 * far.mean():.0f} % of its {len(far)} images show it elsewhere"
     return TagFault.TWICE, f"{share}, now and then: two tags have this code, or it lies loose"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import cv2
 
@@ -15,10 +15,10 @@ from mkdaemon.config.keys import toml_value
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.vision.tags.tagmap import Tag, Target
 
+Form = Literal["toml", "apriltag_ros", "tagslam", "wpilib"]
+"""A format of `WRITERS`."""
 DIGITS: Final = 5
 """Of a length [m] and of a quaternion: a hundredth of a millimetre, and of a milliradian over a metre."""
-FIELD_SIDE: Final = 0.1651
-"""Side of every tag of a WPILib field: 6.5 inches [m]; its family is tag36h11."""
 
 
 def as_toml(target: Target, heading: str = "", notes: Mapping[int, str] | None = None) -> str:
@@ -67,10 +67,10 @@ def as_tagslam(target: Target) -> str:
 
 def as_wpilib(target: Target) -> str:
     """Write a field layout of WPILib: the x axis of its tags is the normal of their prints."""
-    first = target.tags[0].position
-    far = [max(abs(float(tag.position[k] - first[k])) for tag in target.tags) for k in range(2)]
+    places = [tag.position for tag in target.tags]
+    length, width = (_rounded(max(place[k] for place in places) - min(place[k] for place in places)) for k in range(2))
     tags = [_of_field(tag) for tag in target.tags]
-    return json.dumps({"tags": tags, "field": {"length": _rounded(far[0]), "width": _rounded(far[1])}}, indent=1) + "\n"
+    return json.dumps({"tags": tags, "field": {"length": length, "width": width}}, indent=1) + "\n"
 
 
 def _of_field(tag: Tag) -> dict[str, Any]:
@@ -84,7 +84,7 @@ def _of_field(tag: Tag) -> dict[str, Any]:
     }
 
 
-WRITERS: Final[Mapping[str, Callable[[Target], str]]] = {
+WRITERS: Final[Mapping[Form, Callable[[Target], str]]] = {
     "toml": as_toml,
     "apriltag_ros": as_apriltag_ros,
     "tagslam": as_tagslam,
