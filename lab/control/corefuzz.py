@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Final
 
 from lab.campaign import Campaign, CampaignError, Ending, Row
-from lab.control.coreworld import HAPPENINGS, HOVER, LONGEST_STEP, Happening, World, settle
+from lab.control.coretoy import HOVER
+from lab.control.coreworld import HAPPENINGS, LONGEST_STEP, Happening, World, carry, settle
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.config.control import ControlConfig, LeaseConfig, LimiterConfig
 from mkdaemon.control.actions import Action, PublishError, PublishEstimate, PublishStatus, ReleaseAircraft, SendSticks
@@ -39,7 +40,8 @@ EVENTS: Final = 300
 PAUSES: Final = (0.0, 0.0, 0.0, 0.0, 0.05, 0.1)
 """After a happening [s]; 0: the next one comes before the core has ticked."""
 LONG_PAUSES: Final = (*(5.0,) * 24, 100.0)
-"""In which the client takes off or lands [s]; the longest is one in which every landing has to end."""
+"""In which the client takes off or lands, or the aircraft is swung by hand [s]; the longest is one in which every
+landing has to end."""
 CALM: Final = (1, 1, 4, 15)
 """How much more often than `HAPPENINGS` says nothing happens; drawn for each sequence."""
 BLOCK: Final = 50
@@ -311,9 +313,10 @@ def draw(seed: int, events: int = EVENTS) -> list[Happening]:
     """Draw a sequence; the same seed draws the same."""
     rng = random.Random(f"{seed} happenings")
     names, (calm, *others) = [each.__name__ for each in HAPPENINGS], HAPPENINGS.values()
+    long = (settle.__name__, carry.__name__)
     weights = (calm * rng.choice(CALM), *others)
     return [
-        Happening(name, rng.getrandbits(32), rng.choice(LONG_PAUSES if name == settle.__name__ else PAUSES))
+        Happening(name, rng.getrandbits(32), rng.choice(LONG_PAUSES if name in long else PAUSES))
         for name in rng.choices(names, weights, k=events)
     ]
 
@@ -332,9 +335,10 @@ def run(seed: int, happenings: Sequence[Happening]) -> Found:
                 by_name[what](world, details)
                 world.reached[f"happening {what}"] += 1
                 while pause > 0.0:
-                    world.go_on(details, min(pause, LONGEST_STEP))
+                    step = min(pause, world.longest_step)
+                    world.go_on(details, step)
                     _tick(world, judge, details)
-                    pause -= LONGEST_STEP
+                    pause -= step
     except Exception:  # whatever it is, it is the finding  # noqa: BLE001
         judge.breach(Breach.EXCEPTION, traceback.format_exc(limit=-4))
     breaches = {seed: judge.breaches} if judge.breaches else {}

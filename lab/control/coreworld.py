@@ -13,12 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
+from lab.control.coretoy import STAND, SWUNG, TILT, Swing, Toy, swung
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet
 from mkdaemon.control.core import FlightCore
-from mkdaemon.control.estimator.model import GRAVITY, AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
 from mkdaemon.control.events import (
     AbortAsked,
     ActiveSetRead,
@@ -73,20 +73,12 @@ from mkdaemon.telemetry.vision import Alarm, EyeState, PoseRefusal, PoseRefused,
 
 LONGEST_STEP: Final = 0.1
 """The toy moves, and the core ticks, at least this often [s]."""
-STAND: Final = 0.10
-"""Height of the body above the target when the feet stand [m]."""
-HOVER: Final = 125.0
-"""Throttle that carries the toy [count of 254]."""
-TILT: Final = math.radians(0.451)
-"""Tilt that a stick count asks for [rad]."""
-LAG: Final = 0.3
-"""Of that tilt [s]."""
-DEAD_MAN: Final = 0.5
-"""The toy obeys a stick frame for this long [s]."""
 NEVER: Final = 10**9
 """Steps between two attitudes of boards that report none."""
 STRAIGHT: Final = (0.0, 0.0, 0.0)
 """An image without an error [m]."""
+CARRIED_STEP: Final = 0.05
+"""An aircraft that is carried reports, and is seen, this often [s]."""
 LATENCY: Final = 0.06
 """From an exposure to its pose [s]."""
 PADS: Final = {"pad": (0.0, 0.0), "mat": (1.5, 0.0)}
@@ -101,53 +93,6 @@ class Happening(NamedTuple):
     what: str
     number: int
     pause: float
-
-
-class Toy:
-    """An aircraft that obeys stick frames; while none come, its pilot hovers it over the target.
-
-    Attributes:
-        place, velocity, tilt: [m], [m/s], [rad].
-        runs: the motors turn.
-        gate_is_open: stick frames act.
-        lid: the pilot's throttle, which caps that of stick frames [stick].
-        sent: the newest stick frame, and when it came [s].
-        stood_since: since when the feet stand [s]; infinite while they do not.
-    """
-
-    def __init__(self, height: float) -> None:
-        self.place, self.velocity, self.tilt = [0.0, 0.0, height], [0.0, 0.0, 0.0], [0.0, 0.0]
-        self.runs = self.gate_is_open = True
-        self.lid = 80.0
-        self.sent: tuple[float, SendSticks] | None = None
-        self.stood_since = math.inf
-
-    @property
-    def stands(self) -> bool:
-        """Whether the feet stand."""
-        return self.place[2] <= STAND
-
-    def step(self, now: float, dt: float) -> None:
-        """Move on."""
-        place, velocity, tilt = self.place, self.velocity, self.tilt
-        frame = self.sent[1].counts if self.sent is not None and now - self.sent[0] < DEAD_MAN else None
-        if frame is None or not self.gate_is_open:
-            lift = 0.0 if self.stands else GRAVITY - 2.0 * velocity[2] - 1.0 * max(min(place[2] - 1.5, 0.5), -0.5)
-            asked = [max(min(-0.3 * velocity[axis] - 0.15 * place[axis], 0.3), -0.3) for axis in (0, 1)]
-        else:
-            lift = GRAVITY * (max(min(frame.throttle, self.lid) + GAS_CENTRE, 0.0) / HOVER) ** 2
-            asked = [TILT * frame.pitch, -TILT * frame.roll]
-        for axis in (0, 1):
-            tilt[axis] += (asked[axis] - tilt[axis]) * min(dt / LAG, 1.0)
-            velocity[axis] += (GRAVITY * math.tan(tilt[axis]) - 0.35 * velocity[axis]) * dt
-        velocity[2] += (lift * self.runs - GRAVITY) * dt
-        for axis in range(3):
-            place[axis] += velocity[axis] * dt
-        if place[2] <= STAND:
-            place[2], self.velocity, self.tilt = STAND, [0.0, 0.0, max(velocity[2], 0.0)], [0.0, 0.0]
-            self.stood_since = min(self.stood_since, now)
-        else:
-            self.stood_since = math.inf
 
 
 @dataclass
@@ -165,6 +110,7 @@ class Trouble:
         second: camera, target and error of another stream of images [m].
         eye: fields of `VisionStats` that are not as they should be.
         shows_gate: the boards say where the gate stands.
+        carried: how the aircraft is swung by hand; None while it is not.
     """
 
     muted: set[str] = field(default_factory=set)
@@ -177,6 +123,7 @@ class Trouble:
     second: tuple[str, str, float] | None = None
     eye: dict[str, Any] = field(default_factory=dict)
     shows_gate: bool = False
+    carried: Swing | None = None
 
 
 class World:
@@ -223,6 +170,19 @@ class World:
             self.reached[f"refusal {reply.refusal.token}"] += 1
         return reply
 
+    @property
+    def longest_step(self) -> float:
+        """The toy moves, and the core ticks, at least this often [s]."""
+        return LONGEST_STEP if self.swing is None else CARRIED_STEP
+
+    @property
+    def swing(self) -> Swing | None:
+        """How the aircraft is swung by hand; None while it is not: nobody carries one that flies."""
+        carried = self.trouble.carried
+        if carried is None or self.now - carried.since > SWUNG + 1.0 or self.core.phase.is_in_flight:
+            return None
+        return carried
+
     def go_on(self, rng: random.Random, dt: float) -> None:
         """Move the toy on; boards and cameras report, the client streams."""
         self.now += dt
@@ -247,8 +207,9 @@ class World:
 
     def _report(self) -> None:
         toy, trouble, steps, muted = self.toy, self.trouble, self.steps, self.trouble.muted
-        if steps % self.attitude_every == 0 and "attitude" not in muted:
+        if (self.swing or steps % self.attitude_every == 0) and "attitude" not in muted:
             pitch, roll = trouble.tipped if toy.stands else toy.tilt[0], -toy.tilt[1]
+            pitch += 0.0 if self.swing is None else swung(self.now)
             level = (1.0, 0.0, 0.0, 0.0)
             self.feed(StateValue(self.made(Attitude, quaternion=level, roll=roll, pitch=pitch, yaw=0.0)))
         if steps % 4 == 0 and "flight" not in muted:
@@ -265,7 +226,8 @@ class World:
             self.feed(StateValue(self.made(Battery, voltage=trouble.voltage, is_low=is_low)))
         if steps % 8 == 3:
             self._report_eye()
-        if steps % (trouble.images_every or self.images_every) == 0 and "images" not in muted:
+        is_shown = self.swing or steps % (trouble.images_every or self.images_every) == 0
+        if is_shown and "images" not in muted:
             error, until = trouble.error
             self._show("down", "pad", error if self.now <= until else STRAIGHT)
             if trouble.second is not None:
@@ -280,6 +242,9 @@ class World:
         x, y = PADS[target]
         place = [at - LATENCY * speed for at, speed in zip(self.toy.place, self.toy.velocity, strict=True)]
         seen = (x - place[0] - error[0], y - place[1] - error[1], -place[2] - error[2])
+        pitch = 0.0 if self.swing is None else self.swing.seen(self.now - LATENCY)
+        c, s = math.cos(pitch), math.sin(pitch)
+        seen = (c * seen[0] - s * seen[2], seen[1], s * seen[0] + c * seen[2])
         if math.hypot(seen[0], seen[1]) > -1.3 * seen[2] or seen[2] > -0.02:
             return
         pose = self.made(
@@ -288,7 +253,7 @@ class World:
             camera=camera,
             target=target,
             position_flu=seen,
-            quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
+            quaternion_target_from_flu=(math.cos(pitch / 2.0), 0.0, math.sin(pitch / 2.0), 0.0),
             covariance=COVARIANCE,
             calibration_sd=(0.0, 0.0, 0.0),
         )
@@ -317,7 +282,7 @@ class World:
         if not self.is_held:
             if rng.random() < 0.3:
                 self.take(rng)
-        elif not self.is_silent:
+        elif not self.is_silent and (self.swing is None or self.swing.is_over(self.now)):
             is_taken = self.put(self.setpoint(self.wanted, **self.asks))
             if not self.is_sure and rng.random() < (0.1 if not is_taken or not self.core.phase.is_in_flight else 0.0):
                 self.wish(rng)
@@ -406,6 +371,14 @@ def settle(world: World, rng: random.Random) -> None:
     else:
         world.wanted, world.asks = LandSetpoint, {}
         world.trouble.images_every = rng.choice((1, 1, 3, 5, 8, 10))
+
+
+def carry(world: World, rng: random.Random) -> None:
+    """The aircraft is swung by hand over the target for seconds, before a flight; its camera may be wrong."""
+    world.heal(rng)
+    world.is_sure, world.wanted = True, PositionSetpoint
+    world.asks = {"position": (0.0, 0.0, 1.0), "frame": SetpointFrame.PAD}
+    world.trouble.carried = Swing(world.now, *rng.choice(((-1.0, 0.0), (1.0, 0.15), (1.0, 0.0))))
 
 
 def _lean(world: World, rng: random.Random) -> None:
@@ -567,7 +540,7 @@ BAD_SETS: Final = (
 )
 """Active sets with something in the way."""
 HAPPENINGS: Final[dict[Callable[[World, random.Random], None], float]] = {
-    _calm: 60.0, World.wish: 3.0, World.heal: 12.0, settle: 0.1, _lean: 4.0, _silence: 1.0, _abort: 1.5,
+    _calm: 60.0, World.wish: 3.0, World.heal: 12.0, settle: 0.1, carry: 0.05, _lean: 4.0, _silence: 1.0, _abort: 1.5,
     _resume: 1.5, _release: 0.4, _give_back: 0.4, _renew: 0.5, _client_dies: 0.4, _other_client: 0.7,
     _bad_setpoint: 2.0, _gate: 1.5, _motors: 1.0, _lid: 0.6, _trouble: 10.0, _unusable_image: 0.8, _report: 4.0,
     _link: 1.0, _guard: 0.2, _stand_still: 0.3,

@@ -13,7 +13,7 @@ from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
 from mkdaemon.control.events import StateValue
 from mkdaemon.control.regulator.autopilot import LEAP, at_origin
-from mkdaemon.control.throttlelid import LASTING, ThrottleLid
+from mkdaemon.control.throttlelid import LASTING, LEAST_SHARE, ThrottleLid
 from mkdaemon.control.vehicle import FRESH, ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
@@ -97,6 +97,13 @@ def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_b
     assert lid.use == OURS, "what is reported follows ours"
     told(lid, 60.0, scale * 157.0 - 127.0, 1.5, start=now)
     assert lid.use.cap == pytest.approx(157.0), "no longer: in our own counts"
+
+
+def test_a_lid_that_lies_there_from_the_start_is_no_scale_also_without_a_voltage():
+    """9 of 130 counts were taken for the share that the compensation leaves."""
+    lid = ThrottleLid()
+    told(lid, 3.0, -118.0, 1.5)
+    assert lid.use.cap == pytest.approx(9.0 / LEAST_SHARE)
 
 
 @pytest.mark.parametrize("cells", [3, 4])

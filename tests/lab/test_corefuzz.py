@@ -10,7 +10,8 @@ import pytest
 
 from lab.control import corefuzz
 from lab.control.corefuzz import BLOCK, EVENTS, QUICK, Breach, draw, run, run_sequences, shortened
-from lab.control.coreworld import HAPPENINGS, Happening, Toy, World
+from lab.control.coretoy import Toy
+from lab.control.coreworld import HAPPENINGS, Happening, World
 from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.flown import Flown

@@ -41,9 +41,9 @@ SHORTEST_PAIR: Final = 0.02
 LONGEST_PAIR: Final = 0.2
 """Two views farther apart in time give none either [s]."""
 FEET: Final = 0.05
-"""An aircraft whose feet are no higher above the target stands, where images show it for a while [m]."""
-STOOD: Final = 0.3
-"""How long images must show it [s]: wrong images are shorter."""
+"""An aircraft whose feet are no higher above the target may stand [m]."""
+FLIES: Final = 0.3
+"""How long images must show it higher before it flies again [s]: wrong images are shorter."""
 
 
 class Sight:
@@ -82,7 +82,7 @@ class Sight:
         self._cfg = cfg
         self._last_view: TargetView | None = None
         self._apart = 0.0  # between the two newest images [s]
-        self._low_since = math.inf  # its feet are on the ground by all images from then on [s]
+        self._high_since = -math.inf  # all images from then on show it off the ground [s]
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
         self._clean_since = math.inf
 
@@ -208,7 +208,10 @@ class Sight:
             self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
             self._last_view = view
             is_low = -float(view.position_flu[2]) <= self._cfg.stand_height + FEET
-            self._low_since = min(self._low_since, view.at) if is_low else math.inf
+            if lifted is not None:
+                self._high_since = -math.inf
+            else:
+                self._high_since = math.inf if is_low else min(self._high_since, view.at)
         return before if is_other else ""
 
     def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
@@ -257,8 +260,12 @@ class Sight:
 
     @property
     def has_come_down(self) -> bool:
-        """Whether its feet stand by the newest images; those that end there say nothing else."""
-        return self._last_view is not None and self._last_view.at - self._low_since >= STOOD
+        """Whether its feet may stand: an image shows it, and none of those since then that agree for `FLIES`.
+
+        One image is enough, also one that the estimate refuses: whoever falls to the ground between two images is not
+        where the model expects it. It costs no more than a hover until the next images.
+        """
+        return self._last_view is not None and self._last_view.at - self._high_since < FLIES
 
     @property
     def carrying_gas(self) -> float:

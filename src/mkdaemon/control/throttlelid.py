@@ -9,6 +9,7 @@ its stick. A NaviCtrl takes that back again. By the voltage of the same message 
 (`ThrottleReport.share`), unless more than it is seen: then the board reports the stick itself. Where no voltage is
 known, what is shown compares the numbers as they are, and flight goes by the largest share of ours that was ever
 reported in this flight: only a smaller share is the pilot's throttle, because a pilot's stick does not follow ours.
+A share below `LEAST_SHARE` is none of the compensation, also at the beginning of a flight.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ WINDOW: Final = 0.5
 other frames take 0.4 s at worst."""
 LASTING: Final = 0.4
 """Only a difference that lasts counts [s]."""
+LEAST_SHARE: Final = 0.7
+"""Smallest share that the compensation leaves: a low-voltage limit of 3.0 V, at `vehicle.HIGHEST_CELL`."""
 
 
 class ThrottleLid:
@@ -51,7 +54,7 @@ class ThrottleLid:
         self.use = OURS
         self._lower_since: float | None = None
         self._capped_since: float | None = None
-        self._scale = 0.0
+        self._scale = LEAST_SHARE
         self._is_stick = False
         self._compared_at: float | None = None
 

@@ -71,7 +71,7 @@ def test_the_reference_begins_with_the_speed_that_made_it_known_and_not_with_the
     assert autopilot.height.velocity[0] == pytest.approx(autopilot.estimate.velocity[2], abs=0.02)
 
 
-@pytest.mark.parametrize(("cap", "most"), [(None, 200), (135.0, 147), (100.0, HOVER + 12)])
+@pytest.mark.parametrize(("cap", "most"), [(None, 200), (135.0, 147), (100.0, HOVER)])
 def test_while_the_pilots_throttle_caps_ours_not_much_more_is_asked_for_than_flies_or_hovers(cap, most):
     autopilot, asked = begin(look(0.0, 0.0)), []
     for k in range(100):
