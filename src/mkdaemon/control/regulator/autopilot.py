@@ -42,10 +42,10 @@ class CountShaper:
 UNKNOWN_SPEED: Final = 0.25
 """A flight begins with a reference that rests on the estimate, until the speed is known to this [m/s]."""
 LEAP: Final = 12.0
-"""While the pilot's throttle caps ours, we ask for this much more than the throttle in use, or for hover [count of 254]:
-a fifth of the weight, with which the aircraft rises when a cap ends that carries it, and more than
-`throttlelid.MARGIN`, so that the cap stays visible. Under a cap that carries nothing the aircraft sinks to the ground,
-and must not rise from there when the cap ends."""
+"""While the pilot's throttle caps ours, we ask for this much more than the throttle in use, or for hover
+[count of 254]. It is a fifth of the weight, with which the aircraft rises when a cap ends that carries it, and more
+than `throttlelid.MARGIN`, so that the cap stays visible. Under a cap that carries nothing the aircraft sinks to the
+ground, and must not rise from there when the cap ends."""
 RECENTRED: Final = 0.02
 """Share of the unexplained vertical acceleration that goes into the hover throttle at each call: a second at 50 Hz."""
 YAW_TOLERANCE: Final = math.radians(4.0)
