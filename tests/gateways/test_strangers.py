@@ -144,6 +144,20 @@ def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
     assert reading.at(1000.0).fact("place").number is not None
 
 
+async def test_names_of_keys_that_strangers_make_up_are_forgotten():
+    exhibit = Exhibit(Context(), Names("mk1"), lambda now: None)
+    try:
+        for number in exhibit.lines:
+            exhibit.subscribed(number, 1)
+        for number in range(2000):
+            exhibit._take(sample_of(f"event/{number}", samples.position()))
+        kept = [exhibit._newest, *(line.given for line in exhibit.lines.values())]
+        assert max(map(len, kept)) <= 512
+        assert "event/1999" in exhibit._newest
+    finally:
+        await exhibit.close()
+
+
 def test_what_json_has_not_makes_no_message():
     for odd in (float("nan"), float("inf"), msgpack.Timestamp(1, 2)):
         assert json_message({"a": [odd]}) is None

@@ -42,7 +42,7 @@ LOOK_PERIOD: Final = 2.0
 FOUND: Final = ("vision/*/setup", "vision/*/stats", "rx/*/*", "tx/*/*")
 """Where keys are looked for that not every vehicle has."""
 _LISTENED: Final = 512
-"""Keys whose channels are remembered; strangers can put to any."""
+"""Keys of which something is remembered, those of the newest values; strangers can put to any."""
 LEAP: Final = 1.0
 """A key's stamp that goes back by more is of a recording that goes on at another place, or of another boot [s]."""
 
@@ -235,10 +235,10 @@ class Exhibit:
             known_boot, known = self._newest.get(sample.suffix, (boot, at))
             if boot != known_boot or at < known - LEAP:
                 self._restart()
-            self._newest[sample.suffix] = (boot, at)
+            _remember(self._newest, sample.suffix, (boot, at))
             self._clock(wall)
             for line in self._listeners(sample.suffix):
-                line.given[sample.suffix] = at
+                _remember(line.given, sample.suffix, at)
                 self._show(line, line.convert, sample, wall)
 
     def _show(
@@ -288,6 +288,14 @@ class Exhibit:
                     continue  # it came while the others were asked for
                 if client in line.clients:
                     self._show(line, convert, sample, wall, client)
+
+
+def _remember(kept: dict[str, Any], key: str, value: Any) -> None:
+    """Keep something of a key, and of no more than `_LISTENED` keys."""
+    kept.pop(key, None)
+    kept[key] = value
+    if len(kept) > _LISTENED:
+        del kept[next(iter(kept))]
 
 
 def _moment(sample: Sample) -> tuple[str, float, int]:
