@@ -234,10 +234,13 @@ async def board_rebooted(flight: Flight) -> Figures:
 
 
 async def camera_dead(flight: Flight) -> Figures:
-    """No image any more."""
+    """No image any more: it looks for the target, inside the fence, until it is released."""
     since, flight.is_seeing = flight.seen_at, False
-    await asyncio.sleep(4.0)
-    return {"level": flight.level_after(since), "released": flight.released_after(since)}
+    await asyncio.sleep(2.8)
+    x, y, height = flight.world.truth.position_enu.tolist()
+    await asyncio.sleep(1.2)
+    searched = {"climbed": height - HEIGHT, "off_cm": 100.0 * math.hypot(x, y)}
+    return {**searched, "released": flight.released_after(since)}
 
 
 class SteadyHand(HandFlight):
@@ -338,7 +341,9 @@ STORIES: Final[dict[str, Story]] = {
     "board_rebooted": Story(
         board_rebooted, {"lease_ends": (0.0, 1.0), "kept_frame_held": (0.0, 0.3), "armed": (0.0, 0.0)}
     ),
-    "camera_dead": Story(camera_dead, {"level": (1.3, 1.8), "released": (2.8, 3.4)}),
+    "camera_dead": Story(  # it rises to `by_target.SEARCH_RISE` times its height meanwhile
+        camera_dead, {"climbed": (0.0, 0.9), "off_cm": (0.0, 100.0), "released": (2.8, 3.4)}
+    ),
     "gate_shut": Story(
         gate_shut,
         {
