@@ -342,7 +342,7 @@ STORIES: Final[dict[str, Story]] = {
         board_rebooted, {"lease_ends": (0.0, 1.0), "kept_frame_held": (0.0, 0.3), "armed": (0.0, 0.0)}
     ),
     "camera_dead": Story(  # it rises to `by_target.SEARCH_RISE` times its height meanwhile
-        camera_dead, {"climbed": (0.0, 0.9), "off_cm": (0.0, 100.0), "released": (2.8, 3.4)}
+        camera_dead, {"climbed": (0.0, 1.5), "off_cm": (0.0, 200.0), "released": (2.8, 3.4)}
     ),
     "gate_shut": Story(
         gate_shut,
