@@ -65,7 +65,8 @@ async def test_a_daemon_bears_three_seconds_of_it():
     "wrong",
     [
         {"silences": 1},
-        {"growth_mb": 25.0},
+        {"growth_mb": 33.0},
+        {"kept_mb": 7.0},
         {"tracebacks": Counter(daemon=1)},
         {"ended": ["view: exit code 1"]},
         {"exit_code": 1},
