@@ -21,6 +21,7 @@ from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseStat
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
 from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
@@ -129,7 +130,7 @@ class FakeVehicle:
         self.calls, self.setpoints, self.points, self.refusals = [], [], (), {}
         self.raw = raw
         self.engages, self.refuses, self.slow = 3, None, 0.0
-        self.lease_now = self.report = None
+        self.lease_now, self.report = None, PreflightReport(is_ready=True, findings=())
         self.settings = self.waypoints = self.route = self.navi = _Calls(self)
 
     async def call(self, name, *arguments, **options):

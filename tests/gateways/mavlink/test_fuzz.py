@@ -30,6 +30,7 @@ CALLS = {
     "read",
     "upload",
     "clear",
+    "preflight",
 }
 
 

@@ -151,7 +151,7 @@ class RosNode:
     def declare(self, name: str, value: Any, about: str) -> None:
         """Declare a parameter, or give it a value that was read."""
         from rcl_interfaces.msg import ParameterDescriptor
-        from rclpy.parameter import NodeParameter as RosParameter
+        from rclpy.parameter import Parameter as RosParameter
 
         self._declaring = threading.get_ident()
         try:
