@@ -4,16 +4,45 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Coroutine, Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+_ENDS: Final = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def asked_to_end() -> Iterator[asyncio.Event]:
+    """An event that Ctrl-C and SIGTERM set, in place of ending the program; a closed terminal is as Ctrl-C."""
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    for name in _ENDS:
+        loop.add_signal_handler(name, stop.set)
+    try:
+        yield stop
+    finally:
+        for name in _ENDS:
+            loop.remove_signal_handler(name)
 
 
 async def until_asked_to_end() -> None:
     """Wait for Ctrl-C or SIGTERM: the program ends in order, with exit code 0."""
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    ends = (signal.SIGINT, signal.SIGTERM)
-    for name in ends:
-        loop.add_signal_handler(name, stop.set)
-    try:
+    with asked_to_end() as stop:
         await stop.wait()
-    finally:
-        for name in ends:
-            loop.remove_signal_handler(name)
+
+
+async def run_until_asked_to_end(work: Coroutine[Any, Any, None]) -> None:
+    """Do something until it ends, or until Ctrl-C or SIGTERM cancels it.
+
+    Raises:
+        Exception: of the work.
+    """
+    with asked_to_end() as stop:
+        asked, working = asyncio.create_task(stop.wait(), name="stop"), asyncio.create_task(work, name="work")
+        try:
+            await asyncio.wait({asked, working}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (asked, working):
+                task.cancel()
+            await asyncio.gather(asked, working, return_exceptions=True)
+        if not working.cancelled():
+            working.result()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import signal
 import sys
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 
+from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.boardset import backups_folder
@@ -74,23 +76,27 @@ def test_without_pymavlink_it_names_the_extra(monkeypatch):
         command()
 
 
-async def test_it_serves_until_it_is_stopped():
-    stop, ready = asyncio.Event(), asyncio.Event()
+@asynccontextmanager
+async def open_fake():
+    yield FakeVehicle()
 
-    @asynccontextmanager
-    async def open_vehicle():
-        yield FakeVehicle()
 
-    serving = asyncio.create_task(serve(open_vehicle, options(f"tcpin:127.0.0.1:{free_port()}"), stop, ready.set))
+async def test_it_serves_until_it_is_asked_to_end():
+    def ready():
+        signal.raise_signal(signal.SIGTERM)
+
     async with asyncio.timeout(20.0):
-        await ready.wait()
-        stop.set()
-        await serving
+        await run_until_asked_to_end(serve(open_fake, options(f"tcpin:127.0.0.1:{free_port()}"), ready))
+
+
+async def test_a_link_that_cannot_be_opened_ends_it():
+    with pytest.raises(MkError, match=r"--link tcpin:203\.0\.113\.1:5760 cannot be opened"):
+        await run_until_asked_to_end(serve(open_fake, options("tcpin:203.0.113.1:5760", allow_open=True), lambda: None))
 
 
 async def test_it_waits_for_a_daemon_that_is_started_later(monkeypatch):
     monkeypatch.setattr("mkdaemon.gateways.mavlink.program._AGAIN", 0.01)
-    stop, ready, attempts = asyncio.Event(), asyncio.Event(), []
+    ready, attempts = asyncio.Event(), []
 
     @asynccontextmanager
     async def open_vehicle():
@@ -99,9 +105,9 @@ async def test_it_waits_for_a_daemon_that_is_started_later(monkeypatch):
             raise MkError("no daemon answers")
         yield FakeVehicle()
 
-    serving = asyncio.create_task(serve(open_vehicle, options(f"tcpin:127.0.0.1:{free_port()}"), stop, ready.set))
+    serving = asyncio.create_task(serve(open_vehicle, options(f"tcpin:127.0.0.1:{free_port()}"), ready.set))
     async with asyncio.timeout(20.0):
         await ready.wait()
-        stop.set()
-        await serving
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
     assert len(attempts) == 3

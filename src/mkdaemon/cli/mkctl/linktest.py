@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.interrupts import asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.streams import read_interval
 from mkdaemon.cli.printing import json_line, picked
@@ -159,12 +158,8 @@ async def _run(plan: LinkTestPlan, connection: Connection) -> LinkTestFound:
     """
     from mkdaemon.client.linktest.campaign import run_link_test
 
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
     async with connection.open() as uav:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            loop.add_signal_handler(number, stop.set)
-        with _bars(plan, quiet=connection.json) as show:
+        with asked_to_end() as stop, _bars(plan, quiet=connection.json) as show:
             found = await run_link_test(uav, plan, on_progress=show, stop=stop)
     if found.ended_by:
         print(f"mkctl: ended early, the streams are as they were: {on_one_line(found.ended_by)}", file=sys.stderr)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import require_count, require_length
+from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line, picked
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
@@ -98,43 +98,33 @@ async def _record(plan: GroundPlan, seconds: float | None, *, is_quiet: bool) ->
     """Record until a signal, or for some seconds; returns the recording and how long it took [s]."""
     from mkdaemon.client.groundrecorder import record_ground
 
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
     began = time.monotonic()
     async with record_ground(plan) as recording:
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):
-                await _show(recording, plan.endpoints, stop, began, is_quiet=is_quiet)
+                await run_until_asked_to_end(_show(recording, plan.endpoints, began, is_quiet=is_quiet))
     return recording, time.monotonic() - began
 
 
-async def _show(
-    recording: GroundRecording, endpoints: Sequence[str], stop: asyncio.Event, began: float, *, is_quiet: bool
-) -> None:
-    """Show how it goes until it is to stop."""
+async def _show(recording: GroundRecording, endpoints: Sequence[str], began: float, *, is_quiet: bool) -> None:
+    """Show how it goes, for ever."""
     from rich.text import Text
 
     from mkdaemon.cli.console import Console
 
     console = Console(stderr=True)
-    stopped = asyncio.create_task(stop.wait())
     rate = Rate()
-    try:
-        if console.is_terminal and not is_quiet:
-            with console.status(Text()) as status:
-                while not stop.is_set():
-                    seconds = time.monotonic() - began
-                    rate.take(recording.received, seconds)
-                    status.update(Text(f"{_line(recording, endpoints, seconds)}  {rate.shown()}"))
-                    await asyncio.wait({stopped}, timeout=REDRAW)
-            return
-        while not stop.is_set():
-            if not is_quiet:
-                console.print(_line(recording, endpoints, time.monotonic() - began))
-            await asyncio.wait({stopped}, timeout=LINE_EVERY)
-    finally:
-        stopped.cancel()
+    if console.is_terminal and not is_quiet:
+        with console.status(Text()) as status:
+            while True:
+                seconds = time.monotonic() - began
+                rate.take(recording.received, seconds)
+                status.update(Text(f"{_line(recording, endpoints, seconds)}  {rate.shown()}"))
+                await asyncio.sleep(REDRAW)
+    while True:
+        if not is_quiet:
+            console.print(_line(recording, endpoints, time.monotonic() - began))
+        await asyncio.sleep(LINE_EVERY)
 
 
 class Rate:

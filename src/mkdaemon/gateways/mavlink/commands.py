@@ -159,24 +159,22 @@ class CommandDesk:
         if asked.confirmation > 0 and done is not None:
             _acknowledge(asked, done.result)
             return
-        handler = self._handlers.get(asked.command)
-        if handler is None:
-            self._answer(asked, key, UNSUPPORTED)
-            return
-        if len(self._running) >= _MOST_RUNNING:
-            self._answer(
-                asked, key, CommandAnswered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "too many commands at once")
-            )
-            return
-        try:
-            made = handler(asked)
-        except Exception as error:  # noqa: BLE001  # a fault ends this command
-            self._answer(asked, key, self._answer_of(asked, error))
-            return
+        made = self._begin(asked)
         if isinstance(made, CommandAnswered):
             self._answer(asked, key, made)
-            return
-        self._running[key] = asyncio.create_task(self._run(asked, key, made), name=f"command {asked.command}")
+        else:
+            self._running[key] = asyncio.create_task(self._run(asked, key, made), name=f"command {asked.command}")
+
+    def _begin(self, asked: Asked) -> Awaitable[CommandAnswered] | CommandAnswered:
+        handler = self._handlers.get(asked.command)
+        if handler is None:
+            return UNSUPPORTED
+        if len(self._running) >= _MOST_RUNNING:
+            return CommandAnswered(int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED), "too many commands at once")
+        try:
+            return handler(asked)
+        except Exception as error:  # noqa: BLE001  # a fault ends this command
+            return self._answer_of(asked, error)
 
     async def close(self) -> None:
         """End what runs."""

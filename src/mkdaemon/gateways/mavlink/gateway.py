@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.client import Vehicle
+from mkdaemon.client.taskerrors import single_error
 from mkdaemon.errors import ProtocolError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, recordings, texts
@@ -113,22 +114,24 @@ class MavlinkGateway:
             MkError: a link cannot be opened.
         """
         patterns = (*picture.READ, *texts.READ, "event/progress")
-        async with self._uav.watch(*patterns, backlog=512) as samples, asyncio.TaskGroup() as tasks:
-            self._tasks = tasks
-            try:
-                for address in self._options.addresses:
-                    await self.links.open(address, tasks)
-                await self._take_last()
-                on_ready()
-                tasks.create_task(self._clock(), name="clock")
-                async for sample in samples:
-                    with self.faults.contained("a value of the daemon"), suppress(ProtocolError):  # of a newer daemon
-                        self.value_arrived(sample.value)
-            finally:
-                self._tasks = None
-                await self._desk.close()
-                await self.steering.close()
-                self.links.close()
+        with single_error():
+            async with self._uav.watch(*patterns, backlog=512) as samples, asyncio.TaskGroup() as tasks:
+                self._tasks = tasks
+                try:
+                    for address in self._options.addresses:
+                        await self.links.open(address, tasks)
+                    await self._take_last()
+                    on_ready()
+                    tasks.create_task(self._clock(), name="clock")
+                    async for sample in samples:
+                        # A newer daemon may put what is not understood here.
+                        with self.faults.contained("a value of the daemon"), suppress(ProtocolError):
+                            self.value_arrived(sample.value)
+                finally:
+                    self._tasks = None
+                    await self._desk.close()
+                    await self.steering.close()
+                    self.links.close()
 
     async def _take_last(self) -> None:
         """What was published before: values that come seldom are known at once, each as old as it is."""

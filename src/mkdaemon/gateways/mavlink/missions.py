@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.mavlink.frames import degrees_e7
@@ -30,7 +30,7 @@ from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.stations import Program, Station
 from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
-from mkdaemon.telemetry.mission import Mission, MissionEvent
+from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.state import Flight, Position
@@ -222,42 +222,38 @@ class MissionServer:
             return self._held
 
     async def _send_count(self, station: Station, program: Program) -> None:
-        try:
-            held = await self._known()
-        except (MkError, ConfigError) as error:
-            self._notify(station, f"the mission cannot be read: {words_of(error)}")
-            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
-            return
-        count = len(held.items)
-        if station.numbering is Numbering.ARDUPILOT:
-            count += 1
-        station.send(mavlink.MAVLink_mission_count_message(*program, count, mavlink.MAV_MISSION_TYPE_MISSION))
+        items = await self._items_for(station, program)
+        if items is not None:
+            kind = mavlink.MAV_MISSION_TYPE_MISSION
+            station.send(mavlink.MAVLink_mission_count_message(*program, len(items), kind))
 
     async def _send_item(self, station: Station, program: Program, seq: int, *, is_old: bool) -> None:
-        try:
-            held = await self._known()
-        except MkError as error:
-            self._notify(station, f"the mission cannot be read: {words_of(error)}")
-            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
+        items = await self._items_for(station, program)
+        if items is None:
             return
-        items = held.items
-        if station.numbering is Numbering.ARDUPILOT:
-            items = (self._home(), *items)
         if seq >= len(items):
             self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
         message = items[seq].message(*program, seq)
         station.send(_old(message) if is_old else message)
 
+    async def _items_for(self, station: Station, program: Program) -> tuple[LinkItem, ...] | None:
+        """The items as a station numbers them; None if they cannot be read, which it is answered."""
+        try:
+            held = await self._known()
+        except MkError as error:
+            self._notify(station, f"the mission cannot be read: {words_of(error)}")
+            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
+            return None
+        return (self._home(), *held.items) if station.numbering is Numbering.ARDUPILOT else held.items
+
     def _home(self) -> LinkItem:
         """Item 0 as ArduPilot has it; zeros while home is not known."""
-        here = self._picture.get(Position)
-        if here is None or here.home_latitude_deg is None or here.home_longitude_deg is None:
-            return LinkItem(16, 0, (0.0, 0.0, 0.0, 0.0), 0, 0, 0.0)
-        return LinkItem(
-            16, 0, (0.0, 0.0, 0.0, 0.0), degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg),
-            self._picture.ground or 0.0,
-        )  # fmt: skip
+        here, x, y, z = self._picture.get(Position), 0, 0, 0.0
+        if here is not None and here.home_latitude_deg is not None and here.home_longitude_deg is not None:
+            x, y = degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg)
+            z = self._picture.ground or 0.0
+        return LinkItem(16, 0, (0.0, 0.0, 0.0, 0.0), x, y, z)
 
     def _begin(self, station: Station, program: Program, count: int) -> None:
         upload = self._upload
@@ -311,7 +307,7 @@ class MissionServer:
         station, program = upload.station, upload.program
         try:
             result = await self._replace(upload)
-        except (MkError, ConfigError) as error:
+        except MkError as error:
             self._notify(station, f"the mission is not stored: {words_of(error)}")
             result = _result_of(error)
         except Exception as error:  # noqa: BLE001  # a fault ends this upload
@@ -329,22 +325,18 @@ class MissionServer:
         """
         skipped = int(upload.station.numbering is Numbering.ARDUPILOT)
         items = upload.items[skipped:]
-        mission: Mission | None = None
-        if items:
-            found = mission_of(items, self._picture.ground, skipped, autopilot_of(upload.station))
-            if isinstance(found, Refused):
-                self._notify(upload.station, found.reason)
-                return found.result
-            mission, notes = found
-            for note in notes:
-                self._notify(upload.station, note, INFO)
+        if not items:
+            await self._empty()
+            return int(mavlink.MAV_MISSION_ACCEPTED)
+        found = mission_of(items, self._picture.ground, skipped, autopilot_of(upload.station))
+        if isinstance(found, Refused):
+            self._notify(upload.station, found.reason)
+            return found.result
+        mission, notes = found
+        for note in notes:
+            self._notify(upload.station, note, INFO)
         self._require_not_flown()
         async with self._lock:
-            if mission is None:
-                cleared = await self._uav.waypoints.clear(in_flight=True)
-                self._held = HeldMission((), cleared.digest, ())
-                self._on_board = cleared.digest
-                return int(mavlink.MAV_MISSION_ACCEPTED)
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
             self._held = held_from(mission.points, stored.digest, items, autopilot_of(upload.station))
             self._on_board = stored.digest
@@ -360,13 +352,20 @@ class MissionServer:
         if navi is not None and navi.stage in _FLOWN:
             raise ManoeuvreError("the list is being flown: the pilot turns the GPS switch to hold or free first")
 
+    async def _empty(self) -> None:
+        """Clear the list of the NaviCtrl.
+
+        Raises:
+            MkError: it is flown, or the daemon refuses.
+        """
+        self._require_not_flown()
+        async with self._lock:
+            self._on_board = (await self._uav.waypoints.clear(in_flight=True)).digest
+            self._held = HeldMission((), self._on_board, ())
+
     async def _clear(self, station: Station, program: Program) -> None:
         try:
-            self._require_not_flown()
-            async with self._lock:
-                cleared = await self._uav.waypoints.clear(in_flight=True)
-                self._held = HeldMission((), cleared.digest, ())
-                self._on_board = cleared.digest
+            await self._empty()
         except MkError as error:
             self._notify(station, f"the mission is not cleared: {words_of(error)}")
             self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)

@@ -63,37 +63,18 @@ def _read_key(path: Path) -> bytes:
 
 
 async def serve(
-    open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]],
-    options: Options,
-    stop: asyncio.Event,
-    on_ready: Callable[[], None],
+    open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]], options: Options, on_ready: Callable[[], None]
 ) -> None:
-    """Serve ground stations until `stop` is set; a daemon that is not there yet is waited for.
+    """Serve ground stations until it is cancelled; connect to the daemon again and again until it is there.
 
     Args:
         open_vehicle: connects to the daemon.
         options: see there.
-        stop: ends it.
         on_ready: called when all links are open.
 
     Raises:
         MkError: a link cannot be opened, or the vehicle is not named rightly.
     """
-    serving = asyncio.create_task(_serve(open_vehicle, options, on_ready), name="gateway")
-    stopping = asyncio.create_task(stop.wait(), name="stop")
-    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
-    stopping.cancel()
-    serving.cancel()
-    try:
-        await serving
-    except asyncio.CancelledError:
-        return
-
-
-async def _serve(
-    open_vehicle: Callable[[], AbstractAsyncContextManager[Vehicle]], options: Options, on_ready: Callable[[], None]
-) -> None:
-    """Connect to the daemon, again and again until it is there, and serve."""
     is_logged = False
     while True:
         async with AsyncExitStack() as stack:

@@ -366,39 +366,22 @@ def _sensors(picture: LinkPicture) -> tuple[int, int]:
     """Bits of the sensors that are present, and of those that work."""
     health = picture.get(VehicleHealth)
     gps, pilot, battery = picture.get(Gps), picture.get(Pilot), picture.get(Battery)
-    has_boards = picture.get(Attitude) is not None
+    has_boards, has_navi = picture.get(Attitude) is not None, health is not None and "nc" in health.boards
+    has_fix = gps is not None and gps.fix is GpsFix.VALID
+    has_charge = battery is not None and battery_alarm(battery, picture.known) is None
     link = picture.link
     is_well = health is not None and health.read_only is None and picture.known.tone is not Tone.BAD
-    table = (
-        (_GYRO | _CONTROL, picture.get(Attitude, is_old=True) is not None, has_boards),
-        (_COMPASS, health is not None and "nc" in health.boards, has_boards),
-        (
-            mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE,
-            picture.get(Altitude, is_old=True) is not None,
-            picture.get(Altitude) is not None,
-        ),
-        (
-            mavlink.MAV_SYS_STATUS_SENSOR_GPS,
-            picture.get(Gps, is_old=True) is not None,
-            gps is not None and gps.fix is GpsFix.VALID and picture.get(Position) is not None,
-        ),
-        (
-            mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
-            picture.get(Pilot, is_old=True) is not None,
-            pilot is not None and pilot.has_signal,
-        ),
-        (
-            mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION,
-            picture.get(CameraSetup, is_old=True) is not None,
-            picture.get(VisionPose) is not None,
-        ),
-        (
-            mavlink.MAV_SYS_STATUS_SENSOR_BATTERY,
-            picture.get(Battery, is_old=True) is not None,
-            battery is not None and battery_alarm(battery, picture.known) is None,
-        ),
-        (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, is_well and link is not None and link.condition.is_usable),
+    is_ready = is_well and link is not None and link.condition.is_usable
+    seen: tuple[tuple[int, type[Any], bool], ...] = (
+        (_GYRO | _CONTROL, Attitude, has_boards),
+        (mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, Altitude, picture.get(Altitude) is not None),
+        (mavlink.MAV_SYS_STATUS_SENSOR_GPS, Gps, has_fix and picture.get(Position) is not None),
+        (mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, Pilot, pilot is not None and pilot.has_signal),
+        (mavlink.MAV_SYS_STATUS_SENSOR_VISION_POSITION, CameraSetup, picture.get(VisionPose) is not None),
+        (mavlink.MAV_SYS_STATUS_SENSOR_BATTERY, Battery, has_charge),
     )
+    table = [(bits, picture.get(kind, is_old=True) is not None, works) for bits, kind, works in seen]
+    table += [(_COMPASS, has_navi, has_boards), (mavlink.MAV_SYS_STATUS_PREARM_CHECK, True, is_ready)]
     present = sum(bits for bits, is_there, _ in table if is_there)
     healthy = sum(bits for bits, is_there, works in table if is_there and works)
     # There is no fence; MAVProxy calls it breached unless it is healthy.

@@ -5,17 +5,18 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import CancelledError as CallCancelledError
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
 import structlog
 
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.lease import load_models
+from mkdaemon.client.taskerrors import single_error
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.faults import Faults
@@ -49,6 +50,7 @@ BACKLOG: Final = 256
 """Values that may wait; the oldest are dropped."""
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _log = structlog.get_logger("gateway.ros2")
+_Result = TypeVar("_Result")
 
 
 class Node(Protocol):
@@ -241,37 +243,38 @@ class Ros2Gateway:
         """Write a setting; why it is refused, empty where it was written."""
         if not name.startswith(PREFIX):
             return ""
-        call: Future[None] | None = None
         try:
-            call = asyncio.run_coroutine_threadsafe(self._board.write(name, value), self._loop)
-            self._calls.add(call)
-            call.result()
-        except (CallCancelledError, RuntimeError):
-            return "the gateway ends"
+            self._wait_for(self._board.write(name, value))
         except MkError as error:
             return str(error)
-        finally:
-            if call is not None:
-                self._calls.discard(call)
         return ""
 
     def _serve(self, service: Service, desk: Desk, request: Any) -> dict[str, Any]:
         if len(self._calls) >= MOST_CALLS:
             return refused(service, self._scene, f"{MOST_CALLS} calls are under way: wait for their answers")
-        call: Future[dict[str, Any]] | None = None
         try:
-            call = asyncio.run_coroutine_threadsafe(answer(service, desk, request), self._loop)
+            return self._wait_for(answer(service, desk, request))
+        except MkError as error:
+            return refused(service, self._scene, str(error))
+
+    def _wait_for(self, work: Coroutine[Any, Any, _Result]) -> _Result:
+        """Do something on the loop, and wait for it on a thread of ROS.
+
+        Raises:
+            MkError: the gateway ends, or what the work raises.
+        """
+        call: Future[_Result] | None = None
+        try:
+            call = asyncio.run_coroutine_threadsafe(work, self._loop)
             self._calls.add(call)
             if self._is_ending:
                 call.cancel()
             return call.result()
         except (CallCancelledError, RuntimeError):
-            return refused(service, self._scene, "the gateway ends")
+            raise MkError("the gateway ends") from None
         finally:
             if call is not None:
                 self._calls.discard(call)
-
-    # -- on the loop ------------------------------------------------------------------------------------------------
 
     def _joy(self, message: Any) -> None:
         stamp = message.header.stamp
@@ -308,8 +311,13 @@ class Ros2Gateway:
             raise MkError(f"{name} was {age:.1f} s old when it came: look at the clocks, or at the way it took")
         return setpoint_frame(message.header.frame_id, self._settings.frames, default)
 
-    def _refusing(self) -> Any:
-        return _Refusing(self.deck)
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        """Tell the deck what cannot be flown."""
+        try:
+            yield
+        except MkError as error:
+            self.deck.refused(str(error))
 
     def end_calls(self) -> None:
         """Answer every service that is under way, and every one from now on, that the gateway ends."""
@@ -320,9 +328,10 @@ class Ros2Gateway:
     async def run(self) -> None:
         """Work until it is cancelled; then the lease is given back."""
         jobs: list[Coroutine[Any, Any, None]] = [self.deck.run(), self._publish(), self._report()]
-        async with asyncio.TaskGroup() as tasks:
-            for job in jobs:
-                tasks.create_task(job, name="gateway ros2")
+        with single_error():
+            async with asyncio.TaskGroup() as tasks:
+                for job in jobs:
+                    tasks.create_task(job, name="gateway ros2")
 
     async def _publish(self) -> None:
         async with self._uav.watch(*self._keys, backlog=BACKLOG, are_known=True) as samples:
@@ -353,22 +362,6 @@ class Ros2Gateway:
                 _log.warning("other_type", words=words)
         self._mistyped = frozenset(found)
         return found
-
-
-class _Refusing:
-    """Tells the deck what cannot be flown."""
-
-    def __init__(self, deck: FlightDeck) -> None:
-        self._deck = deck
-
-    def __enter__(self) -> None:
-        return
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
-        if isinstance(error, MkError):
-            self._deck.refused(str(error))
-            return True
-        return False
 
 
 async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_ready: Callable[[str], None]) -> None:

@@ -34,6 +34,7 @@ from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
 from mkdaemon.client.leasekeeper import LeaseKeeper
+from mkdaemon.client.taskerrors import single_error
 from mkdaemon.client.teleop.keys import KEYBOARD
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.gamepadfiles import own_folder
@@ -284,17 +285,12 @@ class TeleopProgram:
 
     async def _run_beside(self, jobs: list[Job]) -> None:
         """Run the session; what fails beside it ends it in order."""
-        try:
+        with single_error():
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(job, name="teleop") for job in jobs]
                 await self.session.run(self._stop)
                 for task in tasks:
                     task.cancel()
-        except BaseExceptionGroup as failures:
-            known = failures.subgroup(MkError)
-            if known is None:
-                raise
-            raise known.exceptions[0] from None
 
     async def _show(self, *, is_screen: bool) -> None:
         """Draw the screen just after a tick, when the next one is farthest; without a terminal, write lines."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from mkdaemon.cli.extras import needing
+from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.program import let_signals_kill
@@ -50,20 +50,11 @@ def mavlink(
         from mkdaemon.gateways.mavlink.program import options_from, serve
     options = options_from(link, system, signing_key, backups, allow_open=allow_open)
 
-    async def run() -> None:
-        stop = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop.set)
-        places = ", ".join(str(address) for address in options.addresses)
-
-        def serving() -> None:
-            favour_threads()
-            where = f"{places} as system {options.system}"
-            announce_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
-
-        await serve(connection.open, options, stop, serving)
+    def serving() -> None:
+        favour_threads()
+        where = f"{', '.join(map(str, options.addresses))} as system {options.system}"
+        announce_serving("mavlink", (connection.vehicle,), where, as_json=connection.json)
 
     let_signals_kill()
     with asyncio.Runner(loop_factory=fast_loop()) as runner:
-        runner.run(run())
+        runner.run(run_until_asked_to_end(serve(connection.open, options, serving)))
