@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
+from cyclopts import App
 
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import run
@@ -13,11 +14,18 @@ Ctl = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def ctl(capsys: pytest.CaptureFixture[str]) -> Ctl:
-    def call(at: list[str], *words: str) -> tuple[int, str, str]:
+def typed(capsys: pytest.CaptureFixture[str]) -> Ctl:
+    """Runs a command of a program: its exit code, what it printed, and its complaints."""
+
+    def call(program: App, *words: object) -> tuple[int, str, str]:
         capsys.readouterr()
-        code = run(app, [*words, *at])
+        code = run(program, [str(word) for word in words])
         out, err = capsys.readouterr()
         return code, out, err
 
     return call
+
+
+@pytest.fixture
+def ctl(typed: Ctl) -> Ctl:
+    return lambda at, *words: typed(app, *words, *at)

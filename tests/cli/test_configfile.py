@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.program import run
 from mkdaemon.config.keys import keys_of
 from mkdaemon.config.reader import load
 from mkdaemon.config.root import DaemonSections
@@ -16,13 +16,8 @@ from tests.places import CONFIGS, ROOT
 
 
 @pytest.fixture
-def config(capsys):
-    def call(*words):
-        code = run(app, ["config", *map(str, words)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
+def config(typed):
+    return partial(typed, app, "config")
 
 
 @pytest.fixture

@@ -5,27 +5,22 @@ from __future__ import annotations
 import csv
 import json
 import sys
+from functools import partial
 from xml.etree import ElementTree
 
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from tests.places import DATA
 
 FLIGHT = DATA / "recordings" / "nc_lost_client.mcap"
 
 
 @pytest.fixture
-def export(capsys, tmp_path, monkeypatch):
+def export(typed, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-
-    def call(*words):
-        code = run(app, ["log", "export", *map(str, words)])
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return call
+    return partial(typed, app, "log", "export")
 
 
 def test_tables_are_in_a_folder_beside_where_it_is_called(export, tmp_path):

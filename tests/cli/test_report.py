@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.view.report import make
 from tests.places import DATA
 
@@ -21,18 +22,17 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def report(capsys, *words):
-    code = run(app, ["log", "report", *map(str, words)])
-    shown = capsys.readouterr()
-    return code, shown.out, shown.err
+@pytest.fixture
+def report(typed):
+    return partial(typed, app, "log", "report")
 
 
-def test_the_page_has_the_name_of_the_recording(capsys, folder):
-    assert report(capsys, FLIGHT) == (EXIT_OK, "fc_sticks.html\n", "")
+def test_the_page_has_the_name_of_the_recording(report, folder):
+    assert report(FLIGHT) == (EXIT_OK, "fc_sticks.html\n", "")
     assert "<h1>t</h1>" in (folder / "fc_sticks.html").read_text(encoding="utf-8")
-    code, _, err = report(capsys, FLIGHT)
+    code, _, err = report(FLIGHT)
     assert (code, "--force" in err, len(err.splitlines())) == (EXIT_CONFIG, True, 1)
-    code, out, _ = report(capsys, FLIGHT, "-o", "other.html", "--json")
+    code, out, _ = report(FLIGHT, "-o", "other.html", "--json")
     assert (code, json.loads(out)) == (
         *(EXIT_OK, {"written": "other.html", "bytes": (folder / "other.html").stat().st_size}),
     )
@@ -47,8 +47,8 @@ def test_the_page_has_the_name_of_the_recording(capsys, folder):
         ((__file__,), EXIT_FAILURE, "nothing to report"),
     ],
 )
-def test_mistakes_are_one_line(capsys, words, expected, told):
-    code, out, err = report(capsys, *words)
+def test_mistakes_are_one_line(report, words, expected, told):
+    code, out, err = report(*words)
     assert (code, out) == (expected, "")
     assert told in err
     assert len(err.splitlines()) == 1

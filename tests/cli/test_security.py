@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import pytest
 from cryptography import x509
@@ -12,20 +13,14 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.mkdaemon.security import certificates
 from mkdaemon.cli.mkdaemon.security.roles import ROLES
-from mkdaemon.cli.program import run
 from tests.cli.oneprocess import run_alone
 
 FILES = ("daemon.json5", *(f"{role.name}.json5" for role in ROLES))
 
 
 @pytest.fixture
-def security(capsys):
-    def call(*words):
-        code = run(app, ["security", *map(str, words)])
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
+def security(typed):
+    return partial(typed, app, "security")
 
 
 @pytest.fixture

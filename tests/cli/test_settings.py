@@ -6,15 +6,17 @@ import json
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.client.settings_files import read_sets
 from mkdaemon.errors import ConfigError
+from tests.cli.conftest import Ctl
 from tests.client.message_boards import BoardVehicle
 from tests.protocol.procedures.talk import FlightCtrl
 
@@ -32,67 +34,61 @@ def board(monkeypatch: pytest.MonkeyPatch) -> FlightCtrl:
     return flight
 
 
-def ctl(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
-    capsys.readouterr()
-    code = run(app, ["settings", *words])
-    out, err = capsys.readouterr()
-    return code, out, err
+@pytest.fixture
+def ctl(typed: Ctl) -> Ctl:
+    return partial(typed, app, "settings")
 
 
-def test_list_and_show(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = ctl(capsys, "list")
+def test_list_and_show(board: FlightCtrl, ctl: Ctl) -> None:
+    code, out, _ = ctl("list")
     assert (code, [line[:4] for line in out.splitlines()]) == (EXIT_OK, ["  1 ", "  2 ", "* 3 ", "  4 ", "  5 "])
-    code, out, _ = ctl(capsys, "show", "--slot", "2", "--json")
+    code, out, _ = ctl("show", "--slot", "2", "--json")
     shown = json.loads(out)
     assert (shown["slot"], shown["revision"], shown["values"]["gyro_p"]) == (2, 106, board.sets[2][30])
-    assert ctl(capsys, "show", "gyro_p")[1].splitlines()[1].split()[:2] == ["gyro_p", str(board.sets[3][30])]
-    code, _, err = ctl(capsys, "show", "gyro_q")
+    assert ctl("show", "gyro_p")[1].splitlines()[1].split()[:2] == ["gyro_p", str(board.sets[3][30])]
+    code, _, err = ctl("show", "gyro_q")
     assert code == EXIT_FAILURE
     assert "the nearest name is 'gyro_p'" in err
     assert board.live == board.sets[3]
 
 
-def test_a_folder_keeps_five_sets_and_is_never_overwritten(
-    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_folder_keeps_five_sets_and_is_never_overwritten(board: FlightCtrl, ctl: Ctl, tmp_path: Path) -> None:
     folder = tmp_path / "backup"
-    code, out, _ = ctl(capsys, "backup", str(folder), "--json")
+    code, out, _ = ctl("backup", str(folder), "--json")
     assert (code, len(json.loads(out)["files"]), json.loads(out)["active"]) == (EXIT_OK, 5, 3)
     assert {slot: source.parameters.raw for slot, source in read_sets(folder).items()} == board.sets
-    assert ctl(capsys, "backup", str(folder))[0] == EXIT_CONFIG
-    assert ctl(capsys, "backup", str(folder), "--force")[0] == EXIT_OK
+    assert ctl("backup", str(folder))[0] == EXIT_CONFIG
+    assert ctl("backup", str(folder), "--force")[0] == EXIT_OK
     one = tmp_path / "one.json"
-    assert ctl(capsys, "backup", str(one), "--slot", "5")[0] == EXIT_OK
+    assert ctl("backup", str(one), "--slot", "5")[0] == EXIT_OK
     assert read_sets(one)[5].parameters.raw == board.sets[5]
-    code, _, err = ctl(capsys, "backup", str(one))
+    code, _, err = ctl("backup", str(one))
     assert (code, "already exists" in err) == (EXIT_CONFIG, True)
     (folder / "again.toml").write_text((folder / "set2.toml").read_text())
     with pytest.raises(ConfigError, match=r"set2\.toml: slot 2 is also in .*again\.toml; keep one of them"):
         read_sets(folder)
 
 
-def test_files_and_boards_are_compared(board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_files_and_boards_are_compared(board: FlightCtrl, ctl: Ctl, tmp_path: Path) -> None:
     before, after = tmp_path / "before.toml", tmp_path / "after.toml"
-    ctl(capsys, "backup", str(before), "--slot", "1")
-    assert ctl(capsys, "write", "gyro_p=7", "--slot", "1")[0] == EXIT_OK
-    ctl(capsys, "backup", str(after), "--slot", "1")
-    code, out, _ = ctl(capsys, "compare", str(before), str(after))
+    ctl("backup", str(before), "--slot", "1")
+    assert ctl("write", "gyro_p=7", "--slot", "1")[0] == EXIT_OK
+    ctl("backup", str(after), "--slot", "1")
+    code, out, _ = ctl("compare", str(before), str(after))
     assert code == EXIT_FAILURE
     assert out == f"set 1: gyro_p is {board.sets[2][30] - 7} in the first and 7 in the second\n"
-    code, out, _ = ctl(capsys, "compare", str(before), "--json")
+    code, out, _ = ctl("compare", str(before), "--json")
     assert (code, json.loads(out)["1"][0]["name"]) == (EXIT_FAILURE, "gyro_p")
-    assert ctl(capsys, "compare", str(after))[:2] == (EXIT_OK, "no difference\n")
+    assert ctl("compare", str(after))[:2] == (EXIT_OK, "no difference\n")
 
 
-def test_restore_into_another_slot_and_edit_of_bits(
-    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_restore_into_another_slot_and_edit_of_bits(board: FlightCtrl, ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "set.toml"
-    ctl(capsys, "backup", str(file), "--slot", "1")
-    assert ctl(capsys, "restore", str(file), "--slot", "4")[0] == EXIT_OK
+    ctl("backup", str(file), "--slot", "1")
+    assert ctl("restore", str(file), "--slot", "4")[0] == EXIT_OK
     assert board.sets[4] == board.sets[1]
-    assert ctl(capsys, "restore", str(file), "--slot", "4")[1].splitlines()[-1] == "nothing had to be written"
-    assert ctl(capsys, "write", "global_config=compass,gps", "external_control=poti2")[0] == EXIT_OK
+    assert ctl("restore", str(file), "--slot", "4")[1].splitlines()[-1] == "nothing had to be written"
+    assert ctl("write", "global_config=compass,gps", "external_control=poti2")[0] == EXIT_OK
     assert (board.sets[3][13], board.sets[3][98]) == (0x28, 254)
     assert (board.active, board.live) == (3, board.sets[3])
 
@@ -111,7 +107,7 @@ def test_restore_into_another_slot_and_edit_of_bits(
 )
 def test_mistakes_are_one_line_with_the_fix(
     board: FlightCtrl,
-    capsys: pytest.CaptureFixture[str],
+    ctl: Ctl,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     words: list[str],
@@ -119,65 +115,65 @@ def test_mistakes_are_one_line_with_the_fix(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     before = dict(board.sets)
-    code, _, err = ctl(capsys, *words)
+    code, _, err = ctl(*words)
     assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
     assert re.search(message, err)
     assert board.sets == before
 
 
-def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, ctl: Ctl) -> None:
     before = dict(board.sets)
     board.motors_running = True
-    code, _, err = ctl(capsys, "write", "gyro_p=7")
+    code, _, err = ctl("write", "gyro_p=7")
     assert (code, err.startswith("mkctl: write_refused")) == (EXIT_FAILURE, True)
     assert board.sets == before
 
 
-def test_changes_are_told_as_show_tells_values(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+def test_changes_are_told_as_show_tells_values(board: FlightCtrl, ctl: Ctl) -> None:
     """A poti is `poti3` and bits are their names, not the counts behind them."""
     wanted = ("external_control=poti3", "global_config=gps,compass", "--dry-run")
-    lines = ctl(capsys, "write", *wanted)[1].splitlines()
-    before = json.loads(ctl(capsys, "show", "external_control", "global_config", "--json")[1])["values"]
+    lines = ctl("write", *wanted)[1].splitlines()
+    before = json.loads(ctl("show", "external_control", "global_config", "--json")[1])["values"]
     bits = ",".join(before["global_config"]) or "none"
     assert f"set 3: would change global_config from {bits} to compass,gps" in lines
     assert f"set 3: would change external_control from {before['external_control']} to poti3" in lines
-    found = json.loads(ctl(capsys, "write", *wanted, "--json")[1])["3"]
+    found = json.loads(ctl("write", *wanted, "--json")[1])["3"]
     assert {change["name"]: change["after"] for change in found} == {
         "external_control": "poti3",
         "global_config": ["compass", "gps"],
     }
-    lines = ctl(capsys, "write", "global_config=", "--dry-run")[1].splitlines()
+    lines = ctl("write", "global_config=", "--dry-run")[1].splitlines()
     assert lines in ([f"set 3: would change global_config from {bits} to none"], ["nothing to change"])
 
 
-def test_what_is_no_text_is_one_line(board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_what_is_no_text_is_one_line(board: FlightCtrl, ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "photo.toml"
     file.write_bytes(bytes(range(256)))
-    code, _, err = ctl(capsys, "restore", str(file))
+    code, _, err = ctl("restore", str(file))
     assert (code, err.count("\n"), "not text (byte 128)" in err) == (EXIT_CONFIG, 1, True)
 
 
-def test_an_edit_keeps_to_the_ranges_that_are_known(board: FlightCtrl, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_edit_keeps_to_the_ranges_that_are_known(board: FlightCtrl, ctl: Ctl) -> None:
     for change, limit in (("receiver=10", "0..9"), ("altitude_channel=33", "0..32"), ("orientation_angle=24", "0..23")):
-        code, _, err = ctl(capsys, "write", change, "--dry-run")
+        code, _, err = ctl("write", change, "--dry-run")
         assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
         assert f"{change.partition('=')[0]} takes {limit}, not" in err
     for change in ("receiver=9", "altitude_channel=32", "external_control=poti8"):
-        assert ctl(capsys, "write", change, "--dry-run")[::2] == (EXIT_OK, "")
+        assert ctl("write", change, "--dry-run")[::2] == (EXIT_OK, "")
 
 
 def test_a_full_disk_leaves_the_old_file_and_fails(
-    board: FlightCtrl, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    board: FlightCtrl, ctl: Ctl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "set.toml"
-    assert ctl(capsys, "backup", str(file))[0] == EXIT_OK
+    assert ctl("backup", str(file))[0] == EXIT_OK
     before = file.read_bytes()
 
     def full(number: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    code, _, err = ctl(capsys, "backup", str(file), "--force")
+    code, _, err = ctl("backup", str(file), "--force")
     assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
     assert "cannot be written (No space left on device)" in err
     assert file.read_bytes() == before

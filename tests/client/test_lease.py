@@ -37,8 +37,8 @@ async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wan
         assert daemon.asked[-1] == RELEASE
 
 
-async def test_a_second_call_goes_on_without_a_neutral_lead():
-    async with connected() as (daemon, uav), uav.lease() as lease:
+async def test_a_second_call_goes_on_without_a_neutral_lead(daemon, uav):
+    async with uav.lease() as lease:
         await lease.stick(pitch=5, throttle=0, seconds=0.1)
         before = lease.setpoints
         await lease.stick(pitch=9, throttle=0, seconds=0.1)
@@ -46,22 +46,21 @@ async def test_a_second_call_goes_on_without_a_neutral_lead():
         assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
 
 
-async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix():
-    async with connected() as (daemon, uav):
-        daemon.holder = "somebody"
-        with pytest.raises(CommandRejectedError, match="somebody holds the lease") as refused:
-            async with uav.lease():
-                pytest.fail("nobody may fly")
-        assert refused.value.token == "lease_held"
-        assert "--force" in refused.value.fix
-        async with uav.lease(force=True, ttl=2.0, holder="me"):
-            assert daemon.asked[-1][1] == {"action": "take", "holder": "me", "force": True, "ttl": 2.0}
-            await wait_until(lambda: "me" in daemon.clients)
-        await wait_until(lambda: "me" not in daemon.clients)
+async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix(daemon, uav):
+    daemon.holder = "somebody"
+    with pytest.raises(CommandRejectedError, match="somebody holds the lease") as refused:
+        async with uav.lease():
+            pytest.fail("nobody may fly")
+    assert refused.value.token == "lease_held"
+    assert "--force" in refused.value.fix
+    async with uav.lease(force=True, ttl=2.0, holder="me"):
+        assert daemon.asked[-1][1] == {"action": "take", "holder": "me", "force": True, "ttl": 2.0}
+        await wait_until(lambda: "me" in daemon.clients)
+    await wait_until(lambda: "me" not in daemon.clients)
 
 
-async def test_a_lost_lease_ends_the_flight_with_the_reason():
-    async with connected() as (daemon, uav), uav.lease() as lease:
+async def test_a_lost_lease_ends_the_flight_with_the_reason(daemon, uav):
+    async with uav.lease() as lease:
         flying = asyncio.create_task(lease.stick(throttle=0, seconds=60))
         await wait_until(lambda: lease.is_engaged)
         daemon.lose("the link is mute")
@@ -71,28 +70,27 @@ async def test_a_lost_lease_ends_the_flight_with_the_reason():
             lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
 
 
-async def test_an_exception_and_a_cancellation_release_the_aircraft():
-    async with connected() as (daemon, uav):
-        with pytest.raises(ZeroDivisionError):
-            async with uav.lease():
-                raise ZeroDivisionError
-        assert daemon.asked[-1] == RELEASE
+async def test_an_exception_and_a_cancellation_release_the_aircraft(daemon, uav):
+    with pytest.raises(ZeroDivisionError):
+        async with uav.lease():
+            raise ZeroDivisionError
+    assert daemon.asked[-1] == RELEASE
 
-        async def fly():
-            async with uav.lease() as lease:
-                await lease.stick(throttle=0, seconds=60)
+    async def fly():
+        async with uav.lease() as lease:
+            await lease.stick(throttle=0, seconds=60)
 
-        daemon.asked.clear()
-        flying = asyncio.create_task(fly())
-        await wait_until(lambda: daemon.phase is Phase.FLYING)
-        flying.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await flying
-        assert daemon.asked[-1] == RELEASE
+    daemon.asked.clear()
+    flying = asyncio.create_task(fly())
+    await wait_until(lambda: daemon.phase is Phase.FLYING)
+    flying.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await flying
+    assert daemon.asked[-1] == RELEASE
 
 
-async def test_own_streams_set_one_setpoint_at_a_time():
-    async with connected() as (daemon, uav), uav.lease() as lease:
+async def test_own_streams_set_one_setpoint_at_a_time(daemon, uav):
+    async with uav.lease() as lease:
         lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
@@ -100,12 +98,11 @@ async def test_own_streams_set_one_setpoint_at_a_time():
         assert daemon.setpoints == [wanted]
 
 
-async def test_a_lease_can_be_renewed_and_looked_at():
-    async with connected() as (_, uav):
-        assert await uav.lease.show() is None
-        async with uav.lease(holder="me") as lease:
-            assert (await lease.renew()).epoch == EPOCH
-            assert (await uav.lease.show()).holder == "me"
+async def test_a_lease_can_be_renewed_and_looked_at(uav):
+    assert await uav.lease.show() is None
+    async with uav.lease(holder="me") as lease:
+        assert (await lease.renew()).epoch == EPOCH
+        assert (await uav.lease.show()).holder == "me"
 
 
 async def test_a_position_is_streamed_as_it_is_from_the_beginning():
@@ -127,9 +124,9 @@ async def test_velocities_and_attitudes_are_streamed():
         assert (daemon.setpoints[-1]["velocity"], daemon.setpoints[-1]["frame"]) == ([0.1, 0.0, -0.2], "body")
 
 
-async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monkeypatch):
+async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemon, uav, monkeypatch):
     monkeypatch.setattr("mkdaemon.client.session.GRACE", 0.2)
-    async with connected() as (daemon, uav), uav.lease() as lease:
+    async with uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
         with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
             await lease.goto(0, 0, 2, seconds=1)
@@ -137,18 +134,17 @@ async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(monke
         assert "mkctl watch" in refused.value.fix
 
 
-async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more():
-    async with connected() as (daemon, uav):
-        async with uav.lease() as lease:
-            landing = asyncio.create_task(lease.land())
-            await wait_until(lambda: lease.is_engaged)
-            daemon.lose("it stands", outcome=Outcome.LANDED)
-            await landing
-            assert lease.outcome is Outcome.LANDED
-            with pytest.raises(LeaseLostError, match=r"ended with the landing \(it stands\): take a new lease"):
-                await lease.take_off(1.5)
-        # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
-        assert RELEASE not in daemon.asked
+async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more(daemon, uav):
+    async with uav.lease() as lease:
+        landing = asyncio.create_task(lease.land())
+        await wait_until(lambda: lease.is_engaged)
+        daemon.lose("it stands", outcome=Outcome.LANDED)
+        await landing
+        assert lease.outcome is Outcome.LANDED
+        with pytest.raises(LeaseLostError, match=r"ended with the landing \(it stands\): take a new lease"):
+            await lease.take_off(1.5)
+    # Giving back what has ended would be refused, and every flight would end with a refusal in its recording.
+    assert RELEASE not in daemon.asked
 
 
 @pytest.mark.parametrize(
@@ -159,8 +155,8 @@ async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_mo
         ("landed on its back", Outcome.LANDED_ASIDE),
     ],
 )
-async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(reason, outcome):
-    async with connected() as (daemon, uav), uav.lease() as lease:
+async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(daemon, uav, reason, outcome):
+    async with uav.lease() as lease:
         landing = asyncio.create_task(lease.land())
         await wait_until(lambda: lease.is_engaged)
         daemon.lose(reason, outcome=outcome)
@@ -169,8 +165,8 @@ async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(
         assert lease.outcome is outcome
 
 
-async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort():
-    async with connected() as (daemon, uav), uav.lease() as lease:
+async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort(daemon, uav):
+    async with uav.lease() as lease:
         going = asyncio.create_task(lease.goto(0.0, 0.0, 2.0, patience=1.0))
         await wait_until(lambda: lease.is_engaged)
         daemon.say(Phase.ABORTED, "aborted: the operator saw something", aborts=3)
@@ -185,34 +181,31 @@ async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort():
         assert {each["after_abort"] for each in daemon.setpoints if each["sequence"] > before} == {3}
 
 
-async def test_the_context_of_a_flight_takes_off_and_lands():
-    async with connected() as (daemon, uav):
+async def test_the_context_of_a_flight_takes_off_and_lands(daemon, uav):
+    def fly():
+        kind = next(kind for kind, field in KINDS.items() if field in daemon.setpoints[-1])
+        if kind == "land":
+            daemon.lose("landed on pad", outcome=Outcome.LANDED)
+        elif daemon.phase is Phase.FLYING:
+            daemon.say(Phase.FLYING, "flies", manoeuvre=kind, is_done=True)
 
-        def fly():
-            kind = next(kind for kind, field in KINDS.items() if field in daemon.setpoints[-1])
-            if kind == "land":
-                daemon.lose("landed on pad", outcome=Outcome.LANDED)
-            elif daemon.phase is Phase.FLYING:
-                daemon.say(Phase.FLYING, "flies", manoeuvre=kind, is_done=True)
-
-        daemon.follow = fly
-        async with uav.fly(height=1.5, holder="me") as lease:
-            assert {setpoint["height"] for setpoint in daemon.setpoints} == {1.5}
-            await lease.goto(0.5, 0.0, 1.5)
-            assert (daemon.setpoints[-1]["position"], lease.outcome) == ([0.5, 0.0, 1.5], None)
-        assert "height" not in daemon.setpoints[-1]
-        assert lease.outcome is Outcome.LANDED
-        assert RELEASE not in daemon.asked
+    daemon.follow = fly
+    async with uav.fly(height=1.5, holder="me") as lease:
+        assert {setpoint["height"] for setpoint in daemon.setpoints} == {1.5}
+        await lease.goto(0.5, 0.0, 1.5)
+        assert (daemon.setpoints[-1]["position"], lease.outcome) == ([0.5, 0.0, 1.5], None)
+    assert "height" not in daemon.setpoints[-1]
+    assert lease.outcome is Outcome.LANDED
+    assert RELEASE not in daemon.asked
 
 
-async def test_a_flight_that_fails_inside_is_given_back_and_not_landed():
-    async with connected() as (daemon, uav):
-        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=True)
-        with pytest.raises(ZeroDivisionError):
-            async with uav.fly(height=1.5):
-                1 / 0  # noqa: B018 - the program's mistake
-        assert all("height" in setpoint for setpoint in daemon.setpoints)
-        assert RELEASE in daemon.asked
+async def test_a_flight_that_fails_inside_is_given_back_and_not_landed(daemon, uav):
+    daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="takeoff", is_done=True)
+    with pytest.raises(ZeroDivisionError):
+        async with uav.fly(height=1.5):
+            1 / 0  # noqa: B018 - the program's mistake
+    assert all("height" in setpoint for setpoint in daemon.setpoints)
+    assert RELEASE in daemon.asked
 
 
 IMPORTED_LATE = """

@@ -13,15 +13,15 @@ from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.messages import Settings, SettingsRequest
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.traffic import FrameSample
-from tests.client.fake import connected, settle
+from tests.client.fake import settle
 
 ATTITUDE = Attitude(
     stamp=Clock().stamp(), source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1, pitch=0.2, yaw=0.3
 )
 
 
-async def test_telemetry_comes_back_as_the_model_that_was_published():
-    async with connected() as (daemon, uav), uav.watch("state/attitude") as samples:
+async def test_telemetry_comes_back_as_the_model_that_was_published(daemon, uav):
+    async with uav.watch("state/attitude") as samples:
         await settle(uav)
         attitude = ATTITUDE.model_copy(update={"stamp": Clock().stamp()})
         daemon.bus.publish("state/attitude", attitude)
@@ -34,12 +34,12 @@ async def test_telemetry_comes_back_as_the_model_that_was_published():
         assert 0 <= last.age < 60
 
 
-async def test_a_frame_comes_back_with_its_typed_message():
+async def test_a_frame_comes_back_with_its_typed_message(daemon, uav):
     message = SettingsRequest(index=3)
     envelope = FrameSample(
         stamp=Clock().stamp(), sequence=1, board="fc", id="q", message="SettingsRequest", layout="1", fields=message
     )
-    async with connected() as (daemon, uav), uav.watch("tx/fc/*") as samples:
+    async with uav.watch("tx/fc/*") as samples:
         await settle(uav)
         daemon.bus.publish("tx/fc/settings_request", envelope, schema=SettingsRequest)
         value = (await anext(samples)).value

@@ -14,7 +14,7 @@ from mkdaemon.bus.keys import KEYS, KeySpec, Use
 from mkdaemon.client.streams import Stream
 from mkdaemon.errors import MkError, ProtocolError, SilenceError
 from mkdaemon.telemetry.state import Attitude, Battery
-from tests.client.fake import connected, settle
+from tests.client.fake import settle
 from tools import client_sources
 
 VALUES = [spec for spec in KEYS if spec.use in {Use.PUBLISHED, Use.CLIENT} and spec.carries is not None]
@@ -36,8 +36,8 @@ async def publishing(daemon):
     task.cancel()
 
 
-async def test_a_stream_gives_typed_values_in_their_order():
-    async with connected() as (daemon, uav), publishing(daemon):
+async def test_a_stream_gives_typed_values_in_their_order(daemon, uav):
+    async with publishing(daemon):
         yaws = []
         async for attitude in uav.state.attitude():
             assert isinstance(attitude, Attitude)
@@ -48,8 +48,8 @@ async def test_a_stream_gives_typed_values_in_their_order():
         assert isinstance(await anext(uav.state.attitude()), Attitude)
 
 
-async def test_a_slow_reader_gets_the_newest_alone_if_it_wants():
-    async with connected() as (daemon, uav), uav.state.attitude.subscribed(backlog=1) as attitudes:
+async def test_a_slow_reader_gets_the_newest_alone_if_it_wants(daemon, uav):
+    async with uav.state.attitude.subscribed(backlog=1) as attitudes:
         await settle(uav)
         for number in range(20):
             daemon.publish_attitude(yaw=number / 100)
@@ -57,43 +57,39 @@ async def test_a_slow_reader_gets_the_newest_alone_if_it_wants():
         assert (await anext(attitudes)).yaw == 0.19
 
 
-async def test_the_last_value_comes_with_its_age_and_none_before_there_is_one():
-    async with connected() as (daemon, uav):
-        assert await uav.state.attitude.latest() is None
-        daemon.publish_attitude(yaw=1.0)
-        last = await uav.state.attitude.latest()
-        assert last is not None
-        assert last.value.yaw == 1.0
-        assert 0.0 <= last.age < 5.0
+async def test_the_last_value_comes_with_its_age_and_none_before_there_is_one(daemon, uav):
+    assert await uav.state.attitude.latest() is None
+    daemon.publish_attitude(yaw=1.0)
+    last = await uav.state.attitude.latest()
+    assert last is not None
+    assert last.value.yaw == 1.0
+    assert 0.0 <= last.age < 5.0
 
 
-async def test_a_value_is_waited_for():
-    async with connected() as (daemon, uav), publishing(daemon):
+async def test_a_value_is_waited_for(daemon, uav):
+    async with publishing(daemon):
         found = await uav.state.attitude.until(lambda attitude: attitude.yaw > 0.01, patience=20.0)
         assert found.yaw > 0.01
 
 
-async def test_silence_is_an_error_where_a_limit_is_given():
-    async with connected() as (_, uav):
-        with pytest.raises(SilenceError, match=r"state/attitude has been silent for 0\.05 s"):
-            await anext(uav.state.attitude(silence=0.05))
-        with pytest.raises(SilenceError, match=r"state/attitude was not as wanted within 0\.05 s"):
-            await uav.state.attitude.until(lambda _: True, patience=0.05)
+async def test_silence_is_an_error_where_a_limit_is_given(uav):
+    with pytest.raises(SilenceError, match=r"state/attitude has been silent for 0\.05 s"):
+        await anext(uav.state.attitude(silence=0.05))
+    with pytest.raises(SilenceError, match=r"state/attitude was not as wanted within 0\.05 s"):
+        await uav.state.attitude.until(lambda _: True, patience=0.05)
 
 
-async def test_a_value_of_another_kind_is_an_error_and_no_surprise():
-    async with connected() as (daemon, uav):
-        daemon.publish_attitude(yaw=1.0)
-        wrong = Stream(uav, "state/attitude", "state:Battery")
-        with pytest.raises(ProtocolError, match=r"state/attitude carries Attitude\.v1, no Battery"):
-            await wrong.latest()
+async def test_a_value_of_another_kind_is_an_error_and_no_surprise(daemon, uav):
+    daemon.publish_attitude(yaw=1.0)
+    wrong = Stream(uav, "state/attitude", "state:Battery")
+    with pytest.raises(ProtocolError, match=r"state/attitude carries Attitude\.v1, no Battery"):
+        await wrong.latest()
 
 
 @pytest.mark.parametrize("name", ["", "*", "a/b", "**"])
-async def test_a_name_within_a_key_is_one_part_of_it(name):
-    async with connected() as (_, uav):
-        with pytest.raises(MkError, match="is not a part of a key"):
-            uav.vision(name)
+async def test_a_name_within_a_key_is_one_part_of_it(uav, name):
+    with pytest.raises(MkError, match="is not a part of a key"):
+        uav.vision(name)
 
 
 def reach(uav, spec):
@@ -104,18 +100,17 @@ def reach(uav, spec):
     return found
 
 
-async def test_every_key_that_carries_values_is_a_stream_of_its_model():
-    async with connected() as (_, uav):
-        for spec in VALUES:
-            if spec.suffix.startswith(("rx/", "tx/")):
-                root = spec.suffix[:2]
-                stream = getattr(uav, root)("nc", "osd")
-                wanted = f"{root}/nc/osd"
-            else:
-                stream, wanted = reach(uav, spec), "/".join("x" if c[0] == "<" else c for c in spec.suffix.split("/"))
-            assert stream.suffix == wanted
-            module, _, name = stream._model.partition(":")
-            assert getattr(importlib.import_module(f"mkdaemon.telemetry.{module}"), name) is spec.carries
+async def test_every_key_that_carries_values_is_a_stream_of_its_model(uav):
+    for spec in VALUES:
+        if spec.suffix.startswith(("rx/", "tx/")):
+            root = spec.suffix[:2]
+            stream = getattr(uav, root)("nc", "osd")
+            wanted = f"{root}/nc/osd"
+        else:
+            stream, wanted = reach(uav, spec), "/".join("x" if c[0] == "<" else c for c in spec.suffix.split("/"))
+        assert stream.suffix == wanted
+        module, _, name = stream._model.partition(":")
+        assert getattr(importlib.import_module(f"mkdaemon.telemetry.{module}"), name) is spec.carries
 
 
 def test_the_committed_sources_are_those_of_the_tables():

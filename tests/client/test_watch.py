@@ -8,7 +8,7 @@ import pytest
 
 from mkdaemon.client import watch as watch_module
 from mkdaemon.errors import MkError
-from tests.client.fake import connected, settle
+from tests.client.fake import settle
 
 
 async def publish(daemon, count):
@@ -18,27 +18,25 @@ async def publish(daemon, count):
         await asyncio.sleep(0)
 
 
-async def test_a_loop_subscribes_and_a_break_ends_the_subscription():
-    async with connected() as (daemon, uav):
+async def test_a_loop_subscribes_and_a_break_ends_the_subscription(daemon, uav):
+    async def go_on():
+        while True:
+            daemon.publish_attitude(yaw=0.5)
+            await asyncio.sleep(0.01)
 
-        async def go_on():
-            while True:
-                daemon.publish_attitude(yaw=0.5)
-                await asyncio.sleep(0.01)
-
-        publishing = asyncio.create_task(go_on())
-        watch = uav.watch("state/*")
-        async for sample in watch:
-            assert sample.value.yaw == 0.5
-            break
-        for _ in range(3):
-            await asyncio.sleep(0)  # the loop closes the iterator that was left
-        assert watch._subscribers == []
-        publishing.cancel()
+    publishing = asyncio.create_task(go_on())
+    watch = uav.watch("state/*")
+    async for sample in watch:
+        assert sample.value.yaw == 0.5
+        break
+    for _ in range(3):
+        await asyncio.sleep(0)  # the loop closes the iterator that was left
+    assert watch._subscribers == []
+    publishing.cancel()
 
 
-async def test_entering_subscribes_at_once_so_that_nothing_is_missed():
-    async with connected() as (daemon, uav), uav.watch("state/attitude", "control/*") as samples:
+async def test_entering_subscribes_at_once_so_that_nothing_is_missed(daemon, uav):
+    async with uav.watch("state/attitude", "control/*") as samples:
         await settle(uav)
         await publish(daemon, 3)
         daemon.say(daemon.phase, "nobody")
@@ -46,9 +44,9 @@ async def test_entering_subscribes_at_once_so_that_nothing_is_missed():
         assert [sample.suffix for sample in seen] == ["state/attitude"] * 3 + ["control/status"]
 
 
-async def test_a_slow_reader_loses_the_oldest(monkeypatch):
+async def test_a_slow_reader_loses_the_oldest(daemon, uav, monkeypatch):
     monkeypatch.setattr(watch_module, "BACKLOG", 8)
-    async with connected() as (daemon, uav), uav.watch("state/attitude") as samples:
+    async with uav.watch("state/attitude") as samples:
         await settle(uav)
         await publish(daemon, 20)
         await asyncio.sleep(0.2)
@@ -56,13 +54,12 @@ async def test_a_slow_reader_loses_the_oldest(monkeypatch):
         assert yaws == list(range(12, 20))
 
 
-async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once():
-    async with connected() as (_, uav):
-        uav.watch("mk/fake/state/attitude")
-        with pytest.raises(MkError, match="did you mean state/attitude"):
-            uav.watch("mk/fake/state/atitude")
-        with pytest.raises(MkError, match="'a//b' is not a key: empty chunks are forbidden"):
-            uav.watch("a//b")
+async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once(uav):
+    uav.watch("mk/fake/state/attitude")
+    with pytest.raises(MkError, match="did you mean state/attitude"):
+        uav.watch("mk/fake/state/atitude")
+    with pytest.raises(MkError, match="'a//b' is not a key: empty chunks are forbidden"):
+        uav.watch("a//b")
 
 
 async def test_what_comes_together_wakes_the_loop_once_and_stays_in_order():

@@ -25,7 +25,7 @@ from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
 from mkdaemon.reading.known import MOST_CAMERAS
 from mkdaemon.telemetry.state import Position
-from tests.gateways.mavlink.rig import ATTITUDE, Ears, beat, serving, virtually
+from tests.gateways.mavlink.rig import ATTITUDE, beat, virtually
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
 from tests.gateways.strangers import strange
@@ -107,20 +107,18 @@ async def test_foxglove_goes_on_showing(monkeypatch):
 
 
 @virtually
-async def test_mavlink_goes_on_beating():
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        for _, value in strange(COUNT, seed=3):
-            with gateway.faults.contained("a value"):
-                gateway.value_arrived(value)
-            before = len(ears.named("HEARTBEAT"))
-            gateway._beat_at = float("-inf")
-            gateway.tick()
-            assert len(ears.named("HEARTBEAT")) > before, value
-        ears.heard.clear()
-        await beat(ears, 1.0)
-        gateway.value_arrived(ATTITUDE)
-        assert ears.named("ATTITUDE")
+async def test_mavlink_goes_on_beating(gateway, ears):
+    for _, value in strange(COUNT, seed=3):
+        with gateway.faults.contained("a value"):
+            gateway.value_arrived(value)
+        before = len(ears.named("HEARTBEAT"))
+        gateway._beat_at = float("-inf")
+        gateway.tick()
+        assert len(ears.named("HEARTBEAT")) > before, value
+    ears.heard.clear()
+    await beat(ears, 1.0)
+    gateway.value_arrived(ATTITUDE)
+    assert ears.named("ATTITUDE")
 
 
 def test_every_screen_says_something_of_it():

@@ -21,21 +21,17 @@ from tests.client.teleop.pads import FACTS, HIGH, LOW, MIDDLE, TestedPad
         ({"ABS_X": LOW}, "yaw", 1),
     ],
 )
-def test_signs_of_each_stick(change: dict[str, int], axis: str, sign: int) -> None:
-    pad = TestedPad()
-    pad.fly()
-    sticks = pad.sticks(**change)
+def test_signs_of_each_stick(flown: TestedPad, change: dict[str, int], axis: str, sign: int) -> None:
+    sticks = flown.sticks(**change)
     assert sticks[axis] == pytest.approx(sign * 30.0, abs=0.01)
     others = {"pitch", "roll", "yaw"} - {axis}
     assert [sticks[other] for other in others] == [0.0, 0.0]
 
 
-def test_thrust_stick_up_is_more_and_its_middle_is_hover() -> None:
-    pad = TestedPad()
-    pad.fly()
-    assert pad.sticks()["throttle"] == -2
-    assert pad.sticks(ABS_Y=LOW)["throttle"] == 30
-    assert pad.sticks(ABS_Y=HIGH)["throttle"] == -100
+def test_thrust_stick_up_is_more_and_its_middle_is_hover(flown: TestedPad) -> None:
+    assert flown.sticks()["throttle"] == -2
+    assert flown.sticks(ABS_Y=LOW)["throttle"] == 30
+    assert flown.sticks(ABS_Y=HIGH)["throttle"] == -100
 
 
 def test_rate_expo_and_fine_scale_each_axis() -> None:
@@ -65,45 +61,37 @@ def test_trim_is_added_in_flight_and_left_out_until_the_daemon_flies() -> None:
     assert pad.sticks()["roll"] == -3
 
 
-def test_trim_is_bounded() -> None:
-    pad = TestedPad()
-    pad.fly()
+def test_trim_is_bounded(flown: TestedPad) -> None:
     for _ in range(2 * MOST_TRIM):
-        pad.tick(ABS_HAT0X=-1)
-        pad.tick(ABS_HAT0X=0)
-    assert pad.sticks()["roll"] == -MOST_TRIM
+        flown.tick(ABS_HAT0X=-1)
+        flown.tick(ABS_HAT0X=0)
+    assert flown.sticks()["roll"] == -MOST_TRIM
 
 
-def test_thrust_lock_recentre_and_reset_by_button() -> None:
-    pad = TestedPad()
-    pad.fly()
-    up = pad.sticks(ABS_Y=-16384)["throttle"]
-    pad.tick(BTN_SOUTH=1)
-    assert pad.sticks(ABS_Y=MIDDLE)["throttle"] == up
-    pad.tick(BTN_WEST=1)
-    assert pad.hands.thrust.hover == up
-    pad.tick(BTN_SELECT=1)
-    assert pad.hands.thrust.hover == -2
-    assert not pad.hands.thrust.is_locked
-    assert pad.sticks()["throttle"] == up  # held until the stick has come to it
+def test_thrust_lock_recentre_and_reset_by_button(flown: TestedPad) -> None:
+    up = flown.sticks(ABS_Y=-16384)["throttle"]
+    flown.tick(BTN_SOUTH=1)
+    assert flown.sticks(ABS_Y=MIDDLE)["throttle"] == up
+    flown.tick(BTN_WEST=1)
+    assert flown.hands.thrust.hover == up
+    flown.tick(BTN_SELECT=1)
+    assert flown.hands.thrust.hover == -2
+    assert not flown.hands.thrust.is_locked
+    assert flown.sticks()["throttle"] == up  # held until the stick has come to it
 
 
-def test_event_between_two_questions_counts() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.hands.reported("ABS_RX", HIGH, pad.now + 0.001)
-    output = pad.decide(0.002)
+def test_event_between_two_questions_counts(flown: TestedPad) -> None:
+    flown.hands.reported("ABS_RX", HIGH, flown.now + 0.001)
+    output = flown.decide(0.002)
     assert output.setpoint is not None
     assert output.setpoint.fields["roll"] == pytest.approx(30)
 
 
-def test_tap_shorter_than_a_tick_counts() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.hands.reported("BTN_TR", 1, pad.now + 0.001)
-    pad.hands.reported("BTN_TR", 0, pad.now + 0.002)
-    pad.decide(0.003)
-    assert pad.hands.is_fine
+def test_tap_shorter_than_a_tick_counts(flown: TestedPad) -> None:
+    flown.hands.reported("BTN_TR", 1, flown.now + 0.001)
+    flown.hands.reported("BTN_TR", 0, flown.now + 0.002)
+    flown.decide(0.003)
+    assert flown.hands.is_fine
 
 
 def test_older_stamp_changes_nothing() -> None:
@@ -138,8 +126,7 @@ def test_pad_without_a_mapped_control_does_not_fly() -> None:
     assert pad.hands.missing == ["BTN_TL"]
 
 
-def test_state_that_was_never_answered_does_not_fly() -> None:
-    pad = TestedPad()
+def test_state_that_was_never_answered_does_not_fly(pad: TestedPad) -> None:
     pad.hands.reported("BTN_TL", 1, pad.now)
     assert "not answered" in pad.decide(0.01).reason
 
@@ -157,8 +144,7 @@ def test_axis_is_a_button_beyond_half_of_its_way(raw: float, pressed: str) -> No
     assert [side for side in "+-" if inputs.is_pressed(f"ABS_HAT0X{side}")] == list(pressed)
 
 
-def test_what_is_reported_before_the_pad_has_answered_counts_for_nothing() -> None:
-    pad = TestedPad()
+def test_what_is_reported_before_the_pad_has_answered_counts_for_nothing(pad: TestedPad) -> None:
     pad.hands.reported("ABS_Y", HIGH, pad.now)
     pad.hands.reported("BTN_TR", 1, pad.now)
     pad.tick()
@@ -167,24 +153,20 @@ def test_what_is_reported_before_the_pad_has_answered_counts_for_nothing() -> No
     assert "lowest" in pad.tick(BTN_TL=1).reason
 
 
-def test_setting_is_done_by_the_pad_and_handed_on_to_nobody() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.now += 0.02
-    pad.ask(BTN_TR=1, BTN_SOUTH=1, ABS_HAT0X=1, BTN_NORTH=1)
-    assert pad.hands.take_presses(pad.now) == [Function.HOLD]
-    assert pad.hands.is_fine
-    assert pad.hands.thrust.is_locked
-    assert pad.hands.trims["roll"] == 1.0
+def test_setting_is_done_by_the_pad_and_handed_on_to_nobody(flown: TestedPad) -> None:
+    flown.now += 0.02
+    flown.ask(BTN_TR=1, BTN_SOUTH=1, ABS_HAT0X=1, BTN_NORTH=1)
+    assert flown.hands.take_presses(flown.now) == [Function.HOLD]
+    assert flown.hands.is_fine
+    assert flown.hands.thrust.is_locked
+    assert flown.hands.trims["roll"] == 1.0
 
 
-def test_reset_ends_small_deflections() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(BTN_TR=1)
-    assert pad.hands.is_fine
-    pad.tick(BTN_SELECT=1)
-    assert not pad.hands.is_fine
+def test_reset_ends_small_deflections(flown: TestedPad) -> None:
+    flown.tick(BTN_TR=1)
+    assert flown.hands.is_fine
+    flown.tick(BTN_SELECT=1)
+    assert not flown.hands.is_fine
 
 
 @pytest.mark.parametrize(("forward", "trim", "pitch"), [(LOW, 20, 127), (HIGH, -20, -127)])
@@ -194,8 +176,6 @@ def test_deflection_with_its_trim_stays_within_what_a_stick_can_say(forward: int
     assert pad.sticks(ABS_RY=forward)["pitch"] == pitch
 
 
-def test_centred_sticks_are_plain_zeros() -> None:
-    pad = TestedPad()
-    pad.fly()
-    sticks = pad.sticks()
+def test_centred_sticks_are_plain_zeros(flown: TestedPad) -> None:
+    sticks = flown.sticks()
     assert [f"{sticks[axis]:+g}" for axis in ("pitch", "roll", "yaw")] == ["+0", "+0", "+0"]

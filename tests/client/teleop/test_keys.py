@@ -34,6 +34,11 @@ class Typist:
         return self.tick()
 
 
+@pytest.fixture
+def typist() -> Typist:
+    return Typist()
+
+
 @pytest.mark.parametrize(
     ("key", "axis", "sign"),
     [
@@ -45,8 +50,7 @@ class Typist:
         ("d", "yaw", -1),
     ],
 )
-def test_key_deflects_its_stick_for_a_moment(key: str, axis: str, sign: int) -> None:
-    typist = Typist()
+def test_key_deflects_its_stick_for_a_moment(typist: Typist, key: str, axis: str, sign: int) -> None:
     typist.type("e")
     output = typist.type(key)
     assert output.setpoint is not None
@@ -67,8 +71,7 @@ def test_held_key_goes_on_with_its_repetitions_and_ends_soon_after() -> None:
     assert keys.state(last + REPEAT)["KEYS_PITCH"] == 0.0
 
 
-def test_thrust_goes_in_steps_and_to_hover() -> None:
-    typist = Typist()
+def test_thrust_goes_in_steps_and_to_hover(typist: Typist) -> None:
     output = typist.type("e")
     assert output.setpoint is not None
     assert output.setpoint.fields["throttle"] == -100
@@ -84,8 +87,7 @@ def test_thrust_goes_in_steps_and_to_hover() -> None:
     assert typist.keys.thrust == -1.0
 
 
-def test_enable_button_is_a_switch_and_a_held_key_switches_once() -> None:
-    typist = Typist()
+def test_enable_button_is_a_switch_and_a_held_key_switches_once(typist: Typist) -> None:
     for _ in range(5):
         typist.type("e")
     assert typist.keys.is_enabled
@@ -93,8 +95,7 @@ def test_enable_button_is_a_switch_and_a_held_key_switches_once() -> None:
     assert typist.type("e").is_neutral
 
 
-def test_space_lets_go_and_switches_the_enable_button_off() -> None:
-    typist = Typist()
+def test_space_lets_go_and_switches_the_enable_button_off(typist: Typist) -> None:
     typist.type("e")
     typist.type("up")
     assert typist.type(" ").let_go
@@ -102,8 +103,7 @@ def test_space_lets_go_and_switches_the_enable_button_off() -> None:
     assert typist.tick().setpoint is None
 
 
-def test_terminal_that_is_gone_is_neutral_then_released() -> None:
-    typist = Typist()
+def test_terminal_that_is_gone_is_neutral_then_released(typist: Typist) -> None:
     typist.type("e")
     typist.type("up")
     typist.is_answering = False
@@ -118,8 +118,7 @@ def test_terminal_that_is_gone_is_neutral_then_released() -> None:
 
 
 @pytest.mark.parametrize(("key", "kind"), [("T", "takeoff"), ("H", "hold"), ("L", "land")])
-def test_shifted_keys_begin_manoeuvres(key: str, kind: str) -> None:
-    typist = Typist()
+def test_shifted_keys_begin_manoeuvres(typist: Typist, key: str, kind: str) -> None:
     typist.type("e")
     typist.type(key)
     outputs = [typist.tick() for _ in range(40)]
@@ -136,8 +135,7 @@ def test_every_button_of_the_keyboard_is_one_it_has() -> None:
         assert keys.state(1.0 + PRESS)[button] == 0.0
 
 
-def test_refused_manoeuvre_lets_the_sticks_fly() -> None:
-    typist = Typist()
+def test_refused_manoeuvre_lets_the_sticks_fly(typist: Typist) -> None:
     typist.type("e")
     typist.type("H")
     typist.teleop.refused()
@@ -146,8 +144,7 @@ def test_refused_manoeuvre_lets_the_sticks_fly() -> None:
     assert output.setpoint.kind == "stick"
 
 
-def test_refusal_without_a_pilot_changes_nothing() -> None:
-    typist = Typist()
+def test_refusal_without_a_pilot_changes_nothing(typist: Typist) -> None:
     typist.teleop.refused()
     assert typist.tick().setpoint is None
 
@@ -166,15 +163,13 @@ def test_who_lets_go_centres_the_sticks() -> None:
     assert keys.state(1.0)["KEYS_PITCH"] == 0.0
 
 
-def test_thrust_by_keys_ends_at_the_top() -> None:
-    typist = Typist()
+def test_thrust_by_keys_ends_at_the_top(typist: Typist) -> None:
     for _ in range(100):
         typist.type("w")
     assert typist.keys.thrust == 1.0
 
 
-def test_thrust_by_keys_is_a_straight_line() -> None:
-    typist = Typist()
+def test_thrust_by_keys_is_a_straight_line(typist: Typist) -> None:
     typist.type("e")
     typist.keys.thrust = 0.475  # half of the way to where the stick counts as at its top
     output = typist.tick()

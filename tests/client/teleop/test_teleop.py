@@ -19,8 +19,7 @@ def test_nothing_is_sent_without_a_pad() -> None:
     assert "plug one in" in output.reason
 
 
-def test_enable_button_flies_only_after_zero_thrust_was_seen() -> None:
-    pad = TestedPad()
+def test_enable_button_flies_only_after_zero_thrust_was_seen(pad: TestedPad) -> None:
     pad.tick()
     assert "lowest" in pad.tick(BTN_TL=1).reason
     assert pad.tick(ABS_Y=HIGH).setpoint is None
@@ -29,8 +28,7 @@ def test_enable_button_flies_only_after_zero_thrust_was_seen() -> None:
     assert kind(pad.tick(BTN_TL=1)) == "stick"
 
 
-def test_enable_button_that_is_pressed_at_the_start_counts_for_nothing_until_let_go() -> None:
-    pad = TestedPad()
+def test_enable_button_that_is_pressed_at_the_start_counts_for_nothing_until_let_go(pad: TestedPad) -> None:
     pad.tick(BTN_TL=1)
     pad.tick(ABS_Y=HIGH)
     for _ in range(100):
@@ -43,8 +41,7 @@ def test_enable_button_that_is_pressed_at_the_start_counts_for_nothing_until_let
 
 
 @pytest.mark.parametrize("function", ["BTN_START", "BTN_NORTH", "BTN_EAST", "BTN_MODE"])
-def test_verb_that_is_pressed_at_the_start_does_nothing(function: str) -> None:
-    pad = TestedPad()
+def test_verb_that_is_pressed_at_the_start_does_nothing(pad: TestedPad, function: str) -> None:
     pad.tick(**{function: 1})
     pad.fly()
     outputs = [pad.tick() for _ in range(80)]
@@ -52,61 +49,51 @@ def test_verb_that_is_pressed_at_the_start_does_nothing(function: str) -> None:
     assert not any(output.stop_motors or output.let_go for output in outputs)
 
 
-def test_letting_go_of_the_enable_button_is_neutral_at_once_and_a_release_later() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(ABS_RX=HIGH)
-    let_go_at = pad.now
-    output = pad.tick(BTN_TL=0)
+def test_letting_go_of_the_enable_button_is_neutral_at_once_and_a_release_later(flown: TestedPad) -> None:
+    flown.tick(ABS_RX=HIGH)
+    let_go_at = flown.now
+    output = flown.tick(BTN_TL=0)
     assert output.is_neutral
     while not output.let_go:
         assert output.setpoint is not None
         assert [output.setpoint.fields[axis] for axis in ("pitch", "roll", "yaw")] == [0, 0, 0]
-        output = pad.tick()
+        output = flown.tick()
     assert output.setpoint is None
-    assert pad.now - let_go_at == pytest.approx(RELEASE_AFTER, abs=0.021)
-    assert pad.tick().setpoint is None
+    assert flown.now - let_go_at == pytest.approx(RELEASE_AFTER, abs=0.021)
+    assert flown.tick().setpoint is None
 
 
-def test_enable_button_pressed_again_in_time_flies_on() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(BTN_TL=0)
-    pad.tick(0.5)
-    assert not pad.tick(BTN_TL=1).is_neutral
+def test_enable_button_pressed_again_in_time_flies_on(flown: TestedPad) -> None:
+    flown.tick(BTN_TL=0)
+    flown.tick(0.5)
+    assert not flown.tick(BTN_TL=1).is_neutral
 
 
-def test_frozen_pad_is_neutral_then_released_and_thrust_is_not_above_hover() -> None:
-    pad = TestedPad()
-    pad.fly()
-    assert pad.sticks(ABS_Y=LOW, ABS_RY=LOW)["throttle"] == 30
-    frozen = pad.now
-    assert not pad.decide(0.24).is_neutral
-    output = pad.decide(0.02)
+def test_frozen_pad_is_neutral_then_released_and_thrust_is_not_above_hover(flown: TestedPad) -> None:
+    assert flown.sticks(ABS_Y=LOW, ABS_RY=LOW)["throttle"] == 30
+    frozen = flown.now
+    assert not flown.decide(0.24).is_neutral
+    output = flown.decide(0.02)
     assert output.is_neutral
     assert output.setpoint is not None
     assert dict(output.setpoint.fields) == {"pitch": 0, "roll": 0, "yaw": 0, "throttle": -2}
     while not output.let_go:
-        output = pad.decide(0.02)
-    assert pad.now - frozen <= RELEASE_AFTER + 0.021
+        output = flown.decide(0.02)
+    assert flown.now - frozen <= RELEASE_AFTER + 0.021
 
 
-def test_one_axis_that_is_not_answered_counts_as_lost() -> None:
-    pad = TestedPad()
-    pad.fly()
-    del pad.state["ABS_RX"]
-    outputs = [pad.tick() for _ in range(14)]
+def test_one_axis_that_is_not_answered_counts_as_lost(flown: TestedPad) -> None:
+    del flown.state["ABS_RX"]
+    outputs = [flown.tick() for _ in range(14)]
     assert outputs[-1].is_neutral
     assert "ABS_RX" in outputs[-1].reason
 
 
-def test_unplugged_pad_lets_go_at_the_next_decision() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.teleop.detach("pad", "the pad was unplugged")
-    output = pad.decide()
+def test_unplugged_pad_lets_go_at_the_next_decision(flown: TestedPad) -> None:
+    flown.teleop.detach("pad", "the pad was unplugged")
+    output = flown.decide()
     assert (output.let_go, output.setpoint, output.reason) == (True, None, "the pad was unplugged")
-    assert not pad.decide().let_go
+    assert not flown.decide().let_go
 
 
 def test_replugged_pad_needs_zero_thrust_and_the_enable_button_again() -> None:
@@ -159,19 +146,16 @@ def test_pad_detached_without_flying_lets_go_of_nothing() -> None:
     assert kind(first.tick()) == "stick"
 
 
-def test_ended_lease_needs_the_enable_button_anew() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.teleop.ended("somebody took the lease")
-    output = pad.tick()
+def test_ended_lease_needs_the_enable_button_anew(flown: TestedPad) -> None:
+    flown.teleop.ended("somebody took the lease")
+    output = flown.tick()
     assert output.setpoint is None
     assert output.reason.startswith("somebody took the lease; release")
-    pad.tick(BTN_TL=0)
-    assert kind(pad.tick(BTN_TL=1)) == "stick"
+    flown.tick(BTN_TL=0)
+    assert kind(flown.tick(BTN_TL=1)) == "stick"
 
 
-def test_known_ground_wants_the_thrust_stick_at_its_lowest() -> None:
-    pad = TestedPad()
+def test_known_ground_wants_the_thrust_stick_at_its_lowest(pad: TestedPad) -> None:
     pad.is_on_ground = True
     pad.make_ready()
     assert "aircraft stands" in pad.tick(BTN_TL=1).reason
@@ -199,27 +183,22 @@ def test_manoeuvre_begins_when_its_button_was_held_long_enough(
     assert kind(pad.tick(BTN_START=0, ABS_Z=0, BTN_NORTH=0)) == name
 
 
-def test_short_press_takes_nothing_off() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(BTN_START=1)
-    pad.tick(0.3, BTN_START=0)
-    assert kind(pad.tick(0.2)) == "stick"
+def test_short_press_takes_nothing_off(flown: TestedPad) -> None:
+    flown.tick(BTN_START=1)
+    flown.tick(0.3, BTN_START=0)
+    assert kind(flown.tick(0.2)) == "stick"
 
 
 @pytest.mark.parametrize("move", [{"ABS_RX": HIGH}, {"ABS_Y": HIGH}])
-def test_stick_takes_over_from_a_manoeuvre_at_hover_thrust(move: dict[str, float]) -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(BTN_NORTH=1)
-    output = pad.tick(**move)
+def test_stick_takes_over_from_a_manoeuvre_at_hover_thrust(flown: TestedPad, move: dict[str, float]) -> None:
+    flown.tick(BTN_NORTH=1)
+    output = flown.tick(**move)
     assert output.setpoint is not None
     assert output.setpoint.kind == "stick"
     assert output.setpoint.fields["throttle"] == -2
 
 
-def test_letting_go_during_a_manoeuvre_is_neutral_at_hover_thrust() -> None:
-    pad = TestedPad()
+def test_letting_go_during_a_manoeuvre_is_neutral_at_hover_thrust(pad: TestedPad) -> None:
     pad.make_ready()
     pad.tick(ABS_Y=HIGH)
     pad.tick(BTN_TL=1)
@@ -231,8 +210,7 @@ def test_letting_go_during_a_manoeuvre_is_neutral_at_hover_thrust() -> None:
 
 
 @pytest.mark.parametrize("flying", [True, False])
-def test_stop_is_asked_for_once_after_a_long_press(flying: bool) -> None:
-    pad = TestedPad()
+def test_stop_is_asked_for_once_after_a_long_press(pad: TestedPad, flying: bool) -> None:
     pad.fly() if flying else pad.make_ready()
     outputs = [pad.tick(BTN_MODE=1) for _ in range(100)]
     assert [output.stop_motors for output in outputs].count(True) == 1
@@ -276,18 +254,15 @@ def test_pad_by_radio_that_reports_nothing_has_no_thrust_above_hover() -> None:
     assert outputs[-1].setpoint.fields["throttle"] == -2
 
 
-def test_who_lets_go_of_the_enable_button_keeps_the_thrust_of_his_stick() -> None:
-    pad = TestedPad()
-    pad.fly()
-    assert pad.sticks(ABS_Y=LOW)["throttle"] == 30
-    output = pad.tick(BTN_TL=0)
+def test_who_lets_go_of_the_enable_button_keeps_the_thrust_of_his_stick(flown: TestedPad) -> None:
+    assert flown.sticks(ABS_Y=LOW)["throttle"] == 30
+    output = flown.tick(BTN_TL=0)
     assert output.is_neutral
     assert output.setpoint is not None
     assert output.setpoint.fields["throttle"] == 30
 
 
-def test_enable_button_that_was_only_tapped_flies_nothing() -> None:
-    pad = TestedPad()
+def test_enable_button_that_was_only_tapped_flies_nothing(pad: TestedPad) -> None:
     pad.make_ready()
     pad.now += 2.0
     pad.ask()
@@ -297,30 +272,25 @@ def test_enable_button_that_was_only_tapped_flies_nothing() -> None:
     assert pad.tick().setpoint is None
 
 
-def test_manoeuvre_goes_on_while_somebody_asks_for_the_motors_to_stop() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.tick(BTN_NORTH=1)
-    outputs = [pad.tick(BTN_MODE=1) for _ in range(60)]
+def test_manoeuvre_goes_on_while_somebody_asks_for_the_motors_to_stop(flown: TestedPad) -> None:
+    flown.tick(BTN_NORTH=1)
+    outputs = [flown.tick(BTN_MODE=1) for _ in range(60)]
     assert {kind(output) for output in outputs} == {"hold"}
     assert [output.stop_motors for output in outputs].count(True) == 1
 
 
-def test_refusal_while_nobody_flies_changes_nothing() -> None:
-    pad = TestedPad()
+def test_refusal_while_nobody_flies_changes_nothing(pad: TestedPad) -> None:
     pad.make_ready()
     pad.teleop.refused()
     assert kind(pad.tick(BTN_TL=1)) == "stick"
 
 
-def test_button_held_for_just_its_time_counts_and_an_axis_just_so_old_is_still_known() -> None:
-    pad = TestedPad()
-    pad.fly()
-    pad.now = 16.0  # a float holds this moment, and those a quarter of a second later, exactly
-    pad.ask(BTN_START=1)
-    assert kind(pad.decide()) == "stick"
-    assert not pad.decide(0.25).is_neutral
-    assert kind(pad.tick(0.25)) == "takeoff"
+def test_button_held_for_just_its_time_counts_and_an_axis_just_so_old_is_still_known(flown: TestedPad) -> None:
+    flown.now = 16.0  # a float holds this moment, and those a quarter of a second later, exactly
+    flown.ask(BTN_START=1)
+    assert kind(flown.decide()) == "stick"
+    assert not flown.decide(0.25).is_neutral
+    assert kind(flown.tick(0.25)) == "takeoff"
 
 
 LINEAR = {"deadzone": 0.0, "expo": 0.0}

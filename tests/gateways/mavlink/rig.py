@@ -16,7 +16,7 @@ from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
-from mkdaemon.protocol.settings import ParameterSet
+from mkdaemon.protocol.settings import ParameterSet, layout_of
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
@@ -35,6 +35,7 @@ EPOCH = 7
 value = partial(made, source="nc/osd")
 GROUND_STATION = (255, 190)
 WALL = 1_700_000_000.0
+NOWHERE = Path("/nonexistent")
 
 ATTITUDE = value(Attitude, roll=0.1, pitch=0.2, yaw=0.5)
 POSITION = value(
@@ -86,6 +87,11 @@ EVERYTHING = (
 """A value of every kind."""
 
 
+REVISION = 106
+RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
+"""The active set of a vehicle."""
+
+
 def progress(step):
     """How far a write of one set is."""
     return made(ProcedureProgress, id="1", verb="settings_write", state="running", step=step, of=3, text="words")
@@ -126,9 +132,9 @@ class FakeVehicle:
         slow: time that every call takes [s].
     """
 
-    def __init__(self, raw=bytes([85]) + bytes(range(1, 120))):
+    def __init__(self):
         self.calls, self.setpoints, self.points, self.refusals = [], [], (), {}
-        self.raw = raw
+        self.raw = RAW
         self.engages, self.refuses, self.slow = 3, None, 0.0
         self.lease_now, self.report = None, PreflightReport(is_ready=True, findings=())
         self.settings = self.waypoints = self.route = self.navi = _Calls(self)
@@ -228,7 +234,15 @@ def _plain(values):
 
 
 class Ears:
-    """A ground station: hears with pymavlink's own parser, speaks with its own packer."""
+    """A ground station with pymavlink's own parser and packer; it sends an item whenever it is asked for one.
+
+    Attributes:
+        items: the mission that it uploads.
+        deaf_to: items that it does not send.
+    """
+
+    items = ()
+    deaf_to = ()
 
     def __init__(self, gateway, numbering=Numbering.PX4, program=GROUND_STATION):
         self.heard = []
@@ -239,7 +253,11 @@ class Ears:
         self.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
 
     def _take(self, data):
-        self.heard += self._parser.parse_buffer(data) or []
+        heard = self._parser.parse_buffer(data) or []
+        self.heard += heard
+        for message in heard:
+            if message.get_type() == "MISSION_REQUEST_INT" and message.seq not in self.deaf_to:
+                asyncio.get_running_loop().call_later(0.01, self.send_item, message.seq)
         return True
 
     def say(self, message):
@@ -260,6 +278,29 @@ class Ears:
         """What was heard of a message."""
         return [message for message in self.heard if message.get_type() == name]
 
+    def send_item(self, seq):
+        if seq < len(self.items):
+            self.say(self.items[seq])
+
+    async def upload(self, items, seconds=0.6):
+        """Send a mission; the result."""
+        self.items = items
+        self.heard.clear()
+        self.say(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
+        await beat(self, seconds)
+        return [message.type for message in self.named("MISSION_ACK")]
+
+    async def download(self):
+        """Ask for a mission; its items."""
+        self.heard.clear()
+        self.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+        await beat(self, 0.2)
+        for seq in range(self.named("MISSION_COUNT")[0].count):
+            self.say(mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0))
+            await asyncio.sleep(0.01)
+        self.say(mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
+        return self.named("MISSION_ITEM_INT")
+
     @property
     def acks(self):
         """Command and result of every COMMAND_ACK."""
@@ -272,7 +313,7 @@ class Ears:
 
 
 @asynccontextmanager
-async def serving(vehicle=None, *, folder=Path("/nonexistent"), values=EVERYTHING):
+async def serving(vehicle=None, *, folder=NOWHERE, values=EVERYTHING):
     """A gateway that runs on the loop's clock; what is given is known to it."""
     loop = asyncio.get_running_loop()
     gateway = MavlinkGateway(vehicle or FakeVehicle(), Options((), 1, None, folder), loop.time, lambda: WALL)
@@ -289,13 +330,28 @@ async def serving(vehicle=None, *, folder=Path("/nonexistent"), values=EVERYTHIN
 
 
 def virtually(story):
-    """Run a test in virtual time."""
+    """Run a test in virtual time; its arguments `vehicle`, `gateway`, `ears` are a gateway that serves.
 
-    def run(*arguments, **options):
-        run_virtually(story(*arguments, **options))
+    Settings are saved in the folder of its argument `tmp_path`.
+    """
+    signature = inspect.signature(story)
+    wanted = signature.parameters.keys() & {"vehicle", "gateway", "ears"}
+
+    async def served(**options):
+        vehicle = FakeVehicle()
+        folder = options.get("tmp_path", NOWHERE)
+        async with serving(vehicle, folder=folder) as gateway:
+            made = {"vehicle": vehicle, "gateway": gateway}
+            if "ears" in wanted:
+                made["ears"] = Ears(gateway)
+            await story(**{name: made[name] for name in wanted}, **options)
+
+    def run(**options):
+        run_virtually((served if wanted else story)(**options))
 
     run.__name__, run.__doc__ = story.__name__, story.__doc__
-    run.__signature__ = inspect.signature(story)
+    given = [parameter for name, parameter in signature.parameters.items() if name not in wanted]
+    run.__signature__ = signature.replace(parameters=given)
     run.pytestmark = getattr(story, "pytestmark", [])
     return run
 

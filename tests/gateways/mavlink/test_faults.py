@@ -14,7 +14,6 @@ from tests.gateways.mavlink.rig import (
     POSITION,
     VELOCITY,
     Ears,
-    FakeVehicle,
     beat,
     navi,
     serving,
@@ -63,133 +62,108 @@ async def test_a_fault_ends_its_message_only(monkeypatch, owner, name, fails, me
 
 
 @virtually
-async def test_an_upload_that_meets_a_fault_is_answered(monkeypatch):
+async def test_an_upload_that_meets_a_fault_is_answered(ears, monkeypatch):
     monkeypatch.setattr(missions, "mission_of", odd)
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
-        await beat(ears, 0.1)
-        ears.say(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 1.0))
-        await beat(ears, 0.2)
-        assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ERROR]
+    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
+    await beat(ears, 0.1)
+    ears.say(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 1.0))
+    await beat(ears, 0.2)
+    assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ERROR]
 
 
 @virtually
-async def test_an_empty_list_that_is_stored_slowly_is_asked_for_no_item():
+async def test_an_empty_list_that_is_stored_slowly_is_asked_for_no_item(vehicle, gateway, ears):
     """`MISSION_COUNT 0` while the line is slow once asked for item -1, which no message holds."""
-    vehicle = FakeVehicle()
     vehicle.slow = 4.0
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_mission_count_message(1, 1, 0, 0))
-        await beat(ears, 5.0)
-        assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
-        assert gateway.faults.count == 0
+    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 0, 0))
+    await beat(ears, 5.0)
+    assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
+    assert gateway.faults.count == 0
 
 
 @pytest.mark.parametrize(("command", "params"), [(RTL, ()), (SET_MODE, (1, 4, 5)), (SET_MODE, (1, 7))])
 @virtually
-async def test_a_second_ground_station_does_not_end_the_flight_of_the_first(command, params):
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        first, second = Ears(gateway), Ears(gateway, program=(254, 190))
-        first.command(HOLD)
-        await beat(first, 0.5)
-        second.command(command, *params)
-        await beat(first, 0.5)
-        assert second.acks[-1] == (command, TEMPORARILY) and "may order hold or landing" in second.words
-        assert vehicle.lease_now is not None
-        first.command(command, *params)
-        await beat(first, 0.5)
-        assert first.acks[-1] == (command, ACCEPTED) and vehicle.lease_now is None
+async def test_a_second_ground_station_does_not_end_the_flight_of_the_first(vehicle, gateway, command, params):
+    first, second = Ears(gateway), Ears(gateway, program=(254, 190))
+    first.command(HOLD)
+    await beat(first, 0.5)
+    second.command(command, *params)
+    await beat(first, 0.5)
+    assert second.acks[-1] == (command, TEMPORARILY) and "may order hold or landing" in second.words
+    assert vehicle.lease_now is not None
+    first.command(command, *params)
+    await beat(first, 0.5)
+    assert first.acks[-1] == (command, ACCEPTED) and vehicle.lease_now is None
 
 
 @virtually
-async def test_250_system_ids_do_not_push_out_the_program_that_flies():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        ears.command(HOLD)
-        await beat(ears, 0.5)
+async def test_250_system_ids_do_not_push_out_the_program_that_flies(vehicle, gateway, ears):
+    ears.command(HOLD)
+    await beat(ears, 0.5)
 
-        def crowd():
-            gateway.value_arrived(status(Phase.FLYING, epoch=EPOCH, manoeuvre="hold"))
-            for system in range(2, 250):
-                ears.program = (system, 190)
-                ears.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
-                ears.command(RTL)
-                ears.command(SET_MODE, 1, 7)
-            ears.program = (255, 190)
+    def crowd():
+        gateway.value_arrived(status(Phase.FLYING, epoch=EPOCH, manoeuvre="hold"))
+        for system in range(2, 250):
+            ears.program = (system, 190)
+            ears.say(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3))
+            ears.command(RTL)
+            ears.command(SET_MODE, 1, 7)
+        ears.program = (255, 190)
 
-        await beat(ears, 4.0, crowd)
-        assert vehicle.lease_now is not None and gateway.steering.order is not None
-        assert ears.station.refused and gateway.faults.count == 0
+    await beat(ears, 4.0, crowd)
+    assert vehicle.lease_now is not None and gateway.steering.order is not None
+    assert ears.station.refused and gateway.faults.count == 0
 
 
 @virtually
-async def test_an_order_that_is_given_back_before_its_lease_begins_nothing():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        ears.command(HOLD)
-        ears.command(RTL)
-        await beat(ears, 0.5)
-        assert gateway.faults.count == 0
+async def test_an_order_that_is_given_back_before_its_lease_begins_nothing(gateway, ears):
+    ears.command(HOLD)
+    ears.command(RTL)
+    await beat(ears, 0.5)
+    assert gateway.faults.count == 0
 
 
 @virtually
-async def test_return_is_refused_while_the_board_holds_a_list_and_erases_none():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        gateway.value_arrived(navi(waypoints=3))
-        ears.command(RTL)
-        await beat(ears, 0.2)
-        assert ears.acks == [(RTL, DENIED)] and "holds 3 points" in ears.words and not vehicle.calls
-        gateway.value_arrived(navi(waypoints=0))
-        ears.command(RTL)
-        await beat(ears, 0.2)
-        assert ears.acks[-1] == (RTL, ACCEPTED) and not vehicle.calls
+async def test_return_is_refused_while_the_board_holds_a_list_and_erases_none(vehicle, gateway, ears):
+    gateway.value_arrived(navi(waypoints=3))
+    ears.command(RTL)
+    await beat(ears, 0.2)
+    assert ears.acks == [(RTL, DENIED)] and "holds 3 points" in ears.words and not vehicle.calls
+    gateway.value_arrived(navi(waypoints=0))
+    ears.command(RTL)
+    await beat(ears, 0.2)
+    assert ears.acks[-1] == (RTL, ACCEPTED) and not vehicle.calls
 
 
 @virtually
-async def test_a_mode_is_accepted_or_refused_and_never_in_progress():
+async def test_a_mode_is_accepted_or_refused_and_never_in_progress(vehicle, gateway, ears):
     """MAVSDK 4.1 crashes where the answer to DO_SET_MODE is IN_PROGRESS."""
-    vehicle = FakeVehicle()
     vehicle.engages = 10_000
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        ears.command(SET_MODE, 1, 4, 3)
-        await beat(ears, 1.0)
-        ears.command(SET_MODE, 1, 4, 3, confirmation=1)
-        await beat(ears, 13.0)
-        assert ears.acks == [(SET_MODE, ACCEPTED)] * 2
-        assert "did not engage" in ears.words and gateway.steering.shown_mode is not Mode.HOLD
+    ears.command(SET_MODE, 1, 4, 3)
+    await beat(ears, 1.0)
+    ears.command(SET_MODE, 1, 4, 3, confirmation=1)
+    await beat(ears, 13.0)
+    assert ears.acks == [(SET_MODE, ACCEPTED)] * 2
+    assert "did not engage" in ears.words and gateway.steering.shown_mode is not Mode.HOLD
 
 
 @virtually
-async def test_the_daemons_silence_is_told_and_its_return():
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        await beat(ears, 6.0)
-        assert ears.words.count("NOTHING FROM THE DAEMON") == 1
+async def test_the_daemons_silence_is_told_and_its_return(ears):
+    await beat(ears, 6.0)
+    assert ears.words.count("NOTHING FROM THE DAEMON") == 1
 
 
 @virtually
-async def test_lists_in_part_are_answered():
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
-        await beat(ears, 0.1)
-        assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_UNSUPPORTED]
+async def test_lists_in_part_are_answered(ears):
+    ears.say(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
+    await beat(ears, 0.1)
+    assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_UNSUPPORTED]
 
 
 @virtually
-async def test_a_stream_of_places_on_the_globe_is_refused_in_words():
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0xDF8, *[0] * 11))
-        assert "on the globe" in ears.words
+async def test_a_stream_of_places_on_the_globe_is_refused_in_words(ears):
+    ears.say(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0xDF8, *[0] * 11))
+    assert "on the globe" in ears.words
 
 
 def test_no_word_names_an_option_of_another_program():
@@ -202,58 +176,49 @@ def test_no_word_names_an_option_of_another_program():
 
 
 @virtually
-async def test_whoever_answers_only_the_old_request_is_asked_in_the_old_way():
+async def test_whoever_answers_only_the_old_request_is_asked_in_the_old_way(vehicle, ears):
     """DroneKit answers MISSION_REQUEST, and no MISSION_REQUEST_INT."""
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway)
-        answered = 0
+    answered = 0
 
-        def answer():
-            nonlocal answered
-            requests = ears.named("MISSION_REQUEST")
-            for request in requests[answered:]:
-                item = mavlink.MAVLink_mission_item_message(
-                    1, 1, request.seq, 3, 16, 0, 1, 0, 0, 0, 0, 53.23, 7.459, 9.0
-                )
-                ears.say(item)
-            answered = len(requests)
+    def answer():
+        nonlocal answered
+        requests = ears.named("MISSION_REQUEST")
+        for request in requests[answered:]:
+            item = mavlink.MAVLink_mission_item_message(1, 1, request.seq, 3, 16, 0, 1, 0, 0, 0, 0, 53.23, 7.459, 9.0)
+            ears.say(item)
+        answered = len(requests)
 
-        ears.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
-        await beat(ears, 2.0, answer)
-        assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
-        assert len(vehicle.points) == 3 and len(ears.named("MISSION_REQUEST_INT")) == 1
+    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
+    await beat(ears, 2.0, answer)
+    assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_ACCEPTED]
+    assert len(vehicle.points) == 3 and len(ears.named("MISSION_REQUEST_INT")) == 1
 
 
 @virtually
-async def test_heights_have_one_reference_whatever_the_gps_drifts():
-    async with serving() as gateway:
-        ears = Ears(gateway)
-        for drift in (-8.0, 0.0, 8.0):
-            ears.heard.clear()
-            here = POSITION.model_copy(update={"altitude": POSITION.altitude + drift})
+async def test_heights_have_one_reference_whatever_the_gps_drifts(gateway, ears):
+    for drift in (-8.0, 0.0, 8.0):
+        ears.heard.clear()
+        here = POSITION.model_copy(update={"altitude": POSITION.altitude + drift})
 
-            def arrive(here=here):
-                gateway.value_arrived(VELOCITY)
-                gateway.value_arrived(here)
+        def arrive(here=here):
+            gateway.value_arrived(VELOCITY)
+            gateway.value_arrived(here)
 
-            await beat(ears, 2.5, arrive)
-            place, home = ears.named("GLOBAL_POSITION_INT")[-1], ears.named("HOME_POSITION")[-1]
-            assert place.alt - home.altitude == place.relative_alt
+        await beat(ears, 2.5, arrive)
+        place, home = ears.named("GLOBAL_POSITION_INT")[-1], ears.named("HOME_POSITION")[-1]
+        assert place.alt - home.altitude == place.relative_alt
 
 
 @virtually
-async def test_a_link_for_qgroundcontrol_calls_itself_px4_and_reads_its_buttons():
+async def test_a_link_for_qgroundcontrol_calls_itself_px4_and_reads_its_buttons(vehicle, gateway):
     """QGroundControl offers no take-off, landing or go-to for a GENERIC autopilot (`FirmwarePlugin.h`, `isCapable`)."""
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Ears(gateway, Numbering.AS_PX4)
-        nan = float("nan")
-        ground = gateway.picture.ground
-        ears.command(22, -1, 0, 0, nan, nan, nan, ground + 3.0)
-        await beat(ears, 1.0)
-        assert ears.named("HEARTBEAT")[-1].autopilot == mavlink.MAV_AUTOPILOT_PX4
-        assert ears.acks[-1] == (22, ACCEPTED) and vehicle.setpoints[-1][2]["height"] == pytest.approx(3.0)
-        ears.command(192, -1, 1, 0, nan, nan, nan, nan)
-        await beat(ears, 1.0)
-        assert ears.acks[-1] == (192, ACCEPTED) and vehicle.setpoints[-1][1] == "hold"
+    ears = Ears(gateway, Numbering.AS_PX4)
+    nan = float("nan")
+    ground = gateway.picture.ground
+    ears.command(22, -1, 0, 0, nan, nan, nan, ground + 3.0)
+    await beat(ears, 1.0)
+    assert ears.named("HEARTBEAT")[-1].autopilot == mavlink.MAV_AUTOPILOT_PX4
+    assert ears.acks[-1] == (22, ACCEPTED) and vehicle.setpoints[-1][2]["height"] == pytest.approx(3.0)
+    ears.command(192, -1, 1, 0, nan, nan, nan, nan)
+    await beat(ears, 1.0)
+    assert ears.acks[-1] == (192, ACCEPTED) and vehicle.setpoints[-1][1] == "hold"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -37,108 +35,57 @@ def parts(message):
     return tuple(getattr(message, name) for name in FIELDS)
 
 
-class Sender(Ears):
-    """A ground station that sends an item whenever it is asked for one."""
-
-    items = ()
-    deaf_to = ()
-
-    def _take(self, data):
-        before = len(self.heard)
-        taken = super()._take(data)
-        for message in self.heard[before:]:
-            if message.get_type() == "MISSION_REQUEST_INT" and message.seq not in self.deaf_to:
-                asyncio.get_running_loop().call_later(0.01, self.send_item, message.seq)
-        return taken
-
-    def send_item(self, seq):
-        if seq < len(self.items):
-            self.say(self.items[seq])
-
-    async def upload(self, items, seconds=0.6):
-        """Send a mission; the result."""
-        self.items = items
-        self.heard.clear()
-        self.say(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
-        await beat(self, seconds)
-        return [message.type for message in self.named("MISSION_ACK")]
-
-    async def download(self):
-        """Ask for a mission; its items."""
-        self.heard.clear()
-        self.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-        await beat(self, 0.2)
-        for seq in range(self.named("MISSION_COUNT")[0].count):
-            self.say(mavlink.MAVLink_mission_request_int_message(1, 1, seq, 0))
-            await asyncio.sleep(0.01)
-        self.say(mavlink.MAVLink_mission_ack_message(1, 1, 0, 0))
-        return self.named("MISSION_ITEM_INT")
+@virtually
+async def test_what_was_uploaded_comes_back_bit_for_bit(vehicle, ears):
+    assert await ears.upload(MISSION) == [ACCEPTED]
+    name, (points,), options = vehicle.calls[0]
+    assert (name, options["in_flight"], options["source"]) == ("upload", True, "MAVLink")
+    assert [(point.kind.value, point.speed, point.poi) for point in points] == [
+        ("waypoint", 0.0, None), ("waypoint", 3.0, None), ("poi", 0.0, None),
+        ("land", 3.0, 3), ("waypoint", 3.0, 3),
+    ]  # fmt: skip
+    assert [point.hold for point in points if point.kind.value == "waypoint"] == [2, 2, 2]
+    found = await ears.download()
+    assert [parts(message) for message in found] == [parts(message) for message in MISSION]
+    assert [name for name, *_ in vehicle.calls] == ["upload"]
 
 
 @virtually
-async def test_what_was_uploaded_comes_back_bit_for_bit():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        assert await ears.upload(MISSION) == [ACCEPTED]
-        name, (points,), options = vehicle.calls[0]
-        assert (name, options["in_flight"], options["source"]) == ("upload", True, "MAVLink")
-        assert [(point.kind.value, point.speed, point.poi) for point in points] == [
-            ("waypoint", 0.0, None), ("waypoint", 3.0, None), ("poi", 0.0, None),
-            ("land", 3.0, 3), ("waypoint", 3.0, 3),
-        ]  # fmt: skip
-        assert [point.hold for point in points if point.kind.value == "waypoint"] == [2, 2, 2]
-        found = await ears.download()
-        assert [parts(message) for message in found] == [parts(message) for message in MISSION]
-        assert [name for name, *_ in vehicle.calls] == ["upload"]
+async def test_somebody_elses_list_is_read_from_the_board(vehicle, gateway, ears):
+    await ears.upload(MISSION)
+    vehicle.points = (MissionPoint(latitude_deg=LAT / 1e7, longitude_deg=LON / 1e7, altitude=7.0, heading_deg=90),)
+    event = {"action": "uploaded", "count": 1, "digest": "another", "source": "file"}
+    gateway.value_arrived(MissionEvent(stamp=rig.STAMP, **event))
+    (found,) = await ears.download()
+    assert parts(found) == (0, 6, 16, 1, 1, 0.0, 5.0, 0.0, LAT, LON, 7.0) and found.param4 == 90.0
+    assert [name for name, *_ in vehicle.calls] == ["upload", "read"]
 
 
 @virtually
-async def test_somebody_elses_list_is_read_from_the_board():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        await ears.upload(MISSION)
-        vehicle.points = (MissionPoint(latitude_deg=LAT / 1e7, longitude_deg=LON / 1e7, altitude=7.0, heading_deg=90),)
-        event = {"action": "uploaded", "count": 1, "digest": "another", "source": "file"}
-        gateway.value_arrived(MissionEvent(stamp=rig.STAMP, **event))
-        (found,) = await ears.download()
-        assert parts(found) == (0, 6, 16, 1, 1, 0.0, 5.0, 0.0, LAT, LON, 7.0) and found.param4 == 90.0
-        assert [name for name, *_ in vehicle.calls] == ["upload", "read"]
+async def test_on_a_link_with_ardupilots_numbers_item_0_is_home(vehicle, gateway):
+    ears = Ears(gateway, Numbering.ARDUPILOT)
+    home = item(0, frame=0, z=9.0)
+    assert await ears.upload([home, item(1), item(2)]) == [ACCEPTED]
+    assert len(vehicle.points) == 2
+    found = await ears.download()
+    assert [message.seq for message in found] == [0, 1, 2]
+    assert (found[0].frame, found[0].x, found[0].z) == (0, 532_300_000, 9.5)
+    assert parts(found[2]) == parts(item(2))
 
 
 @virtually
-async def test_on_a_link_with_ardupilots_numbers_item_0_is_home():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway, Numbering.ARDUPILOT)
-        home = item(0, frame=0, z=9.0)
-        assert await ears.upload([home, item(1), item(2)]) == [ACCEPTED]
-        assert len(vehicle.points) == 2
-        found = await ears.download()
-        assert [message.seq for message in found] == [0, 1, 2]
-        assert (found[0].frame, found[0].x, found[0].z) == (0, 532_300_000, 9.5)
-        assert parts(found[2]) == parts(item(2))
+async def test_a_program_of_old_gets_items_of_old(ears):
+    await ears.upload([item(0)])
+    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
+    await beat(ears, 0.1)
+    assert ears.named("MISSION_ITEM")[0].x == pytest.approx(LAT / 1e7, abs=1e-5)
 
 
 @virtually
-async def test_a_program_of_old_gets_items_of_old():
-    async with serving() as gateway:
-        ears = Sender(gateway)
-        await ears.upload([item(0)])
-        ears.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
-        await beat(ears, 0.1)
-        assert ears.named("MISSION_ITEM")[0].x == pytest.approx(LAT / 1e7, abs=1e-5)
-
-
-@virtually
-async def test_items_of_old_are_taken():
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        old = mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 1, 1, 2, 5, 0, NAN, 53.25, 7.5, 10, 0)
-        assert await ears.upload([old]) == [ACCEPTED]
-        assert vehicle.points[0].latitude_deg == 53.25
+async def test_items_of_old_are_taken(vehicle, ears):
+    old = mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 1, 1, 2, 5, 0, NAN, 53.25, 7.5, 10, 0)
+    assert await ears.upload([old]) == [ACCEPTED]
+    assert vehicle.points[0].latitude_deg == 53.25
 
 
 @pytest.mark.parametrize(
@@ -160,34 +107,28 @@ async def test_items_of_old_are_taken():
     ],
 )
 @virtually
-async def test_what_no_mikrokopter_can_do_is_refused_at_upload(items, result, words):
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        assert await ears.upload(items) == [result]
-        assert words in ears.words and vehicle.calls == []
+async def test_what_no_mikrokopter_can_do_is_refused_at_upload(vehicle, ears, items, result, words):
+    assert await ears.upload(items) == [result]
+    assert words in ears.words and vehicle.calls == []
 
 
 @virtually
-async def test_a_plan_of_qgroundcontrol_with_its_take_off_item_is_taken_and_the_words_are_whole():
+async def test_a_plan_of_qgroundcontrol_with_its_take_off_item_is_taken_and_the_words_are_whole(vehicle, ears):
     """Its default take-off item: pitch 0, no yaw, the place and height of the launch."""
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        assert await ears.upload([item(0, 22), item(1), item(2, 20)]) == [ACCEPTED]
-        assert ears.words.startswith("item 0: take-off is read as a waypoint: a NaviCtrl's list begins in the air")
-        assert "item 2: return to launch: a NaviCtrl 0.24 flies home after the last point anyway" in ears.words
-        assert len(vehicle.points) == 2 and len(await ears.download()) == 3
+    assert await ears.upload([item(0, 22), item(1), item(2, 20)]) == [ACCEPTED]
+    assert ears.words.startswith("item 0: take-off is read as a waypoint: a NaviCtrl's list begins in the air")
+    assert "item 2: return to launch: a NaviCtrl 0.24 flies home after the last point anyway" in ears.words
+    assert len(vehicle.points) == 2 and len(await ears.download()) == 3
 
 
 @virtually
 async def test_heights_above_the_sea_are_heights_above_home():
     vehicle = FakeVehicle()
     async with serving(vehicle) as gateway:
-        assert await Sender(gateway).upload([item(0, frame=5, z=20.0)]) == [ACCEPTED]
+        assert await Ears(gateway).upload([item(0, frame=5, z=20.0)]) == [ACCEPTED]
         assert vehicle.points[0].altitude == 10.5
     async with serving(vehicle, values=()) as gateway:
-        ears = Sender(gateway)
+        ears = Ears(gateway)
         assert await ears.upload([item(0, frame=5, z=20.0)]) == [INVALID] and "above sea level" in ears.words
 
 
@@ -201,67 +142,56 @@ async def test_heights_above_the_sea_are_heights_above_home():
     ],
 )
 @virtually
-async def test_a_refusal_of_the_daemon_is_told(refusal, result):
-    vehicle = FakeVehicle()
+async def test_a_refusal_of_the_daemon_is_told(vehicle, ears, refusal, result):
     vehicle.refusals["upload"] = refusal
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        assert await ears.upload([item(0)]) == [result]
-        assert "the mission is not stored" in ears.words
-        assert await ears.download() == []
+    assert await ears.upload([item(0)]) == [result]
+    assert "the mission is not stored" in ears.words
+    assert await ears.download() == []
 
 
 @virtually
-async def test_while_it_is_stored_the_last_item_is_asked_for_again():
-    vehicle = FakeVehicle()
+async def test_while_it_is_stored_the_last_item_is_asked_for_again(vehicle, ears):
     vehicle.slow = 4.0
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        assert await ears.upload([item(0), item(1)], 5.0) == [ACCEPTED]
-        assert [message.seq for message in ears.named("MISSION_REQUEST_INT")] == [0, 1, 1, 1, 1]
-        assert len(vehicle.points) == 2
+    assert await ears.upload([item(0), item(1)], 5.0) == [ACCEPTED]
+    assert [message.seq for message in ears.named("MISSION_REQUEST_INT")] == [0, 1, 1, 1, 1]
+    assert len(vehicle.points) == 2
 
 
 @virtually
-async def test_a_lost_item_is_asked_for_again_and_an_upload_that_stops_is_ended():
-    async with serving() as gateway:
-        ears = Sender(gateway)
-        ears.deaf_to = (1,)
-        assert await ears.upload([item(0), item(1)], 8.0) == [CANCELLED]
-        assert [message.seq for message in ears.named("MISSION_REQUEST_INT")] == [0, 1, 1, 1, 1, 1]
-        ears.deaf_to = ()
-        assert await ears.upload([item(0), item(1)]) == [ACCEPTED]
+async def test_a_lost_item_is_asked_for_again_and_an_upload_that_stops_is_ended(ears):
+    ears.deaf_to = (1,)
+    assert await ears.upload([item(0), item(1)], 8.0) == [CANCELLED]
+    assert [message.seq for message in ears.named("MISSION_REQUEST_INT")] == [0, 1, 1, 1, 1, 1]
+    ears.deaf_to = ()
+    assert await ears.upload([item(0), item(1)]) == [ACCEPTED]
 
 
 @virtually
-async def test_one_upload_at_a_time():
-    async with serving() as gateway:
-        ears, other = Sender(gateway), Sender(gateway, program=(254, 190))
-        ears.deaf_to = (0,)
-        ears.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
-        assert await other.upload([item(0)], 0.1) == [DENIED]
-        other.say(item(0))
-        await beat(other, 0.1)
-        assert [message.type for message in other.named("MISSION_ACK")] == [DENIED, SEQUENCE]
-        ears.say(mavlink.MAVLink_mission_ack_message(1, 1, CANCELLED, 0))
-        await beat(ears, 0.1)
-        assert await other.upload([item(0)]) == [ACCEPTED]
+async def test_one_upload_at_a_time(gateway):
+    ears, other = Ears(gateway), Ears(gateway, program=(254, 190))
+    ears.deaf_to = (0,)
+    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    assert await other.upload([item(0)], 0.1) == [DENIED]
+    other.say(item(0))
+    await beat(other, 0.1)
+    assert [message.type for message in other.named("MISSION_ACK")] == [DENIED, SEQUENCE]
+    ears.say(mavlink.MAVLink_mission_ack_message(1, 1, CANCELLED, 0))
+    await beat(ears, 0.1)
+    assert await other.upload([item(0)]) == [ACCEPTED]
 
 
 @virtually
-async def test_too_many_items():
-    async with serving() as gateway:
-        ears = Sender(gateway)
-        ears.say(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
-        await beat(ears, 0.1)
-        assert [message.type for message in ears.named("MISSION_ACK")] == [NO_SPACE]
+async def test_too_many_items(ears):
+    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 5000, 0))
+    await beat(ears, 0.1)
+    assert [message.type for message in ears.named("MISSION_ACK")] == [NO_SPACE]
 
 
 @virtually
 async def test_a_list_that_is_flown_is_neither_replaced_nor_cleared():
     vehicle = FakeVehicle()
     async with serving(vehicle, values=(*rig.EVERYTHING, rig.navi(NaviStage.ROUTE, waypoint=1))) as gateway:
-        ears = Sender(gateway)
+        ears = Ears(gateway)
         assert await ears.upload([item(0)]) == [ERROR]
         ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
         await beat(ears, 0.1)
@@ -271,19 +201,16 @@ async def test_a_list_that_is_flown_is_neither_replaced_nor_cleared():
 
 @pytest.mark.parametrize("way", ["clear", "empty upload"])
 @virtually
-async def test_it_is_cleared(way):
-    vehicle = FakeVehicle()
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        await ears.upload([item(0)])
-        if way == "clear":
-            ears.heard.clear()
-            ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-            await beat(ears, 0.2)
-            assert [message.type for message in ears.named("MISSION_ACK")] == [ACCEPTED]
-        else:
-            assert await ears.upload([]) == [ACCEPTED]
-        assert await ears.download() == [] and vehicle.points == ()
+async def test_it_is_cleared(vehicle, ears, way):
+    await ears.upload([item(0)])
+    if way == "clear":
+        ears.heard.clear()
+        ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+        await beat(ears, 0.2)
+        assert [message.type for message in ears.named("MISSION_ACK")] == [ACCEPTED]
+    else:
+        assert await ears.upload([]) == [ACCEPTED]
+    assert await ears.download() == [] and vehicle.points == ()
 
 
 @virtually
@@ -291,51 +218,44 @@ async def test_without_a_navictrl_there_is_no_mission():
     vehicle = FakeVehicle()
     alone = rig.HEALTH.model_copy(update={"boards": ("fc",)})
     async with serving(vehicle, values=(alone,)) as gateway:
-        assert await Sender(gateway).download() == [] and vehicle.calls == []
+        assert await Ears(gateway).download() == [] and vehicle.calls == []
 
 
 @virtually
-async def test_a_list_that_cannot_be_read():
-    vehicle = FakeVehicle()
+async def test_a_list_that_cannot_be_read(vehicle, ears):
     vehicle.refusals["read"] = refuse(Token.LIST_CHANGING)
-    async with serving(vehicle) as gateway:
-        ears = Sender(gateway)
-        ears.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-        ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
-        await beat(ears, 0.2)
-        assert [message.type for message in ears.named("MISSION_ACK")] == [ERROR, ERROR]
-        vehicle.refusals.clear()
-        ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 7, 0))
-        await beat(ears, 0.2)
-        assert ears.named("MISSION_ACK")[-1].type == SEQUENCE
+    ears.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
+    ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
+    await beat(ears, 0.2)
+    assert [message.type for message in ears.named("MISSION_ACK")] == [ERROR, ERROR]
+    vehicle.refusals.clear()
+    ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 7, 0))
+    await beat(ears, 0.2)
+    assert ears.named("MISSION_ACK")[-1].type == SEQUENCE
 
 
 @virtually
-async def test_fences_and_rally_points_are_none():
-    async with serving() as gateway:
-        ears = Sender(gateway)
-        for message in (
-            mavlink.MAVLink_mission_count_message(1, 1, 3, 1),
-            mavlink.MAVLink_mission_count_message(1, 1, 0, 1),
-            mavlink.MAVLink_mission_clear_all_message(1, 1, 2),
-        ):
-            ears.say(message)
-        await beat(ears, 0.1)
-        assert [(m.type, m.mission_type) for m in ears.named("MISSION_ACK")] == [(UNSUPPORTED, 1), (0, 1), (0, 2)]
+async def test_fences_and_rally_points_are_none(ears):
+    for message in (
+        mavlink.MAVLink_mission_count_message(1, 1, 3, 1),
+        mavlink.MAVLink_mission_count_message(1, 1, 0, 1),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 2),
+    ):
+        ears.say(message)
+    await beat(ears, 0.1)
+    assert [(m.type, m.mission_type) for m in ears.named("MISSION_ACK")] == [(UNSUPPORTED, 1), (0, 1), (0, 2)]
 
 
 @virtually
-async def test_where_it_is_in_its_list():
-    async with serving() as gateway:
-        ears = Sender(gateway)
-        await ears.upload(MISSION)
-        for stage, waypoint, done in (
-            (NaviStage.READY, 1, False), (NaviStage.ROUTE, 2, False), (NaviStage.AT_POINT, 2, False),
-            (NaviStage.AT_POINT, 5, True),
-        ):  # fmt: skip
-            gateway.value_arrived(rig.navi(stage, waypoint=waypoint, waypoints=5, is_route_done=done))
-            gateway.value_arrived(rig.flight())
-            await beat(ears, 1.05)
-        shown = [(m.seq, m.total, m.mission_state, m.mission_mode) for m in ears.named("MISSION_CURRENT")]
-        assert shown[-4:] == [(0, 5, 4, 2), (2, 5, 3, 1), (2, 5, 3, 1), (5, 5, 5, 1)]
-        assert [message.seq for message in ears.named("MISSION_ITEM_REACHED")] == [2, 5]
+async def test_where_it_is_in_its_list(gateway, ears):
+    await ears.upload(MISSION)
+    for stage, waypoint, done in (
+        (NaviStage.READY, 1, False), (NaviStage.ROUTE, 2, False), (NaviStage.AT_POINT, 2, False),
+        (NaviStage.AT_POINT, 5, True),
+    ):  # fmt: skip
+        gateway.value_arrived(rig.navi(stage, waypoint=waypoint, waypoints=5, is_route_done=done))
+        gateway.value_arrived(rig.flight())
+        await beat(ears, 1.05)
+    shown = [(m.seq, m.total, m.mission_state, m.mission_mode) for m in ears.named("MISSION_CURRENT")]
+    assert shown[-4:] == [(0, 5, 4, 2), (2, 5, 3, 1), (2, 5, 3, 1), (5, 5, 5, 1)]
+    assert [message.seq for message in ears.named("MISSION_ITEM_REACHED")] == [2, 5]

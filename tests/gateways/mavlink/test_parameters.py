@@ -10,18 +10,12 @@ from pymavlink.dialects.v20 import all as mavlink
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import ids_of, short, value_of
-from mkdaemon.protocol.settings import ParameterSet, known_revisions, layout_of
+from mkdaemon.protocol.settings import ParameterSet, known_revisions
 from mkdaemon.telemetry.refusals import Token, refuse
-from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, flight, serving, virtually
+from tests.gateways.mavlink.rig import RAW, Ears, FakeVehicle, beat, flight, serving, virtually
 
-REVISION = 106
-RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
-IDS = ids_of(REVISION)
+IDS = ids_of(RAW[0])
 DENIED, NOT_THERE, OUT_OF_RANGE, READ_ONLY = 3, 1, 2, 5
-
-
-def vehicle():
-    return FakeVehicle(RAW)
 
 
 def ask_all(ears):
@@ -49,63 +43,54 @@ def test_ids_never_change():
 
 
 @virtually
-async def test_all_are_read():
-    async with serving(vehicle()) as gateway:
-        ears = Ears(gateway)
-        ask_all(ears)
-        await beat(ears, 2.0)
-        found = {message.param_id: message for message in ears.named("PARAM_VALUE")}
-        assert len(found) == len(IDS) + 2 == found["GYRO_P"].param_count
-        stored = ParameterSet(RAW)
-        assert {row.id: found[row.id].param_value for row in IDS} == {row.id: value_of(stored, row) for row in IDS}
-        assert [message.param_index for message in found.values()] == list(range(len(found)))
-        assert found["MK_ACTIVE_SET"].param_value == 3
-        assert {message.param_type for message in found.values()} == {mavlink.MAV_PARAM_TYPE_REAL32}
+async def test_all_are_read(ears):
+    ask_all(ears)
+    await beat(ears, 2.0)
+    found = {message.param_id: message for message in ears.named("PARAM_VALUE")}
+    assert len(found) == len(IDS) + 2 == found["GYRO_P"].param_count
+    stored = ParameterSet(RAW)
+    assert {row.id: found[row.id].param_value for row in IDS} == {row.id: value_of(stored, row) for row in IDS}
+    assert [message.param_index for message in found.values()] == list(range(len(found)))
+    assert found["MK_ACTIVE_SET"].param_value == 3
+    assert {message.param_type for message in found.values()} == {mavlink.MAV_PARAM_TYPE_REAL32}
 
 
 @virtually
-async def test_two_that_ask_at_once_are_read_for_once_and_again_later():
-    fake = vehicle()
-    async with serving(fake) as gateway:
-        ears, other = Ears(gateway), Ears(gateway)
-        for one in (ears, other, ears):
-            ask_all(one)
-        await beat(ears, 2.0)
-        assert [name for name, *_ in fake.calls] == ["backup"]
-        await beat(ears, 10.0)
-        ask_all(ears)
-        await beat(ears, 1.0)
-        assert [name for name, *_ in fake.calls] == ["backup", "backup"]
+async def test_two_that_ask_at_once_are_read_for_once_and_again_later(vehicle, gateway):
+    ears, other = Ears(gateway), Ears(gateway)
+    for one in (ears, other, ears):
+        ask_all(one)
+    await beat(ears, 2.0)
+    assert [name for name, *_ in vehicle.calls] == ["backup"]
+    await beat(ears, 10.0)
+    ask_all(ears)
+    await beat(ears, 1.0)
+    assert [name for name, *_ in vehicle.calls] == ["backup", "backup"]
 
 
 @virtually
-async def test_in_flight_there_is_an_answer_too():
-    fake = vehicle()
-    fake.refusals["backup"] = refuse(Token.MOTORS_NOT_KNOWN_OFF, name="settings_backup")
-    async with serving(fake) as gateway:
-        ears = Ears(gateway)
-        ask_all(ears)
-        await beat(ears, 0.2)
-        assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")] == [
-            ("MK_ACTIVE_SET", 2),
-            ("MIS_TAKEOFF_ALT", 2),
-        ]
-        assert "no settings yet" in ears.words
+async def test_in_flight_there_is_an_answer_too(vehicle, ears):
+    vehicle.refusals["backup"] = refuse(Token.MOTORS_NOT_KNOWN_OFF, name="settings_backup")
+    ask_all(ears)
+    await beat(ears, 0.2)
+    assert [(m.param_id, m.param_count) for m in ears.named("PARAM_VALUE")] == [
+        ("MK_ACTIVE_SET", 2),
+        ("MIS_TAKEOFF_ALT", 2),
+    ]
+    assert "no settings yet" in ears.words
 
 
 @virtually
-async def test_one_is_read_by_name_and_by_number():
-    async with serving(vehicle()) as gateway:
-        ears = Ears(gateway)
-        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1))
-        await beat(ears, 0.2)
-        first = ears.named("PARAM_VALUE")[0]
-        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", first.param_index))
-        for name, index in ((b"NOBODY", -1), (b"", 999)):
-            ears.say(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
-        await beat(ears, 0.2)
-        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["GYRO_P", "GYRO_P"]
-        assert [(m.param_id, m.error) for m in ears.named("PARAM_ERROR")] == [("NOBODY", NOT_THERE), ("", NOT_THERE)]
+async def test_one_is_read_by_name_and_by_number(ears):
+    ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1))
+    await beat(ears, 0.2)
+    first = ears.named("PARAM_VALUE")[0]
+    ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", first.param_index))
+    for name, index in ((b"NOBODY", -1), (b"", 999)):
+        ears.say(mavlink.MAVLink_param_request_read_message(1, 1, name, index))
+    await beat(ears, 0.2)
+    assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["GYRO_P", "GYRO_P"]
+    assert [(m.param_id, m.error) for m in ears.named("PARAM_ERROR")] == [("NOBODY", NOT_THERE), ("", NOT_THERE)]
 
 
 def bits(number):
@@ -119,21 +104,18 @@ def bits(number):
      (bits(81), mavlink.MAV_PARAM_TYPE_INT32)],
 )  # fmt: skip
 @virtually
-async def test_a_write_is_saved_before_and_read_back(tmp_path, value, kind):
-    fake = vehicle()
-    async with serving(fake, folder=tmp_path / "backups") as gateway:
-        ears = Ears(gateway)
-        write(ears, "GYRO_P", value, kind)
-        await beat(ears, 0.5)
-        (saved,) = (tmp_path / "backups").iterdir()
-        assert f"gyro_p = {ParameterSet(RAW)['gyro_p']}" in saved.read_text()
-        name, (values,), options = fake.calls[-1]
-        assert (name, values, options) == ("write", {"gyro_p": 81}, {"confirm": True, "slot": 3})
-        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [81.0, 81.0]
-        write(ears, "CHANNELS_2", 9.0)
-        await beat(ears, 0.5)
-        assert fake.calls[-1][1][0] == {"channels": [*RAW[1:2], 9, *RAW[3:13]]}
-        assert len(list((tmp_path / "backups").iterdir())) == 1
+async def test_a_write_is_saved_before_and_read_back(vehicle, ears, tmp_path, value, kind):
+    write(ears, "GYRO_P", value, kind)
+    await beat(ears, 0.5)
+    (saved,) = tmp_path.iterdir()
+    assert f"gyro_p = {ParameterSet(RAW)['gyro_p']}" in saved.read_text()
+    name, (values,), options = vehicle.calls[-1]
+    assert (name, values, options) == ("write", {"gyro_p": 81}, {"confirm": True, "slot": 3})
+    assert [m.param_value for m in ears.named("PARAM_VALUE")] == [81.0, 81.0]
+    write(ears, "CHANNELS_2", 9.0)
+    await beat(ears, 0.5)
+    assert vehicle.calls[-1][1][0] == {"channels": [*RAW[1:2], 9, *RAW[3:13]]}
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 @pytest.mark.parametrize(
@@ -143,56 +125,47 @@ async def test_a_write_is_saved_before_and_read_back(tmp_path, value, kind):
      ("MK_ACTIVE_SET", 1.0, READ_ONLY), ("NOBODY", 1.0, NOT_THERE)],
 )  # fmt: skip
 @virtually
-async def test_a_wrong_write_is_refused_and_what_it_is_told(name, value, error):
-    fake = vehicle()
-    async with serving(fake) as gateway:
-        ears = Ears(gateway)
-        write(ears, name, value)
-        await beat(ears, 0.3)
-        assert [m.error for m in ears.named("PARAM_ERROR")] == [error]
-        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ([] if error == NOT_THERE else [name])
-        assert "write" not in [call for call, *_ in fake.calls]
+async def test_a_wrong_write_is_refused_and_what_it_is_told(vehicle, ears, name, value, error):
+    write(ears, name, value)
+    await beat(ears, 0.3)
+    assert [m.error for m in ears.named("PARAM_ERROR")] == [error]
+    assert [m.param_id for m in ears.named("PARAM_VALUE")] == ([] if error == NOT_THERE else [name])
+    assert "write" not in [call for call, *_ in vehicle.calls]
 
 
 @virtually
-async def test_a_slow_write_answers_with_the_old_value_and_with_the_new_one_when_it_is_stored(tmp_path):
+async def test_a_slow_write_answers_with_the_old_value_and_with_the_new_one_when_it_is_stored(vehicle, ears, tmp_path):
     """A NaviCtrl and the FlightCtrl behind it take 5 s; MAVSDK repeats its PARAM_SET for 3 s and then gives up."""
-    fake = vehicle()
-    async with serving(fake, folder=tmp_path) as gateway:
-        ears = Ears(gateway)
-        ask_all(ears)
-        await beat(ears, 1.0)
-        fake.slow, seen = 5.1, len(ears.named("PARAM_VALUE"))
-        write(ears, "GYRO_P", 81.0)
-        values = []
-        for _ in range(12):
-            await beat(ears, 0.5)
-            write(ears, "GYRO_P", 81.0) if len(values) < 6 else None
-            values.append([m.param_value for m in ears.named("PARAM_VALUE")[seen:]])
-        old = float(ParameterSet(RAW)["gyro_p"])
-        assert values[1] == [old] and values[3] == [old, 81.0] and values[-1] == [old, 81.0, 81.0]
-        assert [call for call, *_ in fake.calls].count("write") == 1
+    ask_all(ears)
+    await beat(ears, 1.0)
+    vehicle.slow, seen = 5.1, len(ears.named("PARAM_VALUE"))
+    write(ears, "GYRO_P", 81.0)
+    values = []
+    for _ in range(12):
+        await beat(ears, 0.5)
+        write(ears, "GYRO_P", 81.0) if len(values) < 6 else None
+        values.append([m.param_value for m in ears.named("PARAM_VALUE")[seen:]])
+    old = float(ParameterSet(RAW)["gyro_p"])
+    assert values[1] == [old] and values[3] == [old, 81.0] and values[-1] == [old, 81.0, 81.0]
+    assert [call for call, *_ in vehicle.calls].count("write") == 1
 
 
 @pytest.mark.parametrize("refusal", [refuse(Token.FLYING, holder="x"), MkError("the line is down")])
 @virtually
-async def test_in_flight_a_write_is_refused_in_the_daemons_words(tmp_path, refusal):
-    fake = vehicle()
-    fake.refusals["write"] = refusal
-    async with serving(fake, folder=tmp_path) as gateway:
-        ears = Ears(gateway)
-        write(ears, "GYRO_P", 81.0)
-        await beat(ears, 0.3)
-        assert [m.error for m in ears.named("PARAM_ERROR")] == [DENIED]
-        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [ParameterSet(RAW)["gyro_p"]]
-        assert "GYRO_P is not written" in ears.words
+async def test_in_flight_a_write_is_refused_in_the_daemons_words(vehicle, ears, tmp_path, refusal):
+    vehicle.refusals["write"] = refusal
+    write(ears, "GYRO_P", 81.0)
+    await beat(ears, 0.3)
+    assert [m.error for m in ears.named("PARAM_ERROR")] == [DENIED]
+    assert [m.param_value for m in ears.named("PARAM_VALUE")] == [ParameterSet(RAW)["gyro_p"]]
+    assert "GYRO_P is not written" in ears.words
 
 
 @virtually
 async def test_without_a_backup_nothing_is_written(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    fake = vehicle()
+    fake = FakeVehicle()
     async with serving(fake, folder=blocked / "backups") as gateway:
         ears = Ears(gateway)
         write(ears, "GYRO_P", 81.0)
@@ -201,42 +174,36 @@ async def test_without_a_backup_nothing_is_written(tmp_path):
 
 
 @virtually
-async def test_sets_that_nobody_knows_by_name_are_not_shown():
-    async with serving(FakeVehicle(bytes([250, 1, 2]))) as gateway:
-        ears = Ears(gateway)
-        ask_all(ears)
-        write(ears, "GYRO_P", 1.0)
-        await beat(ears, 0.3)
-        assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["MK_ACTIVE_SET", "MIS_TAKEOFF_ALT"]
+async def test_sets_that_nobody_knows_by_name_are_not_shown(vehicle, ears):
+    vehicle.raw = bytes([250, 1, 2])
+    ask_all(ears)
+    write(ears, "GYRO_P", 1.0)
+    await beat(ears, 0.3)
+    assert [m.param_id for m in ears.named("PARAM_VALUE")] == ["MK_ACTIVE_SET", "MIS_TAKEOFF_ALT"]
 
 
 @virtually
-async def test_the_height_of_a_take_off_is_a_parameter_of_the_gateway():
-    fake = vehicle()
-    async with serving(fake) as gateway:
-        ears = Ears(gateway)
-        for height in (3.5, -1.0, float("nan")):
-            write(ears, "MIS_TAKEOFF_ALT", height)
-        await beat(ears, 0.2)
-        assert [m.param_value for m in ears.named("PARAM_VALUE")] == [3.5] * 3 and not fake.calls
-        assert [m.error for m in ears.named("PARAM_ERROR")] == [OUT_OF_RANGE] * 2
-        gateway.value_arrived(flight(is_flying=False))
-        ears.command(mavlink.MAV_CMD_NAV_TAKEOFF)
-        await beat(ears, 1.0)
-        assert {fields["height"] for _, kind, fields in fake.setpoints if kind == "takeoff"} == {3.5}
+async def test_the_height_of_a_take_off_is_a_parameter_of_the_gateway(vehicle, gateway, ears):
+    for height in (3.5, -1.0, float("nan")):
+        write(ears, "MIS_TAKEOFF_ALT", height)
+    await beat(ears, 0.2)
+    assert [m.param_value for m in ears.named("PARAM_VALUE")] == [3.5] * 3 and not vehicle.calls
+    assert [m.error for m in ears.named("PARAM_ERROR")] == [OUT_OF_RANGE] * 2
+    gateway.value_arrived(flight(is_flying=False))
+    ears.command(mavlink.MAV_CMD_NAV_TAKEOFF)
+    await beat(ears, 1.0)
+    assert {fields["height"] for _, kind, fields in vehicle.setpoints if kind == "takeoff"} == {3.5}
 
 
 @virtually
-async def test_a_link_that_says_px4_has_the_height_of_a_return(tmp_path):
+async def test_a_link_that_says_px4_has_the_height_of_a_return(vehicle, gateway, tmp_path):
     """MAVSDK 4.1 asks a PX4 for it in its example of a take-off."""
-    fake = vehicle()
-    async with serving(fake, folder=tmp_path) as gateway:
-        ears, px4 = Ears(gateway), Ears(gateway, Numbering.AS_PX4)
-        for one in (ears, px4):
-            one.say(mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_RETURN_ALT", -1))
-        await beat(px4, 0.2)
-        assert [m.error for m in ears.named("PARAM_ERROR")] == [NOT_THERE]
-        assert [m.param_value for m in px4.named("PARAM_VALUE")] == [ParameterSet(RAW)["coming_home_altitude"]]
-        write(px4, "RTL_RETURN_ALT", 30.0)
-        await beat(px4, 0.5)
-        assert fake.calls[-1][1][0] == {"coming_home_altitude": 30}
+    ears, px4 = Ears(gateway), Ears(gateway, Numbering.AS_PX4)
+    for one in (ears, px4):
+        one.say(mavlink.MAVLink_param_request_read_message(1, 1, b"RTL_RETURN_ALT", -1))
+    await beat(px4, 0.2)
+    assert [m.error for m in ears.named("PARAM_ERROR")] == [NOT_THERE]
+    assert [m.param_value for m in px4.named("PARAM_VALUE")] == [ParameterSet(RAW)["coming_home_altitude"]]
+    write(px4, "RTL_RETURN_ALT", 30.0)
+    await beat(px4, 0.5)
+    assert vehicle.calls[-1][1][0] == {"coming_home_altitude": 30}

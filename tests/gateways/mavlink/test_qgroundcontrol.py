@@ -19,15 +19,12 @@ from pymavlink.dialects.v20 import all as mavlink
 from lab.places import ROOT
 from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, number_of
-from mkdaemon.protocol.settings import layout_of
 from mkdaemon.telemetry.mission import MissionPoint
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
 
 NAN = math.nan
 ACCEPTED, DENIED, IN_PROGRESS = 0, 2, 5
-REVISION = 106
-RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
 SLOW = 0.7
 """Time that every call of the daemon takes here [s]."""
 COMMAND = "src/Vehicle/Vehicle.h `_mavCommandAckTimeoutMSecs`"
@@ -158,7 +155,7 @@ ON_GROUND = {"emergency stop: COMPONENT_ARM_DISARM, forced", "a log: LOG_REQUEST
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.what)
 @virtually
 async def test_each_is_answered_before_its_time_out(tmp_path, row):
-    fake = FakeVehicle(RAW)
+    fake = FakeVehicle()
     fake.slow, fake.points = SLOW, (WAYPOINT,)
     flight = rig.flight(is_flying=False, motors_running=row.what not in ON_GROUND)
     async with serving(fake, folder=tmp_path, values=(*rig.EVERYTHING, flight)) as gateway:
@@ -180,7 +177,7 @@ async def test_each_is_answered_before_its_time_out(tmp_path, row):
 @virtually
 async def test_while_the_list_is_stored_the_last_item_is_asked_for_again(tmp_path):
     """So that QGroundControl goes on waiting: a NaviCtrl stores a list in seconds."""
-    fake = FakeVehicle(RAW)
+    fake = FakeVehicle()
     fake.slow = 6.0
     async with serving(fake, folder=tmp_path) as gateway:
         ears, at = Ears(gateway), []
