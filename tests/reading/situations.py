@@ -97,3 +97,9 @@ SINGLE = tuple(_single())
 _SPREAD = SINGLE[:: max(len(SINGLE) // 20, 1)]
 SITUATIONS = (*SINGLE, *(_together(one, other) for one, other in pairwise(_SPREAD)))
 """Every one, and about twenty times two at once."""
+LOOKED_AT = tuple(
+    one
+    for one in SINGLE
+    if one.name in {"all is well", "battery 11.6 V", "eye dark", "link one_way", "lost target", "phase unanswered"}
+)
+"""Those that are looked at in a browser."""

@@ -24,7 +24,7 @@ from mkdaemon.view.top.panels import ROWS, VehicleBoard
 from tests.gateways.mavlink.rig import Ears, FakeVehicle
 from tests.gateways.ros2.bagtypes import scene
 from tests.reading.situations import AT, SITUATIONS
-from tests.view.report.known import BEGIN, Tape
+from tests.view.report.known import BEGIN, taped
 from tests.view.report.test_pieces import read
 
 NOW = AT.monotonic
@@ -80,9 +80,7 @@ def test_the_page_says_it_in_its_tone(situation):
 
 
 def test_a_report_says_it_of_the_end(situation):
-    tape, picture = Tape(), picture_of(situation)
-    for key, value in situation.values.items():
-        tape.add(value.stamp.monotonic - BEGIN, key, value.model_dump(mode="json", exclude={"stamp"}))
+    tape, picture = taped(situation)
     tape.add(NOW - BEGIN, "bus/counts", {"counts": {}})
     head = head_of(read(tape))
     assert (head.end, head.tone) == (picture.headline, picture.tone)

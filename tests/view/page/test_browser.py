@@ -12,12 +12,11 @@ import pytest
 
 from lab.rigs.browsing import chromium, opened, program, said, wait_until
 from mkdaemon.client.samples import read_payload, typed_value
-from mkdaemon.reading import Reading
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from tests.places import DATA
-from tests.reading.situations import SITUATIONS
-from tests.view.report.known import BEGIN, Tape
+from tests.reading.situations import LOOKED_AT
+from tests.view.report.known import taped
 
 pytestmark = pytest.mark.browser
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
@@ -160,24 +159,15 @@ def test_a_page_without_a_server_says_so(browser):
     assert json.dumps(process.returncode) == "0"
 
 
-BANNERS = ("all is well", "battery 11.6 V", "eye dark", "link one_way", "lost target", "phase unanswered")
-"""Situations whose banner is read back."""
-
-
-@pytest.mark.parametrize("name", BANNERS)
-def test_the_banner_is_the_worst_thing_in_its_colour(browser, tmp_path, name):
-    situation = next(one for one in SITUATIONS if one.name == name)
-    tape, reading = Tape(), Reading()
-    for key, value in situation.values.items():
-        tape.add(value.stamp.monotonic - BEGIN, key, value.model_dump(mode="json", exclude={"stamp"}))
-        reading.take(key, value, value.stamp.monotonic)
+@pytest.mark.parametrize("situation", LOOKED_AT, ids=lambda situation: situation.name)
+def test_the_banner_is_the_worst_thing_in_its_colour(browser, tmp_path, situation):
+    tape, picture = taped(situation)
     path = tape.write(tmp_path / "situation.mcap")
     with (
         program(MKCTL, "view", str(path), "--no-browser", "--port", "0", "--json") as (address, _),
         opened(browser, address) as (page, wrong),
     ):
         wait_until(page, lambda: "ended" in page.locator("#place").inner_text(), "it was not played to its end")
-        picture = reading.at(BEGIN)
         banner = page.locator("#verdict")
         wait_until(page, lambda: banner.inner_text() == picture.headline, f"no banner {picture.headline!r}")
         assert banner.get_attribute("data-tone") == picture.tone

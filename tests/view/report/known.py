@@ -12,7 +12,7 @@ import msgpack
 import numpy as np
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.reading import key_spec
+from mkdaemon.reading import Reading, key_spec
 from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
@@ -148,6 +148,15 @@ def _add_events(tape: Tape, word: str) -> None:
     tape.add(5.5, "event/log", {"level": "warning", "text": "look" + word})
     model = {"a1": 3.5, "stick_filter": 0.078}
     tape.add(0.1, "core/ModelKnown", {"event": {"model": model}, "reply": None}, EntryKind.EVENT)
+
+
+def taped(situation):
+    """A recording of a situation of tests/reading, and the picture of its end."""
+    tape, reading = Tape(), Reading()
+    for key, value in situation.values.items():
+        tape.add(value.stamp.monotonic - BEGIN, key, value.model_dump(mode="json", exclude={"stamp"}))
+        reading.take(key, value, value.stamp.monotonic)
+    return tape, reading.at(BEGIN)
 
 
 def write_known(path: Path, word: str = "") -> Path:

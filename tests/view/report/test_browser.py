@@ -5,11 +5,14 @@ Chromium is Debian's; `make check-view` runs these.
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from lab.rigs.browsing import chromium
 from mkdaemon.view.report.make import make_page
-from tests.view.report.known import write_known
+from tests.reading.situations import LOOKED_AT
+from tests.view.report.known import taped, write_known
 from tests.view.report.test_page import HOSTILE
 
 pytestmark = pytest.mark.browser
@@ -71,6 +74,19 @@ def test_the_true_values_are_read_back_from_the_page(known):
     row = known.page.locator("#pieces tr", has_text="position").inner_text().split("\t")
     assert [cell.strip() for cell in row[:7]] == ["position", "1.00, 0.00, 2.00", "3.0", "6.0", "3.0", "-", "5.0 / 5.0"]
     assert "5.0 cm at most, in position" in known.page.locator("#words").inner_text()
+
+
+@pytest.mark.parametrize("situation", LOOKED_AT, ids=lambda situation: situation.name)
+def test_the_report_ends_with_the_worst_thing_in_its_colour(browser, tmp_path, situation):
+    tape, picture = taped(situation)
+    path = tmp_path / "situation.html"
+    path.write_bytes(make_page(tape.write(tmp_path / "situation.mcap"), None))
+    opened = Opened(browser, path)
+    end = opened.page.locator("#end")
+    assert end.inner_text() == f"At the end: {picture.headline}"
+    red, green, blue = map(int, re.findall(r"\d+", end.evaluate("one => getComputedStyle(one).color"))[:3])
+    assert (red > 1.3 * max(green, blue)) == picture.tone.is_wrong, "red only where something is wrong"
+    assert opened.errors == []
 
 
 def test_who_zooms_one_plot_zooms_all(known):
