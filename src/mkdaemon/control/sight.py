@@ -262,8 +262,8 @@ class Sight:
     def has_come_down(self) -> bool:
         """Whether its feet may stand: an image shows it, and none of those since then that agree for `FLIES`.
 
-        One image is enough, also one that the estimate refuses: an aircraft that falls to the ground between two images is not
-        where the model expects it. It costs no more than a hover until the next images.
+        One image is enough, also one that the estimate refuses: an aircraft that falls to the ground between two
+        images is not where the model expects it. It costs no more than a hover until the next images.
         """
         return self._last_view is not None and self._last_view.at - self._high_since < FLIES
 
