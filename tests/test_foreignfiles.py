@@ -44,7 +44,7 @@ from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
 from mkdaemon.vision.camera.sources import list_pictures
-from mkdaemon.vision.tags.tagmap import load as load_targets
+from mkdaemon.vision.tags.targetfile import load as load_targets
 from tests.effort import calls_of
 
 DIGITS = "7" * 5000
@@ -102,6 +102,8 @@ READERS = {
     "set.json": read_sets,
     "camera.toml": load_camera,
     "targets.toml": lambda path: load_targets([path]),
+    "tags.yaml": lambda path: load_targets([path]),
+    "field.json": lambda path: load_targets([path]),
     "capture.jsonl": read_recording,
     "labels.json": LabelCache,
     "recording.mcap": lambda path: list(Recording(path).entries()),

@@ -20,7 +20,8 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
-from mkdaemon.vision.tags.tagmap import TagMap, Target, load
+from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.track.tracker import Tracker, VisionResult
 from mksim.scene.ground import Ground, GroundKind

@@ -14,7 +14,8 @@ from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.camera.calibration_file import Camera, save_camera
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Tag, Target, load
+from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.camera import BUILT_IN
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget

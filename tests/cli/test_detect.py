@@ -14,7 +14,8 @@ from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.tags.tagmap import load, single
+from mkdaemon.vision.tags.tagmap import single
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mksim.scene.view import view_towards

@@ -10,7 +10,7 @@ import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK, run
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 from tests.places import CONFIGS
 
 

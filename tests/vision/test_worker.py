@@ -29,7 +29,7 @@ from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from mkdaemon.vision.worker import VisionWorker
 from mksim.scene.light import LightConditions

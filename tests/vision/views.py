@@ -11,7 +11,8 @@ import numpy.typing as npt
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.tags.tagmap import Target, load
+from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.ground import Ground
 from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform

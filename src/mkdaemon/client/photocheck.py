@@ -31,7 +31,7 @@ def check_photo(
     from mkdaemon.vision.camera.calibration_file import load_camera
     from mkdaemon.vision.camera.image import PictureError
     from mkdaemon.vision.camera.imagecodec import decode_picture
-    from mkdaemon.vision.tags.tagmap import load
+    from mkdaemon.vision.tags.targetfile import load
 
     targets = load([target]).targets
     if len(targets) > 1:

@@ -6,6 +6,7 @@ metres, angles of a target file are degrees and say so in their names.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -82,6 +83,13 @@ class TargetSection(Section):
     """Tags placed one by one."""
     board: BoardSection | None = None
     """Tags placed as a grid."""
+    map: Path | None = None
+    """Tag map of another program (apriltag_ros bundle, TagSLAM, WPILib) whose tags this target has too; counts from the
+    folder of this file."""
+    family: str = "tag36h11"
+    """AprilTag family of the tags of `map`: these files name none."""
+    size: TagSize | None = None
+    """Side of the black square of those tags of `map` that have none there [m]; WPILib never has."""
 
 
 class TargetFile(Section):

@@ -43,7 +43,8 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
-from mkdaemon.vision.tags.tagmap import Tag, TagMap, load
+from mkdaemon.vision.tags.tagmap import Tag, TagMap
+from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker, VisionResult

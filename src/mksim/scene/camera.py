@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
 from mksim.physics.airframe import GroundContact
 from mksim.physics.deck import MovingDeck, TiltedDeck

@@ -25,7 +25,8 @@ from mkdaemon.vision.calibrate.target_print import (
     tiles,
     write_page,
 )
-from mkdaemon.vision.tags.tagmap import Target, build, load, single
+from mkdaemon.vision.tags.tagmap import Target, build, single
+from mkdaemon.vision.tags.targetfile import load
 from tests.places import CONFIGS
 
 PX_PER_MM = 4

@@ -24,7 +24,7 @@ from mkdaemon.vision.camera.image import CameraImage, ImageSource, NewestSlot, S
 from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import VisionResult
 from mksim.scene.electrons import PhotonSensor

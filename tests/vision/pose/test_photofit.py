@@ -15,7 +15,7 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.gloss import Gloss
 from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing

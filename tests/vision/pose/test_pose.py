@@ -20,7 +20,8 @@ from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_varian
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import TagMap, load
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.light import Glare, LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 

@@ -13,7 +13,8 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.prints import MOST_PLACES, Footprint, Prints
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.tagmap import Target, load
+from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.tags.targetfile import load
 from tests.places import CONFIGS
 
 CAMERA = load_camera(CONFIGS / "cameras" / "sim.toml")

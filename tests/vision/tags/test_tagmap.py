@@ -9,7 +9,8 @@ import pytest
 
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.errors import ConfigError
-from mkdaemon.vision.tags.tagmap import load, single
+from mkdaemon.vision.tags.tagmap import single
+from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.nested import NESTED, nested_map
 from tests.places import CONFIGS
 

@@ -12,8 +12,8 @@ import pytest
 
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Tag, Target, load
-from mkdaemon.vision.tags.targetfile import WRITERS, Form, as_apriltag_ros, as_tagslam, as_toml, as_wpilib
+from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.targetfile import FORMATS, Form, as_apriltag_ros, as_tagslam, as_toml, as_wpilib, load
 from tests.places import CONFIGS
 
 FAMILY = find_family("tag36h11")
@@ -84,4 +84,4 @@ def test_a_tag_of_wpilib_looks_along_its_x_axis():
 
 
 def test_every_format_that_is_offered_is_written():
-    assert set(get_args(Form)) == WRITERS.keys()
+    assert set(get_args(Form)) == FORMATS.keys()

@@ -15,7 +15,8 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
-from mkdaemon.vision.tags.tagmap import TagMap, load
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, ImageSight
 from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
 from mksim.scene.light import LightConditions

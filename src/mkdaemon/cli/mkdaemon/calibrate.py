@@ -36,7 +36,7 @@ from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.imagecodec import read_picture
 from mkdaemon.vision.camera.sources import list_pictures, source_of
-from mkdaemon.vision.tags.tagmap import load
+from mkdaemon.vision.tags.targetfile import load
 
 app = App(name="calibrate", help="Targets to print, camera calibration, camera mounting.")
 app.command("mkdaemon.cli.mkdaemon.printtarget:print_target", name="print")

@@ -32,7 +32,7 @@ from mkdaemon.vision.survey.picture import picture_of
 from mkdaemon.vision.survey.survey import KnownTags, Survey, Surveyed, look_at, survey
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Target, single
-from mkdaemon.vision.tags.targetfile import WRITERS, Form, as_toml
+from mkdaemon.vision.tags.targetfile import FORMATS, Form, as_toml
 
 Decode = Callable[[], Grey]
 _SIZES: Final = re.compile(r"([0-9]{1,5})(?:-([0-9]{1,5}))?=([0-9.]+)")
@@ -97,7 +97,7 @@ def survey_map(
         notes = {one.tag.tag_id: _note(one) for one in result.tags}
         save(output, as_toml(target, _heading(result, sources), notes), overwrite=force)
     else:
-        save(output, WRITERS[form](target), overwrite=force)
+        save(output, FORMATS[form].write(target), overwrite=force)
     if picture is not None:
         save(picture, picture_of(result), overwrite=force)
     lacking = "\nthis format holds neither sizes nor family: give them to the program that reads it"

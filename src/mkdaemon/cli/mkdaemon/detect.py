@@ -26,7 +26,8 @@ from mkdaemon.vision.camera.sources import CLIPS, Recorded, list_pictures, open_
 from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.still import StillEye, StillPose, StillResult, StillTag, draw
 from mkdaemon.vision.stillhints import hints
-from mkdaemon.vision.tags.tagmap import TagMap, load
+from mkdaemon.vision.tags.tagmap import TagMap
+from mkdaemon.vision.tags.targetfile import load
 
 _CODE: Final = r"[0-9]{1,5}"
 """Of a tag; the largest family has 48,714."""

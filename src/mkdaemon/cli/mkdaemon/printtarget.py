@@ -15,8 +15,8 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.target_print import Page, board_page, target_page, write_page
-from mkdaemon.vision.tags.tagmap import Target, build, load
-from mkdaemon.vision.tags.targetfile import as_toml
+from mkdaemon.vision.tags.tagmap import Target, build
+from mkdaemon.vision.tags.targetfile import as_toml, load
 
 
 def print_target(

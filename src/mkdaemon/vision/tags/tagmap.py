@@ -7,13 +7,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
-from mkdaemon.config.reader import load_section
-from mkdaemon.config.vision import BoardSection, TagPlacement, TargetFile, TargetSection
+from mkdaemon.config.vision import BoardSection, TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.arrays import Array, Bools, Grey
@@ -175,34 +173,11 @@ def single(size: float, tag_id: int, *, family: str = "tag36h11") -> Target:
     return build([section], origin="tag").targets[0]
 
 
-def load(paths: Iterable[Path]) -> TagMap:
-    """Read target files.
-
-    Args:
-        paths: one or more TOML files; their targets are used together.
-
-    Raises:
-        ConfigError: a file cannot be read, or a key, size, family, id or overlap in it is wrong; names file, place
-            and fix.
-    """
-    files = list(paths)
-    names = ", ".join(map(str, files))
-    try:
-        sections = [section for path in files for section in load_section(TargetFile, path).targets]
-    except ConfigError as error:
-        msg = f"target file {error}"
-        raise ConfigError(msg) from None
-    if not sections:
-        msg = f"no target in the target files '{names}': name one that has any, as configs/targets/nested.toml"
-        raise ConfigError(msg)
-    return build(sections, origin=f"target file {names}")
-
-
 def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
     """Check sections against each other and place their tags.
 
     Raises:
-        ConfigError: see `load`; `origin` starts the message.
+        ConfigError: a size, family, id or overlap is wrong; `origin` starts the message.
     """
     tagmap = TagMap(())
     for section in sections:
