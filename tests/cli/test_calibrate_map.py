@@ -65,6 +65,7 @@ def survey(*words: object) -> int:
 def test_pictures_become_a_target_file(pictures: Path, camera: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, drawn = camera.with_name("map.toml"), camera.with_name("map.svg")
     words = (pictures, "--camera", camera, "--size", 0.16, "--sizes", f"{SMALL}=0.12", "--origin", 3)
+    words += ("--place", "pad=9")
     assert survey(*words, "-o", file, "--picture", drawn, "--json") == EXIT_OK
     found = json.loads(capsys.readouterr().out)
     assert (found["images"], found["left_out"]) == (8, [])
@@ -73,6 +74,12 @@ def test_pictures_become_a_target_file(pictures: Path, camera: Path, capsys: pyt
     turn = rotation_from_euler(0.0, 0.0, -3.0)
     for code, (x, y) in PLACES.items():
         assert places[code] == pytest.approx(turn @ (x, y, 0.0), abs=0.002)
+    deviations = {one["id"]: one["position_sd"] for one in found["tags"]}
+    assert {tag.tag_id: tag.place_sd.tolist() for tag in target.tags} == {
+        code: pytest.approx(sd, abs=1e-5) for code, sd in deviations.items()
+    }
+    [pad] = target.places
+    assert (pad.name, pad.position.tolist()) == ("pad", places[9].tolist())
     assert "Surveyed by 8 images" in file.read_text()
     assert drawn.read_text().startswith("<svg")
     assert survey(*words, "-o", file) == EXIT_CONFIG, "it is there already"
@@ -110,6 +117,7 @@ def test_a_tag_of_another_side_is_named(pictures: Path, camera: Path, capsys: py
         ((CONFIGS, "--size", 0.3, "--family", "tag99"), EXIT_CONFIG, "tag99"),
         ((CONFIGS, "--size", 0.3, "--sizes", "a=1"), EXIT_CONFIG, "--sizes 'a=1': give ID=SIZE"),
         ((CONFIGS, "--size", 0.3, "--sizes", "1=1.2.3"), EXIT_CONFIG, "'1.2.3' is no length in metres"),
+        ((CONFIGS, "--size", 0.3, "--place", "Pad=3"), EXIT_CONFIG, "--place 'Pad=3': give NAME=ID, each name once"),
         ((CONFIGS, "--size", 0.3, "--distance", "1:1=2"), EXIT_CONFIG, "--distance '1:1=2': give ID:ID=DISTANCE"),
     ],
 )

@@ -34,6 +34,10 @@ class TagPlacement(Section):
     """Roll, pitch, yaw of the tag in the target frame [deg]; a tag lying flat and upright is all zeros."""
     quaternion: tuple[float, float, float, float] | None = None
     """The same rotation as `(w, x, y, z)`; give this or `rpy_deg`."""
+    position_sd: Metres3 = (0.0, 0.0, 0.0)
+    """Standard deviation of `position`, by a survey [m]; poses of a map are less certain by it."""
+    turn_sd_deg: Metres3 = (0.0, 0.0, 0.0)
+    """Standard deviation of the rotation about the axes of the target, by a survey [deg]."""
     print: Literal["official", "opencv"] = "official"
     """Origin of the drawing: `opencv` for tags of cv2.aruco, which are upside down against the official prints."""
 
@@ -65,10 +69,33 @@ class BoardSection(Section):
     """White gap between neighbouring black squares [m]."""
 
 
+Name = Annotated[str, Field(min_length=1, pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+
+
+class PlaceSection(Section):
+    """A place in a target that has a name and a frame; a flight names it as it names a target."""
+
+    name: Name
+    """Name in results and on the bus; no target or other place has it."""
+    tag: int | None = None
+    """Code of the tag in whose middle the place lies; its x axis is that of the place."""
+    position: Metres3 | None = None
+    """Origin of the place in the target frame [m]; give this or `tag`."""
+    yaw_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
+    """Turn of its axes about the up axis of the target, from the x axis of the target or of `tag` [deg]."""
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.tag is None) == (self.position is None):
+            msg = "give tag or position, one of them"
+            raise ValueError(msg)
+        return self
+
+
 class TargetSection(Section):
     """One rigid thing with tags on it."""
 
-    name: str = Field(min_length=1, pattern=r"^[a-z0-9][a-z0-9_-]*$")
+    name: Name
     """Name in results and on the bus."""
     frame: str = ""
     """Name of its frame in `tf`; empty: the target's name."""
@@ -83,6 +110,8 @@ class TargetSection(Section):
     """Tags placed one by one."""
     board: BoardSection | None = None
     """Tags placed as a grid."""
+    places: tuple[PlaceSection, ...] = ()
+    """Named places to take off from, fly to and land on."""
     map: Path | None = None
     """Tag map of another program (apriltag_ros bundle, TagSLAM, WPILib) whose tags this target has too; counts from the
     folder of this file."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -43,7 +43,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.pose.target_check import TargetCheck
 from mkdaemon.vision.selfcal.selfcheck import SelfCheck
-from mkdaemon.vision.tags.tagmap import Tag, TagMap
+from mkdaemon.vision.tags.tagmap import Place, Tag, TagMap
 from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, Mounting
 from mkdaemon.vision.track.follower import TargetPose
@@ -120,6 +120,7 @@ class CameraPipeline:
         self._tagmap = tagmap if tagmap is not None else load(cfg.targets)
         # Without a known mounting the attitude says nothing about the camera: no gate, no prediction from it.
         self.tracker = Tracker(self._tagmap, self._intrinsics, self._mounting, vision.tracker)
+        self._places = {target.name: target.places for target in self._tagmap.targets}
         self._check = TargetCheck(self._tagmap, self._projection)
         self._max_attitude_age = vision.tracker.max_attitude_age
         self.attitude_lost: Counter[AttitudeLoss] = Counter()
@@ -182,7 +183,8 @@ class CameraPipeline:
         started = self._clock.now()
         result = self._result = self.tracker.update(image, attitude)
         ready = self._clock.now()
-        values = list(values_of(result, image, self._clock.stamp(image.captured_at), self._mounting, ready))
+        stamp = self._clock.stamp(image.captured_at)
+        values = list(values_of(result, image, stamp, self._mounting, ready, self._places))
         heights = {value.target: value.position_target[2] for _, value in values if isinstance(value, VisionPose)}
         known = attitude.at(image.captured_at, self._max_attitude_age) if attitude is not None else None
         self._unchecked = image, known, heights
@@ -322,9 +324,17 @@ def camera_frame(name: str) -> str:
 
 
 def values_of(
-    result: VisionResult, image: CameraImage, stamp: Stamp, mounting: Mounting | None, ready_at: float
+    result: VisionResult,
+    image: CameraImage,
+    stamp: Stamp,
+    mounting: Mounting | None,
+    ready_at: float,
+    places: Mapping[str, Sequence[Place]],
 ) -> Iterator[tuple[str, Telemetry]]:
-    """Key suffixes and values of an image of `stamp`, looked at by `ready_at` [s]; no poses without a mounting."""
+    """Key suffixes and values of an image of `stamp`, looked at by `ready_at` [s]; no poses without a mounting.
+
+    A target is also published against each of its `places`, by its name: a place is a target to whatever flies by it.
+    """
     if result.detections:
         tags = tuple(
             TagSighting(
@@ -351,7 +361,7 @@ def values_of(
         )
     if mounting is None:
         return
-    for pose in result.poses:
+    for pose in (each for one in result.poses for each in (one, *map(one.seen_from, places.get(one.target, ())))):
         yield f"vision/{image.camera}/pose", pose_of(pose, image, stamp, mounting, ready_at)
         yield "tf", transform(camera_frame(image.camera), pose.frame, pose.pose.rotation, pose.pose.position, stamp)
 
@@ -373,7 +383,7 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
         position_flu=(-target_from_flu.T @ vehicle_target).tolist(),
         quaternion_flu_from_target=quaternion_from_rotation(target_from_flu.T),
         covariance=(carry @ covariance @ carry.T).ravel().tolist(),
-        calibration_sd=calibration_sd(found.pose),
+        calibration_sd=calibration_sd(found.measured),
         position_cam=found.pose.position.tolist(),
         quaternion_cam_from_target=quaternion_from_rotation(found.pose.rotation),
         source=found.pose.source,
@@ -436,7 +446,8 @@ def setup_of(
         quaternion_flu_from_cam=None if mounting is None else quaternion_from_rotation(mounting.flu_from_cam),
         targets=tuple(
             TargetShape(name=target.name, moving=target.moving, tags=tuple(map(_tag_shape, target.tags)))
-            for target in tagmap.targets
+            for one in tagmap.targets
+            for target in (one, *map(one.seen_from, one.places))
         ),
     )
 

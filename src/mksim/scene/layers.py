@@ -133,9 +133,9 @@ def board_layer(image: npt.NDArray[np.uint8], width: float, height: float) -> La
 
 
 def print_target(target: Target, margin: float = 1.0) -> tuple[Layer, ...]:
-    """Every tag of a target, largest first; a flat one lies on a sheet `margin` modules wider than its quiet zone."""
+    """Every tag of a target, largest first; a board lies on a sheet `margin` modules wider than its quiet zone."""
     layers = [tag_layer(tag) for tag in target.tags]
-    if target.is_planar and np.allclose(target.tags[0].rotation[:, 2], (0.0, 0.0, 1.0)):
+    if target.is_planar and not target.is_map and np.allclose(target.tags[0].rotation[:, 2], (0.0, 0.0, 1.0)):
         corners = np.concatenate([tag.corners for tag in target.tags])[:, :2]
         white = (1.0 + margin) * target.tags[0].module
         low, high = corners.min(axis=0) - white, corners.max(axis=0) + white

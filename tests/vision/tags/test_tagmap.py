@@ -9,7 +9,8 @@ import pytest
 
 from mkdaemon.config.vision import TargetFile
 from mkdaemon.errors import ConfigError
-from mkdaemon.vision.tags.tagmap import single
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.vision.tags.tagmap import covered_cells, single
 from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.nested import NESTED, nested_map
 from tests.places import CONFIGS
@@ -107,7 +108,7 @@ def test_tags_on_two_faces_are_not_planar(tmp_path):
         (ONE + 'family = "tag99h1"\n', "use one of tag36h11"),
         (ONE + "[[targets.tags]]\nid = 3\nsize = 0.1\n", "id 3 is in target 'pad' and already in 'pad'"),
         (ONE + "[[targets.tags]]\nid = 4\nsize = 0.29\n", "covers the border.*check the sizes"),
-        (ONE + ONE.replace("id = 3", "id = 5"), "two targets are called 'pad'"),
+        (ONE + ONE.replace("id = 3", "id = 5"), "two targets or places are called 'pad'"),
         ('[[targets]]\nname = "pad"\n', "has no tags"),
         (ONE + "rpy_deg = [0, 0, 0]\nquaternion = [1, 0, 0, 0]\n", "not both"),
         ("[[targets]\n", "not valid TOML"),
@@ -143,3 +144,42 @@ SIZES = [(400.0, 3, "not a tag size"), (0.3, -1, "tag -1 of tag36h11: id")]
 def test_a_single_tag_that_nobody_prints_is_refused_with_what_is_wrong(size, tag_id, words):
     with pytest.raises(ConfigError, match=words):
         single(size, tag_id)
+
+
+PLACED = ONE + "position = [1, 2, 0]\nrpy_deg = [0, 0, 90]\n"
+PLACE = "[[targets.places]]\nname = 'spot'\n"
+
+
+def test_places_lie_on_a_tag_or_anywhere(tmp_path):
+    text = PLACED + PLACE + "tag = 3\nyaw_deg = 10\n" + PLACE.replace("spot", "aside") + "position = [3, 0, 0.5]\n"
+    spot, aside = load([written(tmp_path, text)]).targets[0].places
+    assert (spot.name, aside.name) == ("spot", "aside")
+    assert spot.position.tolist() == [1, 2, 0]
+    assert np.allclose(spot.rotation, rotation_from_euler(0.0, 0.0, np.radians(100.0)))
+    assert aside.position.tolist() == [3, 0, 0.5]
+    assert np.allclose(aside.rotation, np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PLACE + "tag = 4\n", "target 'pad': place 'spot': no tag of it has the code 4; give its position"),
+        (PLACE + "tag = 3\nposition = [0, 0, 0]\n", "give tag or position, one of them"),
+        (PLACE, "give tag or position, one of them"),
+        (PLACE.replace("spot", "pad") + "tag = 3\n", "two targets or places are called 'pad'; rename one"),
+        (PLACE + "tag = 3\n" + PLACE + "tag = 3\n", "two targets or places are called 'spot'; rename one"),
+        (PLACE.replace("spot", "Spot 1") + "tag = 3\n", "targets.0.places.0.name"),
+    ],
+)
+def test_a_wrong_place_is_one_line_with_a_fix(tmp_path, text, words):
+    with pytest.raises(ConfigError, match=words):
+        load([written(tmp_path, PLACED + text)])
+
+
+def test_a_map_of_the_most_tags_of_a_family_loads_and_knows_what_covers_what(tmp_path):
+    rows = "".join(f"[[targets.tags]]\nid = {k}\nsize = 0.2\nposition = [{k % 25}, {k // 25}, 0]\n" for k in range(500))
+    small = "[[targets.tags]]\nid = 501\nsize = 0.02\nposition = [3, 0, 0]\n"
+    tagmap = load([written(tmp_path, f"[[targets]]\nname = 'hall'\n{rows}{small}")])
+    assert tagmap.targets[0].is_map
+    hidden = {code for code, cells in covered_cells(tagmap).items() if cells.any()}
+    assert hidden == {("tag36h11", 3)}

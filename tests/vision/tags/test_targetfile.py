@@ -12,7 +12,7 @@ import pytest
 
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.tagmap import Place, Tag, Target
 from mkdaemon.vision.tags.targetfile import FORMATS, Form, as_apriltag_ros, as_tagslam, as_toml, as_wpilib, load
 from tests.places import CONFIGS
 
@@ -25,8 +25,9 @@ ROOM = Target(
     level=True,
     tags=(
         Tag(FAMILY, 3, 0.16, np.zeros(3), np.eye(3)),
-        Tag(FAMILY, 7, 0.1601234, np.array([1.25, -2.5, 0.3]), LEANING),
+        Tag(FAMILY, 7, 0.1601234, np.array([1.25, -2.5, 0.3]), LEANING, np.full(3, 0.0012), np.full(3, 0.003)),
     ),
+    places=(Place("pad", np.array([1.0, 2.0, 0.0]), rotation_from_euler(0.0, 0.0, 0.5)),),
 )
 
 
@@ -40,6 +41,11 @@ def test_our_file_is_read_back_the_same(tmp_path):
     assert found.tags[0].rotation == pytest.approx(LEANING, abs=3e-5)
     assert found.tags[1].rotation == pytest.approx(np.eye(3))
     assert text.startswith("# Surveyed.\n# Left out: tag 9.\n")
+    assert found.tags[0].place_sd == pytest.approx([0.0012] * 3)
+    assert found.tags[0].turn_sd == pytest.approx([0.003] * 3, abs=1e-6)
+    [place] = found.places
+    assert (place.name, place.position.tolist()) == ("pad", [1.0, 2.0, 0.0])
+    assert place.rotation == pytest.approx(ROOM.places[0].rotation, abs=1e-6)
     assert "# known to 0.4 mm\nfamily" in text
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -31,11 +31,12 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.survey.picture import picture_of
 from mkdaemon.vision.survey.survey import KnownTags, Survey, Surveyed, look_at, survey
 from mkdaemon.vision.tags.tagfamily import find_family
-from mkdaemon.vision.tags.tagmap import Target, single
+from mkdaemon.vision.tags.tagmap import Place, Target, single
 from mkdaemon.vision.tags.targetfile import FORMATS, Form, as_toml
 
 Decode = Callable[[], Grey]
 _SIZES: Final = re.compile(r"([0-9]{1,5})(?:-([0-9]{1,5}))?=([0-9.]+)")
+_PLACE: Final = re.compile(r"([a-z0-9][a-z0-9_-]*)=([0-9]{1,5})")
 _DISTANCE: Final = re.compile(r"([0-9]{1,5}):([0-9]{1,5})=([0-9.]+)")
 
 
@@ -61,6 +62,9 @@ def survey_map(
         tuple[str, ...], Parameter(help="Measured between the middles of two tags: ID:ID=DISTANCE [m].")
     ] = (),
     name: Annotated[str, Parameter(help="Name of the target in the map.")] = "map",
+    place: Annotated[
+        tuple[str, ...], Parameter(help="A place to fly to and land on, in the middle of a tag: NAME=ID.")
+    ] = (),
     form: Annotated[Form, Parameter(name="--format", help="Format of the file.")] = "toml",
     most: Annotated[int, Parameter(name="--images", help="Images that are looked at, evenly chosen.")] = 2000,
     picture: Annotated[Path | None, Parameter(help="Also draw the map into this SVG file.")] = None,
@@ -84,7 +88,7 @@ def survey_map(
         if path is not None:
             refuse_existing(path, overwrite=force)
     lens = load_camera(camera).intrinsics
-    wanted = _wanted(size, sizes, family, origin, distance)
+    wanted, places = _wanted(size, sizes, family, origin, distance), _places(place)
     images = _images(sources, most)
     with _bars(quiet=as_json) as (looked, adjusted):
         found = []
@@ -92,7 +96,7 @@ def survey_map(
             found.append(tags)
             looked(len(found) / images.count)
         result = survey(found, wanted, Projection(lens), adjusted)
-    target = Target(name, name, moving=False, level=True, tags=tuple(one.tag for one in result.tags))
+    target = _target(name, result, places)
     if form == "toml":
         notes = {one.tag.tag_id: _note(one) for one in result.tags}
         save(output, as_toml(target, _heading(result, sources), notes), overwrite=force)
@@ -129,6 +133,27 @@ def _wanted(
             raise ConfigError(f"--distance '{text}': give ID:ID=DISTANCE in metres, for example 3:17=2.405")
         measured[int(between[1]), int(between[2])] = _number("--distance", text, between[3])
     return KnownTags(size, by_code, family, origin, measured)
+
+
+def _places(texts: tuple[str, ...]) -> dict[str, int]:
+    """The tags of named places."""
+    found: dict[str, int] = {}
+    for text in texts:
+        match = _PLACE.fullmatch(text)
+        if match is None or match[1] in found:
+            raise ConfigError(f"--place '{text}': give NAME=ID, each name once, for example pad-b=17")
+        found[match[1]] = int(match[2])
+    return found
+
+
+def _target(name: str, result: Survey, places: Mapping[str, int]) -> Target:
+    """The surveyed tags, and places in the middle of some of them."""
+    tags = {one.tag.tag_id: replace(one.tag, place_sd=one.place_sd, turn_sd=one.turn_sd) for one in result.tags}
+    for called, code in places.items():
+        if code not in tags:
+            raise VisionError(f"--place {called}={code}: tag {code} is not in the map")
+    named = tuple(Place.on(tags[code], called) for called, code in places.items())
+    return Target(name, name, moving=False, level=True, tags=tuple(tags.values()), places=named)
 
 
 def _number(option: str, text: str, number: str) -> float:

@@ -57,8 +57,8 @@ def documented_files() -> tuple[DocumentedFile, ...]:
         DocumentedFile(
             "A target file",
             TargetFile,
-            "Named by `cameras.targets`; `mkdaemon calibrate print` prints it and writes one, `mkdaemon calibrate map` surveys"
-            " one.",
+            "Named by `cameras.targets`; `mkdaemon calibrate print` prints it and writes one, `mkdaemon calibrate map`"
+            " surveys one.",
         ),
         DocumentedFile(
             "A mapping file of a gamepad",

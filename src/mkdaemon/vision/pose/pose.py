@@ -7,7 +7,7 @@ Camera axes are RDF. `rotation` is camera from target, `position` the target's o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
 
@@ -131,6 +131,17 @@ def turn(rotation: Array, by: Array) -> Array:
     # Newton's step to the nearest orthonormal matrix: rounding errors are squared.
     orthonormal: Array = 1.5 * turned - 0.5 * turned @ (turned.T @ turned)
     return orthonormal
+
+
+def moved(pose: Pose, by: Array) -> Pose:
+    """The pose of another point of the same rigid target, `by` from its origin `(3,)` [m; target], in the same axes.
+
+    With q = R b a turn w about the old origin moves the new one by w x q: dp' = dp - [q]x w.
+    """
+    arm = pose.rotation @ by
+    carry = np.eye(6)
+    carry[:3, 3:] = -skew(arm)
+    return replace(pose, position=pose.position + arm, covariance=carry @ pose.covariance @ carry.T)
 
 
 def calibration_sd(pose: Pose) -> tuple[float, float, float]:

@@ -241,6 +241,10 @@ class PrintTexture:
     def __init__(self, first: Tag, tags: Sequence[Tag]) -> None:
         self._cells = first.family.black_cells + 2 * QUIET_ZONE_CELLS
         self._levels: dict[int, Array32] = {}
+        if len(tags) == 1:
+            cells = np.pad(first.bitmap, QUIET_ZONE_CELLS, constant_values=255).astype(np.float32) / np.float32(255)
+            self._drawn = cells.repeat(TEXELS, axis=0).repeat(TEXELS, axis=1)
+            return
         # Cells of a smaller tag end within a texel, which is their mean.
         fine = TEXELS * TEXEL_PARTS
         drawn = np.full((self._cells * fine,) * 2, 255, dtype=np.uint8)

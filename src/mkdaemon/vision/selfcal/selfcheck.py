@@ -414,7 +414,7 @@ class TargetWatch:
 
 
 class SelfCheck:
-    """Watches one camera; without a camera file there is nothing to watch.
+    """Watches one camera by its targets that are no maps; without a camera file there is nothing to watch.
 
     Args:
         camera: its file, with the mount believed.
@@ -426,7 +426,9 @@ class SelfCheck:
 
     def __init__(self, tagmap: TagMap, camera: Camera | None, attitude_sd: float) -> None:
         self._watches = {
-            target.name: TargetWatch(target, camera, attitude_sd) for target in tagmap.targets if camera is not None
+            target.name: TargetWatch(target, camera, attitude_sd)
+            for target in tagmap.targets
+            if camera is not None and not target.is_map
         }
         self._by_sheet = [] if camera is None else list(_sheet_contradictions(camera))
         self.alarms: dict[Alarm, str] = {}
@@ -439,7 +441,8 @@ class SelfCheck:
         Seen are poses of targets by name, each with the height of the vehicle over it [m].
         """
         for name, (pose, height) in seen.items():
-            self._watches[name].image_seen(pixels, pose, height, time, enu_from_flu)
+            if name in self._watches:
+                self._watches[name].image_seen(pixels, pose, height, time, enu_from_flu)
         found: dict[Alarm, list[str]] = {}
         for alarm, words in chain(self._by_sheet, *(watch.contradictions() for watch in self._watches.values())):
             found.setdefault(alarm, []).append(words)

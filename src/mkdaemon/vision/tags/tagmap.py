@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from pydantic import ValidationError
 
-from mkdaemon.config.vision import BoardSection, TagPlacement, TargetSection
+from mkdaemon.config.vision import BoardSection, PlaceSection, TagPlacement, TargetSection
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
 from mkdaemon.vision.arrays import Array, Bools, Grey
@@ -25,6 +26,10 @@ ROUNDING_M = 1e-9
 """Lengths from decimal numbers may differ by this [m]."""
 COVER_CELLS = 0.3
 """How far beyond its paper a tag hides what lies below [cells]: its rim casts a shadow and blurs."""
+TOGETHER = 8
+"""Tags that are always measured together: `prints.MOST`."""
+DENSE = 0.5
+"""Share of a target's extent that its prints cover, from which they are measured together, however many they are."""
 UPSIDE_DOWN = (-1.0, -1.0, 1.0)
 """Signs of the axes of a tag that is turned by half on its paper."""
 
@@ -39,6 +44,8 @@ class Tag:
         size: side of the black square, of the white one inside the black ring for inverted families [m].
         position: centre of the tag `(3,)` [m; target].
         rotation: target from tag `(3, 3)`, tag axes as in `tagfamily`.
+        place_sd: deviation of the position `(3,)` [m; target].
+        turn_sd: deviation of the rotation about each axis `(3,)` [rad; target].
     """
 
     family: TagFamily
@@ -46,6 +53,8 @@ class Tag:
     size: float
     position: Array
     rotation: Array
+    place_sd: Array = field(default_factory=lambda: np.zeros(3))
+    turn_sd: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def code(self) -> tuple[str, int]:
@@ -91,6 +100,27 @@ class Tag:
 
 
 @dataclass(frozen=True, eq=False)
+class Place:
+    """A named place in a target.
+
+    Attributes:
+        name: name in results.
+        position: its origin `(3,)` [m; target].
+        rotation: target from place `(3, 3)`.
+    """
+
+    name: str
+    position: Array
+    rotation: Array
+
+    @classmethod
+    def on(cls, tag: Tag, name: str, turned: float = 0.0) -> Place:
+        """In the middle of a tag, level as the target, its x axis that of the tag, turned by an angle [rad]."""
+        x, y, _ = tag.rotation[:, 0].tolist()
+        return cls(name, tag.position, rotation_from_euler(0.0, 0.0, math.atan2(y, x) + turned))
+
+
+@dataclass(frozen=True, eq=False)
 class Target:
     """A rigid body with tags on it, largest first: a later tag lies on top of an earlier one.
 
@@ -101,6 +131,7 @@ class Target:
         level: its xy plane is horizontal at rest.
         tags: at least one.
         bend: deviation of how far its print bends, as a share of the side (`prints.Sheet`).
+        places: that have a name.
     """
 
     name: str
@@ -109,6 +140,26 @@ class Target:
     level: bool
     tags: tuple[Tag, ...]
     bend: float = 0.003
+    places: tuple[Place, ...] = ()
+
+    @cached_property
+    def is_map(self) -> bool:
+        """Whether its tags lie so far apart that no image shows them all: more than `TOGETHER`, on less than `DENSE`.
+
+        Boards are dense: their tags are measured together.
+        """
+        extent = np.sort(np.ptp([tag.position for tag in self.tags], axis=0) + self.tags[0].paper)
+        covers = sum(tag.paper**2 for tag in self.tags) / float(extent[1] * extent[2])
+        return len(self.tags) > TOGETHER and covers < DENSE
+
+    def seen_from(self, place: Place) -> Target:
+        """The same tags in the frame of a place, under its name."""
+        back = place.rotation.T
+        tags = (
+            replace(tag, position=back @ (tag.position - place.position), rotation=back @ tag.rotation)
+            for tag in self.tags
+        )
+        return replace(self, name=place.name, frame=place.name, tags=tuple(tags), places=())
 
     @cached_property
     def is_planar(self) -> bool:
@@ -148,10 +199,14 @@ def covered(points: Array, tag: Tag) -> Bools:
 def covered_cells(tagmap: TagMap) -> dict[tuple[str, int], Bools]:
     """Cells `(n, n)` of each tag, by family and id, whose middles lie under the paper of a later one of its target."""
     found: dict[tuple[str, int], Bools] = {}
+    centres = {target.name: np.array([tag.position for tag in target.tags]) for target in tagmap.targets}
+    papers = {target.name: np.array([tag.paper for tag in target.tags]) for target in tagmap.targets}
     for code, (target, tag) in tagmap.owners.items():
         n = tag.family.black_cells
         points = tag.place((middles(n) - n / 2) * (tag.module, -tag.module))
-        later = target.tags[target.tags.index(tag) + 1 :]
+        reach = np.linalg.norm(centres[target.name] - tag.position, axis=1) < papers[target.name] + tag.paper
+        after = target.tags.index(tag)
+        later = [target.tags[k] for k in np.flatnonzero(reach).tolist() if k > after]
         found[code] = np.any([np.zeros(n * n), *(covered(points, one) for one in later)], axis=0).reshape(n, n)
     return found
 
@@ -191,9 +246,12 @@ def build(sections: Iterable[TargetSection], *, origin: str) -> TagMap:
 
 def _placed(section: TargetSection, others: TagMap) -> Target:
     """The target of a section, beside others; `VisionError` says what is wrong with it."""
-    if any(section.name == other.name for other in others.targets):
-        msg = f"two targets are called '{section.name}'; rename one"
-        raise VisionError(msg)
+    names = Counter((section.name, *(place.name for place in section.places)))
+    for other in others.targets:
+        names.update((other.name, *(place.name for place in other.places)))
+    for name, count in names.items():
+        if count > 1:
+            raise VisionError(f"two targets or places are called '{name}'; rename one")
     placements = section.tags + (_grid(section.board) if section.board is not None else ())
     if not placements:
         msg = "it has no tags; add [[targets.tags]] or [targets.board]"
@@ -208,7 +266,19 @@ def _placed(section: TargetSection, others: TagMap) -> Target:
     tags = tuple(sorted(map(_place, placements), key=lambda tag: -tag.size))
     _check_overlaps(tags)
     frame = section.frame or section.name
-    return Target(section.name, frame, section.moving, section.level, tags, section.bend)
+    places = tuple(_named_place(place, tags) for place in section.places)
+    return Target(section.name, frame, section.moving, section.level, tags, section.bend, places)
+
+
+def _named_place(section: PlaceSection, tags: Sequence[Tag]) -> Place:
+    yaw = math.radians(section.yaw_deg)
+    if section.position is not None:
+        return Place(section.name, np.array(section.position), rotation_from_euler(0.0, 0.0, yaw))
+    found = [tag for tag in tags if tag.tag_id == section.tag]
+    if len(found) != 1:
+        has = "no tag of it has" if not found else f"{len(found)} tags of it have"
+        raise VisionError(f"place '{section.name}': {has} the code {section.tag}; give its position")
+    return Place.on(found[0], section.name, yaw)
 
 
 def _grid(board: BoardSection) -> tuple[TagPlacement, ...]:
@@ -233,7 +303,8 @@ def _place(placement: TagPlacement) -> Tag:
         rotation = rotation_from_euler(*(math.radians(angle) for angle in placement.rpy_deg or (0.0, 0.0, 0.0)))
     if placement.print == "opencv":
         rotation = rotation * UPSIDE_DOWN
-    return Tag(family, placement.id, placement.size, np.array(placement.position), rotation)
+    sds = np.array(placement.position_sd), np.radians(placement.turn_sd_deg)
+    return Tag(family, placement.id, placement.size, np.array(placement.position), rotation, *sds)
 
 
 def _check_overlaps(tags: Sequence[Tag]) -> None:

@@ -22,7 +22,7 @@ from mkdaemon.config.reader import load_section, read_file
 from mkdaemon.config.vision import TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import parse_json
-from mkdaemon.frames import quaternion_from_rotation, rotation_from_quaternion
+from mkdaemon.frames import euler_from_rotation, quaternion_from_rotation, rotation_from_quaternion
 from mkdaemon.vision.tags.plainyaml import parse_yaml
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, build
 
@@ -52,6 +52,17 @@ def as_toml(target: Target, heading: str = "", notes: Mapping[int, str] | None =
         turn = quaternion_from_rotation(tag.rotation)
         if abs(turn[0]) < 1.0:
             lines.append(f"quaternion = {_numbers(turn)}")
+        lines += [f"position_sd = {_numbers(tag.place_sd)}"] if tag.place_sd.any() else []
+        lines += [f"turn_sd_deg = {_numbers(np.degrees(tag.turn_sd))}"] if tag.turn_sd.any() else []
+    for place in target.places:
+        yaw = euler_from_rotation(place.rotation)[2]
+        lines += [
+            "",
+            "[[targets.places]]",
+            f"name = {toml_value(place.name)}",
+            f"position = {_numbers(place.position)}",
+        ]
+        lines += [f"yaw_deg = {_rounded(math.degrees(yaw))!r}"] if yaw else []
     return "\n".join(lines) + "\n"
 
 

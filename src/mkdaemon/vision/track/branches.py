@@ -32,7 +32,7 @@ import numpy as np
 from mkdaemon.vision.arrays import Array, Bools
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.ambiguity import CAUTION, evidence, log_odds
-from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, inverse
+from mkdaemon.vision.pose.pose import LEAST_NORM, Pose, inverse, moved
 from mkdaemon.vision.pose.rolling import skew
 from mkdaemon.vision.track.attitude import corrected, updated
 
@@ -168,6 +168,12 @@ class Branches:
         missed, together = np.zeros(len(weight), dtype=bool), np.zeros(len(weight))
         anywhere = replace(course, covariance=np.array([ANYWHERE * np.eye(6)] * len(weight)))
         return _likeliest(course, weight, missed, together, anywhere, candidates)
+
+    def moved(self, by: Array) -> Branches:
+        """The same readings against another point of the rigid target, `by` from its origin `(3,)` [m; target]."""
+        shift = np.append(by, np.zeros(3))
+        course, prior = (replace(one, state=one.state - shift) for one in (self.course, self.prior))
+        return replace(self, course=course, prior=prior, pose=moved(self.pose, by))
 
     @property
     def lead(self) -> float:

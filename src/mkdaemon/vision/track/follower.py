@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, hypot, isfinite
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,12 +17,12 @@ from mkdaemon.vision.arrays import Array, Grey, UnknownsEstimate
 from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.ambiguity import prefers
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.pose import Pose, inverse, solve, with_floor
+from mkdaemon.vision.pose.pose import Pose, inverse, moved, solve, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import MOTIONS, Shutter, motion_of
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import TONES, Detector, Part
-from mkdaemon.vision.tags.tagmap import Tag, Target
+from mkdaemon.vision.tags.tagmap import Place, Tag, Target
 from mkdaemon.vision.track.attitude import ImageSight, Mounting, Turning
 from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import Decision, FitVerdict, Judge
@@ -50,6 +50,7 @@ class TargetPose:
         decided_by: what settled which candidate is true.
         mode: how it was found.
         decode_age: time since a tag of the target was last decoded [s].
+        measured_at: middle of what was measured `(3,)` [m; target], from where calibration counts; None: its origin.
     """
 
     target: str
@@ -59,11 +60,32 @@ class TargetPose:
     decided_by: Decision
     mode: FoundBy
     decode_age: float
+    measured_at: Array | None = None
+
+    @property
+    def measured(self) -> Pose:
+        """Pose of what was measured."""
+        return self.pose if self.measured_at is None else moved(self.pose, self.measured_at)
 
     @property
     def covariance(self) -> Array:
         """Covariance `(6, 6)` of `pose` including the floor calibration leaves."""
-        return with_floor(self.pose)
+        floored = with_floor(self.measured)
+        if self.measured_at is None:
+            return floored
+        return moved(replace(self.measured, covariance=floored), -self.measured_at).covariance
+
+    def seen_from(self, place: Place) -> TargetPose:
+        """The same pose in the frame of a place of the target."""
+        pose = moved(self.pose, place.position)
+        at = np.zeros(3) if self.measured_at is None else self.measured_at
+        return replace(
+            self,
+            target=place.name,
+            frame=place.name,
+            pose=replace(pose, rotation=pose.rotation @ place.rotation),
+            measured_at=place.rotation.T @ (at - place.position),
+        )
 
     def camera_in_target(self) -> tuple[Array, Array, Array]:
         """Rotation target from camera, position of the camera [m; target], covariance with floor in target axes."""
@@ -147,6 +169,20 @@ class Track:
         self.branches = None
         self.misses = 0
         self.decoded_at = -np.inf
+
+    def carry(self, by: Array) -> None:
+        """Go on with another point of the same rigid target, `by` from its origin `(3,)` [m; target].
+
+        What is known of a print's bend, and of its motion while rows are read, stays with the print.
+        """
+
+        def carried(pose: Pose) -> Pose:
+            alone = replace(pose, motion=None, known_motion=None, seen_motion=None, bend=None, known_bend=None)
+            return moved(alone, by)
+
+        self._found = [(seen, carried(pose)) for seen, pose in self._found]
+        self.published = deque(((time, carried(pose)) for time, pose in self.published), maxlen=self.published.maxlen)
+        self.branches = None if self.branches is None else self.branches.moved(by)
 
     def can_be_at(self, time: float, pose: Pose) -> bool:
         """Whether the target can have moved to a pose since it was published last, by its range."""
@@ -260,6 +296,14 @@ def learn_rows(shutter: Shutter, published: Sequence[tuple[float, Pose]]) -> Non
     shutter.learn(known, between.seen_motion)
 
 
+class Measurer(NamedTuple):
+    """What measures one target: its fits, what is learnt of its print, and what judges a fit."""
+
+    fitter: TargetFitter
+    bend: LearnedBend
+    judge: Judge
+
+
 class Follower:
     """Finds and follows one target.
 
@@ -268,7 +312,6 @@ class Follower:
         track: its memory.
         level: how it lies by the attitude.
         judge: decides about its poses.
-        side_px: side of its largest tag in an image, by a pose [px].
         contradicting: the pose of the newest image that contradicts the attitude; none without one.
     """
 
@@ -285,10 +328,19 @@ class Follower:
         self.level = LevelKnowledge(target.level, mounting, cfg)
         self.contradicting: Pose | None = None
         self._cfg, self._detector, self._turn = cfg, detector, 0
-        self._fitter = TargetFitter(target, projection)
-        self._bend = LearnedBend(self._fitter.bend_known)
-        self.side_px = self._fitter.side_px
-        self.judge = Judge(self._fitter, self.level, cfg)
+        self._projection = projection
+        self._measure_by(self._measurer_of(target))
+
+    def _measurer_of(self, target: Target) -> Measurer:
+        fitter = TargetFitter(target, self._projection)
+        return Measurer(fitter, LearnedBend(fitter.bend_known), Judge(fitter, self.level, self._cfg))
+
+    def _measure_by(self, measurer: Measurer) -> None:
+        self._fitter, self._bend, self.judge = measurer
+
+    def side_px(self, pose: Pose) -> float:
+        """Side of its largest tag in an image, by a pose [px]."""
+        return self._fitter.side_px(pose)
 
     def follow(self, frame: TrackedFrame) -> None:
         """Try to find the target where it should be."""
@@ -374,9 +426,13 @@ class Follower:
             frame.refused.pop(self.name, None)
             self.contradicting = None
             known = self.name, self._fitter.target.frame, pose, verdict.ratio, verdict.decided_by, mode
-            frame.poses.append(TargetPose(*known, time - track.decoded_at))
+            frame.poses.append(self._published(TargetPose(*known, time - track.decoded_at)))
         if verdict.alone is not None:
             self.level.learn(frame.sight, verdict.alone)
+
+    def _published(self, found: TargetPose) -> TargetPose:
+        """What is published of a pose of what is followed."""
+        return found
 
     def settle(self, frame: TrackedFrame) -> None:
         """Let what contradicts the attitude speak against it; the image that leaves it out is looked at without."""

@@ -26,6 +26,7 @@ from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
 from mkdaemon.vision.track.attitude import AttitudeHistory, ImageSight, Mounting, Turning
 from mkdaemon.vision.track.follower import Follower, TargetPose, TrackedFrame
+from mkdaemon.vision.track.mapfollower import MapFollower
 
 UNUSABLE: Final = frozenset({Alarm.WRONG_SIZE, Alarm.WRONG_KIND, Alarm.FROZEN})
 """Alarms of images that nothing is looked for in."""
@@ -152,7 +153,8 @@ class Tracker:
             self.shutter = Shutter(intrinsics.line_time, intrinsics.height / 2 * intrinsics.fx)
             projection = Projection(intrinsics, self.shutter)
             self.followers = tuple(
-                Follower(target, projection, self.detector, mounting, self._cfg) for target in tagmap.targets
+                (MapFollower if target.is_map else Follower)(target, projection, self.detector, mounting, self._cfg)
+                for target in tagmap.targets
             )
         self._count = self._searches = 0
 
