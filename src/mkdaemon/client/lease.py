@@ -300,6 +300,7 @@ class Lease:
         *,
         frame: Literal["pad", "body"] = "pad",
         yaw_rate: float = 0.0,
+        target: str = "",
         seconds: float,
         rate: float = RATE,
     ) -> None:
@@ -311,6 +312,7 @@ class Lease:
             z: up [m/s].
             frame: `pad`, the axes of the target, or `body`, forward and left, turned level.
             yaw_rate: nose left positive [rad/s].
+            target: its name; empty for the one in sight.
             seconds: how long from the engagement on [s].
             rate: setpoints a second [Hz]; 50 unless given.
 
@@ -319,13 +321,14 @@ class Lease:
             NotEngagedError: the daemon did not begin to fly; the text names what it waited for.
             CommandRejectedError: `no_estimate`: no target was seen; `no_frame`; `bad_field`.
         """
-        wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate}
+        wanted = {"velocity": (x, y, z), "frame": frame, "yaw_rate": yaw_rate, "target": target}
         await self.fly(RepeatedSetpoint("velocity", wanted, SIGHTING, seconds, rate))
 
-    async def hold(self, *, seconds: float, rate: float = RATE) -> None:
+    async def hold(self, *, target: str = "", seconds: float, rate: float = RATE) -> None:
         """Stay where the aircraft is over a target in sight, for some time.
 
         Args:
+            target: its name; empty for the one in sight.
             seconds: how long from the engagement on [s].
             rate: setpoints a second [Hz]; 50 unless given.
 
@@ -334,7 +337,7 @@ class Lease:
             NotEngagedError: as `velocity`.
             CommandRejectedError: as `velocity`.
         """
-        await self.fly(RepeatedSetpoint("hold", {}, SIGHTING, seconds, rate))
+        await self.fly(RepeatedSetpoint("hold", {"target": target}, SIGHTING, seconds, rate))
 
     async def take_off(
         self, height: float, *, target: str = "", patience: float = TAKING_OFF, rate: float = RATE
@@ -367,6 +370,7 @@ class Lease:
         *,
         yaw: float | None = None,
         frame: Literal["pad", "body"] = "pad",
+        target: str = "",
         seconds: float | None = None,
         patience: float = GOING,
         rate: float = RATE,
@@ -381,6 +385,7 @@ class Lease:
             z: up [m].
             yaw: heading, counter-clockwise from x [rad]; None keeps the heading.
             frame: `pad`, or `body`: from where the aircraft is when the first of these setpoints arrives.
+            target: its name; empty for the one in sight.
             seconds: fly there and hold for this long from the engagement on, without waiting for arrival [s].
             patience: longest time until arrival [s]; unused with `seconds`.
             rate: setpoints a second [Hz]; 50 unless given.
@@ -391,18 +396,21 @@ class Lease:
             ManoeuvreError: not there in time, or aborted.
             CommandRejectedError: as `velocity`.
         """
-        wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw}
+        wanted = {"position": (x, y, z), "frame": frame, "yaw": yaw, "target": target}
         is_free = seconds is None
         limit = patience if seconds is None else seconds
         await self.fly(RepeatedSetpoint("position", wanted, SIGHTING, limit, rate, is_until_done=is_free))
 
-    async def land(self, *, yaw: float | None = None, patience: float = LANDING, rate: float = RATE) -> None:
+    async def land(
+        self, *, yaw: float | None = None, target: str = "", patience: float = LANDING, rate: float = RATE
+    ) -> None:
         """Land on the target in sight; returns after touchdown, when the daemon has released the aircraft.
 
         The motors still turn then: the pilot stops them. The lease has ended.
 
         Args:
             yaw: heading on the way down, counter-clockwise from the target's x [rad]; None keeps the heading.
+            target: its name; empty for the one in sight.
             patience: longest time [s].
             rate: setpoints a second [Hz]; 50 unless given.
 
@@ -415,7 +423,7 @@ class Lease:
         from mkdaemon.telemetry.control import Outcome
 
         try:
-            await self.fly(RepeatedSetpoint("land", {"yaw": yaw}, SIGHTING, patience, rate))
+            await self.fly(RepeatedSetpoint("land", {"yaw": yaw, "target": target}, SIGHTING, patience, rate))
         except LeaseLostError:
             if self.outcome is not Outcome.LANDED:
                 raise

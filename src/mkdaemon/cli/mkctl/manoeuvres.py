@@ -30,6 +30,9 @@ BRIEF: Final = 0.2
 """Time flown to learn where the aircraft is [s]."""
 
 Force = Annotated[bool, Parameter(help="Take the lease from its holder.")]
+TargetName = Annotated[
+    str, Parameter(name="--target", help="Name of the target, or of a place in a map; by default the one in sight.")
+]
 Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="Duration from the engagement [s].")]
 
 
@@ -41,6 +44,7 @@ async def goto(
     *,
     yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
     frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Origin of x, y and z.")] = "pad",
+    target: TargetName = "",
     seconds: Annotated[
         float | None,
         Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s]; default 10, with home 255."),
@@ -84,13 +88,14 @@ async def goto(
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     goal = (x, y, z) if frame == "pad" else None
     async with flying(connection, lambda: goal, force=force) as (_, lease, shown):
-        await lease.goto(x, y, z, yaw=heading, frame=frame, seconds=seconds)
+        await lease.goto(x, y, z, yaw=heading, frame=frame, target=target, seconds=seconds)
     return conclude(shown, goal or shown.goal, within, connection)
 
 
 async def hold(
     *,
     height: Annotated[float | None, Parameter(help="Height above the target [m]; default: the present one.")] = None,
+    target: TargetName = "",
     seconds: Seconds = 10.0,
     within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
     force: Force = False,
@@ -108,10 +113,10 @@ async def hold(
     require_length(seconds, "--seconds")
     goal: Position | None = None
     async with flying(connection, lambda: goal, force=force) as (uav, lease, shown):
-        await lease.velocity(0.0, 0.0, 0.0, seconds=BRIEF)
+        await lease.velocity(0.0, 0.0, 0.0, target=target, seconds=BRIEF)
         x, y, z = shown.position or await read_position(uav)
         goal = (x, y, z if height is None else height)
-        await lease.goto(*goal, seconds=seconds)
+        await lease.goto(*goal, target=target, seconds=seconds)
     return conclude(shown, goal, within, connection)
 
 
@@ -122,6 +127,7 @@ async def velocity(
     /,
     *,
     frame: Annotated[Literal["pad", "body"], Parameter(help="Axes of the target, or forward and left.")] = "pad",
+    target: TargetName = "",
     seconds: Seconds = 2.0,
     force: Force = False,
     connection: Connection = HERE,
@@ -142,13 +148,14 @@ async def velocity(
     require_finite(x=x, y=y, z=z)
     require_length(seconds, "--seconds")
     async with flying(connection, force=force) as (_, lease, shown):
-        await lease.velocity(x, y, z, frame=frame, seconds=seconds)
+        await lease.velocity(x, y, z, frame=frame, target=target, seconds=seconds)
     connection.show({"position": shown.position}, f"now at {metres(shown.position)}")
 
 
 async def land(
     *,
     yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
+    target: TargetName = "",
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -165,7 +172,7 @@ async def land(
     require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     async with flying(connection, lambda: (0.0, 0.0, 0.0), force=force) as (_, lease, shown):
-        await lease.land(yaw=heading)
+        await lease.land(yaw=heading, target=target)
     connection.show({"position": shown.position}, f"{lease.reason}; the pilot stops the motors")
 
 
@@ -174,7 +181,7 @@ async def take_off(
     /,
     *,
     seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s].")] = 10.0,
-    target: Annotated[str, Parameter(help="Name of the target; by default the one in sight.")] = "",
+    target: TargetName = "",
     force: Force = False,
     connection: Connection = HERE,
 ) -> None:
@@ -195,7 +202,7 @@ async def take_off(
     require_length(seconds, "--seconds")
     async with flying(connection, force=force) as (_, lease, shown):
         await lease.take_off(height, target=target)
-        await lease.hold(seconds=seconds)
+        await lease.hold(target=target, seconds=seconds)
     connection.show({"position": shown.position}, f"took off; now at {metres(shown.position)}")
 
 
