@@ -26,6 +26,7 @@ from mkdaemon.telemetry.traffic import RawFrame
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.pose.projection import Projection
+from mksim.programs.flightrecord import Rehearsed
 from mksim.programs.rehearsal import Rehearsal, demonstration, simulated_aircraft
 from mksim.scene.camera import BodyState
 
@@ -158,19 +159,32 @@ def fly(flight: Flight) -> Row:
         return record, rehearsal.world.truth.on_ground
 
     record, stands = run_virtually(flown(), 0.0)
-    last = record.landing if record.landing is not None else (record.moments[-1] if record.moments else None)
-    touch = math.nan if last is None else math.hypot(*last.position[:2])
-    is_there = stands and last is not None and touch < ON_TARGET and last.position[2] < STANDS
-    is_lost = bool(record.crashed) or watch.farthest > STRAYED
-    finished = is_there and record.motors_stand and record.landing is not None and not is_lost
     ends = record.parts.get("after", math.inf)
-    return {
-        "ending": Ending.FINISHED if finished else Ending.LOST if is_lost else Ending.RELEASED,
-        "why": "" if finished else record.crashed or watch.reason or record.outcome or "it never began",
-        "touch_cm": round(100 * touch, 1) if math.isfinite(touch) else None,
+    return landing_of(record, watch.reason, stands=stands, is_lost=watch.farthest > STRAYED) | {
         "attitude_hole": round(watch.hole(watch.attitudes, ends, in_view=False), 2),
         "pose_hole": round(watch.hole(watch.poses, ends, in_view=True), 2),
         "silence": round(watch.hole(watch.frames, ends, in_view=False), 2),
+    }
+
+
+def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -> Row:
+    """How a flight that should land ended, by the physics: ending, why, `touch_cm` and `seconds`.
+
+    Args:
+        record: of the flight.
+        reason: of its first release; it only explains.
+        stands: the aircraft stands on the ground at the end.
+        is_lost: it flew away.
+    """
+    last = record.landing if record.landing is not None else (record.moments[-1] if record.moments else None)
+    touch = math.nan if last is None else math.hypot(*last.position[:2])
+    is_there = stands and last is not None and touch < ON_TARGET and last.position[2] < STANDS
+    is_lost |= bool(record.crashed)
+    finished = is_there and record.motors_stand and record.landing is not None and not is_lost
+    return {
+        "ending": Ending.FINISHED if finished else Ending.LOST if is_lost else Ending.RELEASED,
+        "why": "" if finished else record.crashed or reason or record.outcome or "it never began",
+        "touch_cm": round(100 * touch, 1) if math.isfinite(touch) else None,
         "seconds": round(record.moments[-1].at, 1) if record.moments else 0.0,
     }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
@@ -56,6 +57,9 @@ def demo(
     wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="Simulated wind.")] = "light",
     seed: Annotated[int, Parameter(help="Random seed.")] = 1,
     fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    room: Annotated[
+        bool, Parameter(negative=(), help="Fly through a room: from one pad over 24 tags to another, 6 m away.")
+    ] = False,
     view: Annotated[bool, Parameter(negative=(), help="Show the flight in `mkctl view`.")] = False,
     telemetry: Annotated[
         bool, Parameter(negative=(), help="Instead, start simulator and daemon as processes, and print values.")
@@ -66,6 +70,8 @@ def demo(
     """Fly the simulation: take off, hold over a target, step aside by 1 m, follow the moving target, land on it.
 
     Needs no hardware, no network and no terminal. Exit code 0 only if it landed on the target and stopped its motors.
+
+    With `--room`: take off, cross a room of surveyed tags to another pad, hold in its middle, land on that pad.
 
     Example: mkdaemon demo --wind moderate --view
 
@@ -80,12 +86,13 @@ def demo(
 
         return watch_telemetry(seconds, as_json=as_json)
     pace = 0.0 if fast else 1.0
+    fly = partial(_fly, pace, seed, wind, fps, picture, is_room=room, is_quiet=as_json, is_headless=headless)
     if not view:
-        return _fly(pace, seed, wind, fps, picture, is_quiet=as_json, is_headless=headless)
+        return fly()
     from mksim.programs.shownflight import looked_at
 
     with looked_at(is_quiet=as_json, is_headless=headless) as show_on:
-        return _fly(pace, seed, wind, fps, picture, show_on, is_quiet=as_json, is_headless=headless)
+        return fly(show_on)
 
 
 def _fly(
@@ -96,6 +103,7 @@ def _fly(
     picture: Path,
     show_on: ShowOn | None = None,
     *,
+    is_room: bool,
     is_quiet: bool,
     is_headless: bool,
 ) -> int:
@@ -106,10 +114,12 @@ def _fly(
 
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     console = Console(quiet=is_quiet)
-    console.print(f"a simulated aircraft on its target; {wind} wind, {fps:g} images a second, seed {seed}")
+    where = "in a room of tags, 6 m from the pad to land on" if is_room else "on its target"
+    console.print(f"a simulated aircraft {where}; {wind} wind, {fps:g} images a second, seed {seed}")
     with _Board(console, is_live=console.is_terminal and not is_headless) as board:
         recording = picture.with_suffix(".mcap")
-        flight = rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show, show_on=show_on, recording=recording)
+        how: dict[str, Any] = {"show_on": show_on, "recording": recording, "is_room": is_room}
+        flight = rehearse(seed=seed, wind=wind, fps=fps, watcher=board.show, **how)
         record = run_virtually(flight, pace)
     figures = record.figures()
     write_picture(record, picture)

@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -36,15 +37,17 @@ from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
+from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
-from mksim.config import PilotPlan, SimConfig, WindClass
-from mksim.physics.world import World
+from mksim.config import PilotPlan, PlatformConfig, SimConfig, WindClass
+from mksim.physics.world import StartState, World
 from mksim.programs.flightrecord import Moment, Rehearsed
 from mksim.programs.flighttape import FlightTape
-from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock
+from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock, virtual_config
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.scene.nested import nested_map
+from mksim.scene.room import AWAY, GOAL, room_map
 from mksim.simulation import Simulation
 
 PAD_STARTS: Final = 45.0
@@ -111,7 +114,15 @@ class RehearsedEyes(Eyes):
     """
 
     def __init__(
-        self, scene: SceneCamera, world: World, feed: Feed, clock: Clock, seed: int, bus: LocalBus, lens: Intrinsics
+        self,
+        scene: SceneCamera,
+        world: World,
+        feed: Feed,
+        clock: Clock,
+        seed: int,
+        bus: LocalBus,
+        lens: Intrinsics,
+        tagmap: TagMap,
     ) -> None:
         super().__init__(None)
         self.images = self.posed = 0
@@ -125,7 +136,7 @@ class RehearsedEyes(Eyes):
             VisionSection(),
             clock,
             camera=scene.camera.model_copy(update={"intrinsics": lens}),
-            tagmap=nested_map(),
+            tagmap=tagmap,
         )
         self._stream = StreamStatus(EyeState.OK, "", fps=scene.cfg.fps, width=lens.width, height=lens.height)
 
@@ -215,6 +226,23 @@ def land() -> FlightPart:
     return FlightPart("land", LandSetpoint, {})
 
 
+def over_goal(name: str, east: float, north: float, seconds: float | None = None) -> FlightPart:
+    """Hold a place of the room, from the middle of the pad that is landed on [m], `HEIGHT` above it."""
+    fields = {"position": (east, north, HEIGHT), "frame": SetpointFrame.PAD, "target": GOAL}
+    return FlightPart(name, PositionSetpoint, fields, seconds)
+
+
+ROOM_FLIGHT: Final = (
+    FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
+    over_goal("hold", 0.0, 0.0, 8.0),
+    over_goal("back", -0.5 * AWAY, 0.5),
+    over_goal("midway", -0.5 * AWAY, 0.5, 6.0),
+    over_goal("return", 0.0, 0.0),
+    FlightPart("land", LandSetpoint, {"target": GOAL}),
+)
+"""What is flown in a room: a take-off that names the other pad crosses to it, then half the way back, and landing."""
+ROOM_FENCE: Final = AWAY + 2.0
+"""Radius of the fence around the pad that is landed on [m]."""
 DEMONSTRATION: Final = (
     take_off(),
     over_pad("hold", 0.0, 12.0),
@@ -252,6 +280,8 @@ class Rehearsal:
         watcher: Watcher,
         parts: Sequence[FlightPart] = DEMONSTRATION,
         *,
+        tagmaps: tuple[TagMap, TagMap] | None = None,
+        fence: float | None = None,
         moved: Callable[[float], None] = lambda now: None,
         calibrated: Callable[[Intrinsics], Intrinsics] = lambda lens: lens,
     ) -> None:
@@ -262,6 +292,8 @@ class Rehearsal:
             aircraft: boards and world, at the end of the daemon's cable.
             watcher: sees the flight.
             parts: what is flown.
+            tagmaps: the targets as they are, and as vision knows them; None for those of `config`, nested without any.
+            fence: radius of the fence around the target [m]; None for the daemon's own.
             moved: called after every step of the world with the time [s].
             calibrated: the calibration that vision uses of the lens through which images are rendered.
         """
@@ -270,16 +302,19 @@ class Rehearsal:
         self.record, self.bus = Rehearsed(), LocalBus()
         self._world, self._watcher, self._loop = world, watcher, loop
         self._watch_world = moved
-        self._scene = SceneCamera(config.scene, seed)
+        seen, known = tagmaps or (None, nested_map())
+        self._scene = SceneCamera(config.scene, seed, seen)
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:
             lens = calibrated(self._scene.camera.intrinsics)
-            eyes.append(RehearsedEyes(self._scene, world, feed, self.clock, seed, self.bus, lens))
+            eyes.append(RehearsedEyes(self._scene, world, feed, self.clock, seed, self.bus, lens, known))
             return eyes[0]
 
         self.clock = virtual_clock()
-        self._daemon = VirtualDaemon(self.bus, Cable(aircraft, self._moved).open, clock=self.clock, eyes=make_eyes)
+        daemon = virtual_config() if fence is None else virtual_config(fence_radius=fence)
+        line = Cable(aircraft, self._moved).open
+        self._daemon = VirtualDaemon(self.bus, line, config=daemon, clock=self.clock, eyes=make_eyes)
         self._wiring = self._daemon.wiring
         (self._eyes,) = eyes
         self._parts = parts
@@ -423,6 +458,7 @@ async def rehearse(
     watcher: Watcher,
     show_on: ShowOn | None = None,
     recording: Path | None = None,
+    is_room: bool = False,
 ) -> Rehearsed:
     """Fly the demonstration once; see `Rehearsal`.
 
@@ -433,12 +469,14 @@ async def rehearse(
         watcher: sees the flight.
         show_on: a bus on which clients look at it; None for none.
         recording: where its recording goes; None for none.
+        is_room: fly through a room of tags, from one pad to another.
 
     Raises:
         MkError: the recording cannot be written.
     """
     tape = None if recording is None else FlightTape()
-    rehearsal = demonstration(simulated_aircraft(seed, wind, fps), watcher, tape)
+    make = room_demonstration if is_room else demonstration
+    rehearsal = make(simulated_aircraft(seed, wind, fps), watcher, tape)
     with ExitStack() as stack:
         if show_on is not None:
             rehearsal.watch(stack.enter_context(show_on(rehearsal.bus, rehearsal.clock)))
@@ -456,10 +494,34 @@ def demonstration(config: SimConfig, watcher: Watcher, tape: FlightTape | None =
         watcher: sees the flight.
         tape: records it; None for no recording.
     """
-    simulation = Simulation(config, landing_world(config))
+    return _taped(Rehearsal, config, Simulation(config, landing_world(config)), watcher, tape)
+
+
+def room_demonstration(
+    config: SimConfig, watcher: Watcher, tape: FlightTape | None = None, parts: Sequence[FlightPart] = ROOM_FLIGHT
+) -> Rehearsal:
+    """A flight through a room of tags that were surveyed, from one pad to the other; needs a running loop.
+
+    Args:
+        config: what is simulated; its platform is not used.
+        watcher: sees the flight.
+        tape: records it; None for no recording.
+        parts: what is flown.
+    """
+    config = config.model_copy(update={"scene": config.scene.model_copy(update={"platform": PlatformConfig()})})
+    world = World(config.flight, seed=config.seed, start=StartState(east=-AWAY))
+    maps = room_map(), room_map(survey=config.seed)
+    make = partial(Rehearsal, parts=parts, tagmaps=maps, fence=ROOM_FENCE)
+    return _taped(make, config, Simulation(config, world), watcher, tape)
+
+
+def _taped(
+    make: Callable[..., Rehearsal], config: SimConfig, simulation: Simulation, watcher: Watcher, tape: FlightTape | None
+) -> Rehearsal:
+    """A rehearsal that is recorded where there is a tape."""
     if tape is None:
-        return Rehearsal(config, simulation, watcher)
-    rehearsal = Rehearsal(config, simulation, watcher, moved=tape.follow(simulation))
+        return make(config, simulation, watcher)
+    rehearsal = make(config, simulation, watcher, moved=tape.follow(simulation))
     tape.begin(rehearsal.clock)
     rehearsal.watch(tape.take)
     return rehearsal

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.clock import Clock
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
@@ -39,6 +41,12 @@ def virtual_clock(*, wall: float = WALL, slept: Callable[[], float] = lambda: 0.
     return Clock(
         monotonic=loop.time, wall=lambda: wall + loop.time() + slept(), synchronised=lambda: True, suspended=slept
     )
+
+
+def virtual_config(**autopilot: Any) -> Config:
+    """One port and no recording, with some values of `control.autopilot`."""
+    control = ControlConfig(autopilot=AutopilotConfig(**autopilot))
+    return Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False), control=control)
 
 
 class VirtualDaemon:
@@ -80,7 +88,7 @@ class VirtualDaemon:
         self.clock = clock or virtual_clock()
         self.journal = Journal(journal, AtOnce())
         self.wiring = Wiring(
-            config or Config(link=LinkConfig(port="/dev/simulated"), record=RecordConfig(enabled=False)),
+            config or virtual_config(),
             bus,
             self.clock,
             make_eyes=eyes,

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
+from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.tags.targetfile import load
 from mksim.config import PlatformConfig, SceneConfig, SimConfig
 from mksim.physics.airframe import GroundContact
@@ -95,6 +96,7 @@ class SceneCamera:
     Args:
         cfg: camera, target and light.
         seed: of ground, noise and everything else.
+        tagmap: the targets, in place of those that `cfg` names.
 
     Attributes:
         arm_flu: the lens in the body frame `(3,)` [m].
@@ -103,11 +105,11 @@ class SceneCamera:
         ConfigError: a camera or target file is wrong.
     """
 
-    def __init__(self, cfg: SceneConfig, seed: int) -> None:
+    def __init__(self, cfg: SceneConfig, seed: int, tagmap: TagMap | None = None) -> None:
         self.cfg = cfg
         self.camera = load_camera(cfg.camera) if cfg.camera is not None else BUILT_IN
         self.platform = platform_of(cfg.platform)
-        self.targets = (load(cfg.targets) if cfg.targets else nested_map()).targets
+        self.targets = (tagmap or (load(cfg.targets) if cfg.targets else nested_map())).targets
         self._flu_from_cam = mount_rotation(self.camera.mount)
         self.arm_flu = np.array(self.camera.mount.position_flu)
         self._size = self.targets[0].tags[0].size

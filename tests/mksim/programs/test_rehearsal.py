@@ -9,7 +9,7 @@ import pytest
 
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.flightrecord import Moment, Rehearsed
-from mksim.programs.rehearsal import demonstration, simulated_aircraft
+from mksim.programs.rehearsal import ROOM_FLIGHT, demonstration, room_demonstration, simulated_aircraft
 
 
 def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
@@ -37,6 +37,24 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
     assert max(heights) == heights[-1] == pytest.approx(0.65, abs=0.05)
     # the whole daemon is there: its signs of life, its audit and the answers to its client are published too
     assert {"health", "link/state", "state/attitude", "event/command", "control/output"} <= published.keys()
+
+
+def test_a_flight_lands_on_the_pad_that_its_take_off_names_on_the_other_side_of_the_room():
+    parts = (ROOM_FLIGHT[0], ROOM_FLIGHT[-1])
+
+    async def fly():
+        rehearsal = room_demonstration(simulated_aircraft(1, "indoor", 8.0), lambda moment, status: None, parts=parts)
+        return await rehearsal.fly(), rehearsal.bus.values
+
+    record, published = run_virtually(fly())
+    began = next(moment for moment in record.moments if moment.part == "take-off")
+    assert began.position == pytest.approx((-6.0, 0.0, 0.1), abs=0.02)
+    assert record.outcome == "landed on pad-b"
+    assert record.has_landed
+    assert record.touch_error < 0.15
+    assert record.posed > 0.95 * record.images
+    assert published["vision/down/pose"].target in ("room", "pad-a", "pad-b")
+    assert {target.name for target in published["vision/down/setup"].targets} == {"room", "pad-a", "pad-b"}
 
 
 def moments(part, begin, places, goal=(0.0, 0.0, 2.0)):
