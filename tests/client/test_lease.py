@@ -114,6 +114,19 @@ async def test_a_position_is_streamed_as_it_is_from_the_beginning():
         }
 
 
+async def test_every_manoeuvre_by_a_target_takes_its_name():
+    async with connected() as (daemon, uav), uav.lease() as lease:
+        await lease.hold(target="pad-a", seconds=0.1)
+        await lease.velocity(0.1, 0.0, 0.0, target="pad-b", seconds=0.1)
+        await lease.goto(0.0, 0.0, 2.0, target="pad-c", seconds=0.1)
+        landing = asyncio.create_task(lease.land(target="pad-d"))
+        await wait_until(lambda: daemon.setpoints[-1]["target"] == "pad-d")
+        daemon.lose("it stands", outcome=Outcome.LANDED)
+        await landing
+        named = list(dict.fromkeys(setpoint["target"] for setpoint in daemon.setpoints))
+        assert named == ["pad-a", "pad-b", "pad-c", "pad-d"]
+
+
 async def test_velocities_and_attitudes_are_streamed():
     async with connected(engages=3) as (daemon, uav), uav.lease() as lease:
         await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)

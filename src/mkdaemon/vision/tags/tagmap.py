@@ -144,10 +144,7 @@ class Target:
 
     @cached_property
     def is_map(self) -> bool:
-        """Whether its tags lie so far apart that no image shows them all: more than `TOGETHER`, on less than `DENSE`.
-
-        Boards are dense: their tags are measured together.
-        """
+        """Whether it is a map: more than `TOGETHER` tags, whose prints cover less than `DENSE` of its extent."""
         extent = np.sort(np.ptp([tag.position for tag in self.tags], axis=0) + self.tags[0].paper)
         covers = sum(tag.paper**2 for tag in self.tags) / float(extent[1] * extent[2])
         return len(self.tags) > TOGETHER and covers < DENSE
