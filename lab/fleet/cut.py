@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from lab.fleet.findings import CutFindings, Refusal, longest_gap
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
-from lab.fleet.network import Place, traffic_of
+from lab.fleet.network import Place
 from lab.fleet.radio import Air, RadioLink
 from lab.rigs.processes import MKCTL, START
 from lab.rigs.waiting import wait_until
@@ -38,7 +38,7 @@ ENDPOINT: Final = "tcp/127.0.0.1:7447"
 WATCHED: Final = "state/battery"
 """The key whose gaps are looked at: it comes with every set of the NaviCtrl's data."""
 BEFORE: Final = 5.0
-"""Measured before the cut [s]."""
+"""All is well for so long before the flight [s]."""
 FLOWN: Final = 2.0
 """Flown before the cut [s]."""
 AFTER: Final = 4.0
@@ -47,8 +47,6 @@ PATIENCE: Final = 30.0
 """Longest wait for what should heal [s]."""
 LOOK: Final = 0.02
 """Between two looks at the fleet view [s]."""
-CHECKED: Final = 3
-"""Lines of `mkctl log verify` that are kept."""
 MOMENTS: Final = (0.2, 4.0)
 """When an aircraft that is cut off is asked [s after the cut]: before the router has noticed, and later."""
 
@@ -158,14 +156,14 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
         try:
             await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
             await _wait_for_control(client)
-            begin, end = await _through_the_cut(client, watcher, radio, places, findings)
+            begin, end = await _through_the_cut(client, watcher, radio, findings)
         finally:
             say("ending")
             await _ended(watching)
             await recorder.end(signal.SIGINT)
         findings.exit_codes = [await one.end() for one in aircraft.values()]
     _read_black_box(aircraft[CUT].recordings, begin, end, findings)
-    await _read_ground(sorted((folder / "ground").glob("*.mcap")), findings)
+    _read_ground(sorted((folder / "ground").glob("*.mcap")), findings)
     return findings
 
 
@@ -184,16 +182,11 @@ async def _wait_for_control(client: Vehicle) -> None:
 
 
 async def _through_the_cut(
-    client: Vehicle, watcher: Watcher, radio: RadioLink, places: dict[str, Place], findings: CutFindings
+    client: Vehicle, watcher: Watcher, radio: RadioLink, findings: CutFindings
 ) -> tuple[float, float]:
     """Before, while and after; returns when the link was cut and when it came back [s; monotonic]."""
     say("all are here")
-    sent = {name: traffic_of(place.interface) for name, place in places.items()}
     await asyncio.sleep(BEFORE)
-    for name, place in places.items():
-        now = traffic_of(place.interface)
-        up, down = ((after - before) / BEFORE for before, after in zip(sent[name], now, strict=True))
-        findings.bytes_per_s[name] = (round(up), round(down))
     engaged = asyncio.Event()
     flying = asyncio.create_task(_fly(client, engaged), name="pilot")
     try:
@@ -315,8 +308,8 @@ def _read_black_box(files: list[Path], begin: float, end: float, findings: CutFi
         findings.released = after[0] - setpoints[-1] if after else None
 
 
-async def _read_ground(files: list[Path], findings: CutFindings) -> None:
-    """What the recorder on the ground has, and what `mkctl log` says of it."""
+def _read_ground(files: list[Path], findings: CutFindings) -> None:
+    """What the recorder on the ground has."""
     key = f"{ROOT}/{CUT}/{WATCHED}"
     for path in files:
         summary = summarise(path)
@@ -327,9 +320,3 @@ async def _read_ground(files: list[Path], findings: CutFindings) -> None:
                 findings.ground_lost += lost
             else:
                 findings.others_lost += lost
-        _, said = await (await Member.start(*MKCTL, "log", "info", str(path))).output()
-        findings.info = next((line.strip() for line in said.splitlines() if f" {key} " in line), "")
-        verifying = await Member.start(*MKCTL, "log", "verify", str(path))
-        _, said = await verifying.output()
-        said += verifying.errors
-        findings.check = "; ".join(line.strip() for line in said.replace(str(path), path.name).splitlines()[:CHECKED])

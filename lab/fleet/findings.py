@@ -80,9 +80,6 @@ class CutFindings:
         aboard: values in the black box in that time.
         ground_gap: longest gap of the same key on the ground.
         ground_lost: values that the ground recorder knows it has missed.
-        info: the line of `mkctl log info` about that key.
-        check: what `mkctl log verify` says of the ground's recording.
-        bytes_per_s: on each aircraft's link, to the ground and back, before the cut.
         exit_codes: of the daemons.
     """
 
@@ -107,9 +104,6 @@ class CutFindings:
     aboard: int = 0
     ground_gap: float = 0.0
     ground_lost: int = 0
-    info: str = ""
-    check: str = ""
-    bytes_per_s: dict[str, tuple[float, float]] = field(default_factory=dict)
     exit_codes: list[int] = field(default_factory=list)
 
     def claims(self) -> dict[str, bool]:

@@ -20,8 +20,6 @@ from mkdaemon.errors import ConfigError
 PROGRAMS: Final = ("ip", "unshare", "nsenter")
 _NEW_NETWORK: Final = 0x40000000
 """`CLONE_NEWNET` of linux/sched.h."""
-_BYTES_OUT: Final = 8
-"""Column of `/proc/net/dev` behind the name: what was sent [bytes]; the first is what was received."""
 
 
 def enter_ground() -> None:
@@ -46,22 +44,11 @@ def _ip(*words: str, inside: Sequence[str] = ()) -> None:
         raise ConfigError(f"ip {' '.join(words)}: {done.stderr.strip()}")
 
 
-def traffic_of(interface: str) -> tuple[int, int]:
-    """Bytes that an interface of this network has received and sent."""
-    for line in Path("/proc/thread-self/net/dev").read_text(encoding="ascii").splitlines():
-        name, _, numbers = line.partition(":")
-        if name.strip() == interface:
-            columns = numbers.split()
-            return int(columns[0]), int(columns[_BYTES_OUT])
-    raise ConfigError(f"no interface {interface}")
-
-
 class Place:
     """The network of one aircraft, with a link to the ground.
 
     Attributes:
         ground: address of the ground's end.
-        interface: name of the ground's end.
         prefix: what a program is started with to run in it.
         radio: its link, where it is none of cable.
     """
@@ -77,7 +64,7 @@ class Place:
         Raises:
             ConfigError: it cannot be made.
         """
-        self.ground, self.interface = f"10.77.{number}.1", f"g{number}"
+        self.ground, interface = f"10.77.{number}.1", f"g{number}"
         self.radio: RadioLink | None = None
         # It keeps the namespace, and ends when this process has ended: its input is closed then.
         self._keeper = subprocess.Popen(["unshare", "--net", "cat"], stdin=subprocess.PIPE)
@@ -87,12 +74,12 @@ class Place:
         self.prefix = ("nsenter", f"--net={namespace}", "--")
         there, aircraft = str(self._keeper.pid), f"v{number}"
         if air is None:
-            _ip("link", "add", self.interface, "type", "veth", "peer", "name", aircraft, "netns", there)
+            _ip("link", "add", interface, "type", "veth", "peer", "name", aircraft, "netns", there)
         else:
-            self.radio = RadioLink(open_device(aircraft), open_device(self.interface), air, seed)
+            self.radio = RadioLink(open_device(aircraft), open_device(interface), air, seed)
             _ip("link", "set", aircraft, "netns", there)
-        _ip("address", "add", f"{self.ground}/24", "dev", self.interface)
-        _ip("link", "set", self.interface, "up")
+        _ip("address", "add", f"{self.ground}/24", "dev", interface)
+        _ip("link", "set", interface, "up")
         for words in (
             ("link", "set", "lo", "up"),
             ("address", "add", f"10.77.{number}.2/24", "dev", aircraft),

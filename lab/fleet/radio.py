@@ -49,14 +49,12 @@ class DelayLine:
 
     Attributes:
         is_cut: everything that comes now is lost.
-        carried: packets that came out.
-        carried_bytes: of them.
-        lost: packets that did not.
+        lost: packets that did not come out.
     """
 
     def __init__(self, air: Air, seed: int) -> None:
         self.is_cut = False
-        self.carried = self.carried_bytes = self.lost = 0
+        self.lost = 0
         self._air = air
         self._rng = random.Random(seed)
         self._under_way: deque[tuple[float, bytes]] = deque()
@@ -76,8 +74,6 @@ class DelayLine:
             if self.is_cut:
                 self.lost += 1
                 continue
-            self.carried += 1
-            self.carried_bytes += len(packet)
             found.append(packet)
         return found
 

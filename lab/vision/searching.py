@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.parts import Case, Part
-from lab.vision.rates import opencv_search
 from lab.vision.stills import SeedSet, Studio, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
@@ -67,7 +66,7 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
             pixels[0, 0] ^= 1  # equal images would be those of a frozen camera
             search.append(_time(tracker.update, replace(image, captured_at=k / FPS, sequence=k)))
         april.append(_time(plain.search_all, pixels, *FIRST[0]))
-        opencv.append(_time(opencv_search(), pixels))
+        opencv.append(_time(_opencv_search(), pixels))
     return {
         "size": [width, height],
         "images": len(search),
@@ -78,6 +77,14 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
         "opencv_subpix_ms": round(float(np.median(opencv)), 1),
         "every_search_s": round(turns / FPS, 2),
     }
+
+
+def _opencv_search() -> Callable[[Grey], object]:
+    """OpenCV's search for tags, with corners refined."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
+    return detector.detectMarkers
 
 
 def _time(call: Callable[..., object], *values: object) -> float:

@@ -41,18 +41,18 @@ def stages(quick: bool, seeds: SeedSet) -> dict[str, Any]:
     flights = {name: list(fly(target_named(name), seeds.base + 820, seconds=seconds)) for name in ("nested", "single")}
     out["images"] = sum(len(frames) for frames in flights.values())
     for known, words in ((True, "with_attitude"), (False, "without_attitude")):
-        plain = sum(_seconds(name, frames, known) for name, frames in flights.items())
+        plain = sum(seconds_of(name, frames, known=known) for name, frames in flights.items())
         profile = cProfile.Profile()
         for name, frames in flights.items():
             profile.enable()
-            _seconds(name, frames, known)
+            seconds_of(name, frames, known=known)
             profile.disable()
         out[words] = _shares(profile, 1000.0 * plain / out["images"])
     return out
 
 
-def _seconds(name: str, frames: list[FlightFrame], known: bool) -> float:
-    """Time of one core that a flight takes [s]."""
+def seconds_of(name: str, frames: list[FlightFrame], *, known: bool) -> float:
+    """Time of one core that the tracker takes for a flight, its attitude known or not [s]."""
     tracker = Tracker(TagMap((target_named(name),)), VGA, LOOKING_DOWN)
     start = time.process_time()
     for frame in frames:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lab.vision.flight import VGA, fly, share_in_view
-from lab.vision.lag import Film
 from lab.vision.main import CASES, main, run_case
+from lab.vision.rates import Film
 from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
 from lab.vision.truth import labelled_tags, rotation_series
 from mkdaemon.errors import ConfigError
