@@ -168,12 +168,7 @@ def test_a_bus_endpoint_in_use(mistake):
     assert f"bus.listen {endpoint} is in use: another mkdaemon runs here" in line
 
 
-@pytest.mark.parametrize(
-    ("bytes_from_device", "word"),
-    [(b"", "mute"), (bytes(range(128, 256)) * 4, "garbage")],
-    ids=["silent", "wrong baud"],
-)
-def test_a_device_that_does_not_speak_is_named_in_one_line(terminal, bytes_from_device, word):
+def test_a_device_at_another_line_rate_is_named_in_one_line(terminal):
     near, far = terminal
     endpoint = free_endpoint()
     with mkdaemon("run", "--port", f"pty:{far}", "--listen", endpoint, "--log", "warning") as process:
@@ -182,14 +177,14 @@ def test_a_device_that_does_not_speak_is_named_in_one_line(terminal, bytes_from_
         os.set_blocking(near, False)
         os.set_blocking(process.stderr.fileno(), False)
         said = ""
-        while word not in said:
+        while "garbage" not in said:
             assert time.monotonic() < deadline, said
             with contextlib.suppress(BlockingIOError):  # it may not have read the last ones yet
-                os.write(near, bytes_from_device)
+                os.write(near, bytes(range(128, 256)) * 4)
             with contextlib.suppress(BlockingIOError):
                 os.read(near, 65536)
             with contextlib.suppress(BlockingIOError):
                 said += os.read(process.stderr.fileno(), 65536).decode()
             time.sleep(0.05)
-        line = next(line for line in said.splitlines() if word in line)
+        line = next(line for line in said.splitlines() if "garbage" in line)
         assert far in line

@@ -33,6 +33,8 @@ VALID: dict[int, list[Any]] = {
 """An item of each command that is read."""
 VALUES = (-1.0, -0.0, 0.4, 1.0, 2.0, 7.0, 33.0, -123.456, 1e-300, 1e9, -1.7e308, math.nan, math.inf, -math.inf)
 """What a parameter is changed to."""
+READ_OTHERWISE = (0, 3)
+"""Parameters that ArduPilot and PX4 read in ways of their own: a kind or mode, and the yaw."""
 
 
 def item(command: int, params: list[Any], **fields: Any) -> dict[str, Any]:
@@ -59,7 +61,7 @@ def test_each_command_of_the_table_has_a_case() -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_changed_parameter_changes_the_mission_or_is_refused_or_told(command: int, autopilot: int) -> None:
     plain = drafted(*around(item(command, VALID[command])), autopilot=autopilot)
-    for index in range(7):
+    for index in range(7) if autopilot == GENERIC else READ_OTHERWISE:
         for value in VALUES:
             check_changed(plain, command, index, value, autopilot)
 
