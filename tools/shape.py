@@ -1,17 +1,15 @@
 """`python -m tools.shape`: the shape of the source tree, printed and checked.
 
-It prints how many lines each package has, which files are the longest, and how often packages import each other. It
-fails when a file or a function is too long, when two modules of one package share a name, when more classes of the
-product share a name than today, or when modules import each other in a circle. The layers are held by import-linter
-(`pyproject.toml`).
+It prints how many lines each package has, and which files are the longest. It fails when a file or a function is too
+long, when two modules of one package share a name, when more classes of the product share a name than today, or when a
+package and a module in it import each other. Layers, and circles of neighbours, are import-linter's (`pyproject.toml`).
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -156,83 +154,34 @@ def find_same_classes(same: Mapping[str, Collection[str]], most: int = SAME_CLAS
     return [f"{count} classes share a name with another one; {most} are allowed: give the new one its own ({names})"]
 
 
-def count_imports(packages: Collection[str] = PRODUCT) -> dict[str, Counter[str]]:
-    """Return how many modules of each package import one of each other package, counted by module.
+def find_circles(package: str) -> list[str]:
+    """Return a sentence for each package that imports one of its own modules by which it is imported.
 
-    Args:
-        packages: importable packages.
-    """
-    graph = grimp.build_graph(*packages, cache_dir=None)
-    found: dict[str, Counter[str]] = {}
-    for module in graph.modules:
-        package = _room(module)
-        for other in graph.find_modules_directly_imported_by(module):
-            if _room(other) != package:
-                found.setdefault(package, Counter())[_room(other)] += 1
-    return found
-
-
-def _room(module: str) -> str:
-    return ".".join(module.split(".")[:2])
-
-
-def find_circles(package: str) -> list[list[str]]:
-    """Return the circles of imports in a package.
-
-    Two kinds count: modules that import each other, and neighbours in one package (modules or packages) that do when
-    each stands for everything below it.
+    Neighbours that import each other, each with all that is below it, are import-linter's to find.
 
     Args:
         package: importable package.
-
-    Returns:
-        Every circle once, its members sorted.
     """
     graph = grimp.build_graph(package, cache_dir=None)
-    circles = _circles(graph.modules, graph.find_modules_directly_imported_by)
-    for parent in sorted(graph.modules):
-        children = graph.find_children(parent)
-        owner = {module: child for child in children for module in {child} | graph.find_descendants(child)}
-        imports: dict[str, set[str]] = {child: set() for child in children}
-        for module, child in owner.items():
-            reached = {owner[other] for other in graph.find_modules_directly_imported_by(module) if other in owner}
-            imports[child] |= reached - {child}
-        circles += [circle for circle in _circles(children, imports.__getitem__) if circle not in circles]
-    return circles
-
-
-def _circles(nodes: Collection[str], imported_by: Callable[[str], set[str]]) -> list[list[str]]:
-    """Groups in which every node reaches every other: nodes that reach each other belong together."""
-    reached = {node: _reach(node, imported_by) for node in nodes}
-    groups: list[list[str]] = []
-    for node in sorted(nodes):
-        group = sorted(other for other in reached[node] if node in reached[other])
-        if len(group) > 1 and group not in groups:
-            groups.append(group)
-    return groups
-
-
-def _reach(start: str, imported_by: Callable[[str], set[str]]) -> set[str]:
-    found, waiting = {start}, [start]
-    while waiting:
-        new = imported_by(waiting.pop()) - found
-        found |= new
-        waiting += new
-    return found
+    return [
+        f"imports make a circle: {parent}, {module}"
+        for parent in sorted(graph.modules)
+        for module in sorted(graph.find_modules_directly_imported_by(parent) & graph.find_descendants(parent))
+        if graph.find_shortest_chain(importer=module, imported=parent) is not None
+    ]
 
 
 def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
-    """Print the sizes of packages and the imports between them, and check files, functions, names and circles.
+    """Print the sizes of packages, and check files, functions, names and circles.
 
     Raises:
         MkError: a file or a function is too long, modules or classes share a name, or imports make a circle.
     """
     lines = count_lines(root)
     _print_sizes(measure_packages(lines), lines)
-    _print_imports(count_imports())
     faults = [*find_long_files(lines), *find_long_functions(root), *find_same_names(lines)]
     faults += find_same_classes(same_classes(root))
-    faults += [f"imports make a circle: {', '.join(circle)}" for name in PRODUCT for circle in find_circles(name)]
+    faults += [circle for name in PRODUCT for circle in find_circles(name)]
     if faults:
         print(*faults, sep="\n")
         raise MkError(f"{len(faults)} faults of the shape")
@@ -252,17 +201,6 @@ def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:
     console.print(table)
     longest = sorted(((count, path) for path, count in lines.items() if path.startswith("src/")), reverse=True)[:3]
     console.print("longest: " + ", ".join(f"{path} {count}" for count, path in longest), soft_wrap=True)
-
-
-def _print_imports(imports: Mapping[str, Counter[str]]) -> None:
-    table = Table("package", "imports", "from", box=None)
-    table.columns[1].justify = "right"
-    for package, others in sorted(imports.items(), key=lambda entry: -entry[1].total()):
-        names = ", ".join(f"{other.removeprefix('mkdaemon.')} {count}" for other, count in others.most_common())
-        table.add_row(package, str(others.total()), names)
-    console = Console()
-    console.print(table)
-    console.print(f"imports between packages: {sum(others.total() for others in imports.values())}")
 
 
 app = App(name="shape", default_command=shape, default_parameter=Parameter(negative=()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import inspect
 from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
@@ -25,8 +26,10 @@ from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 
+AsyncTest = Callable[..., Awaitable[None]]
 
-def virtually(test: Callable[..., Awaitable[None]]) -> Callable[..., None]:
+
+def virtually(test: AsyncTest) -> Callable[..., None]:
     """Run a test in virtual time (pytest sees a plain function with the same arguments)."""
 
     def run(**arguments: object) -> None:
@@ -177,3 +180,25 @@ async def rig(
     finally:
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
+
+
+def on_line(make: Callable[[], Simulation], **cfg: Any) -> Callable[[AsyncTest], Callable[..., None]]:
+    """Run a test in virtual time on a link that is up: the test's first argument.
+
+    Args:
+        make: powers the boards up.
+        cfg: see `rig`.
+    """
+
+    def decorate(test: AsyncTest) -> Callable[..., None]:
+        @functools.wraps(test)
+        async def run(**arguments: object) -> None:
+            async with rig(make, **cfg) as r:
+                await r.until_up()
+                await test(r, **arguments)
+
+        _, *others = inspect.signature(test).parameters.values()
+        run.__signature__ = inspect.Signature(others)  # type: ignore[attr-defined]
+        return virtually(run)
+
+    return decorate

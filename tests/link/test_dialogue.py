@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line
 from lab.rigs.sticks import build_sticks
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
@@ -20,38 +20,32 @@ from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.control import Obstacle
 
 
-@virtually
-async def test_a_frame_that_no_message_fits_counts_as_a_frame_and_changes_nothing():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        before = r.link.dialect
-        r.socket.port._deliver(encode_frame(1, "!", b"abc"))
-        await r.until(lambda: isinstance(r.log.rx[-1].message, Unknown), 1.0)
-        assert r.condition == "up"
-        assert r.link.dialect == before
-        assert r.link.direct_board is Board.FC
+@on_line(flight_ctrl())
+async def test_a_frame_that_no_message_fits_counts_as_a_frame_and_changes_nothing(r):
+    before = r.link.dialect
+    r.socket.port._deliver(encode_frame(1, "!", b"abc"))
+    await r.until(lambda: isinstance(r.log.rx[-1].message, Unknown), 1.0)
+    assert r.condition == "up"
+    assert r.link.dialect == before
+    assert r.link.direct_board is Board.FC
 
 
-@virtually
-async def test_a_version_reply_of_a_length_nobody_knows_still_tells_who_is_there():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        r.socket.port._deliver(encode_frame(2, "V", bytes(3)))
-        await r.until(lambda: Board.NC in r.link.boards, 1.0)
-        assert r.link.direct_board is Board.NC
+@on_line(flight_ctrl())
+async def test_a_version_reply_of_a_length_nobody_knows_still_tells_who_is_there(r):
+    r.socket.port._deliver(encode_frame(2, "V", bytes(3)))
+    await r.until(lambda: Board.NC in r.link.boards, 1.0)
+    assert r.link.direct_board is Board.NC
 
 
-@virtually
-async def test_a_board_that_is_deaf_after_a_request_is_sent_nothing():
-    async with rig(flight_ctrl(), rates="off") as r:
-        await r.until_up()
-        await asyncio.sleep(2.0)
-        await r.link.request(SelectSettings(index=3), board=Board.FC)
-        asked = next(sent.at for sent in reversed(r.log.tx) if isinstance(sent.message, SelectSettings))
-        await asyncio.sleep(2.0)
-        after = [sent.at - asked for sent in r.log.tx if sent.at > asked]
-        assert min(after) >= SelectSettings.spec.policy(Board.FC).deaf
-        assert r.condition == "up"
+@on_line(flight_ctrl(), rates="off")
+async def test_a_board_that_is_deaf_after_a_request_is_sent_nothing(r):
+    await asyncio.sleep(2.0)
+    await r.link.request(SelectSettings(index=3), board=Board.FC)
+    asked = next(sent.at for sent in reversed(r.log.tx) if isinstance(sent.message, SelectSettings))
+    await asyncio.sleep(2.0)
+    after = [sent.at - asked for sent in r.log.tx if sent.at > asked]
+    assert min(after) >= SelectSettings.spec.policy(Board.FC).deaf
+    assert r.condition == "up"
 
 
 def test_a_recording_is_asked_nothing_and_steered_nowhere():
@@ -65,21 +59,17 @@ def test_a_recording_is_asked_nothing_and_steered_nowhere():
     assert fate.refusal.token == "recording"
 
 
-@virtually
-async def test_of_two_who_wait_for_a_release_one_may_give_up():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        impatient, patient = r.link.release("first"), r.link.release("second")
-        impatient.cancel()
-        assert (await patient).status == "confirmed"
+@on_line(flight_ctrl())
+async def test_of_two_who_wait_for_a_release_one_may_give_up(r):
+    impatient, patient = r.link.release("first"), r.link.release("second")
+    impatient.cancel()
+    assert (await patient).status == "confirmed"
 
 
-@virtually
-async def test_who_gives_up_a_question_leaves_the_line_to_others():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        asking = asyncio.create_task(r.link.request(VersionRequest(), board=Board.NC))
-        await asyncio.sleep(0.001)
-        asking.cancel()
-        await asyncio.gather(asking, return_exceptions=True)
-        assert await r.link.request(VersionRequest(), board=Board.NC)
+@on_line(navi_ctrl())
+async def test_who_gives_up_a_question_leaves_the_line_to_others(r):
+    asking = asyncio.create_task(r.link.request(VersionRequest(), board=Board.NC))
+    await asyncio.sleep(0.001)
+    asking.cancel()
+    await asyncio.gather(asking, return_exceptions=True)
+    assert await r.link.request(VersionRequest(), board=Board.NC)

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line, rig, virtually
 from mkdaemon.protocol.messages import DebugRequest
 from mkdaemon.protocol.wire import Board
 
@@ -30,16 +30,16 @@ async def test_the_debug_stream_of_a_flightctrl_ends_with_the_daemon(word):
         assert b"#bD" not in after
 
 
-@virtually
-async def test_a_stream_that_another_program_left_behind_is_ended_and_told():
-    async with rig(navi_ctrl(), rates={"osd": 500}) as r:
-        await r.until_up()
-        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
-        await asyncio.sleep(1.0)
-        r.socket.aircraft.write(DebugRequest(interval=20).to_frame(Board.NC), r.socket.now())
-        await r.until(lambda: r.log.ended == ["debug"], 8)
-        await asyncio.sleep(1.0)
-        began = asyncio.get_running_loop().time()
-        await asyncio.sleep(3.0)
-        assert r.log.kinds(since=began)["D"] == 0
-        assert r.log.kinds(since=began)["O"] > 0
+@on_line(navi_ctrl(), rates={"osd": 500})
+async def test_a_stream_that_another_program_left_behind_is_ended_and_told(r):
+    await r.until(lambda: r.link.dialect.fc_release is not None, 3)
+    await asyncio.sleep(1.0)
+    r.socket.aircraft.write(DebugRequest(interval=20).to_frame(Board.NC), r.socket.now())
+    await r.until(lambda: r.log.ended == ["debug"], 8)
+    await asyncio.sleep(1.0)
+    began = asyncio.get_running_loop().time()
+    await asyncio.sleep(3.0)
+    assert r.log.kinds(since=began)["D"] == 0
+    assert r.log.kinds(since=began)["O"] > 0
+    asked = [sent.message.interval for sent in r.log.tx if isinstance(sent.message, DebugRequest)]
+    assert set(asked) == {0}, "it is ended, and never asked for"

@@ -64,8 +64,7 @@ async def test_an_old_tilt_that_comes_back_with_a_rebooted_board_is_taken_away(w
         assert any("boots" in state.reason for state in r.log.states)
 
 
-@pytest.mark.parametrize("word", LAYOUTS)
-@pytest.mark.parametrize("front", ["0.24", None])
+@pytest.mark.parametrize(("front", "word"), [*((None, word) for word in LAYOUTS), ("0.24", "2.08"), ("0.24", "2.12a")])
 @virtually
 async def test_the_first_frames_of_a_program_that_restarts_in_flight_clear_the_control(word, front):
     make = flight_ctrl(word, **SIM) if front is None else navi_ctrl(front, word, **SIM)

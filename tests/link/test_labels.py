@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, on_line, rig, virtually
 from mkdaemon.link import labels
 from mkdaemon.link.labels import LABELS, LabelCache, cache_key, read_labels
 from mkdaemon.link.procedures import SilentObserver
@@ -41,14 +41,12 @@ async def test_labels_are_read_once_and_kept(make, board, tmp_path):
         assert asked(r) == 0
 
 
-@virtually
-async def test_reading_labels_delays_nothing_else():
-    async with rig(navi_ctrl(), rates={"osd": 100, "attitude": 50}, echo_hz=10) as r:
-        await r.until_up()
-        await read_labels(r.link, Board.NC, LabelCache(None), SilentObserver())
-        health = r.link.health()
-        assert health.echo.lost == 0
-        assert not any(kind.is_stale for kind in health.kinds)
+@on_line(navi_ctrl(), rates={"osd": 100, "attitude": 50}, echo_hz=10)
+async def test_reading_labels_delays_nothing_else(r):
+    await read_labels(r.link, Board.NC, LabelCache(None), SilentObserver())
+    health = r.link.health()
+    assert health.echo.lost == 0
+    assert not any(kind.is_stale for kind in health.kinds)
 
 
 def test_the_key_is_board_release_and_checksum():

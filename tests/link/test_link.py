@@ -8,7 +8,7 @@ import itertools
 import pytest
 
 from lab.rigs.boardport import LineFault
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.errors import (
     CommandRejectedError,
@@ -74,35 +74,30 @@ async def test_no_control_frame_is_lost_at_any_rate(make, rate):
         assert health.stick_frames.sent >= len(sent)
 
 
-@virtually
-async def test_frames_to_a_flightctrl_keep_their_distance_whatever_is_asked():
-    async with rig(flight_ctrl(), echo_hz=20) as r:
-        await r.until_up()
-        questions = [r.link.request(LabelRequest(index=n)) for n in range(32)]
-        questions.append(r.link.request(ControlStateRequest()))
-        replies = await asyncio.gather(*questions)
-        assert [reply.index for reply in replies[:-1]] == list(range(32))
-        writes = r.socket.wire
-        for (at, raw), (later, _) in itertools.pairwise(writes):
-            assert later - at - len(raw) * 10 / 57600 >= FC_GAP - 1e-6
+@on_line(flight_ctrl(), echo_hz=20)
+async def test_frames_to_a_flightctrl_keep_their_distance_whatever_is_asked(r):
+    questions = [r.link.request(LabelRequest(index=n)) for n in range(32)]
+    questions.append(r.link.request(ControlStateRequest()))
+    replies = await asyncio.gather(*questions)
+    assert [reply.index for reply in replies[:-1]] == list(range(32))
+    writes = r.socket.wire
+    for (at, raw), (later, _) in itertools.pairwise(writes):
+        assert later - at - len(raw) * 10 / 57600 >= FC_GAP - 1e-6
 
 
-@pytest.mark.parametrize("seed", range(3))
-@virtually
-async def test_a_saturated_navictrl_answers_everything(seed):
-    async with rig(navi_ctrl(seed=seed), rates={"osd": 50, "attitude": 50, "debug": 50}, echo_hz=10) as r:
-        await r.until_up()
-        await asyncio.sleep(2)
-        names = await asyncio.gather(*(r.link.request(LabelRequest(index=n), board=Board.NC) for n in range(8)))
-        assert [name.index for name in names] == list(range(8))
-        await r.link.request(ErrorTextRequest())
-        await asyncio.sleep(5)
-        health = r.link.health()
-        assert health.echo.lost == 0
-        assert health.requests.unanswered == 0
-        for kind in health.kinds:
-            if kind.asked_rate is not None:
-                assert kind.rate == pytest.approx(20, rel=0.05)
+@on_line(navi_ctrl(), rates={"osd": 50, "attitude": 50, "debug": 50}, echo_hz=10)
+async def test_a_saturated_navictrl_answers_everything(r):
+    await asyncio.sleep(2)
+    names = await asyncio.gather(*(r.link.request(LabelRequest(index=n), board=Board.NC) for n in range(8)))
+    assert [name.index for name in names] == list(range(8))
+    await r.link.request(ErrorTextRequest())
+    await asyncio.sleep(5)
+    health = r.link.health()
+    assert health.echo.lost == 0
+    assert health.requests.unanswered == 0
+    for kind in health.kinds:
+        if kind.asked_rate is not None:
+            assert kind.rate == pytest.approx(20, rel=0.05)
 
 
 @virtually
@@ -130,165 +125,132 @@ async def test_requests_fail_in_the_words_of_the_tree():
         assert caught.value.token == "board_unreachable"
 
 
-@virtually
-async def test_a_question_that_is_lost_is_asked_again():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        await asyncio.sleep(0.5)
-        r.socket.port.inject(LineFault.ONE_WAY)
-        asking = asyncio.create_task(r.link.request(LabelRequest(index=7)))
-        await asyncio.sleep(0.05)
-        r.socket.port.inject(LineFault.NONE)
-        assert (await asking).index == 7
-        assert [s.purpose for s in r.log.tx if s.message == LabelRequest(index=7)] == [Purpose.REQUEST, Purpose.RETRY]
+@on_line(navi_ctrl())
+async def test_a_question_that_is_lost_is_asked_again(r):
+    await asyncio.sleep(0.5)
+    r.socket.port.inject(LineFault.ONE_WAY)
+    asking = asyncio.create_task(r.link.request(LabelRequest(index=7)))
+    await asyncio.sleep(0.05)
+    r.socket.port.inject(LineFault.NONE)
+    assert (await asking).index == 7
+    assert [s.purpose for s in r.log.tx if s.message == LabelRequest(index=7)] == [Purpose.REQUEST, Purpose.RETRY]
 
 
-@virtually
-async def test_a_cancelled_question_leaves_nothing_behind():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        r.socket.port.inject(LineFault.SILENCE)
-        asking = asyncio.create_task(r.link.request(LabelRequest(index=3)))
+@on_line(flight_ctrl())
+async def test_a_cancelled_question_leaves_nothing_behind(r):
+    r.socket.port.inject(LineFault.SILENCE)
+    asking = asyncio.create_task(r.link.request(LabelRequest(index=3)))
+    await asyncio.sleep(0.02)
+    asking.cancel()
+    await asyncio.gather(asking, return_exceptions=True)
+    r.socket.port.inject(LineFault.NONE)
+    await r.until_up(6)
+    sent = sum(s.message == LabelRequest(index=3) for s in r.log.tx)
+    assert sent == 1
+    assert (await r.link.request(LabelRequest(index=4))).index == 4
+
+
+@on_line(flight_ctrl())
+async def test_too_many_questions_are_refused_not_queued_for_ever(r):
+    asked = [asyncio.create_task(r.link.request(LabelRequest(index=n % 32))) for n in range(200)]
+    done = await asyncio.gather(*asked, return_exceptions=True)
+    refused = [error for error in done if isinstance(error, CommandRejectedError)]
+    assert refused
+    assert {error.token for error in refused} == {"busy"}
+    assert sum(not isinstance(reply, Exception) for reply in done) + len(refused) == 200
+
+
+@on_line(flight_ctrl())
+async def test_what_has_no_answer_is_sent_not_asked(r):
+    silent = SerialChannels(channels=(0,) * 12)
+    assert await r.link.send(silent) is None
+    assert r.log.tx[-1].message == silent
+    with pytest.raises(CommandRejectedError) as caught:
+        await r.link.request(silent)
+    assert caught.value.token == "no_reply"
+
+
+@on_line(navi_ctrl(), rates={"osd": 200})
+async def test_rates_change_at_run_time_and_only_within_the_line(r):
+    await asyncio.sleep(3)
+    r.link.set_rate("osd", 0.05)
+    r.link.set_rate("attitude", 0.05)
+    await asyncio.sleep(12)
+    rates = {kind.key: kind.rate for kind in r.link.health().kinds}
+    assert rates["osd"] == pytest.approx(20, rel=0.05)
+    assert rates["attitude"] == pytest.approx(20, rel=0.05)
+    with pytest.raises(CommandRejectedError, match=r"need .* % of the line"):
+        r.link.set_rate("debug", 0.02)
+    with pytest.raises(CommandRejectedError) as caught:
+        r.link.set_rate("weather", 0.1)
+    assert caught.value.token == "no_such_stream"
+    r.link.set_rate("osd", 0)
+    r.link.set_rate("osd", 0)
+    began = len(r.log.rx)
+    await asyncio.sleep(1)
+    assert all(f.frame.id != "O" for f in r.log.rx[began + 3 :])
+    assert r.link.rates() == {"attitude": pytest.approx(0.05)}
+
+
+@on_line(navi_ctrl(), rates={"osd": 100})
+async def test_streams_live_longer_than_the_boards_timer_and_rates_survive_a_replug(r):
+    await asyncio.sleep(0.5)
+    r.link.set_rate("osd", 0.2)
+    await asyncio.sleep(20)
+    renewals = [s for s in r.log.tx if s.purpose is Purpose.SUBSCRIPTION]
+    assert all(s.message.interval == 0 for s in renewals[4:])
+    r.socket.unplug()
+    await asyncio.sleep(1)
+    r.socket.is_present = True
+    await r.until_up(3)
+    await asyncio.sleep(11)
+    rates = {kind.key: kind.rate for kind in r.link.health().kinds}
+    assert rates["osd"] == pytest.approx(5, rel=0.1)
+
+
+@on_line(navi_ctrl(), rates="off", probe_flightctrl=False)
+async def test_streams_can_be_off_and_echo_alone_keeps_the_truth(r):
+    await asyncio.sleep(2)
+    assert not r.log.kinds(since=1.0).keys() & set("OCD")
+    r.socket.port.inject(LineFault.SILENCE)
+    assert await r.until(lambda: r.condition == "mute", 0.5) <= 0.5
+
+
+@on_line(flight_ctrl(), echo_hz="auto", rates={"attitude": 50})
+async def test_auto_echo_yields_to_confirmations_but_not_to_silence(r):
+    loop = asyncio.get_running_loop()
+    await asyncio.sleep(0.5)
+    began = loop.time()
+    for _ in range(100):
+        r.link.send_setpoint(build_sticks(ExternControlV2), deadline=loop.time() + 0.1)
         await asyncio.sleep(0.02)
-        asking.cancel()
-        await asyncio.gather(asking, return_exceptions=True)
-        r.socket.port.inject(LineFault.NONE)
-        await r.until_up(6)
-        sent = sum(s.message == LabelRequest(index=3) for s in r.log.tx)
-        assert sent == 1
-        assert (await r.link.request(LabelRequest(index=4))).index == 4
+    echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 0.1]
+    assert echoes == []
+    await asyncio.sleep(2)
+    echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 2.1]
+    assert len(echoes) >= 8
 
 
-@virtually
-async def test_too_many_questions_are_refused_not_queued_for_ever():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        asked = [asyncio.create_task(r.link.request(LabelRequest(index=n % 32))) for n in range(200)]
-        done = await asyncio.gather(*asked, return_exceptions=True)
-        refused = [error for error in done if isinstance(error, CommandRejectedError)]
-        assert refused
-        assert {error.token for error in refused} == {"busy"}
-        assert sum(not isinstance(reply, Exception) for reply in done) + len(refused) == 200
-
-
-@virtually
-async def test_what_has_no_answer_is_sent_not_asked():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        silent = SerialChannels(channels=(0,) * 12)
-        assert await r.link.send(silent) is None
-        assert r.log.tx[-1].message == silent
-        with pytest.raises(CommandRejectedError) as caught:
-            await r.link.request(silent)
-        assert caught.value.token == "no_reply"
-
-
-@virtually
-async def test_rates_change_at_run_time_and_only_within_the_line():
-    async with rig(navi_ctrl(), rates={"osd": 200}) as r:
-        await r.until_up()
-        await asyncio.sleep(3)
-        r.link.set_rate("osd", 0.05)
-        r.link.set_rate("attitude", 0.05)
-        await asyncio.sleep(12)
-        rates = {kind.key: kind.rate for kind in r.link.health().kinds}
-        assert rates["osd"] == pytest.approx(20, rel=0.05)
-        assert rates["attitude"] == pytest.approx(20, rel=0.05)
-        with pytest.raises(CommandRejectedError, match=r"need .* % of the line"):
-            r.link.set_rate("debug", 0.02)
-        with pytest.raises(CommandRejectedError) as caught:
-            r.link.set_rate("weather", 0.1)
-        assert caught.value.token == "no_such_stream"
-        r.link.set_rate("osd", 0)
-        r.link.set_rate("osd", 0)
-        began = len(r.log.rx)
-        await asyncio.sleep(1)
-        assert all(f.frame.id != "O" for f in r.log.rx[began + 3 :])
-        assert r.link.rates() == {"attitude": pytest.approx(0.05)}
-
-
-@virtually
-async def test_streams_live_longer_than_the_boards_timer_and_rates_survive_a_replug():
-    async with rig(navi_ctrl(), rates={"osd": 100}) as r:
-        await r.until_up()
-        await asyncio.sleep(0.5)
-        r.link.set_rate("osd", 0.2)
-        await asyncio.sleep(20)
-        renewals = [s for s in r.log.tx if s.purpose is Purpose.SUBSCRIPTION]
-        assert all(s.message.interval == 0 for s in renewals[4:])
-        r.socket.unplug()
-        await asyncio.sleep(1)
-        r.socket.is_present = True
-        await r.until_up(3)
-        await asyncio.sleep(11)
-        rates = {kind.key: kind.rate for kind in r.link.health().kinds}
-        assert rates["osd"] == pytest.approx(5, rel=0.1)
-
-
-@virtually
-async def test_streams_can_be_off_and_echo_alone_keeps_the_truth():
-    async with rig(navi_ctrl(), rates="off", probe_flightctrl=False) as r:
-        await r.until_up()
-        await asyncio.sleep(2)
-        assert not r.log.kinds(since=1.0).keys() & set("OCD")
-        r.socket.port.inject(LineFault.SILENCE)
-        assert await r.until(lambda: r.condition == "mute", 0.5) <= 0.5
-
-
-@virtually
-async def test_auto_echo_yields_to_confirmations_but_not_to_silence():
-    async with rig(flight_ctrl(), echo_hz="auto", rates={"attitude": 50}) as r:
-        await r.until_up()
-        loop = asyncio.get_running_loop()
-        await asyncio.sleep(0.5)
-        began = loop.time()
-        for _ in range(100):
-            r.link.send_setpoint(build_sticks(ExternControlV2), deadline=loop.time() + 0.1)
-            await asyncio.sleep(0.02)
-        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 0.1]
-        assert echoes == []
-        await asyncio.sleep(2)
-        echoes = [s for s in r.log.tx if s.purpose is Purpose.ECHO and s.at > began + 2.1]
-        assert len(echoes) >= 8
-
-
-@virtually
-async def test_a_stream_that_a_clients_own_request_starts_is_in_the_budget_and_ends():
-    async with rig(navi_ctrl(), rates={"osd": 100, "attitude": 100}, probe_flightctrl=False) as r:
-        await r.until_up()
-        with pytest.raises(CommandRejectedError) as caught:
-            await r.link.request(DebugRequest(interval=1))
-        assert caught.value.token == "line_budget"
-        assert "%" in caught.value.reason
-        began = asyncio.get_running_loop().time()
-        await r.link.request(DebugRequest(interval=10))
-        assert r.link.rates() == {"osd": 0.1, "attitude": 0.1, "debug": 0.1}
-        await asyncio.sleep(3)
-        assert r.log.kinds(began)["D"] > 20
-        await r.link.request(AttitudeRequest(interval=5))
-        assert r.link.rates()["attitude"] == 0.05
-        await asyncio.sleep(6)
-        assert r.link.rates() == {"osd": 0.1, "attitude": 0.1}
-        late = asyncio.get_running_loop().time()
-        await asyncio.sleep(5)
-        kinds = r.log.kinds(late)
-        assert kinds["D"] == 0, "no renewal of another stream keeps it alive"
-        assert 40 <= kinds["C"] <= 60
-        await r.link.request(DebugRequest(interval=10))
-        await r.link.request(DebugRequest(interval=0))
-        assert "debug" not in r.link.rates()
-
-
-@virtually
-async def test_a_stream_that_another_program_left_behind_is_ended():
-    async with rig(navi_ctrl(), rates={"osd": 100}, probe_flightctrl=False) as r:
-        await r.until_up()
-        loop = asyncio.get_running_loop()
-        r.socket.aircraft.write(DebugRequest(interval=5).to_frame(Board.NC), r.socket.now())
-        await asyncio.sleep(3)
-        late = loop.time()
-        await asyncio.sleep(10)
-        assert r.log.kinds(late)["D"] <= 1
-        assert r.log.kinds(late)["O"] > 90
-        asked = [s for s in r.log.tx if isinstance(s.message, DebugRequest)]
-        assert asked and all(s.message.interval == 0 for s in asked)
+@on_line(navi_ctrl(), rates={"osd": 100, "attitude": 100}, probe_flightctrl=False)
+async def test_a_stream_that_a_clients_own_request_starts_is_in_the_budget_and_ends(r):
+    with pytest.raises(CommandRejectedError) as caught:
+        await r.link.request(DebugRequest(interval=1))
+    assert caught.value.token == "line_budget"
+    assert "%" in caught.value.reason
+    began = asyncio.get_running_loop().time()
+    await r.link.request(DebugRequest(interval=10))
+    assert r.link.rates() == {"osd": 0.1, "attitude": 0.1, "debug": 0.1}
+    await asyncio.sleep(3)
+    assert r.log.kinds(began)["D"] > 20
+    await r.link.request(AttitudeRequest(interval=5))
+    assert r.link.rates()["attitude"] == 0.05
+    await asyncio.sleep(6)
+    assert r.link.rates() == {"osd": 0.1, "attitude": 0.1}
+    late = asyncio.get_running_loop().time()
+    await asyncio.sleep(5)
+    kinds = r.log.kinds(late)
+    assert kinds["D"] == 0, "no renewal of another stream keeps it alive"
+    assert 40 <= kinds["C"] <= 60
+    await r.link.request(DebugRequest(interval=10))
+    await r.link.request(DebugRequest(interval=0))
+    assert "debug" not in r.link.rates()

@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import LineFault
-from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, on_line, rig, virtually
 from lab.rigs.sticks import build_sticks
 from mkdaemon.link.discovery import redirection
 from mkdaemon.link.session.traffic import Purpose, SetpointFate, SetpointQueued, SetpointRefused
@@ -142,49 +142,43 @@ async def test_an_unconfirmed_release_silences_what_keeps_the_sticks_alive(word)
         assert r.log.kinds(began + 8).keys() >= {"C", "D", "V"}
 
 
-@virtually
-async def test_a_release_confirmed_late_ends_the_silence():
-    async with rig(flight_ctrl("early", gate_parameter=200)) as r:
-        await r.until_up()
-        await asyncio.sleep(0.3)
-        await hold(r, 0.5, pitch=20)
-        r.socket.port.inject(LineFault.ONE_WAY)
-        assert (await r.link.release("test")).status == "unconfirmed"
-        r.socket.port.inject(LineFault.NONE)
-        back = asyncio.get_running_loop().time()
-        await asyncio.sleep(1.2)
-        assert released(r)
-        assert r.log.kinds(back).keys() >= {"C", "D", "V"}
+@on_line(flight_ctrl("early", gate_parameter=200))
+async def test_a_release_confirmed_late_ends_the_silence(r):
+    await asyncio.sleep(0.3)
+    await hold(r, 0.5, pitch=20)
+    r.socket.port.inject(LineFault.ONE_WAY)
+    assert (await r.link.release("test")).status == "unconfirmed"
+    r.socket.port.inject(LineFault.NONE)
+    back = asyncio.get_running_loop().time()
+    await asyncio.sleep(1.2)
+    assert released(r)
+    assert r.log.kinds(back).keys() >= {"C", "D", "V"}
 
 
-@virtually
-async def test_without_a_port_the_release_goes_out_as_soon_as_the_aircraft_is_proven():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        await asyncio.sleep(0.3)
-        await hold(r, 0.5, pitch=20)
-        r.socket.unplug()
-        await asyncio.sleep(0.1)
-        assert (await r.link.release("client died")).status == "not_sent"
-        written = len(r.socket.wire)
-        r.socket.is_present = True
-        await r.until_up()
-        question, first = (raw for _, raw in r.socket.wire[written : written + 2])
-        assert question.startswith(b"\r\r#av")
-        assert first.strip(b"\r").startswith(b"#bb")
-        sent = [s for s in r.log.tx if s.raw == first]
-        assert int(sent[-1].message.config) == 0
+@on_line(flight_ctrl())
+async def test_without_a_port_the_release_goes_out_as_soon_as_the_aircraft_is_proven(r):
+    await asyncio.sleep(0.3)
+    await hold(r, 0.5, pitch=20)
+    r.socket.unplug()
+    await asyncio.sleep(0.1)
+    assert (await r.link.release("client died")).status == "not_sent"
+    written = len(r.socket.wire)
+    r.socket.is_present = True
+    await r.until_up()
+    question, first = (raw for _, raw in r.socket.wire[written : written + 2])
+    assert question.startswith(b"\r\r#av")
+    assert first.strip(b"\r").startswith(b"#bb")
+    sent = [s for s in r.log.tx if s.raw == first]
+    assert int(sent[-1].message.config) == 0
 
 
-@virtually
-async def test_losing_the_port_ends_a_release_that_waits():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        r.socket.port.inject(LineFault.ONE_WAY)
-        releasing = asyncio.ensure_future(r.link.release("test"))
-        await asyncio.sleep(0.1)
-        r.socket.unplug()
-        assert (await releasing).status == "not_sent"
+@on_line(flight_ctrl())
+async def test_losing_the_port_ends_a_release_that_waits(r):
+    r.socket.port.inject(LineFault.ONE_WAY)
+    releasing = asyncio.ensure_future(r.link.release("test"))
+    await asyncio.sleep(0.1)
+    r.socket.unplug()
+    assert (await releasing).status == "not_sent"
 
 
 @virtually
@@ -217,12 +211,10 @@ async def test_nothing_but_the_end_of_an_endless_stream_goes_beside_the_release_
         assert (after[-1].purpose, int(after[-1].message.config)) == (Purpose.RELEASE, 0)
 
 
-@virtually
-async def test_an_exit_beside_a_dead_board_is_bounded():
-    async with rig(flight_ctrl()) as r:
-        await r.until_up()
-        r.socket.port.inject(LineFault.SILENCE)
-        began = asyncio.get_running_loop().time()
-        r.task.cancel()
-        await asyncio.gather(r.task, return_exceptions=True)
-        assert asyncio.get_running_loop().time() - began < 1.0
+@on_line(flight_ctrl())
+async def test_an_exit_beside_a_dead_board_is_bounded(r):
+    r.socket.port.inject(LineFault.SILENCE)
+    began = asyncio.get_running_loop().time()
+    r.task.cancel()
+    await asyncio.gather(r.task, return_exceptions=True)
+    assert asyncio.get_running_loop().time() - began < 1.0

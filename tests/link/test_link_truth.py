@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from lab.rigs.boardport import ADAPTER_TIME, LineFault, Socket
-from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, rig, virtually
+from lab.rigs.linkrig import Log, flight_ctrl, navi_ctrl, on_line, rig, virtually
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import (
@@ -65,46 +65,40 @@ async def test_the_right_word_within_half_a_second_and_back_again(make, phase, f
         await r.until_up(12 if fault in (LineFault.BYTE_LOSS, LineFault.BIT_FLIPS) else 4)
 
 
-@virtually
-async def test_one_byte_at_a_time_changes_nothing():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        r.socket.port.inject(LineFault.ONE_BYTE_AT_A_TIME)
-        await asyncio.sleep(3)
-        assert r.condition == "up"
-        assert r.log.lost == [] or {loss.reason for loss in r.log.lost} <= {"text", "length"}
+@on_line(navi_ctrl())
+async def test_one_byte_at_a_time_changes_nothing(r):
+    r.socket.port.inject(LineFault.ONE_BYTE_AT_A_TIME)
+    await asyncio.sleep(3)
+    assert r.condition == "up"
+    assert r.log.lost == [] or {loss.reason for loss in r.log.lost} <= {"text", "length"}
 
 
-@virtually
-async def test_health_is_published_at_five_hertz_and_at_once_on_change():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        before = len(r.log.healths)
-        await asyncio.sleep(4)
-        assert 18 <= len(r.log.healths) - before <= 22
+@on_line(navi_ctrl())
+async def test_health_is_published_at_five_hertz_and_at_once_on_change(r):
+    before = len(r.log.healths)
+    await asyncio.sleep(4)
+    assert 18 <= len(r.log.healths) - before <= 22
+    r.socket.unplug()
+    await asyncio.sleep(0.01)
+    assert r.log.healths[-1].state.condition is LinkCondition.DOWN
+    assert r.log.traffics[-1].rx_bytes > 1000
+
+
+@on_line(navi_ctrl())
+async def test_replugs_come_back_within_three_seconds_and_begin_with_who_is_there_and_a_release(r):
+    for cycle in range(7):
         r.socket.unplug()
-        await asyncio.sleep(0.01)
-        assert r.log.healths[-1].state.condition is LinkCondition.DOWN
-        assert r.log.traffics[-1].rx_bytes > 1000
-
-
-@virtually
-async def test_replugs_come_back_within_three_seconds_and_begin_with_who_is_there_and_a_release():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        for cycle in range(7):
-            r.socket.unplug()
-            await asyncio.sleep(0.2 + cycle * 0.2)
-            written = len(r.socket.wire)
-            if cycle % 3 == 0:
-                r.socket.power_cycle()
-            r.socket.is_present = True
-            assert await r.until_up(3) <= 3
-            letters = [raw.strip(b"\r")[2:3] for _, raw in r.socket.wire[written:]]
-            assert set(letters[: letters.index(b"b")]) <= {b"v", b"o"}
-            began = asyncio.get_running_loop().time()
-            await r.until(lambda began=began: "O" in r.log.kinds(began), 1)
-        assert r.link.health().state.openings == 8
+        await asyncio.sleep(0.2 + cycle * 0.2)
+        written = len(r.socket.wire)
+        if cycle % 3 == 0:
+            r.socket.power_cycle()
+        r.socket.is_present = True
+        assert await r.until_up(3) <= 3
+        letters = [raw.strip(b"\r")[2:3] for _, raw in r.socket.wire[written:]]
+        assert set(letters[: letters.index(b"b")]) <= {b"v", b"o"}
+        began = asyncio.get_running_loop().time()
+        await r.until(lambda began=began: "O" in r.log.kinds(began), 1)
+    assert r.link.health().state.openings == 8
 
 
 @virtually
@@ -129,14 +123,12 @@ async def test_a_line_that_never_said_anything_is_tried_at_other_rates():
         assert r.link.health().state.baud == 115200
 
 
-@virtually
-async def test_the_search_can_be_switched_off():
-    async with rig(navi_ctrl(), probe_baud=False) as r:
-        await r.until_up()
-        r.socket.port.inject(LineFault.GARBAGE)
-        await asyncio.sleep(5)
-        assert r.socket.openings == 1
-        assert r.condition == "garbage"
+@on_line(navi_ctrl(), probe_baud=False)
+async def test_the_search_can_be_switched_off(r):
+    r.socket.port.inject(LineFault.GARBAGE)
+    await asyncio.sleep(5)
+    assert r.socket.openings == 1
+    assert r.condition == "garbage"
 
 
 @virtually
@@ -160,24 +152,22 @@ async def test_a_port_missing_at_the_start_ends_the_run_or_is_waited_for():
                 await task
 
 
-@virtually
-async def test_a_port_somebody_else_has_is_down_and_tried_again():
-    async with rig(navi_ctrl()) as r:
-        await r.until_up()
-        honest, busy = r.socket.open, True
+@on_line(navi_ctrl())
+async def test_a_port_somebody_else_has_is_down_and_tried_again(r):
+    honest, busy = r.socket.open, True
 
-        async def contested(url: str, *, baud: int) -> object:
-            if busy:
-                raise LinkError(f"{url} is in use by minicom (process 7): end that program, or give it another port")
-            return await honest(url, baud=baud)
+    async def contested(url: str, *, baud: int) -> object:
+        if busy:
+            raise LinkError(f"{url} is in use by minicom (process 7): end that program, or give it another port")
+        return await honest(url, baud=baud)
 
-        r.link._opener = contested
-        r.socket.port.lose("reset")
-        await asyncio.sleep(1)
-        assert r.condition == "down"
-        assert "minicom" in r.link.health().state.reason
-        busy = False
-        await r.until_up(3)
+    r.link._opener = contested
+    r.socket.port.lose("reset")
+    await asyncio.sleep(1)
+    assert r.condition == "down"
+    assert "minicom" in r.link.health().state.reason
+    busy = False
+    await r.until_up(3)
 
 
 def test_impossible_configurations_are_refused_before_anything_runs():

@@ -9,6 +9,7 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.linkrig import virtually
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
@@ -16,7 +17,6 @@ from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.messages.flightctrl import Beep
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.link import LinkCondition
-from mkdaemon.virtualtime import run_virtually
 
 LONGEST_SILENCE = 0.5
 """A third of systemd's 2 s, less a quarter: the watchdog must see progress at every look [s]."""
@@ -52,105 +52,93 @@ def sticks_since(flown, since):
 
 
 @pytest.mark.parametrize("fault", [LineFault.SILENCE, LineFault.ONE_WAY, LineFault.STUCK_WRITER])
-def test_a_release_nobody_confirms_is_no_stalled_loop(fault):
-    async def story():
-        async with flying(Boards("2.12a")) as flown:
-            flown.socket.port.inject(fault)
-            looks = []
-            for _ in range(100):
-                looks.append(flown.flight.ticks)
-                await asyncio.sleep(0.05)
-            assert flown.flight.phase is Phase.FREE
-            step = round(LONGEST_SILENCE / 0.05)
-            assert all(late > early for early, late in zip(looks, looks[step:], strict=False))
-
-    run_virtually(story())
+@virtually
+async def test_a_release_nobody_confirms_is_no_stalled_loop(fault):
+    async with flying(Boards("2.12a")) as flown:
+        flown.socket.port.inject(fault)
+        looks = []
+        for _ in range(100):
+            looks.append(flown.flight.ticks)
+            await asyncio.sleep(0.05)
+        assert flown.flight.phase is Phase.FREE
+        step = round(LONGEST_SILENCE / 0.05)
+        assert all(late > early for early, late in zip(looks, looks[step:], strict=False))
 
 
-def test_a_board_that_stopped_hearing_is_flown_again_only_with_a_new_lease():
-    async def story():
-        async with flying(Boards("2.12a")) as flown:
-            loop = asyncio.get_running_loop()
-            began = loop.time()
-            flown.socket.port.inject(LineFault.ONE_WAY)
-            assert await flown.until(lambda: flown.flight.phase is Phase.RELEASING, 2.0) is not None
-            assert loop.time() - began < 1.6
-            flown.socket.port.inject(LineFault.NONE)
-            healed = loop.time()
-            await flown.until(lambda: flown.may_fly)
-            await asyncio.sleep(5.0)  # the client streams on all the while
-            assert not sticks_since(flown, healed)
-            assert not flown.aircraft.is_controlled
-
-    run_virtually(story())
+@virtually
+async def test_a_board_that_stopped_hearing_is_flown_again_only_with_a_new_lease():
+    async with flying(Boards("2.12a")) as flown:
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        flown.socket.port.inject(LineFault.ONE_WAY)
+        assert await flown.until(lambda: flown.flight.phase is Phase.RELEASING, 2.0) is not None
+        assert loop.time() - began < 1.6
+        flown.socket.port.inject(LineFault.NONE)
+        healed = loop.time()
+        await flown.until(lambda: flown.may_fly)
+        await asyncio.sleep(5.0)  # the client streams on all the while
+        assert not sticks_since(flown, healed)
+        assert not flown.aircraft.is_controlled
 
 
-def test_a_moment_of_deafness_ends_no_flight():
-    async def story():
-        async with flying(Boards("2.12a")) as flown:
-            flown.socket.port.inject(LineFault.ONE_WAY)
-            await asyncio.sleep(0.8)
-            assert flown.sink.states[-1].condition is LinkCondition.ONE_WAY
-            flown.socket.port.inject(LineFault.NONE)
-            healed = asyncio.get_running_loop().time()
-            await asyncio.sleep(3.0)
-            assert flown.flight.phase is Phase.FLYING
-            assert len(sticks_since(flown, healed)) > 100
-
-    run_virtually(story())
+@virtually
+async def test_a_moment_of_deafness_ends_no_flight():
+    async with flying(Boards("2.12a")) as flown:
+        flown.socket.port.inject(LineFault.ONE_WAY)
+        await asyncio.sleep(0.8)
+        assert flown.sink.states[-1].condition is LinkCondition.ONE_WAY
+        flown.socket.port.inject(LineFault.NONE)
+        healed = asyncio.get_running_loop().time()
+        await asyncio.sleep(3.0)
+        assert flown.flight.phase is Phase.FLYING
+        assert len(sticks_since(flown, healed)) > 100
 
 
 @pytest.mark.parametrize(("lasts", "flies"), [(0.42, True), (0.9, True), (1.15, False)])
-def test_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
-    async def story():
-        async with flying(Boards("2.12a")) as flown:
-            flown.socket.port.inject(LineFault.SILENCE)
-            await asyncio.sleep(lasts)
-            assert flown.sink.states[-1].condition is LinkCondition.MUTE
-            flown.socket.port.inject(LineFault.NONE)
-            await asyncio.sleep(0.3)
-            assert (flown.flight.phase is Phase.FLYING) is flies
-
-    run_virtually(story())
+@virtually
+async def test_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
+    async with flying(Boards("2.12a")) as flown:
+        flown.socket.port.inject(LineFault.SILENCE)
+        await asyncio.sleep(lasts)
+        assert flown.sink.states[-1].condition is LinkCondition.MUTE
+        flown.socket.port.inject(LineFault.NONE)
+        await asyncio.sleep(0.3)
+        assert (flown.flight.phase is Phase.FLYING) is flies
 
 
-def test_a_lease_taken_while_the_board_beeps_begins_with_neutral_sticks():
+@virtually
+async def test_a_lease_taken_while_the_board_beeps_begins_with_neutral_sticks():
     """Who took it then flew on paper: the first frame that the board heard was a full tilt."""
 
-    async def story():
-        async with cockpit(Boards("2.12a"), 1) as flown:
-            await flown.until(lambda: flown.link.is_up)
-            await flown.link.send(Beep(duration=500, count=2), board=Board.FC)
-            flying = asyncio.create_task(Streamer(flown, "client").fly())
-            assert await flown.until(lambda: flown.aircraft.is_controlled) is not None
-            first = next(frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT)
-            assert not is_tilted([first])
-            assert await flown.until(lambda: is_tilted(flown.sink.tx[-1:])) is not None
-            flying.cancel()
-            await asyncio.gather(flying, return_exceptions=True)
-
-    run_virtually(story())
+    async with cockpit(Boards("2.12a"), 1) as flown:
+        await flown.until(lambda: flown.link.is_up)
+        await flown.link.send(Beep(duration=500, count=2), board=Board.FC)
+        flying = asyncio.create_task(Streamer(flown, "client").fly())
+        assert await flown.until(lambda: flown.aircraft.is_controlled) is not None
+        first = next(frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT)
+        assert not is_tilted([first])
+        assert await flown.until(lambda: is_tilted(flown.sink.tx[-1:])) is not None
+        flying.cancel()
+        await asyncio.gather(flying, return_exceptions=True)
 
 
-def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
+@virtually
+async def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
     """After a release that was not confirmed stick frames are refused for 6 s."""
 
-    async def story():
-        async with flying(Boards("2.12a")) as flown:
-            loop = asyncio.get_running_loop()
-            flown.socket.port.inject(LineFault.ECHO_ONLY)  # no confirmation comes, and yet the line works
-            flown.flight.client_changed("alice", is_here=False)
-            assert await flown.until(lambda: flown.flight.phase is Phase.FREE, 3.0) is not None
-            quiet = loop.time()
-            await flown.take("bob")
-            sequence = 0
-            while loop.time() < quiet + 4.0:
-                sequence += 1
-                sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-                raw = encode_map({**sticks, "epoch": flown.epoch, "sequence": sequence, "ttl": 0.3})
-                flown.stream(raw)
-                await asyncio.sleep(0.02)
-            assert flown.flight.phase is not Phase.FLYING
-            assert not sticks_since(flown, quiet)
-
-    run_virtually(story())
+    async with flying(Boards("2.12a")) as flown:
+        loop = asyncio.get_running_loop()
+        flown.socket.port.inject(LineFault.ECHO_ONLY)  # no confirmation comes, and yet the line works
+        flown.flight.client_changed("alice", is_here=False)
+        assert await flown.until(lambda: flown.flight.phase is Phase.FREE, 3.0) is not None
+        quiet = loop.time()
+        await flown.take("bob")
+        sequence = 0
+        while loop.time() < quiet + 4.0:
+            sequence += 1
+            sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+            raw = encode_map({**sticks, "epoch": flown.epoch, "sequence": sequence, "ttl": 0.3})
+            flown.stream(raw)
+            await asyncio.sleep(0.02)
+        assert flown.flight.phase is not Phase.FLYING
+        assert not sticks_since(flown, quiet)

@@ -8,6 +8,7 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
+from lab.rigs.linkrig import virtually
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.admission.beginnings import TakeLease
 from mkdaemon.control.admission.rows import refusal
@@ -87,12 +88,10 @@ def test_the_operator_may_accept_a_constant_but_no_shut_gate():
     assert run_virtually(story(100)) == "gate_shut"
 
 
-def test_who_takes_the_lease_over_does_not_wait_for_the_gate():
-    async def story():
-        async with cockpit(Boards("2.12a"), seed=1) as flown:
-            await flown.take("alice")
-            before = len(flown.socket.wire)
-            await flown.take("bob", force=True)
-            assert len(flown.socket.wire) == before
-
-    run_virtually(story())
+@virtually
+async def test_who_takes_the_lease_over_does_not_wait_for_the_gate():
+    async with cockpit(Boards("2.12a"), seed=1) as flown:
+        await flown.take("alice")
+        before = len(flown.socket.wire)
+        await flown.take("bob", force=True)
+        assert len(flown.socket.wire) == before

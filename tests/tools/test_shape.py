@@ -8,7 +8,6 @@ import pytest
 
 from tools.shape import (
     Package,
-    count_imports,
     count_lines,
     find_circles,
     find_long_files,
@@ -39,20 +38,13 @@ def make_package(tmp_path, monkeypatch):
         del sys.modules[module]
 
 
-def test_imports_that_point_down_make_no_circle(make_package):
-    name = make_package("shaped_down", {"top": ["middle"], "middle": ["low"], "low": []})
-    assert find_circles(name) == []
-
-
-def test_modules_that_import_each_other_are_one_circle(make_package):
-    name = make_package("shaped_ring", {"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]})
-    assert find_circles(name) == [[f"{name}.{module}" for module in "abc"]]
-
-
-def test_packages_that_import_each_other_are_a_circle_although_their_modules_are_not(make_package):
-    modules = {"east/one": ["west.one"], "west/one": [], "west/two": ["east.two"], "east/two": []}
-    name = make_package("shaped_rooms", modules)
-    assert find_circles(name) == [[f"{name}.east", f"{name}.west"]]
+@pytest.mark.parametrize(
+    ("of_package", "count"), [([], 0), (["middle"], 0), (["low"], 1)], ids=["nothing", "one way", "both ways"]
+)
+def test_a_package_and_a_module_in_it_that_import_each_other_are_a_circle(make_package, tmp_path, of_package, count):
+    name = make_package("shaped_ring", {"__init__": of_package, "middle": [], "low": []})
+    (tmp_path / name / "low.py").write_text(f"import {name}\n", encoding="utf-8")
+    assert find_circles(name) == [f"imports make a circle: {name}, {name}.low"] * count
 
 
 def test_classes_of_the_product_that_share_a_name_are_counted_against_the_budget(tmp_path):
@@ -98,12 +90,6 @@ def test_a_function_above_the_limit_is_named(tmp_path):
 )
 def test_modules_of_one_name_in_one_package_are_named(paths, names):
     assert len(find_same_names(paths)) == names
-
-
-def test_imports_between_packages_are_counted_by_module(make_package):
-    name = make_package("shaped_count", {"a/one": ["b.two"], "a/three": ["b.two", "a.one"], "b/two": []})
-    counts = count_imports([name])
-    assert {package: dict(others) for package, others in counts.items()} == {f"{name}.a": {f"{name}.b": 2}}
 
 
 def test_sizes_are_summed_over_packages(tmp_path):

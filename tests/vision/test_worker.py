@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from lab.rigs.linkrig import virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
@@ -24,7 +25,6 @@ from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
-from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
@@ -386,25 +386,23 @@ async def test_a_thread_that_was_killed_is_started_again(tmp_path: Path) -> None
     worker.stop()
 
 
-def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
-    async def flight() -> None:
-        loop, sink = asyncio.get_running_loop(), Collected()
-        clock = Clock(monotonic=loop.time, wall=loop.time)
-        worker = VisionWorker([section()], VisionSection(), sink.publish, loop, clock)
-        eye = worker._eyes["down"]
-        eye.pipeline.report(eye.stream.status(), clock.stamp())
-        dead = threading.Thread(target=lambda: None)
-        dead.start()
-        dead.join()
-        worker._thread = dead
-        supervision = asyncio.create_task(worker.supervise())
-        await asyncio.sleep(0.25)
-        assert worker._thread is not dead
-        assert [(found.state, found.restarts) for found in sink.stats()] == [(EyeState.DEAD, 0)]
-        supervision.cancel()
-        worker.stop()
-
-    run_virtually(flight())
+@virtually
+async def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
+    loop, sink = asyncio.get_running_loop(), Collected()
+    clock = Clock(monotonic=loop.time, wall=loop.time)
+    worker = VisionWorker([section()], VisionSection(), sink.publish, loop, clock)
+    eye = worker._eyes["down"]
+    eye.pipeline.report(eye.stream.status(), clock.stamp())
+    dead = threading.Thread(target=lambda: None)
+    dead.start()
+    dead.join()
+    worker._thread = dead
+    supervision = asyncio.create_task(worker.supervise())
+    await asyncio.sleep(0.25)
+    assert worker._thread is not dead
+    assert [(found.state, found.restarts) for found in sink.stats()] == [(EyeState.DEAD, 0)]
+    supervision.cancel()
+    worker.stop()
 
 
 async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(

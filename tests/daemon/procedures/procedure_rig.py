@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import functools
+import inspect
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -12,6 +14,7 @@ import msgpack
 from pydantic import BaseModel
 
 from lab.rigs.boardport import ADAPTER_TIME, Socket
+from lab.rigs.linkrig import virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
@@ -126,3 +129,23 @@ def plug_in(make: Callable[[], Simulation], seed: int = 1) -> Socket:
         flight.eeprom.sets[slot] = raw[:50] + bytes((slot,)) + raw[51:]
     flight.load(flight.eeprom.active)
     return socket
+
+
+def on_boards(make: Callable[[], Simulation]) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Run a test in virtual time on a rig whose boards are known: the test's first argument."""
+
+    def decorate(test: Callable[..., Any]) -> Callable[..., None]:
+        @functools.wraps(test)
+        async def run(tmp_path: Path, **arguments: Any) -> None:
+            async with procedure_rig(plug_in(make), tmp_path) as rig:
+                await rig.until_ready()
+                folder = {"tmp_path": tmp_path} if "tmp_path" in wanted else {}
+                await test(rig, **arguments, **folder)
+
+        _, *others = inspect.signature(test).parameters.values()
+        wanted = {one.name: one for one in others}
+        folder = inspect.Parameter("tmp_path", inspect.Parameter.POSITIONAL_OR_KEYWORD)
+        run.__signature__ = inspect.Signature(list(({"tmp_path": folder} | wanted).values()))  # type: ignore[attr-defined]
+        return virtually(run)
+
+    return decorate

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import msgpack
 import pytest
 
+from lab.rigs.linkrig import virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.control.events import NOTED
@@ -204,92 +205,86 @@ def assert_whole(world, folder):
 
 
 @EVERY
-def test_a_death_at_any_moment_leaves_the_live_set_as_it_was(procedure, tmp_path):
-    async def story():
-        verb, fields = procedure
-        changes, _ = await count_changes(procedure, tmp_path)
-        old = FlightCtrl().live
-        assert changes > 10
-        for at in range(changes):
-            world = World(at)
-            world.what = world.die
-            async with Life(world, tmp_path) as life:
-                asked = asyncio.create_task(life.ask(verb, fields(world.board)))
-                await until_dead_or_idle(world, life)
-                asked.cancel()
-            await live_on(world, tmp_path)
-            assert_whole(world, tmp_path)
-            assert world.board.live == old, f"killed before change {at} of {changes}"
-
-    run_virtually(story())
+@virtually
+async def test_a_death_at_any_moment_leaves_the_live_set_as_it_was(procedure, tmp_path):
+    verb, fields = procedure
+    changes, _ = await count_changes(procedure, tmp_path)
+    old = FlightCtrl().live
+    assert changes > 10
+    for at in range(changes):
+        world = World(at)
+        world.what = world.die
+        async with Life(world, tmp_path) as life:
+            asked = asyncio.create_task(life.ask(verb, fields(world.board)))
+            await until_dead_or_idle(world, life)
+            asked.cancel()
+        await live_on(world, tmp_path)
+        assert_whole(world, tmp_path)
+        assert world.board.live == old, f"killed before change {at} of {changes}"
 
 
 @EVERY
-def test_a_second_death_while_the_next_daemon_restores_changes_nothing(procedure, tmp_path):
+@virtually
+async def test_a_second_death_while_the_next_daemon_restores_changes_nothing(procedure, tmp_path):
     """The first death is where most is at stake: the last moment before the note goes."""
 
-    async def story():
-        verb, fields = procedure
-        changes, _ = await count_changes(procedure, tmp_path)
-        for second in range(20):
-            world = World(changes - 1)
-            world.what = world.die
-            async with Life(world, tmp_path) as life:
-                asked = asyncio.create_task(life.ask(verb, fields(world.board)))
-                await until_dead_or_idle(world, life)
-                asked.cancel()
-            world.is_dead, world.at, world.what = False, world.changes + second, world.die
-            async with Life(world, tmp_path) as life:
-                await until_dead_or_idle(world, life)
-            if not world.is_dead:
-                break
-            await live_on(world, tmp_path)
-            assert_whole(world, tmp_path)
-            assert world.board.live == FlightCtrl().live, f"killed before change {second} of the recovery"
-        assert second > 4, "it was restored in so many steps"
-
-    run_virtually(story())
+    verb, fields = procedure
+    changes, _ = await count_changes(procedure, tmp_path)
+    for second in range(20):
+        world = World(changes - 1)
+        world.what = world.die
+        async with Life(world, tmp_path) as life:
+            asked = asyncio.create_task(life.ask(verb, fields(world.board)))
+            await until_dead_or_idle(world, life)
+            asked.cancel()
+        world.is_dead, world.at, world.what = False, world.changes + second, world.die
+        async with Life(world, tmp_path) as life:
+            await until_dead_or_idle(world, life)
+        if not world.is_dead:
+            break
+        await live_on(world, tmp_path)
+        assert_whole(world, tmp_path)
+        assert world.board.live == FlightCtrl().live, f"killed before change {second} of the recovery"
+    assert second > 4, "it was restored in so many steps"
 
 
 @EVERY
 @pytest.mark.parametrize("when", ["before a request arrives", "before it is answered"])
 @pytest.mark.parametrize("how", ["cancelled", "the daemon ends"])
-def test_who_ends_a_procedure_in_order_at_any_moment_finds_the_live_set_as_it_was(procedure, how, when, tmp_path):
-    async def story():
-        verb, fields = procedure
-        changes, new = await count_changes(procedure, tmp_path)
-        old, answers = FlightCtrl().live, set()
-        for at in range(changes):
-            world, ended = World(at), []
-            async with Life(world, tmp_path) as life:
+@virtually
+async def test_who_ends_a_procedure_in_order_at_any_moment_finds_the_live_set_as_it_was(procedure, how, when, tmp_path):
+    verb, fields = procedure
+    changes, new = await count_changes(procedure, tmp_path)
+    old, answers = FlightCtrl().live, set()
+    for at in range(changes):
+        world, ended = World(at), []
+        async with Life(world, tmp_path) as life:
 
-                def end(life=life, ended=ended):
-                    if how == "cancelled":
-                        ended.append(asyncio.create_task(life.ask("cancel", {})))
-                    else:
-                        life.task.cancel()
-
-                def arrived(world=world, end=end, at=at):
-                    if world.changes == at + 1:
-                        world.arrived = lambda: None
-                        end()
-
-                if when == "before a request arrives":
-                    world.what = end
-                else:
-                    world.arrived = arrived
-                answers.add(answer := await life.ask(verb, fields(world.board)))
-                await asyncio.gather(*ended)
-                if answer == "cancelled" and how == "cancelled":
-                    assert world.board.live == world.board.sets[3], f"change {at}: cancelled, and another set is live"
+            def end(life=life, ended=ended):
                 if how == "cancelled":
-                    await wait_until(lambda life=life: life.is_idle, step=0.05)
-            await live_on(world, tmp_path)
-            assert_whole(world, tmp_path)
-            assert world.board.live in ((old, new) if answer != "accepted" else (new,))
-        assert "cancelled" in answers <= {"cancelled", "live_set_unproven", "accepted"}
+                    ended.append(asyncio.create_task(life.ask("cancel", {})))
+                else:
+                    life.task.cancel()
 
-    run_virtually(story())
+            def arrived(world=world, end=end, at=at):
+                if world.changes == at + 1:
+                    world.arrived = lambda: None
+                    end()
+
+            if when == "before a request arrives":
+                world.what = end
+            else:
+                world.arrived = arrived
+            answers.add(answer := await life.ask(verb, fields(world.board)))
+            await asyncio.gather(*ended)
+            if answer == "cancelled" and how == "cancelled":
+                assert world.board.live == world.board.sets[3], f"change {at}: cancelled, and another set is live"
+            if how == "cancelled":
+                await wait_until(lambda life=life: life.is_idle, step=0.05)
+        await live_on(world, tmp_path)
+        assert_whole(world, tmp_path)
+        assert world.board.live in ((old, new) if answer != "accepted" else (new,))
+    assert "cancelled" in answers <= {"cancelled", "live_set_unproven", "accepted"}
 
 
 def test_a_note_is_on_the_disk_before_anything_is_put_at_risk(tmp_path):

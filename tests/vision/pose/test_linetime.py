@@ -73,7 +73,7 @@ def shaken() -> list[FlightFrame]:
     vibrating = pytest.MonkeyPatch()
     vibrating.setattr(flight, "VIBRATION_HZ", 85.0)
     device = Device(line_time=READOUT, vibration=1.0, response=0.03)
-    frames = list(fly(target_named("nested"), 61013, seconds=1.0, near=0.35, far=4.5, troubled=False, device=device))
+    frames = list(fly(target_named("nested"), 61013, seconds=0.7, near=0.35, far=4.5, troubled=False, device=device))
     vibrating.undo()
     samples = [replace(sample, roll=sample.roll + BIAS) for sample in frames[0].attitude.samples]
     return [replace(frame, attitude=AttitudeHistory(samples)) for frame in frames]

@@ -132,8 +132,8 @@ def test_a_tag_in_the_image_decides_how_a_map_is_measured_not_its_origin() -> No
     beside = Pose(rotation, -rotation @ np.array([9.0, 0.0, 1.3]), np.eye(6), "edges", 100, 0.1)
     assert prints.seen(beside.rotation, beside.position) == ()
     assert prints.looked_at(beside)[2] == pytest.approx(np.arctan(3.0 / 1.3))
-    many = Prints(laid_out(*((0.2 * x, 0.2 * y) for x in range(5) for y in range(4))), PROJECTION)
-    assert len(many.seen(rotation, -rotation @ np.array([0.4, 0.3, 2.0]))) == MOST
+    many = Prints(laid_out(*((0.2 * x, 0.2 * y) for x in range(3) for y in range(3))), PROJECTION)
+    assert len(many.seen(rotation, -rotation @ np.array([0.2, 0.2, 2.0]))) == MOST < 9
 
 
 def test_a_start_from_one_far_tag_ends_where_all_of_them_are() -> None:

