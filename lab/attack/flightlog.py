@@ -6,7 +6,6 @@ line, the boards hear that. Where the largest gap begins tells who was late: pil
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
@@ -15,6 +14,7 @@ from itertools import pairwise
 
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import ObservedSimulation, Sticks
+from lab.rigs.waiting import following
 from lab.stories.cable import first_words
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.protocol.framing import Frame, FrameDecoder
@@ -102,15 +102,5 @@ def _steers(item: object) -> bool:
 async def flight_log(client: Vehicle, pilot: Pilot, simulation: ObservedSimulation) -> AsyncIterator[FlightLog]:
     """Listen for as long as the context lasts."""
     log = FlightLog(pilot, simulation)
-
-    async def listen() -> None:
-        async with client.watch("control/output", "event/*", "link/state") as samples:
-            async for sample in samples:
-                log.note(sample)
-
-    listening = asyncio.create_task(listen(), name="flight log")
-    try:
+    async with following(client, log.note, "control/output", "event/*", "link/state"):
         yield log
-    finally:
-        listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)

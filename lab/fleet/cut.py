@@ -19,8 +19,8 @@ from lab.fleet.findings import CutFindings, Refusal, longest_gap
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.fleet.network import Place
 from lab.fleet.radio import Air, RadioLink
-from lab.rigs.processes import MKCTL, START
-from lab.rigs.waiting import wait_until
+from lab.rigs.processes import MKCTL, START, wait_for_control
+from lab.rigs.waiting import running, wait_until
 from mkdaemon.bus.names import ROOT
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.client.fleet import Fleet
@@ -149,36 +149,21 @@ async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
             *MKCTL, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT
         )
         watcher = Watcher(client)
-        watching = asyncio.create_task(watcher.run(), name="watcher")
         say("the router and three aircraft are started")
         radio = places[CUT].radio
         assert radio is not None
         try:
-            await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
-            await _wait_for_control(client)
-            begin, end = await _through_the_cut(client, watcher, radio, findings)
+            async with running(watcher.run()):
+                await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
+                await wait_for_control(client, START)
+                begin, end = await _through_the_cut(client, watcher, radio, findings)
         finally:
             say("ending")
-            await _ended(watching)
             await recorder.end(signal.SIGINT)
         findings.exit_codes = [await one.end() for one in aircraft.values()]
     _read_black_box(aircraft[CUT].recordings, begin, end, findings)
     _read_ground(sorted((folder / "ground").glob("*.mcap")), findings)
     return findings
-
-
-async def _ended(task: asyncio.Task[Any]) -> None:
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-
-
-async def _wait_for_control(client: Vehicle) -> None:
-    async with asyncio.timeout(START):
-        while True:
-            state = await client.get("link/state")
-            if state and state.fields["external_control"] and state.fields["condition"] in {"up", "degraded"}:
-                return
-            await asyncio.sleep(0.2)
 
 
 async def _through_the_cut(
@@ -193,7 +178,7 @@ async def _through_the_cut(
         async with asyncio.timeout(START):
             await engaged.wait()
     except TimeoutError:
-        await _ended(flying)
+        flying.cancel()
         raise
     say(f"a client flies {CUT}")
     await asyncio.sleep(FLOWN)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from lab.rigs.flown import flown, observed
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import following, wait_until
 from mkdaemon.client import Vehicle
 from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError
@@ -170,21 +170,13 @@ async def _flying(seed: int, folder: Path, section: str) -> AsyncIterator[tuple[
     """A simulated aircraft, a daemon on it, and a client that counts its frames."""
     frames: list[int] = []
 
-    async def count(samples: AsyncIterator[Any]) -> None:
-        async for sample in samples:
-            frames.append(sample.fields["sequence"])  # noqa: PERF401 - it is looked at meanwhile
-
     simulation = observed(seed, "2.14", "2.14", calibrated=False)
     async with (
         flown(simulation, folder=folder, waits=False, link=section) as one,
-        one.client.watch("raw/rx") as samples,
+        following(one.client, lambda sample: frames.append(sample.fields["sequence"]), "raw/rx"),
     ):
-        counting = asyncio.create_task(count(samples))
-        try:
-            await wait_until(lambda: len(frames) > 20)
-            yield one.client, frames
-        finally:
-            counting.cancel()
+        await wait_until(lambda: len(frames) > 20)
+        yield one.client, frames
 
 
 async def _rate(frames: list[int]) -> float:

@@ -24,7 +24,8 @@ from mcap.stream_reader import StreamReader
 
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import following, wait_until
+from mkdaemon.client import Sample
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.rewrite import recover
@@ -66,10 +67,9 @@ class Witness:
     def __init__(self) -> None:
         self.frames: list[tuple[float, float]] = []
 
-    async def watch(self, samples: AsyncIterator[Any]) -> None:
-        """Take samples for ever."""
-        async for sample in samples:
-            self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
+    def take(self, sample: Sample) -> None:
+        """Remember one."""
+        self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
 
 
 VICTIMS: Final = {"daemon": (BLACK_BOX,), "recorder": (GROUND,), "both": (BLACK_BOX, GROUND)}
@@ -118,13 +118,9 @@ async def _flight(seed: int) -> AsyncIterator[tuple[Path, DaemonProcess, Witness
     witness = Witness()
     async with (
         flown(observed(seed, "2.14", "2.14", calibrated=False), waits=False) as one,
-        one.client.watch(FRAMES) as samples,
+        following(one.client, witness.take, FRAMES),
     ):
-        watching = asyncio.create_task(witness.watch(samples))
-        try:
-            yield one.folder, one.daemon, witness
-        finally:
-            watching.cancel()
+        yield one.folder, one.daemon, witness
 
 
 def _files(folder: Path) -> list[Path]:

@@ -14,6 +14,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final
 
+from lab.rigs.waiting import running
 from mksim.runtime import PseudoTerminal
 
 LOOK: Final = 0.005
@@ -79,9 +80,5 @@ class Lateness:
 async def measured_lateness() -> AsyncIterator[Lateness]:
     """Look for as long as the context lasts."""
     lateness = Lateness()
-    looking = asyncio.create_task(lateness.run(), name="lateness")
-    try:
+    async with running(lateness.run()):
         yield lateness
-    finally:
-        looking.cancel()
-        await asyncio.gather(looking, return_exceptions=True)

@@ -13,7 +13,7 @@ from typing import Any, cast
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.motors import MotorWatch
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import running, wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.discovery import discover
@@ -174,12 +174,8 @@ async def rig(
         motors_running=watch.facts.motors_running,
         guard=guard,
     )
-    task = asyncio.create_task(link.run(discover))
-    try:
+    async with running(link.run(discover)) as task:
         yield Rig(link, log, socket, task)
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 def on_line(make: Callable[[], Simulation], **cfg: Any) -> Callable[[AsyncTest], Callable[..., None]]:

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.processes import connected
-from lab.rigs.waiting import PATIENCE, wait_for
+from lab.rigs.waiting import PATIENCE, running, wait_for
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.config.bus import BusConfig
@@ -155,9 +155,5 @@ async def _observer(live: LiveDaemon) -> AsyncIterator[None]:
         # What was published before the subscription stands in front of what comes after it; nothing lies between.
         for sample in (await client.get_all("link/state")).values():
             live.keep(sample)
-        listening = asyncio.create_task(listen(), name="observer")
-        try:
+        async with running(listen()):
             yield
-        finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)

@@ -278,13 +278,13 @@ async def connected(endpoint: str, vehicle: str = VEHICLE, *, patience: float = 
         await opening.__aexit__(None, None, None)
 
 
-async def wait_for_control(client: Vehicle) -> None:
+async def wait_for_control(client: Vehicle, within: float = PATIENCE) -> None:
     """Return when the daemon would grant a lease.
 
     Raises:
         TimeoutError: it would not.
     """
-    async with asyncio.timeout(PATIENCE):
+    async with asyncio.timeout(within):
         while True:
             state = await client.get("link/state")
             if state and state.fields["external_control"] and state.fields["condition"] in {"up", "degraded"}:

@@ -1,11 +1,15 @@
-"""Waiting for something to become true, in real and in virtual time."""
+"""Waiting for something to become true, and work beside it, in real and in virtual time."""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+if TYPE_CHECKING:
+    from mkdaemon.client import Sample, Vehicle
 
 PATIENCE: Final = 30.0
 """Longest wait for what takes two seconds on an idle machine [s]: what takes longer is broken."""
@@ -59,6 +63,30 @@ async def wait_for_blocking(find: Callable[[], _Found], within: float = PATIENCE
         while not (found := await asyncio.to_thread(find)):  # noqa: ASYNC110 - another thread finds it
             await asyncio.sleep(step)
     return found
+
+
+@asynccontextmanager
+async def running(work: Coroutine[Any, Any, Any]) -> AsyncIterator[asyncio.Task[Any]]:
+    """Do some work beside the context, and cancel it at the context's end; how it ended does not matter."""
+    task = asyncio.create_task(work)
+    try:
+        yield task
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+@asynccontextmanager
+async def following(client: Vehicle, take: Callable[[Sample], object], *keys: str) -> AsyncIterator[None]:
+    """Hand every value of some keys to a function while the context lasts."""
+    async with client.watch(*keys) as samples:
+
+        async def listen() -> None:
+            async for sample in samples:
+                take(sample)
+
+        async with running(listen()):
+            yield
 
 
 def wait_blocking(claim: Callable[[], Any], within: float = PATIENCE, step: float = 0.01) -> None:

@@ -16,6 +16,7 @@ from typing import Final
 
 from lab.rigs.boardport import TICK_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
+from lab.rigs.waiting import running
 from lab.stories.standstills import Streamer
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
@@ -104,12 +105,10 @@ async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut
         for number in range(cycles):
             rng = random.Random(f"{seed} cable {number}")
             cut = cuts[number % len(cuts)]
-            flying = asyncio.create_task(Streamer(flown, f"client{number}").fly(), name="client")
-            await flown.until(lambda: flown.aircraft.is_controlled)
-            await asyncio.sleep(rng.uniform(0.1, 0.6))
-            found.append(await _interrupt(flown, cut, number, rng))
-            flying.cancel()
-            await asyncio.gather(flying, return_exceptions=True)
+            async with running(Streamer(flown, f"client{number}").fly()):
+                await flown.until(lambda: flown.aircraft.is_controlled)
+                await asyncio.sleep(rng.uniform(0.1, 0.6))
+                found.append(await _interrupt(flown, cut, number, rng))
             await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
     return found
 

@@ -17,6 +17,7 @@ from typing import Final
 
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
+from lab.rigs.waiting import running
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
@@ -211,8 +212,10 @@ async def _fly_session(
     tick: float,
 ) -> list[Loss]:
     losses = []
-    async with cockpit(boards, seed, link_class=link_class, tick=tick) as flown:
-        polling = asyncio.create_task(_poll(flown, random.Random(f"{seed} poll")), name="poll")
+    async with (
+        cockpit(boards, seed, link_class=link_class, tick=tick) as flown,
+        running(_poll(flown, random.Random(f"{seed} poll"))),
+    ):
         for number in range(deaths):
             rng = random.Random(f"{seed} {number}")
             death = ways[(seed * SESSION + number) % len(ways)]
@@ -223,8 +226,6 @@ async def _fly_session(
             flown.sink.tx.clear()
             flown.aircraft.held.clear()
             flown.aircraft.applied.clear()
-        polling.cancel()
-        await asyncio.gather(polling, return_exceptions=True)
     return losses
 
 

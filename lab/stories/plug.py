@@ -10,14 +10,13 @@ import random
 import statistics
 import tempfile
 import time
-from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from lab.rigs.flown import observed
 from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import following, wait_until
 from lab.stories.cable import BACK, first_words
 from mkdaemon.client import Sample
 from mksim.runtime import Runtime
@@ -66,11 +65,10 @@ class _Telemetry:
     def __init__(self) -> None:
         self.latest = 0.0
 
-    async def listen(self, samples: AsyncIterator[Sample]) -> None:
-        """Take samples for ever."""
-        async for sample in samples:
-            if sample.suffix.rpartition("/")[2] in STREAMED:
-                self.latest = sample.fields["stamp"]["monotonic"]
+    def take(self, sample: Sample) -> None:
+        """Keep its time."""
+        if sample.suffix.rpartition("/")[2] in STREAMED:
+            self.latest = sample.fields["stamp"]["monotonic"]
 
 
 class _Bench:
@@ -118,13 +116,10 @@ async def replug(cycles: int, seed: int) -> Replugs:
         async with (
             daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
             connected(daemon.endpoint) as client,
-            client.watch("rx/**") as samples,
+            following(client, telemetry.take, "rx/**"),
         ):
-            listening = asyncio.create_task(telemetry.listen(samples), name="listen")
             for number in range(cycles):
                 await bench.cycle(number, daemon, telemetry)
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
     warm, quarter = int(cycles * WARM_UP), max(1, cycles // 4)
     return Replugs(
         cycles=cycles,

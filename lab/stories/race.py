@@ -9,13 +9,13 @@ from __future__ import annotations
 import asyncio
 import random
 import time
-from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import connected
+from lab.rigs.waiting import following
 from mkdaemon.client import Sample
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
@@ -76,18 +76,15 @@ class _Observer:
         self.epochs: list[int] = []
         self.numbers: list[int] = []
 
-    async def listen(self, samples: AsyncIterator[Sample]) -> None:
-        """Take samples for ever."""
-        async for sample in samples:
-            if sample.suffix == "control/output":
-                self.epochs.append(sample.fields["epoch"])
-                continue
-            self.numbers.append(sample.fields["sequence"])
-            for item in FrameDecoder().feed(sample.fields["raw"]):
-                if isinstance(item, Frame) and item.id == "b" and sample.fields["purpose"] == "setpoint":
-                    self.sticks.append(
-                        (sample.fields["stamp"]["monotonic"], ExternControlV2.decode(item.payload).pitch)
-                    )
+    def take(self, sample: Sample) -> None:
+        """Keep what it shows."""
+        if sample.suffix == "control/output":
+            self.epochs.append(sample.fields["epoch"])
+            return
+        self.numbers.append(sample.fields["sequence"])
+        for item in FrameDecoder().feed(sample.fields["raw"]):
+            if isinstance(item, Frame) and item.id == "b" and sample.fields["purpose"] == "setpoint":
+                self.sticks.append((sample.fields["stamp"]["monotonic"], ExternControlV2.decode(item.payload).pitch))
 
 
 async def race(seconds: float, seed: int) -> Race:
@@ -98,9 +95,8 @@ async def race(seconds: float, seed: int) -> Race:
         flown(observed(seed)) as raced,
         connected(raced.daemon.endpoint) as one,
         connected(raced.daemon.endpoint) as other,
-        raced.client.watch("raw/tx", "control/output") as samples,
+        following(raced.client, observer.take, "raw/tx", "control/output"),
     ):
-        listening = asyncio.create_task(observer.listen(samples), name="observer")
         refusals = await asyncio.gather(
             *(
                 _contend(Pilot(client, name), seconds, random.Random(f"{seed} {name}"), grants)
@@ -108,8 +104,6 @@ async def race(seconds: float, seed: int) -> Race:
             )
         )
         await asyncio.sleep(0.5)
-        listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)
     tilted = [(at, 1 if pitch > 0 else -1) for at, pitch in observer.sticks if pitch]
     return Race(
         takes=len(grants),

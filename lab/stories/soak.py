@@ -19,6 +19,7 @@ from typing import Any, Final
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import DaemonProcess, ObservedSimulation
+from lab.rigs.waiting import following
 from mkdaemon.client import Vehicle
 
 LOAD: Final = "rates = {osd = 100, debug = 200, attitude = 50}\necho_hz = 10"
@@ -154,15 +155,5 @@ async def _fly(client: Vehicle, daemon: DaemonProcess, simulation: ObservedSimul
 async def _last_values(client: Vehicle, *suffixes: str) -> AsyncIterator[dict[str, dict[str, Any]]]:
     """The latest value of each key, kept up to date while the context lasts."""
     last: dict[str, dict[str, Any]] = {}
-    async with client.watch(*suffixes) as samples:
-
-        async def listen() -> None:
-            async for sample in samples:
-                last[sample.suffix] = sample.fields
-
-        listening = asyncio.create_task(listen(), name="listen")
-        try:
-            yield last
-        finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
+    async with following(client, lambda sample: last.update({sample.suffix: sample.fields}), *suffixes):
+        yield last

@@ -15,6 +15,7 @@ from typing import Final
 
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.waiting import running
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import Purpose, Sent
@@ -104,12 +105,10 @@ async def _stand_still(
         for number in range(count):
             rng = random.Random(f"{seed} {who} {seconds} {number}")
             client = Streamer(flown, f"client{number}")
-            flying = asyncio.create_task(client.fly(), name="client")
-            await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
-            await asyncio.sleep(rng.uniform(0.1, 0.5))
-            found.append(await _stop(flown, client, who, seconds, number))
-            flying.cancel()
-            await asyncio.gather(flying, return_exceptions=True)
+            async with running(client.fly()):
+                await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
+                await asyncio.sleep(rng.uniform(0.1, 0.5))
+                found.append(await _stop(flown, client, who, seconds, number))
             await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
     return found
 

@@ -15,6 +15,7 @@ from typing import Final
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
+from lab.rigs.waiting import running
 from mkdaemon.link.session.identity import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
@@ -70,15 +71,12 @@ def swap_aircraft(seed: int, *, count: int) -> list[Swapped]:
 async def _swap_aircraft(seed: int, count: int) -> list[Swapped]:
     found = []
     words = tuple(LAYOUTS)
-    async with rig(navi_ctrl("0.24", words[0], seed, gate_parameter=200), seed=seed) as r:
-        flying = asyncio.create_task(fly_as_allowed(r), name="client")
+    async with rig(navi_ctrl("0.24", words[0], seed, gate_parameter=200), seed=seed) as r, running(fly_as_allowed(r)):
         await r.until(lambda: r.link.dialect.extern_control is LAYOUTS[words[0]], FOUND)
         for number in range(count):
             rng = random.Random(f"{seed} swap {number}")
             await asyncio.sleep(rng.uniform(1.0, 2.0))
             found.append(await _exchange(r, list(Swap)[number % len(Swap)], words[(number + 1) % 2], number, rng))
-        flying.cancel()
-        await asyncio.gather(flying, return_exceptions=True)
     return found
 
 

@@ -21,6 +21,7 @@ from cyclopts import Parameter
 
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import DaemonProcess, connected
+from lab.rigs.waiting import running
 from lab.tables import show
 from lab.view.opening import open_recordings, viewer_process
 from mkdaemon.cli.arguments import AsJson
@@ -56,13 +57,9 @@ async def _measure(folder: Path, seconds: float, rounds: int) -> dict[str, Any]:
     """Processor time of the daemon and its answers, without a viewer, with one, and with one that hangs."""
     async with flown(observed(1), folder=folder) as one, connected(one.daemon.endpoint) as asker:
         daemon = one.daemon
-        steering = asyncio.create_task(_steer(one.client), name="sticks")
-        try:
+        async with running(_steer(one.client)):
             costs = await _costs(daemon, seconds, rounds)
             return costs | {"answers_ms": await _hanging(daemon, asker)}
-        finally:
-            steering.cancel()
-            await asyncio.gather(steering, return_exceptions=True)
 
 
 async def _costs(daemon: DaemonProcess, seconds: float, rounds: int) -> dict[str, Any]:
@@ -136,10 +133,8 @@ async def _page(address: str, *, reads: bool = True) -> AsyncIterator[None]:
         while await reader.read(1 << 16):
             pass
 
-    reading = asyncio.create_task(read(), name="page")
     try:
-        yield
+        async with running(read()):
+            yield
     finally:
-        reading.cancel()
-        await asyncio.gather(reading, return_exceptions=True)
         writer.transport.abort()
