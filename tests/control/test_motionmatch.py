@@ -46,8 +46,12 @@ def test_images_of_another_time_tell_nothing():
     assert match(lag=7.0, end=10.0) is None
 
 
-def test_a_target_above_the_camera_is_none():
-    motion = MotionMatch()
+@pytest.fixture
+def motion():
+    return MotionMatch()
+
+
+def test_a_target_above_the_camera_is_none(motion):
     for k in range(500):
         motion.attitude_received(k / 50, 0.1 * math.sin(k), 0.0)
         motion.target_seen("pad", k / 50, (0.0, 0.0, 1.0))
@@ -95,8 +99,7 @@ def test_of_several_cameras_that_see_one_target_the_worst_counts():
     assert motion.match(9.0, "pad").lag == pytest.approx(0.06, abs=0.003)
 
 
-def test_targets_that_are_seen_no_more_are_forgotten():
-    motion = MotionMatch()
+def test_targets_that_are_seen_no_more_are_forgotten(motion):
     for k in range(50):
         motion.target_seen(f"target {k}", WINDOW * k, (0.1, 0.0, -1.0))
     assert len(motion._seen) == 2, "the one that is seen, and the one of a window before"
@@ -148,8 +151,7 @@ def test_half_of_the_images_may_be_missing(gap, tells):
     assert (swinging(0.05, rate=14.0, gap=gap) is not None) is tells
 
 
-def test_what_is_older_than_the_window_is_not_compared():
-    motion = MotionMatch()
+def test_what_is_older_than_the_window_is_not_compared(motion):
     for k in range(1000):
         t = k / 50
         motion.attitude_received(t, 0.05 * math.sin(7.0 * t), 0.0)
@@ -165,9 +167,8 @@ def test_a_quarter_of_a_second_is_the_farthest_shift(lag):
 
 
 @pytest.mark.parametrize(("likeness", "is_opposite"), [(-0.8, True), (-0.6, False)])
-def test_seven_tenths_alike_the_wrong_way_round_is_a_camera_that_is_mounted_so(likeness, is_opposite):
+def test_seven_tenths_alike_the_wrong_way_round_is_a_camera_that_is_mounted_so(motion, likeness, is_opposite):
     """One camera sees the opposite, and motion of its own; another is late."""
-    motion = MotionMatch()
     # What is left of each swing when its mean over 0.6 s is taken away.
     left = {w: 1.0 - math.sin(0.3 * w) / (0.3 * w) for w in (7.0, 12.0)}
     own = math.sqrt(1.0 - likeness**2) * left[7.0] / left[12.0]
@@ -181,8 +182,7 @@ def test_seven_tenths_alike_the_wrong_way_round_is_a_camera_that_is_mounted_so(l
     assert found.likeness == pytest.approx(likeness if is_opposite else 1.0, abs=0.05)
 
 
-def test_samples_that_overtake_each_other_are_compared_in_the_order_of_their_times():
-    motion = MotionMatch()
+def test_samples_that_overtake_each_other_are_compared_in_the_order_of_their_times(motion):
     for k in range(450):
         t = (k ^ 1) / 50
         motion.attitude_received(t, 0.05 * math.sin(7.0 * t), 0.05 * math.cos(9.0 * t))
@@ -192,8 +192,7 @@ def test_samples_that_overtake_each_other_are_compared_in_the_order_of_their_tim
     assert found.lag == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_target_twice_as_far_away_shows_the_same_tilt():
-    motion = MotionMatch()
+def test_a_target_twice_as_far_away_shows_the_same_tilt(motion):
     for k in range(450):
         t = k / 50
         pitch, roll = 0.3 * math.sin(7.0 * t), 0.2 * math.cos(9.0 * t)
@@ -203,8 +202,7 @@ def test_a_target_twice_as_far_away_shows_the_same_tilt():
     assert motion.match(9.0, "pad").likeness > 0.9999
 
 
-def test_a_target_level_with_the_camera_is_none():
-    motion = MotionMatch()
+def test_a_target_level_with_the_camera_is_none(motion):
     motion.target_seen("pad", 0.0, (1.0, 0.0, 0.0))
     motion.target_seen("pad", 0.0, (1.0, 0.0, 0.1))
     assert motion.match(0.0, "pad") is None
@@ -227,16 +225,14 @@ def test_a_maximum_lies_where_the_parabola_through_its_neighbours_has_it(values,
     assert _vertex(np.array(values), best) == pytest.approx(vertex)
 
 
-def test_a_camera_that_sees_nothing_move_is_like_nothing():
-    motion = MotionMatch()
+def test_a_camera_that_sees_nothing_move_is_like_nothing(motion):
     for k in range(450):
         motion.attitude_received(k / 50, 0.05 * math.sin(0.14 * k), 0.0)
         motion.target_seen("pad", k / 50, (0.0, 0.0, -1.0))
     assert motion.match(9.0, "pad").likeness == 0.0
 
 
-def test_no_source_fills_the_memory():
-    motion = MotionMatch()
+def test_no_source_fills_the_memory(motion):
     for k in range(1500):
         motion.attitude_received(0.001 * k, 0.0, 0.0)
         motion.target_seen("pad", 0.001 * k, (0.0, 0.0, -1.0))

@@ -72,15 +72,18 @@ def test_without_a_navictrl_and_without_its_flightctrl_nothing_is_said():
     assert Watched().tell(is_flying=None) is None
 
 
-def test_a_stage_that_lasts_is_told_once_a_second_and_a_quiet_one_once():
-    seen = Watched()
+@pytest.fixture
+def seen():
+    return Watched()
+
+
+def test_a_stage_that_lasts_is_told_once_a_second_and_a_quiet_one_once(seen):
     assert sum(seen.tell(**GOING) is not None for _ in range(int(10 * PERIOD) * 3)) == 3
     quiet = Watched()
     assert sum(quiet.tell() is not None for _ in range(30)) == 1
 
 
-def test_the_end_of_a_list_is_its_last_point_or_the_way_home_after_it():
-    seen = Watched()
+def test_the_end_of_a_list_is_its_last_point_or_the_way_home_after_it(seen):
     assert not seen.tell(**GOING).is_route_done
     done = seen.tell(**GOING | {"target": HOME})
     assert (done.stage, done.is_route_done, done.is_home) == (NaviStage.HOME, True, False)
@@ -93,22 +96,19 @@ def test_the_end_of_a_list_is_its_last_point_or_the_way_home_after_it():
     assert nowhere.tell(**GOING | {"target": None}) is None
 
 
-def test_a_point_before_the_last_ends_no_list():
-    seen = Watched()
+def test_a_point_before_the_last_ends_no_list(seen):
     found = seen.tell(**GOING | {"waypoint_count": 3, "target_reached": True})
     assert (found.stage, found.is_route_done) == (NaviStage.AT_POINT, False)
 
 
-def test_a_list_that_was_changed_makes_what_came_before_old():
-    seen = Watched()
+def test_a_list_that_was_changed_makes_what_came_before_old(seen):
     assert seen.tell(**GOING | {"target_reached": True}).is_route_done
     seen.facts.list_changed(seen.now + 0.15)
     assert seen.tell(**GOING | {"target_reached": True}) is None, "said before the change"
     assert not seen.tell(**GOING).is_route_done
 
 
-def test_a_receiver_that_is_silent_has_no_position_though_the_board_shows_the_last():
-    seen = Watched()
+def test_a_receiver_that_is_silent_has_no_position_though_the_board_shows_the_last(seen):
     seen.tell(**GOING)
     stamp = Stamp(monotonic=seen.now, wall=seen.now)
     lost = Gps(stamp=stamp, source="nc/osd", satellites=0, fix=GpsFix.NONE, is_usable=False, is_home_set=True)
@@ -144,29 +144,25 @@ def test_a_list_whose_one_point_is_home_is_not_done_before_it_is_reached():
     assert not Watched().tell(**GOING | {"target": HOME}).is_route_done
 
 
-def test_another_list_begins_anew():
-    seen = Watched()
+def test_another_list_begins_anew(seen):
     assert seen.tell(**GOING | {"target_reached": True}).is_route_done
     assert not seen.tell(**GOING | {"waypoint_count": 2}).is_route_done
 
 
-def test_a_route_that_is_done_is_forgotten_on_the_ground():
-    seen = Watched()
+def test_a_route_that_is_done_is_forgotten_on_the_ground(seen):
     assert seen.tell(**GOING | {"target_reached": True}).is_route_done
     assert not seen.tell(**GOING | {"is_flying": False, "gps_mode": GpsMode.FREE}).is_route_done
     assert seen.tell(**LIST).stage is NaviStage.READY
 
 
-def test_what_was_said_at_the_moment_of_the_change_is_old():
-    seen = Watched()
+def test_what_was_said_at_the_moment_of_the_change_is_old(seen):
     seen.tell(**GOING)
     seen.facts.list_changed(seen.now + 0.1)
     assert seen.tell(**GOING | {"target_reached": True}) is None
 
 
 @pytest.mark.parametrize(("metres", "stage"), [(0.9, NaviStage.HOME), (1.1, NaviStage.ROUTE)])
-def test_a_target_within_a_metre_of_home_is_home(metres, stage):
-    seen = Watched()
+def test_a_target_within_a_metre_of_home_is_home(seen, metres, stage):
     seen.tell(**GOING)
     seen.now += PERIOD
     near = (HOME[0] + metres / 111_000.0, HOME[1])

@@ -35,8 +35,12 @@ def told(lid, throttle, in_use, seconds, *, every=0.1, start=0.0):
     return start + seconds
 
 
-def test_less_than_every_frame_asked_for_is_the_pilots_throttle_once_it_lasts():
-    lid = ThrottleLid()
+@pytest.fixture
+def lid():
+    return ThrottleLid()
+
+
+def test_less_than_every_frame_asked_for_is_the_pilots_throttle_once_it_lasts(lid):
     now = told(lid, 5.0, 5.0, 1.0)
     assert lid.pilots_throttle is None
     now = told(lid, 5.0, -20.0, LASTING, start=now)
@@ -48,24 +52,21 @@ def test_less_than_every_frame_asked_for_is_the_pilots_throttle_once_it_lasts():
 
 
 @pytest.mark.parametrize(("throttle", "is_told"), [(-67.0, True), (-68.0, False), (-100.0, False)])
-def test_under_a_throttle_that_carries_no_aircraft_nothing_is_told(throttle, is_told):
+def test_under_a_throttle_that_carries_no_aircraft_nothing_is_told(lid, throttle, is_told):
     """Genuine numbers after a touch: 27 counts asked for, 18 flown, as the pilot's stick is at its lowest."""
-    lid = ThrottleLid()
     now = told(lid, throttle, throttle, 1.0)
     told(lid, throttle, throttle - 9.0, 1.0, start=now)
     assert (lid.pilots_throttle is not None) is is_told
 
 
-def test_a_throttle_that_rises_is_not_taken_for_a_lid():
-    lid = ThrottleLid()
+def test_a_throttle_that_rises_is_not_taken_for_a_lid(lid):
     now = told(lid, -30.0, -30.0, 1.0)
     for step in range(20):
         now = told(lid, -30.0 + 2 * step, -30.0 + 2 * step - 8.0, 0.1, start=now)
         assert lid.pilots_throttle is None, "the FlightCtrl is 80 ms behind"
 
 
-def test_without_reports_and_with_another_flight_nothing_is_known():
-    lid = ThrottleLid()
+def test_without_reports_and_with_another_flight_nothing_is_known(lid):
     now = told(lid, 5.0, None, 2.0)
     assert lid.pilots_throttle is None
     now = told(lid, 5.0, -20.0, 2.0, start=now)
@@ -74,8 +75,7 @@ def test_without_reports_and_with_another_flight_nothing_is_known():
     assert lid.pilots_throttle is None
 
 
-def test_what_is_flown_is_the_pilots_as_soon_as_it_contradicts_ours_and_surely_once_it_lasts():
-    lid = ThrottleLid()
+def test_what_is_flown_is_the_pilots_as_soon_as_it_contradicts_ours_and_surely_once_it_lasts(lid):
     assert lid.use == OURS, "nobody reports"
     now = told(lid, 5.0, 5.0, 1.0)
     assert lid.use == OURS
@@ -89,8 +89,7 @@ def test_what_is_flown_is_the_pilots_as_soon_as_it_contradicts_ours_and_surely_o
 
 
 @pytest.mark.parametrize("scale", [0.76, 0.87, 1.0])
-def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_but_a_scale(scale):
-    lid = ThrottleLid()
+def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_but_a_scale(lid, scale):
     now = told(lid, 0.0, scale * 127.0 - 127.0, 1.0)
     assert lid.use == OURS
     now = told(lid, 30.0, scale * 157.0 - 127.0, 1.0, start=now)
@@ -125,8 +124,7 @@ def test_at_no_voltage_is_compensation_a_lid_and_a_real_lid_is_seen_from_the_sta
 
 
 @pytest.mark.parametrize("share", [0.78, 0.87])
-def test_a_board_that_reports_its_stick_is_known_by_a_throttle_above_its_share(share):
-    lid = ThrottleLid()
+def test_a_board_that_reports_its_stick_is_known_by_a_throttle_above_its_share(lid, share):
     now = told(lid, 0.0, ThrottleReport(0.0, 0.0, share), 1.0)
     assert lid.use == OURS
     told(lid, 20.0, ThrottleReport(0.0, 0.0, share), 1.5, start=now)
@@ -134,15 +132,13 @@ def test_a_board_that_reports_its_stick_is_known_by_a_throttle_above_its_share(s
     assert lid.use.cap == pytest.approx(127.0)
 
 
-def test_a_throttle_that_is_flown_above_ours_is_not_ours():
-    lid = ThrottleLid()
+def test_a_throttle_that_is_flown_above_ours_is_not_ours(lid):
     now = told(lid, 0.0, 0.0, 1.0)
     told(lid, 0.0, 20.0, 0.4, start=now)
     assert lid.use == ThrottleUse(None, is_ours=False)
 
 
-def test_once_reports_end_nothing_confirms_that_ours_acts_and_another_flight_begins_anew():
-    lid = ThrottleLid()
+def test_once_reports_end_nothing_confirms_that_ours_acts_and_another_flight_begins_anew(lid):
     now = told(lid, 0.0, 0.0, 1.0)
     now = told(lid, 0.0, None, FRESH - 0.2, start=now)
     assert lid.use == OURS
@@ -337,9 +333,8 @@ def test_without_a_voltage_the_largest_share_of_this_flight_counts():
     assert lid._scale == 1.0, "no share is more than all"
 
 
-def test_a_throttle_that_the_motors_least_hides_does_not_tell_what_is_reported():
+def test_a_throttle_that_the_motors_least_hides_does_not_tell_what_is_reported(lid):
     """A stick of 8 counts is flown as 20, the least of the motors; at 125 counts four fifths are reported, as said."""
-    lid = ThrottleLid()
     now = told(lid, 8.0 - GAS_CENTRE, ThrottleReport(20.0 - GAS_CENTRE, 0.0, 0.8), 1.0)
     told(lid, 125.0 - GAS_CENTRE, ThrottleReport(100.0 - GAS_CENTRE, 0.0, 0.8), 1.5, start=now)
     assert lid.use == OURS

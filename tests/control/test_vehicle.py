@@ -20,15 +20,18 @@ def known(facts, at):
     return facts.motors_running(at), flies, None if received is None else received.throttle
 
 
-def test_at_first_nothing_is_known():
-    facts = VehicleMemory()
+@pytest.fixture
+def facts():
+    return VehicleMemory()
+
+
+def test_at_first_nothing_is_known(facts):
     assert facts.link is None
     assert known(facts, 0.0) == (None, None, None)
     assert not facts.is_testing_motors(0.0)
 
 
-def test_facts_hold_until_they_are_too_old():
-    facts = VehicleMemory()
+def test_facts_hold_until_they_are_too_old(facts):
     facts.motors_reported(True, 10.0)
     facts.state_received(flight(is_flying=True), 10.0)
     facts.state_received(pilot(20.0), 10.0)
@@ -40,16 +43,14 @@ def test_facts_hold_until_they_are_too_old():
     assert facts.link == link_state()
 
 
-def test_motors_may_be_asked_for_with_a_stricter_age():
-    facts = VehicleMemory()
+def test_motors_may_be_asked_for_with_a_stricter_age(facts):
     facts.motors_reported(False, 10.0)
     assert facts.motors_running(11.0, within=1.0) is False
     assert facts.motors_running(11.1, within=1.0) is None
     assert facts.motors_running(11.1) is False
 
 
-def test_another_opening_of_the_port_voids_what_the_boards_said():
-    facts = VehicleMemory()
+def test_another_opening_of_the_port_voids_what_the_boards_said(facts):
     facts.link_changed(link_state(openings=1))
     facts.motors_reported(False, 10.0)
     facts.state_received(flight(is_flying=True), 10.0)
@@ -60,15 +61,13 @@ def test_another_opening_of_the_port_voids_what_the_boards_said():
     assert known(facts, 10.0) == (None, None, None)
 
 
-def test_a_motor_test_explains_turning_motors_for_a_while():
-    facts = VehicleMemory()
+def test_a_motor_test_explains_turning_motors_for_a_while(facts):
     facts.motor_test_sent(5.0)
     assert facts.is_testing_motors(5.0 + MOTOR_TEST)
     assert not facts.is_testing_motors(5.01 + MOTOR_TEST)
 
 
-def test_values_that_decide_nothing_are_ignored():
-    facts = VehicleMemory()
+def test_values_that_decide_nothing_are_ignored(facts):
     facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
     assert facts.newest(Flight, 0.0) is None
 
@@ -101,8 +100,7 @@ CHARGE = Battery(**STAMPED, voltage=16.0, current=None, used_mah=None, is_low=No
 
 
 @pytest.mark.parametrize("value", [flight(is_flying=True), PLACE, RECEPTION, pilot(20.0), CHARGE], ids=type)
-def test_every_fact_holds_for_just_two_seconds(value):
-    facts = VehicleMemory()
+def test_every_fact_holds_for_just_two_seconds(facts, value):
     facts.state_received(value, 10.0)
     assert [facts.newest(type(value), at) for at in (10.0, 12.0, 12.001)] == [value, value, None]
 
@@ -128,8 +126,7 @@ def flown_at(voltage, *, throttle=-20.0):
         (None, None, None),
     ],
 )
-def test_the_share_of_a_stick_that_is_reported_follows_from_voltage_and_cells(voltage, low_cell, share):
-    facts = VehicleMemory()
+def test_the_share_of_a_stick_that_is_reported_follows_from_voltage_and_cells(facts, voltage, low_cell, share):
     facts.state_received(flown_at(voltage), 10.0)
     found = facts.throttle_in_use(low_cell)
     assert (found.throttle, found.at) == (-20.0, 10.0)
@@ -137,8 +134,7 @@ def test_the_share_of_a_stick_that_is_reported_follows_from_voltage_and_cells(vo
     assert found.stick == pytest.approx(107.0 / (share or 1.0)), "in counts of 254"
 
 
-def test_cells_are_counted_at_the_highest_voltage_of_this_battery():
-    facts = VehicleMemory()
+def test_cells_are_counted_at_the_highest_voltage_of_this_battery(facts):
     for voltage in (16.4, 12.4):
         facts.state_received(CHARGE.model_copy(update={"voltage": voltage}), 10.0)
     facts.state_received(flown_at(12.4), 10.0)
@@ -150,8 +146,7 @@ def test_cells_are_counted_at_the_highest_voltage_of_this_battery():
     assert (facts.highest_voltage, facts.throttle_in_use()) == (0.0, None)
 
 
-def test_who_does_not_tell_of_his_throttle_tells_nothing():
-    facts = VehicleMemory()
+def test_who_does_not_tell_of_his_throttle_tells_nothing(facts):
     assert facts.throttle_in_use() is None
     facts.state_received(pilot(20.0), 10.0)
     assert facts.throttle_in_use() is None
@@ -167,8 +162,7 @@ def test_who_does_not_tell_of_his_throttle_tells_nothing():
         (None, None, False),
     ],
 )
-def test_the_receiver_is_lost_by_what_the_flight_says_or_else_the_receiver(emergency, has_signal, is_lost):
-    facts = VehicleMemory()
+def test_the_receiver_is_lost_by_what_the_flight_says_or_else_the_receiver(facts, emergency, has_signal, is_lost):
     assert not situation_of(facts, 10.0).is_receiver_lost
     facts.state_received(flight(is_flying=True).model_copy(update={"emergency_landing": emergency}), 10.0)
     if has_signal is not None:
@@ -177,8 +171,7 @@ def test_the_receiver_is_lost_by_what_the_flight_says_or_else_the_receiver(emerg
     assert not situation_of(facts, 12.1).is_receiver_lost
 
 
-def test_what_else_is_told_is_kept():
-    facts = VehicleMemory()
+def test_what_else_is_told_is_kept(facts):
     assert (facts.health, facts.eyes, facts.list_changed_at, facts.free_disk) == (None, (), float("-inf"), None)
     down, forward = (VisionStats.model_construct(camera=name) for name in ("down", "forward"))
     for stats in (down, forward, down):
@@ -197,8 +190,7 @@ def test_what_else_is_told_is_kept():
 
 
 @pytest.mark.parametrize("value", [PLACE, RECEPTION, CHARGE], ids=type)
-def test_a_lost_flightctrl_voids_every_fact(value):
-    facts = VehicleMemory()
+def test_a_lost_flightctrl_voids_every_fact(facts, value):
     facts.state_received(value, 10.0)
     assert not facts.is_fc_lost
     facts.flightctrl_reported(is_lost=True)

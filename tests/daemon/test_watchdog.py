@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from lab.rigs.waiting import running
 from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 
 
@@ -21,12 +22,8 @@ def manager(tmp_path):
 
 
 async def feed(notifier, progress, until, status=str):
-    task = asyncio.create_task(feed_watchdog(notifier, progress, status))
-    try:
+    async with running(feed_watchdog(notifier, progress, status)):
         return await asyncio.to_thread(until)
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_life_is_reported_while_work_makes_progress(manager):

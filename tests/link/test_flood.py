@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from lab.rigs.linkrig import Log, virtually
+from lab.rigs.waiting import running
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.discovery import discover
@@ -52,12 +53,10 @@ async def test_a_flood_of_valid_frames_leaves_every_turn_of_the_loop_to_others()
 
     clock = Clock(monotonic=asyncio.get_running_loop().time)
     link = Link(LinkConfig(port="/dev/flood"), log, opener=open_flooded, clock=clock, motors_running=lambda now: None)
-    running = asyncio.create_task(link.run(discover))
-    while len(log.rx) < FRAMES:
-        before = len(log.rx)
-        await asyncio.sleep(0)
-        most, turns = max(most, len(log.rx) - before), turns + 1
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
+    async with running(link.run(discover)):
+        while len(log.rx) < FRAMES:
+            before = len(log.rx)
+            await asyncio.sleep(0)
+            most, turns = max(most, len(log.rx) - before), turns + 1
     assert most <= TURN_BYTES // SHORTEST + 1
     assert turns >= FRAMES * SHORTEST / TURN_BYTES

@@ -82,8 +82,12 @@ def test_before_the_first_opening_the_port_is_absent():
     assert health.verdict.since == 5.0
 
 
-def test_a_line_that_works_is_up_and_says_both_directions():
-    line = up()
+@pytest.fixture
+def line():
+    return up()
+
+
+def test_a_line_that_works_is_up_and_says_both_directions(line):
     assert line.health.verdict.reason == "both directions proven"
     assert line.health.two_way_proof > line.now - 0.3
     heard, answered = line.health.heard_age(line.now), line.health.answer_age(line.now)
@@ -99,8 +103,7 @@ def test_just_opened_claims_nothing():
     assert "nothing received yet" in health.verdict.reason
 
 
-def test_silence_is_mute_within_half_a_second():
-    line = up()
+def test_silence_is_mute_within_half_a_second(line):
     line.talks = False
     assert line.until(LinkCondition.MUTE, 0.5) <= 0.5
     assert "nothing arrives" in line.health.verdict.reason
@@ -130,8 +133,7 @@ def test_a_silent_port_that_was_asked_is_mute():
     assert health.verdict.condition is LinkCondition.MUTE
 
 
-def test_one_way_when_frames_come_but_no_answers():
-    line = up()
+def test_one_way_when_frames_come_but_no_answers(line):
     line.listens = False
     assert line.until(LinkCondition.ONE_WAY, 0.5) <= 0.5
     line.run(3.0)
@@ -154,8 +156,7 @@ def test_one_way_does_not_flap_with_slow_streams_and_ends_in_mute():
     assert line.health.verdict.condition is LinkCondition.MUTE
 
 
-def test_a_stuck_port_is_down_and_not_blamed_on_the_board():
-    line = up()
+def test_a_stuck_port_is_down_and_not_blamed_on_the_board(line):
     line.listens, line.backlog = False, 10
     assert line.until(LinkCondition.DOWN, 0.5) <= 0.5
     assert line.health.verdict.reason == STUCK
@@ -163,8 +164,7 @@ def test_a_stuck_port_is_down_and_not_blamed_on_the_board():
     line.until(LinkCondition.UP, 0.5)
 
 
-def test_bytes_waiting_inside_the_port_keep_the_verdict():
-    line = up()
+def test_bytes_waiting_inside_the_port_keep_the_verdict(line):
     line.run(0.1)
     health, now = line.health, line.now + 1.0
     health.probe_sent("a", now)
@@ -184,8 +184,7 @@ def test_bytes_waiting_inside_the_port_keep_the_verdict():
         (b"\x00\x91\xf3\x80", DropReason.TEXT, "wrong baud"),
     ],
 )
-def test_garbage_within_half_a_second_and_named(bytes_: bytes, reason: DropReason, words: str):
-    line = up()
+def test_garbage_within_half_a_second_and_named(line, bytes_: bytes, reason: DropReason, words: str):
     line.talks, line.garbage, line.reason = False, bytes_, reason
     assert line.until(LinkCondition.GARBAGE, 0.5) <= 0.5
     assert words in line.health.verdict.reason
@@ -193,8 +192,7 @@ def test_garbage_within_half_a_second_and_named(bytes_: bytes, reason: DropReaso
     line.until(LinkCondition.UP, 0.5)
 
 
-def test_bytes_without_any_end_are_garbage_too():
-    line = up()
+def test_bytes_without_any_end_are_garbage_too(line):
     line.talks = False
     for _ in range(100):
         line.health.bytes_received(5, line.now)
@@ -207,30 +205,26 @@ def test_bytes_without_any_end_are_garbage_too():
     assert line.health.verdict.condition is LinkCondition.MUTE
 
 
-def test_a_frame_cut_short_by_silence_is_no_garbage():
-    line = up()
+def test_a_frame_cut_short_by_silence_is_no_garbage(line):
     line.talks = False
     line.health.bytes_received(60, line.now + 0.02)
     line.until(LinkCondition.MUTE, 0.5)
 
 
-def test_a_glitch_is_no_garbage():
-    line = up()
+def test_a_glitch_is_no_garbage(line):
     line.talks = False
     line.health.damaged(DropReason.LENGTH, b"#", line.now)
     line.until(LinkCondition.MUTE, 0.5)
 
 
-def test_only_echoes_is_degraded():
-    line = up()
+def test_only_echoes_is_degraded(line):
     line.streams = {}
     assert line.until(LinkCondition.DEGRADED, 0.5) <= 0.5
     line.run(0.3)
     assert "only link tests are answered" in line.health.verdict.reason
 
 
-def test_one_stale_stream_degrades_and_names_it():
-    line = up()
+def test_one_stale_stream_degrades_and_names_it(line):
     line.streams = {"attitude": 0.05}
     line.until(LinkCondition.DEGRADED, 0.5)
     assert line.health.verdict.reason == "nc osd is overdue: asked every 0.1 s"
@@ -240,8 +234,7 @@ def test_one_stale_stream_degrades_and_names_it():
     assert kinds["osd"].asked_rate == pytest.approx(10)
 
 
-def test_a_stream_nobody_wants_any_more_is_not_missed():
-    line = up()
+def test_a_stream_nobody_wants_any_more_is_not_missed(line):
     line.streams = {"attitude": 0.05}
     line.health.wanted("nc", line.streams, line.now)
     line.run(2.0)
@@ -249,8 +242,7 @@ def test_a_stream_nobody_wants_any_more_is_not_missed():
     assert {kind.key: kind.asked_rate for kind in line.health.kinds(line.now)}["osd"] is None
 
 
-def test_streams_of_another_board_are_left_alone():
-    line = up()
+def test_streams_of_another_board_are_left_alone(line):
     line.health.frame_received("fc", "debug", 94, line.now)
     line.health.wanted("fc", {}, line.now)
     line.run(0.3)
@@ -267,8 +259,7 @@ def test_losses_above_the_limit_degrade_with_the_figure():
     assert line.health.verdict.condition is LinkCondition.UP
 
 
-def test_a_single_lost_probe_proves_nothing():
-    line = up()
+def test_a_single_lost_probe_proves_nothing(line):
     line.lose_every = 100_000
     line.health.probe_sent("lost", line.now)
     line.run(2.0)
@@ -276,8 +267,7 @@ def test_a_single_lost_probe_proves_nothing():
     assert line.health.echo.statistics(line.now).lost == 1
 
 
-def test_lost_confirmations_degrade():
-    line = up()
+def test_lost_confirmations_degrade(line):
     for number in range(1, 20):
         line.health.confirm.sent(number, line.now)
         if number % 3:
@@ -287,8 +277,7 @@ def test_lost_confirmations_degrade():
     assert "control frames lost" in line.health.verdict.reason
 
 
-def test_damaged_bytes_degrade():
-    line = up()
+def test_damaged_bytes_degrade(line):
     for _ in range(30):
         line.health.damaged(DropReason.CHECKSUM, bytes(50), line.now)
         line.step()
@@ -300,8 +289,7 @@ def test_damaged_bytes_degrade():
     assert checksums == pytest.approx(3)
 
 
-def test_unanswered_beside_damage_is_called_damage():
-    line = up()
+def test_unanswered_beside_damage_is_called_damage(line):
     line.listens = False
     for _ in range(100):
         line.health.damaged(DropReason.CHECKSUM, bytes(10), line.now)
@@ -310,8 +298,7 @@ def test_unanswered_beside_damage_is_called_damage():
     assert line.health.verdict.reason == "frames arrive damaged, and nothing we send is answered"
 
 
-def test_an_outage_is_counted_and_says_nothing_about_the_line_afterwards():
-    line = up()
+def test_an_outage_is_counted_and_says_nothing_about_the_line_afterwards(line):
     line.talks = False
     line.until(LinkCondition.MUTE, 0.5)
     line.run(2.0)
@@ -325,8 +312,7 @@ def test_an_outage_is_counted_and_says_nothing_about_the_line_afterwards():
     assert fates.unanswered == line.health.echo.statistics(line.now).lost
 
 
-def test_a_lost_port_is_down_or_absent_at_once():
-    line = up()
+def test_a_lost_port_is_down_or_absent_at_once(line):
     line.health.port_lost(line.now, "unplugged")
     assert line.health.verdict.condition is LinkCondition.DOWN
     since = line.health.verdict.since
@@ -346,8 +332,7 @@ def test_a_search_for_the_line_rate_stays_garbage():
     assert "trying 57600" in health.verdict.reason
 
 
-def test_our_own_pause_is_nobodys_fault():
-    line = up()
+def test_our_own_pause_is_nobodys_fault(line):
     line.talks = False
     line.health.pause(line.now + 1.33)
     line.health.pause(line.now + 0.5)
@@ -365,8 +350,7 @@ def test_a_recording_needs_no_answers():
     assert health.verdict.reason == "a recording plays"
 
 
-def test_rates_follow_the_window_and_a_stream_that_stopped():
-    line = up()
+def test_rates_follow_the_window_and_a_stream_that_stopped(line):
     rates = {kind.key: kind.rate for kind in line.health.kinds(line.now)}
     assert rates["osd"] == pytest.approx(10, rel=0.1)
     assert rates["attitude"] == pytest.approx(20, rel=0.1)
@@ -393,8 +377,7 @@ def test_answers_to_nothing_change_nothing():
     assert health.answer_age(1.2) == float("inf")
 
 
-def test_an_answer_that_comes_late_shows_all_the_same_that_the_board_hears_us():
-    line = up()
+def test_an_answer_that_comes_late_shows_all_the_same_that_the_board_hears_us(line):
     line.probes = False
     waiting: list[tuple[float, int]] = []
     for token in range(1, 60):
@@ -427,8 +410,7 @@ def test_what_was_asked_while_the_board_said_nothing_is_no_sign_of_a_cut_wire():
     line.until(LinkCondition.ONE_WAY, 0.5)
 
 
-def test_a_line_that_comes_and_goes_is_one_verdict_until_it_stays():
-    line = up()
+def test_a_line_that_comes_and_goes_is_one_verdict_until_it_stays(line):
     said = set()
     for _ in range(5):
         line.talks = False
@@ -441,8 +423,7 @@ def test_a_line_that_comes_and_goes_is_one_verdict_until_it_stays():
     line.until(LinkCondition.UP, 11.0)
 
 
-def test_a_verdict_found_on_a_busy_machine_says_so():
-    line = up()
+def test_a_verdict_found_on_a_busy_machine_says_so(line):
     for _ in range(20):
         line.run(0.05)
         line.health.not_looked(line.now, line.now + 0.1)
@@ -452,8 +433,7 @@ def test_a_verdict_found_on_a_busy_machine_says_so():
     assert "did not run for 20 % of the time" in line.health.verdict.reason
 
 
-def test_what_may_wait_unseen_is_told_before_it_is_a_verdict():
-    line = up()
+def test_what_may_wait_unseen_is_told_before_it_is_a_verdict(line):
     line.run(3.0)
     assert not line.health.may_stand_still(line.now)
     line.talks = False  # the far end stands still
@@ -470,8 +450,7 @@ def test_what_may_wait_unseen_is_told_before_it_is_a_verdict():
     assert not line.health.may_stand_still(line.now)
 
 
-def test_stick_frames_that_are_not_confirmed_wait_somewhere_and_one_or_two_are_lost():
-    line = up()
+def test_stick_frames_that_are_not_confirmed_wait_somewhere_and_one_or_two_are_lost(line):
     for frame in range(20):
         line.health.confirm.sent(frame, line.now)
         line.run(0.02)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mkdaemon.link.session.peers import PROOF_AGE, Peers, Proof
 from mkdaemon.protocol.messages import VersionFc210
 from mkdaemon.protocol.wire import Board
@@ -9,8 +11,12 @@ from mkdaemon.protocol.wire import Board
 VERSION = VersionFc210.decode(bytes([2, 12, 11, 0xBA, 0, 0, 0, 22, 103, 1]))
 
 
-def test_a_version_reply_proves_its_sender_until_it_is_old():
-    peers = Peers()
+@pytest.fixture
+def peers():
+    return Peers()
+
+
+def test_a_version_reply_proves_its_sender_until_it_is_old(peers):
     assert peers.proof is None
     assert not peers.is_proven(Board.FC, 0.0)
     peers.version_received(Board.FC, VERSION, 10.0)
@@ -20,8 +26,7 @@ def test_a_version_reply_proves_its_sender_until_it_is_old():
     assert not peers.is_proven(Board.NC, 10.0)
 
 
-def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware():
-    peers = Peers()
+def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware(peers):
     peers.version_received(Board.FC, VERSION, 10.0)
     peers.redirect(Board.FC, 10.0)
     assert not peers.is_proven(Board.FC, 10.0)
@@ -31,22 +36,19 @@ def test_a_redirection_voids_the_proof_but_not_what_is_known_of_the_firmware():
     assert not peers.is_proven(Board.FC, 11.0)
 
 
-def test_another_opening_of_the_port_voids_everything_that_was_heard():
-    peers = Peers()
+def test_another_opening_of_the_port_voids_everything_that_was_heard(peers):
     peers.note_sender(Board.FC)
     peers.version_received(Board.FC, VERSION, 10.0)
     peers.restart()
     assert (peers.direct, peers.boards, peers.firmware, peers.proof) == (Board.ANY, set(), {}, None)
 
 
-def test_motor_controllers_are_no_end_of_the_wire():
-    peers = Peers()
+def test_motor_controllers_are_no_end_of_the_wire(peers):
     assert not peers.note_sender(Board.BL)
     assert peers.boards == set()
 
 
-def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards():
-    peers = Peers()
+def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards(peers):
     assert not peers.caused_silence(1.0, 2.0)
     peers.redirect(Board.FC, 10.0)
     peers.redirect(None, 15.0)
@@ -55,8 +57,7 @@ def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boa
     assert not peers.caused_silence(16.0, 17.5)
 
 
-def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
-    peers = Peers()
+def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port(peers):
     peers.note_sender(Board.FC)
     peers.version_received(Board.FC, VERSION, 10.0)
     assert peers.learn(Board.FC, VERSION)
@@ -66,14 +67,12 @@ def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port():
     assert (peers.direct, peers.firmware, peers.proof) == (Board.FC, {}, None)
 
 
-def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends():
-    peers = Peers()
+def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends(peers):
     assert not peers.note_sender(Board.MAG)
     assert (peers.direct, peers.boards) == (Board.ANY, set())
 
 
-def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence():
-    peers = Peers()
+def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence(peers):
     peers.redirect(None, 10.0)
     assert not peers.caused_silence(9.0, 10.5)
     peers.redirect(Board.FC, 11.0)
@@ -81,15 +80,13 @@ def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence
     assert peers.caused_silence(11.5, 12.0)
 
 
-def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it():
-    peers = Peers()
+def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it(peers):
     assert peers.note_sender(Board.NC)
     assert not peers.note_sender(Board.FC)
     assert (peers.direct, peers.boards) == (Board.NC, {Board.FC, Board.NC})
 
 
-def test_looks_behind_a_navictrl_are_counted_on_for_a_flightctrl_that_never_named_itself():
-    peers = Peers()
+def test_looks_behind_a_navictrl_are_counted_on_for_a_flightctrl_that_never_named_itself(peers):
     peers.looks = 3
     peers.forget_flightctrl()
     assert peers.looks == 3

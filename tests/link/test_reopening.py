@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from lab.rigs.linkrig import Log
-from lab.rigs.waiting import wait_until
+from lab.rigs.waiting import running, wait_until
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.discovery import discover
@@ -74,12 +74,8 @@ async def linked(name: Path, *, by_id: Path | None = None) -> AsyncIterator[tupl
     link._opener = remember
     if by_id is not None:
         link._aliases = AliasMemory(by_id)
-    task = asyncio.create_task(link.run(discover))
-    try:
+    async with running(link.run(discover)):
         yield link, opened
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 def point(name: Path, device: Path) -> None:

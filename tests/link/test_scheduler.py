@@ -53,15 +53,18 @@ def sent_until(scheduler: TransmitScheduler, end: float, *, now: float = 0.0) ->
     raise AssertionError
 
 
-def test_order_is_release_setpoint_retry_request_subscription_echo_background():
-    scheduler = TransmitScheduler(FC)
+@pytest.fixture
+def scheduler():
+    return TransmitScheduler(FC)
+
+
+def test_order_is_release_setpoint_retry_request_subscription_echo_background(scheduler):
     for purpose in reversed(Purpose):
         scheduler.submit(entry(purpose), 0.0)
     assert [item.purpose for _, item in sent_until(scheduler, 1.0)] == list(Purpose)
 
 
-def test_a_flightctrl_gets_five_idle_milliseconds_after_each_carriage_return():
-    scheduler = TransmitScheduler(FC)
+def test_a_flightctrl_gets_five_idle_milliseconds_after_each_carriage_return(scheduler):
     for number in range(20):
         scheduler.submit(entry(Purpose.REQUEST, number=number), 0.0)
     sent = sent_until(scheduler, 2.0)
@@ -98,8 +101,7 @@ def test_forwarded_setpoints_keep_forty_hertz():
     assert min(b - a for a, b in itertools.pairwise(times)) >= FORWARDING_GAP - 1e-9
 
 
-def test_only_the_newest_setpoint_leaves():
-    scheduler = TransmitScheduler(FC)
+def test_only_the_newest_setpoint_leaves(scheduler):
     scheduler.submit(entry(Purpose.REQUEST), 0.0)
     scheduler.take(0.0)
     for number in range(1, 6):
@@ -109,8 +111,7 @@ def test_only_the_newest_setpoint_leaves():
     assert [item.message.frame for item in scheduler.take_expired()] == [1, 2, 3, 4]
 
 
-def test_what_is_past_its_deadline_never_leaves():
-    scheduler = TransmitScheduler(FC)
+def test_what_is_past_its_deadline_never_leaves(scheduler):
     scheduler.submit(entry(Purpose.SETPOINT, deadline=0.05), 0.0)
     scheduler.submit(entry(Purpose.REQUEST, deadline=0.05), 0.0)
     assert scheduler.take(0.06) is None
@@ -143,8 +144,7 @@ def test_an_answer_frees_a_question_to_anybody():
     assert scheduler.take(0.02) is not None
 
 
-def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_returns():
-    scheduler = TransmitScheduler(FC)
+def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_returns(scheduler):
     raws = []
     for now in (0.0, 0.1, 0.2, 0.2 + RESYNC_AFTER + 0.1):
         scheduler.submit(entry(Purpose.REQUEST), now)
@@ -156,23 +156,20 @@ def test_the_first_frame_and_the_one_after_an_error_or_silence_lead_with_two_ret
     assert [raw.startswith(RESYNC + b"#") for raw in raws] == [True, False, True, True]
 
 
-def test_bytes_that_are_no_frame_get_no_prefix():
-    scheduler = TransmitScheduler(FC)
+def test_bytes_that_are_no_frame_get_no_prefix(scheduler):
     scheduler.submit(QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1.0, Board.NC), 0.0)
     taken = scheduler.take(0.0)
     assert taken is not None
     assert taken.raw == b"\x1b\x1b\x55\xaa\x00"
 
 
-def test_a_full_queue_refuses():
-    scheduler = TransmitScheduler(FC)
+def test_a_full_queue_refuses(scheduler):
     assert all(scheduler.submit(entry(Purpose.BACKGROUND), 0.0) for _ in range(QUEUE_LIMIT))
     assert not scheduler.submit(entry(Purpose.BACKGROUND), 0.0)
     assert scheduler.waiting == QUEUE_LIMIT
 
 
-def test_withdrawn_entries_do_not_leave():
-    scheduler = TransmitScheduler(FC)
+def test_withdrawn_entries_do_not_leave(scheduler):
     kept, gone = entry(Purpose.REQUEST, number=1, tag="kept"), entry(Purpose.REQUEST, number=2, tag="gone")
     scheduler.submit(kept, 0.0)
     scheduler.submit(gone, 0.0)
@@ -181,8 +178,7 @@ def test_withdrawn_entries_do_not_leave():
     assert [item for _, item in sent_until(scheduler, 1.0)] == [kept]
 
 
-def test_a_deaf_board_gets_releases_only():
-    scheduler = TransmitScheduler(FC)
+def test_a_deaf_board_gets_releases_only(scheduler):
     scheduler.deafen(Board.FC, 1.3)
     scheduler.deafen(Board.FC, 0.5)
     for purpose in (Purpose.REQUEST, Purpose.SETPOINT, Purpose.RELEASE):
@@ -192,8 +188,7 @@ def test_a_deaf_board_gets_releases_only():
     assert sent[1][0] >= 1.3
 
 
-def test_quiet_keeps_back_what_would_refresh_the_dead_man():
-    scheduler = TransmitScheduler(FC)
+def test_quiet_keeps_back_what_would_refresh_the_dead_man(scheduler):
     scheduler.quieten("abdhlpt".__contains__, 6.0)
     label, attitude = entry(Purpose.REQUEST), entry(Purpose.SUBSCRIPTION)
     escape = QueuedTransmission(b"\x1b\x1b\x55\xaa\x00", Purpose.REQUEST, 1e9, Board.NC)
@@ -227,8 +222,7 @@ def test_while_redirected_only_that_board_is_spoken_to():
     assert scheduler.take(1.1) is there
 
 
-def test_clearing_forgets_everything_and_gives_it_back():
-    scheduler = TransmitScheduler(FC)
+def test_clearing_forgets_everything_and_gives_it_back(scheduler):
     items = [entry(Purpose.REQUEST), entry(Purpose.SETPOINT)]
     for item in items:
         scheduler.submit(item, 0.0)
@@ -289,8 +283,7 @@ def test_a_waiting_setpoint_is_not_overtaken_by_a_long_frame():
     assert [item.purpose for _, item in sent] == [Purpose.SETPOINT, Purpose.SUBSCRIPTION]
 
 
-def test_when_setpoints_stop_nothing_is_held_back():
-    scheduler = TransmitScheduler(FC)
+def test_when_setpoints_stop_nothing_is_held_back(scheduler):
     steady(scheduler, 0.02, 10, 9.0)
     assert scheduler.setpoint_period == pytest.approx(0.02)
     scheduler.submit(entry(Purpose.REQUEST), 0.5)

@@ -34,8 +34,12 @@ def requests_until(subscriptions: Subscriptions, end: float, now: float = 0.0) -
     return out
 
 
-def test_wanted_streams_are_asked_for_at_once_and_once():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+@pytest.fixture
+def subscriptions():
+    return Subscriptions(Board.NC, HeardShare())
+
+
+def test_wanted_streams_are_asked_for_at_once_and_once(subscriptions):
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.2)
     assert subscriptions.next_time() == -math.inf
@@ -54,8 +58,7 @@ def test_the_renewal_is_a_kind_nobody_wants_because_interval_0_costs_no_frame():
     assert min(gaps) == pytest.approx(subscriptions.renewal, abs=0.011)
 
 
-def test_where_all_are_wanted_the_shortest_frame_renews():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_where_all_are_wanted_the_shortest_frame_renews(subscriptions):
     for key in ("osd", "debug", "attitude"):
         subscriptions.want(key, 0.1)
     asked = requests_until(subscriptions, 4.0)
@@ -69,8 +72,7 @@ def test_a_display_request_is_no_renewal_because_it_answers_at_once():
     assert all(message.spec.id != "h" for _, message in requests_until(subscriptions, 5.0))
 
 
-def test_only_a_changed_rate_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_only_a_changed_rate_is_asked_for_again(subscriptions):
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.1)
     subscriptions.due(0.0)
@@ -81,8 +83,7 @@ def test_only_a_changed_rate_is_asked_for_again():
     assert subscriptions.due(0.2) == [OsdRequestV1(interval=20)]
 
 
-def test_ending_a_stream_stops_it_and_keeps_the_others():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_ending_a_stream_stops_it_and_keeps_the_others(subscriptions):
     subscriptions.want("osd", 0.1)
     subscriptions.want("debug", 0.1)
     subscriptions.due(0.0)
@@ -93,14 +94,12 @@ def test_ending_a_stream_stops_it_and_keeps_the_others():
     assert subscriptions.wanted == {"debug": 0.1}
 
 
-def test_without_wishes_nothing_is_sent():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_without_wishes_nothing_is_sent(subscriptions):
     assert subscriptions.next_time() == math.inf
     assert subscriptions.due(100.0) == []
 
 
-def test_a_stream_that_does_not_come_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_a_stream_that_does_not_come_is_asked_for_again(subscriptions):
     subscriptions.want("osd", 0.1)
     subscriptions.due(0.0)
     assert OsdRequestV1(interval=10) not in subscriptions.due(ASK_AGAIN - 0.01)
@@ -145,8 +144,7 @@ def test_the_attitude_is_asked_for_first():
     assert [message.spec.id for message in subscriptions.due(0.0)] == ["c", "d"]
 
 
-def test_after_a_reboot_everything_is_asked_for_again():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_after_a_reboot_everything_is_asked_for_again(subscriptions):
     subscriptions.want("osd", 0.1)
     requests_until(subscriptions, 3.0)
     subscriptions.forget()
@@ -156,8 +154,7 @@ def test_after_a_reboot_everything_is_asked_for_again():
 @pytest.mark.parametrize(
     ("wish", "ticks"), [(0.001, 2), (0.02, 2), (0.025, 3), (0.1, 10), (0.1049, 11), (0.29, 29), (9.0, 255)]
 )
-def test_intervals_are_what_the_board_can_count(wish, ticks):
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_intervals_are_what_the_board_can_count(subscriptions, wish, ticks):
     subscriptions.want("osd", wish)
     assert subscriptions.due(0.0) == [OsdRequestV1(interval=ticks)]
 
@@ -177,8 +174,7 @@ def test_lengths_are_those_of_the_frames():
             assert kind.ask(0.1).to_frame(board).startswith(b"#")
 
 
-def test_a_stream_is_ended_once_and_only_on_a_board_that_has_it():
-    subscriptions = Subscriptions(Board.NC, HeardShare())
+def test_a_stream_is_ended_once_and_only_on_a_board_that_has_it(subscriptions):
     for _ in range(2):
         subscriptions.end("debug")
     assert len(subscriptions.due(0.0)) == 1

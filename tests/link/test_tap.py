@@ -6,6 +6,7 @@ import asyncio
 
 from lab.rigs.boardport import LineFault, Socket
 from lab.rigs.linkrig import Log, flight_ctrl, virtually
+from lab.rigs.waiting import running
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.link.discovery import discover
@@ -59,15 +60,12 @@ async def test_what_the_tap_was_told_gives_the_same_frames_and_messages_again():
     socket = Socket(flight_ctrl("2.12a"), seed=3)
     cfg = LinkConfig.model_validate({"port": "/dev/rig", "rates": {"attitude": 50}})
     link = Link(cfg, log, opener=socket.open, clock=Clock(monotonic=loop.time), tap=tap)
-    task = asyncio.create_task(link.run(discover))
-    await asyncio.sleep(2.0)
-    socket.port.inject(LineFault.UNPLUGGED)
-    await asyncio.sleep(0.2)
-    socket.is_present = True
-    await asyncio.sleep(3.0)
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-
+    async with running(link.run(discover)):
+        await asyncio.sleep(2.0)
+        socket.port.inject(LineFault.UNPLUGGED)
+        await asyncio.sleep(0.2)
+        socket.is_present = True
+        await asyncio.sleep(3.0)
     assert [what for what, _ in tap.of("opened")] == [("/dev/rig", 57600)] * 2
     assert [bool(what) for what, _ in tap.of("lost")] == [True, False]
     assert "unplugged" in tap.of("lost")[0][0]

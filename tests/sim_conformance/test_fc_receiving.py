@@ -14,16 +14,19 @@ VERSION = encode_frame(1, "v")
 DANGLING = [b"#", b"#b", b"#bv", b"#bv@", b"#bd?]==", b"##", b"#bv@x", b"x#", b"#b#v"]
 
 
+@pytest.fixture
+def bench():
+    return fc_bench()
+
+
 @pytest.mark.parametrize("debris", DANGLING)
-def test_a_dangling_frame_swallows_the_next_for_ever(debris):
-    bench = fc_bench()
+def test_a_dangling_frame_swallows_the_next_for_ever(bench, debris):
     bench.send(debris, 1.1)
     assert bench.ask(VERSION, 30.0) is None
 
 
 @pytest.mark.parametrize("debris", [*DANGLING, b"", b"\r", b"noise", VERSION])
-def test_two_carriage_returns_recover_from_everything(debris):
-    bench = fc_bench()
+def test_two_carriage_returns_recover_from_everything(bench, debris):
     bench.send(debris, 1.1)
     bench.run(1.5)
     received = bench.ask(b"\r\r" + VERSION, 2.0)
@@ -52,8 +55,7 @@ def test_no_answer_to_nonsense(frame):
 
 
 @pytest.mark.parametrize(("chars", "accepted"), [(218, True), (222, False), (226, False), (398, False)])
-def test_longest_frame(chars, accepted):
-    bench = fc_bench()
+def test_longest_frame(bench, chars, accepted):
     frame = encode_frame(1, "v", bytes((chars - 6) // 4 * 3))
     assert len(frame) == chars
     assert (bench.ask(frame, 1.5) is not None) is accepted
@@ -61,8 +63,7 @@ def test_longest_frame(chars, accepted):
     assert bench.ask(VERSION, 3.0) is not None
 
 
-def test_short_label_and_settings_requests_read_checksum_characters():
-    bench = fc_bench()
+def test_short_label_and_settings_requests_read_checksum_characters(bench):
     label = bench.ask(b"#ba@c\r", 1.5)
     assert label is not None
     assert label.frame.payload[0] == 31
@@ -72,8 +73,7 @@ def test_short_label_and_settings_requests_read_checksum_characters():
 
 
 @pytest.mark.parametrize("letter", ["d", "c"])
-def test_an_empty_subscription_starts_a_640_ms_stream(letter):
-    bench = fc_bench()
+def test_an_empty_subscription_starts_a_640_ms_stream(bench, letter):
     bench.send(encode_frame(1, letter), 1.5)
     times = [received.first for received in bench.run(5.0)]
     gaps = [b - a for a, b in itertools.pairwise(times)]
@@ -81,8 +81,7 @@ def test_an_empty_subscription_starts_a_640_ms_stream(letter):
     assert gaps == pytest.approx([0.666] * len(gaps), abs=0.01)
 
 
-def test_a_short_b_is_filled_with_what_stood_in_the_buffer():
-    bench = fc_bench()
+def test_a_short_b_is_filled_with_what_stood_in_the_buffer(bench):
     bench.ask(b"#bb>MQBEB\r", 1.5)
     state = bench.ask(b"#bg@i\r", 2.0)
     assert state is not None
@@ -93,8 +92,7 @@ def test_a_short_b_is_filled_with_what_stood_in_the_buffer():
     assert state.frame.raw == b"#bGMCMJEAR?@M==MN\r"
 
 
-def test_the_navictrl_time_request_spins_motor_4():
-    bench = fc_bench()
+def test_the_navictrl_time_request_spins_motor_4(bench):
     bench.send(b"#ct=M==D{\r", 1.5)
     bench.run(1.6)
     assert bench.board.motors.setpoints(1.6)[:4] == [1, 0, 0, 0x1F]
@@ -103,8 +101,7 @@ def test_the_navictrl_time_request_spins_motor_4():
 
 
 @pytest.mark.parametrize("chars", [22, 26, 30])
-def test_the_old_control_frame_is_ignored_silently(chars):
-    bench = fc_bench()
+def test_the_old_control_frame_is_ignored_silently(bench, chars):
     size = {22: 11, 26: 15, 30: 18}[chars]
     frame = encode_frame(1, "b", bytes([0, 0, 0, 5, 5, 5, 90, 0, 0, 7, 1] + [0] * (size - 11)))
     assert len(frame) == chars
@@ -112,8 +109,7 @@ def test_the_old_control_frame_is_ignored_silently(chars):
     assert bench.board.external.held.frame == 0
 
 
-def test_frame_0_gives_no_confirmation():
-    bench = fc_bench()
+def test_frame_0_gives_no_confirmation(bench):
     assert bench.ask(encode_frame(1, "b", bytes([1, 2, 3, 4, 0, 1, 0])), 1.5) is None
     assert bench.board.external.held.pitch == 1
 

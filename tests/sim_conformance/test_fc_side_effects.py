@@ -58,12 +58,16 @@ def test_index_is_pulled_into_range(asked, given):
     assert received.frame.payload[0] == given
 
 
+@pytest.fixture
+def bench():
+    return fc_bench()
+
+
 @pytest.mark.parametrize(
     ("asked", "number", "keeps"),
     [(10, 1, True), (11, 1, True), (14, 4, True), (19, 5, True), (20, 1, False), (22, 2, False), (29, 5, False)],
 )
-def test_resetting_a_set(asked, number, keeps):
-    bench = fc_bench()
+def test_resetting_a_set(bench, asked, number, keeps):
     eeprom = bench.board.eeprom
     factory = eeprom.sets[number]
     changed = bytearray(factory)
@@ -91,8 +95,7 @@ def test_writing_a_set_activates_it(word):
     assert eeprom.sets[2][place] == bench.board.live.raw[place] == 12
 
 
-def test_values_out_of_range_are_pulled_in_on_writing():
-    bench = fc_bench()
+def test_values_out_of_range_are_pulled_in_on_writing(bench):
     raw = bytearray(bench.board.eeprom.sets[2])
     raw[27] = 255
     ask(bench, "s", b"\x02" + bytes(raw), 1.5)
@@ -110,8 +113,7 @@ def spoil_revision(raw):
     ("index", "spoil", "running"),
     [(0, bytes, False), (6, bytes, False), (255, bytes, False), (2, spoil_revision, False), (2, bytes, True)],
 )
-def test_writing_is_refused_with_s_0(index, spoil, running):
-    bench = fc_bench()
+def test_writing_is_refused_with_s_0(bench, index, spoil, running):
     if running:
         bench.board.core.start()
     before = dict(bench.board.eeprom.sets)
@@ -121,8 +123,7 @@ def test_writing_is_refused_with_s_0(index, spoil, running):
     assert (bench.board.eeprom.sets, bench.board.eeprom.active) == (before, 3)
 
 
-def test_f_loads_a_set_and_answers_the_active_one():
-    bench = fc_bench()
+def test_f_loads_a_set_and_answers_the_active_one(bench):
     received = ask(bench, "f", b"\x01")
     assert received is not None
     assert (received.frame.id, received.frame.payload[0]) == ("F", 3)
@@ -153,8 +154,7 @@ def test_while_motors_run_settings_do_not_change(word, letter, payload, answer):
 
 
 @pytest.mark.parametrize("running", [False, True])
-def test_the_mixer_is_written_in_flight_too(running):
-    bench = fc_bench()
+def test_the_mixer_is_written_in_flight_too(bench, running):
     if running:
         bench.board.core.start()
     table = bytearray(bench.board.eeprom.mixer)
@@ -169,8 +169,7 @@ def test_the_mixer_is_written_in_flight_too(running):
     assert received.frame.payload[0] == 0
 
 
-def test_motor_test_lasts_half_a_second():
-    bench = fc_bench()
+def test_motor_test_lasts_half_a_second(bench):
     bench.send(encode_frame(1, "t", bytes([30] * 16)), 2.0)
     bench.run(2.4)
     assert bench.board.motors.setpoints(2.4) == [30] * 16
@@ -178,8 +177,7 @@ def test_motor_test_lasts_half_a_second():
     assert bench.board.motors.setpoints(2.6) is None
 
 
-def test_motor_test_values_wait_while_motors_run():
-    bench = fc_bench()
+def test_motor_test_values_wait_while_motors_run(bench):
     bench.board.core.start()
     bench.send(encode_frame(1, "t", bytes([30] * 16)), 2.0)
     bench.run(5.0)
@@ -200,8 +198,7 @@ MOTOR_CONFIGS = [
 
 
 @pytest.mark.parametrize(("motor", "running", "done", "status"), MOTOR_CONFIGS)
-def test_reading_motor_controllers(motor, running, done, status):
-    bench = fc_bench()
+def test_reading_motor_controllers(bench, motor, running, done, status):
     if running:
         bench.board.core.start()
     received = ask(bench, "u", bytes([motor]))
@@ -225,8 +222,7 @@ WRITES = [
 
 
 @pytest.mark.parametrize(("motor", "raw", "done", "status", "changed"), WRITES)
-def test_writing_motor_controllers(motor, raw, done, status, changed):
-    bench = fc_bench()
+def test_writing_motor_controllers(bench, motor, raw, done, status, changed):
     received = ask(bench, "w", bytes([motor]) + raw)
     assert received is not None
     assert received.frame.payload[:2] == bytes([done, status])
@@ -257,8 +253,7 @@ def test_reset_in_flight(word, running, resets):
     assert bench.board.core.running is (running and not resets)
 
 
-def test_serial_channels_show_in_p():
-    bench = fc_bench()
+def test_serial_channels_show_in_p(bench):
     ask(bench, "y", bytes([10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 0x81]))
     received = ask(bench, "p")
     assert received is not None
@@ -266,8 +261,7 @@ def test_serial_channels_show_in_p():
     assert channels[17:29] == [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127]
 
 
-def test_p_shows_sticks_and_the_gate_where_the_set_maps_them():
-    bench = fc_bench()
+def test_p_shows_sticks_and_the_gate_where_the_set_maps_them(bench):
     pilot = bench.aircraft.pilot
     pilot.pitch, pilot.roll, pilot.gas, pilot.yaw, pilot.gate = 11, 22, 33, 44, 200
     bench.run(1.2)

@@ -26,9 +26,13 @@ def test_debug_period(interval, period_ms):
     assert median(b - a for a, b in itertools.pairwise(times)) * 1e3 == pytest.approx(period_ms, rel=0.05)
 
 
+@pytest.fixture
+def bench():
+    return fc_bench()
+
+
 @pytest.mark.parametrize("letter", ["d", "c", "h"])
-def test_stream_ends_4_1_s_after_the_last_renewal(letter):
-    bench = fc_bench()
+def test_stream_ends_4_1_s_after_the_last_renewal(bench, letter):
     bench.send(request(letter, 10), 1.1)
     bench.send(request(letter, 10), 3.0)
     last = max(received.first for received in bench.run(12.0) if received.frame.id == KINDS[letter])
@@ -56,8 +60,7 @@ def test_what_renews(letter, renews):
     assert (last > 9.0) is renews
 
 
-def test_debug_comes_at_once_and_attitude_after_one_interval():
-    bench = fc_bench()
+def test_debug_comes_at_once_and_attitude_after_one_interval(bench):
     free = bench.send(request("d", 50), 1.1)
     assert bench.run(1.3)[0].first - free < 5e-3
     free = bench.send(request("c", 30), 2.0)
@@ -65,8 +68,7 @@ def test_debug_comes_at_once_and_attitude_after_one_interval():
     assert first - free == pytest.approx(0.315, abs=0.02)
 
 
-def test_interval_0_stops():
-    bench = fc_bench()
+def test_interval_0_stops(bench):
     bench.send(request("d", 10), 1.1)
     bench.send(request("d", 0), 2.0)
     times = [received.first for received in bench.run(4.0) if received.frame.id == "D"]
@@ -74,8 +76,7 @@ def test_interval_0_stops():
     assert max(times) < 2.01
 
 
-def test_fast_debug_starves_confirmations_attitude_and_receiver():
-    bench = fc_bench()
+def test_fast_debug_starves_confirmations_attitude_and_receiver(bench):
     bench.send(request("c", 5), 1.1)
     bench.send(request("d", 1), 1.2)
     for number in range(20):
@@ -85,8 +86,7 @@ def test_fast_debug_starves_confirmations_attitude_and_receiver():
 
 
 @pytest.mark.parametrize("interval", [2, 3, 5, 10])
-def test_slower_debug_lets_the_confirmation_through_within_25_ms(interval):
-    bench = fc_bench()
+def test_slower_debug_lets_the_confirmation_through_within_25_ms(bench, interval):
     bench.send(request("d", interval), 1.1)
     for number in range(25):
         at = 1.5 + 0.0613 * number
@@ -96,8 +96,7 @@ def test_slower_debug_lets_the_confirmation_through_within_25_ms(interval):
         assert confirmed[0].last - free < 25e-3
 
 
-def test_a_label_asked_for_during_a_fast_stream_collides_and_is_still_readable():
-    bench = fc_bench()
+def test_a_label_asked_for_during_a_fast_stream_collides_and_is_still_readable(bench):
     bench.send(request("d", 1), 1.1)
     for number in range(32):
         bench.send(encode_frame(1, "a", bytes([number])), 1.5 + 0.06 * number)
@@ -153,8 +152,7 @@ def test_deaf_times_in_which_every_frame_is_lost(make, deaf_time):
     assert answers[0] == pytest.approx(deaf_time, abs=0.05)
 
 
-def test_boot_prints_text_and_forgets():
-    bench = fc_bench()
+def test_boot_prints_text_and_forgets(bench):
     bench.send(request("d", 10), 1.1)
     bench.send(encode_frame(1, "b", V2), 1.5)
     bench.send(encode_frame(1, "R"), 2.0)
@@ -165,8 +163,7 @@ def test_boot_prints_text_and_forgets():
     assert bench.board.external.held.frame == 0
 
 
-def test_j_is_deaf_until_power_off():
-    bench = fc_bench()
+def test_j_is_deaf_until_power_off(bench):
     bench.send(encode_frame(1, "j", b"\x01"), 2.0)
     assert bench.ask(encode_frame(1, "v"), 3.0) is None
     assert bench.ask(encode_frame(1, "v"), 60.0) is None

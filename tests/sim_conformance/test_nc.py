@@ -18,8 +18,12 @@ def stream(letter, interval):
     return encode_frame(2, letter, bytes([interval]))
 
 
-def test_idle_echo_takes_4_04_ms():
-    bench = nc_bench()
+@pytest.fixture
+def bench():
+    return nc_bench()
+
+
+def test_idle_echo_takes_4_04_ms(bench):
     times = []
     for number, at in enumerate(moments(1, 100, 0.05)):
         bench.send(echo(number), at)
@@ -95,8 +99,7 @@ def test_bursts_of_five_echoes_lose_a_fifth():
     assert 1.0 - answered == pytest.approx(0.21, abs=0.09)
 
 
-def test_replies_leave_in_a_fixed_order():
-    bench = nc_bench()
+def test_replies_leave_in_a_fixed_order(bench):
     bench.send(stream("o", 200), 1.5)
     requests = b"".join(
         (
@@ -120,8 +123,7 @@ def test_replies_leave_in_a_fixed_order():
     assert order == [letter for letter in "JZWXAHLVE" if letter in order]
 
 
-def test_a_saturating_stream_starves_what_is_below_it():
-    bench = nc_bench()
+def test_a_saturating_stream_starves_what_is_below_it(bench):
     free = bench.send(stream("o", 1), 2.0)
     bench.send(encode_frame(2, "v"), 2.1)
     version = next(received for received in bench.run(8.0) if received.frame.id == "V")
@@ -130,8 +132,7 @@ def test_a_saturating_stream_starves_what_is_below_it():
 
 
 @pytest.mark.parametrize(("letter", "interval", "floor_ms"), [("o", 1, 20.5), ("d", 1, 16.3), ("c", 1, 10.0)])
-def test_fastest_stream(letter, interval, floor_ms):
-    bench = nc_bench()
+def test_fastest_stream(bench, letter, interval, floor_ms):
     bench.send(stream(letter, interval), 2.0)
     times = [received.first for received in bench.run(4.0)]
     assert median(b - a for a, b in itertools.pairwise(times)) * 1e3 == pytest.approx(floor_ms, rel=0.02)
@@ -139,16 +140,14 @@ def test_fastest_stream(letter, interval, floor_ms):
 
 @pytest.mark.parametrize("letter", ["o", "d", "c"])
 @pytest.mark.parametrize("interval", [5, 10, 20])
-def test_periods_are_exact(letter, interval):
-    bench = nc_bench()
+def test_periods_are_exact(bench, letter, interval):
     bench.send(stream(letter, interval), 2.0)
     times = [received.first for received in bench.run(5.5)][1:]
     assert all(b - a == pytest.approx(interval * 0.01, abs=2e-4) for a, b in itertools.pairwise(times))
 
 
 @pytest.mark.parametrize("letter", ["o", "d", "c", "h"])
-def test_streams_share_one_4_0_s_timer(letter):
-    bench = nc_bench()
+def test_streams_share_one_4_0_s_timer(bench, letter):
     frame = encode_frame(2, "h", b"\xff\x0a") if letter == "h" else stream(letter, 10)
     bench.send(frame, 2.0)
     last = max(received.first for received in bench.run(9.0))
@@ -170,8 +169,7 @@ def test_what_renews_all_even_with_interval_0(letter, renews):
     assert (last > 8.0) is renews
 
 
-def test_a_request_sends_one_frame_at_once_and_restarts_the_phase():
-    bench = nc_bench()
+def test_a_request_sends_one_frame_at_once_and_restarts_the_phase(bench):
     bench.send(stream("o", 50), 2.0)
     free = bench.send(stream("o", 50), 2.2)
     times = [received.first for received in bench.run(3.0) if received.first > 2.1]
@@ -180,8 +178,7 @@ def test_a_request_sends_one_frame_at_once_and_restarts_the_phase():
 
 
 @pytest.mark.parametrize("letter", ["o", "d", "c"])
-def test_interval_0_renews_without_a_frame(letter):
-    bench = nc_bench()
+def test_interval_0_renews_without_a_frame(bench, letter):
     assert bench.ask(stream(letter, 0), 2.0) is None
 
 
@@ -202,8 +199,7 @@ def test_b_is_forwarded_a_character_a_pass(loop_ms, rate, low, high):
     assert "B" not in bench.ids(received), "no confirmation through this NaviCtrl"
 
 
-def test_forwarding_is_only_for_b_and_y_to_the_flightctrl():
-    bench = nc_bench()
+def test_forwarding_is_only_for_b_and_y_to_the_flightctrl(bench):
     for number, letter in enumerate("pnqgt"):
         bench.send(encode_frame(1, letter, bytes(16)), 2.0 + 0.1 * number)
     assert bench.ids(bench.run(3.0)) == ""
@@ -216,8 +212,7 @@ FEEDING = [("z", False), ("b", False), ("y", False), ("v", True), ("a", True), (
 
 
 @pytest.mark.parametrize(("letter", "feeds"), FEEDING)
-def test_link_flag_sets_6_s_after_the_last_frame_that_counts(letter, feeds):
-    bench = nc_bench()
+def test_link_flag_sets_6_s_after_the_last_frame_that_counts(bench, letter, feeds):
     bench.send(encode_frame(2, "v"), 2.0)
     address = 1 if letter in "by" else 2
     for number in range(16):
@@ -228,8 +223,7 @@ def test_link_flag_sets_6_s_after_the_last_frame_that_counts(letter, feeds):
     assert bool(bench.board.navigator.flags() & 0x10) is not feeds
 
 
-def test_an_sd_stall_keeps_what_comes_and_answers_late():
-    bench = nc_bench()
+def test_an_sd_stall_keeps_what_comes_and_answers_late(bench):
     bench.aircraft.faults.start("nc_sd_stall", duration=1.5)
     bench.send(encode_frame(2, "v"), 1.2)
     bench.send(echo(7), 1.4)
@@ -238,8 +232,7 @@ def test_an_sd_stall_keeps_what_comes_and_answers_late():
     assert min(item.first for item in received) == pytest.approx(2.5, abs=0.02)
 
 
-def test_a_long_stall_overflows_the_ring():
-    bench = nc_bench()
+def test_a_long_stall_overflows_the_ring(bench):
     bench.aircraft.faults.start("nc_sd_stall", duration=2.0)
     for number in range(100):
         bench.send(encode_frame(2, "j", bytes([1, number, 5, 0])), 1.1 + 0.01 * number)
@@ -249,8 +242,7 @@ def test_a_long_stall_overflows_the_ring():
 
 
 @pytest.mark.parametrize(("chars", "accepted"), [(146, True), (150, True), (154, False), (400, False)])
-def test_longest_frame(chars, accepted):
-    bench = nc_bench()
+def test_longest_frame(bench, chars, accepted):
     frame = encode_frame(2, "v", bytes((chars - 6) // 4 * 3))
     assert abs(len(frame) - chars) < 4
     assert (bench.ask(frame, 2.0) is not None) is accepted
@@ -258,30 +250,26 @@ def test_longest_frame(chars, accepted):
 
 
 @pytest.mark.parametrize("debris", [b"#", b"#cz", b"#c#cz=", b"##", b"text\r", b"\x1b\x1b"])
-def test_any_hash_restarts_a_frame(debris):
-    bench = nc_bench()
+def test_any_hash_restarts_a_frame(bench, debris):
     received = bench.ask(debris + encode_frame(2, "v"), 2.0)
     assert received is not None
     assert received.frame.id == "V"
 
 
 @pytest.mark.parametrize("address", range(28))
-def test_every_address_reaches_the_common_set(address):
-    bench = nc_bench()
+def test_every_address_reaches_the_common_set(bench, address):
     received = bench.ask(encode_frame(address, "v"), 2.0)
     assert received is not None
     assert received.frame.address == 2
 
 
 @pytest.mark.parametrize("letter", ["z", "e", "x", "j"])
-def test_other_commands_want_the_own_address(letter):
-    bench = nc_bench()
+def test_other_commands_want_the_own_address(bench, letter):
     assert bench.ask(encode_frame(1, letter, b"\x01\x00\x00\x00"), 2.0) is None
     assert bench.ask(encode_frame(2, letter, b"\x01\x00\x00\x00"), 3.0) is not None
 
 
-def test_r_jumps_to_the_boot_loader_and_stays_there():
-    bench = nc_bench()
+def test_r_jumps_to_the_boot_loader_and_stays_there(bench):
     bench.send(encode_frame(2, "R"), 2.0)
     bench.run(2.5)
     assert bench.ask(encode_frame(2, "v"), 30.0) is None

@@ -25,8 +25,12 @@ def wanted(interval, budget):
     return encode_frame(2, "o", bytes([interval]) + budget.to_bytes(2, "little"))
 
 
-def test_three_bytes_ask_for_all_data_sets_and_one_byte_for_navidata_5():
-    bench = bench_2x()
+@pytest.fixture
+def bench():
+    return bench_2x()
+
+
+def test_three_bytes_ask_for_all_data_sets_and_one_byte_for_navidata_5(bench):
     bench.send(wanted(5, 0x8000), 2.0)
     sets = [received.frame for received in bench.run(3.0) if received.frame.id == "O"]
     assert {frame.payload[0]: len(frame.raw) for frame in sets} == LENGTHS
@@ -36,16 +40,14 @@ def test_three_bytes_ask_for_all_data_sets_and_one_byte_for_navidata_5():
 
 
 @pytest.mark.parametrize("budget", [200, 500, 1024])
-def test_the_byte_budget_is_kept(budget):
-    bench = bench_2x()
+def test_the_byte_budget_is_kept(bench, budget):
     for number in range(6):
         bench.send(wanted(1, budget), 2.0 + 2.0 * number)
     sent = sum(len(item.frame.raw) for item in bench.run(14.0) if 3.0 < item.first < 13.0)
     assert 0.6 * budget < sent / 10.0 <= 1.05 * budget
 
 
-def test_the_sets_agree_with_the_aircraft():
-    bench = bench_2x()
+def test_the_sets_agree_with_the_aircraft(bench):
     bench.aircraft.sensors.battery_voltage = 11.1
     bench.aircraft.sensors.baro_height = 3.0
     bench.send(wanted(2, 0x8000), 2.0)
@@ -57,8 +59,7 @@ def test_the_sets_agree_with_the_aircraft():
     assert {message.longitude for message in messages} == {74591000}
 
 
-def test_motor_status_comes_one_motor_a_frame():
-    bench = bench_2x()
+def test_motor_status_comes_one_motor_a_frame(bench):
     bench.send(encode_frame(2, "k", b"\x05"), 2.0)
     frames = [item.frame for item in bench.run(7.0) if item.frame.id == "K"]
     assert {len(frame.raw) for frame in frames} == {14}
@@ -79,8 +80,7 @@ def test_the_older_board_knows_none_of_it(letter):
 
 
 @pytest.mark.parametrize("address", [1, 2])
-def test_b_is_taken_and_confirmed_by_the_navictrl_itself(address):
-    bench = bench_2x()
+def test_b_is_taken_and_confirmed_by_the_navictrl_itself(bench, address):
     bench.board.flight.core.start()
     free = bench.send(encode_frame(address, "b", bytes([40, 0, 0, 0, 9, 1, 0, 0, 0])), 2.0)
     (confirmed,) = [item for item in bench.run(2.3) if item.frame.id == "B"]
@@ -91,8 +91,7 @@ def test_b_is_taken_and_confirmed_by_the_navictrl_itself(address):
 
 
 @pytest.mark.parametrize(("rate", "share"), [(20, 1.0), (40, 1.0), (50, 0.9), (100, 0.45)])
-def test_the_newest_b_reaches_the_flightctrl_with_every_exchange(rate, share):
-    bench = bench_2x()
+def test_the_newest_b_reaches_the_flightctrl_with_every_exchange(bench, rate, share):
     taken = []
     external = bench.board.flight.external
     take = external.take
@@ -115,8 +114,7 @@ def test_an_old_flightctrl_is_named_and_never_steered(fc):
     assert bench.board.flight.companion_error == 1, "its motors do not start"
 
 
-def test_silence_ends_control_through_the_navictrl_too():
-    bench = bench_2x()
+def test_silence_ends_control_through_the_navictrl_too(bench):
     bench.board.flight.core.start()
     bench.send(encode_frame(2, "b", bytes([40, 0, 0, 0, 9, 1, 0, 0, 0])), 2.0)
     for number in range(20):
@@ -131,8 +129,7 @@ def test_a_newer_navictrl_slows_the_leak_of_the_attitude_loop(word, fc, leak):
     assert nc_bench(word, fc=fc).aircraft.gains.ta == leak
 
 
-def test_version_and_attitude_have_the_newer_layouts():
-    bench = bench_2x()
+def test_version_and_attitude_have_the_newer_layouts(bench):
     version = bench.ask(encode_frame(2, "v"), 2.0)
     assert version is not None
     assert version.frame.payload[:3] == bytes([2, 14, 11])

@@ -63,9 +63,13 @@ def switch_to(bench, value):
 COMING_HOME, FREE = 255, 0
 
 
+@pytest.fixture
+def bench():
+    return nc_bench()
+
+
 @pytest.mark.parametrize(("address", "letter"), [(2, "z"), (1, "b")])
-def test_the_serial_link_flag_is_checked_once_a_second(address, letter):
-    bench = nc_bench()
+def test_the_serial_link_flag_is_checked_once_a_second(bench, address, letter):
     for number in range(45):
         bench.send(encode_frame(address, letter, bytes(7)), 1.5 + 0.2 * number)
     bench.run(10.6)
@@ -75,8 +79,7 @@ def test_the_serial_link_flag_is_checked_once_a_second(address, letter):
 
 
 @pytest.mark.parametrize(("letter", "interval", "frames"), [("o", 10, 40), ("d", 10, 40), ("c", 10, 40), ("o", 5, 80)])
-def test_a_stream_ends_before_the_frame_that_is_due_with_the_time_out(letter, interval, frames):
-    bench = nc_bench()
+def test_a_stream_ends_before_the_frame_that_is_due_with_the_time_out(bench, letter, interval, frames):
     bench.send(encode_frame(2, letter, bytes([interval])), 2.0)
     times = [received.last for received in bench.run(9.0)]
     assert len(times) == frames
@@ -87,8 +90,7 @@ TEXTS = [(0, [b"UART2 init", b"Timer2 deinit"]), (1, []), (2, [b"Timer2 deinit"]
 
 
 @pytest.mark.parametrize(("target", "texts"), TEXTS)
-def test_text_of_a_redirection(target, texts):
-    bench = nc_bench()
+def test_text_of_a_redirection(bench, target, texts):
     bench.send(encode_frame(2, "u", bytes([target])), 2.0)
     bench.run(2.1)
     text = b"".join(byte for _, byte in bench.raw)
@@ -107,8 +109,7 @@ SERVOS = [
 
 
 @pytest.mark.parametrize(("targets", "run"), SERVOS)
-def test_the_escape_restores_the_camera_servos_only_after_the_others(targets, run):
-    bench = nc_bench()
+def test_the_escape_restores_the_camera_servos_only_after_the_others(bench, targets, run):
     for number, target in enumerate(targets):
         bench.send(encode_frame(2, "u", bytes([target])), 2.0 + number)
         bench.run(2.3 + number)
@@ -121,8 +122,7 @@ def test_the_escape_restores_the_camera_servos_only_after_the_others(targets, ru
     ("fault", "length", "run"),
     [("nc_reboot", None, True), ("spi_lost", 0.2, True), ("spi_lost", 0.05, False)],
 )
-def test_what_brings_the_camera_servos_back(fault, length, run):
-    bench = nc_bench()
+def test_what_brings_the_camera_servos_back(bench, fault, length, run):
     bench.send(encode_frame(2, "u", b"\x00"), 2.0)
     bench.send(ESCAPE, 2.2)
     bench.run(2.5)
@@ -131,8 +131,7 @@ def test_what_brings_the_camera_servos_back(fault, length, run):
     assert bench.board.navigator.camera_servos_on is run
 
 
-def test_a_silent_spi_bus_stops_the_camera_servos_for_50_exchanges_and_both_are_printed_amid_a_frame():
-    bench = nc_bench()
+def test_a_silent_spi_bus_stops_the_camera_servos_for_50_exchanges_and_both_are_printed_amid_a_frame(bench):
     bench.send(encode_frame(2, "d", b"\x02"), 2.0)
     bench.run(2.5)
     bench.aircraft.faults.start("spi_lost", duration=0.2)
@@ -148,8 +147,7 @@ def test_a_silent_spi_bus_stops_the_camera_servos_for_50_exchanges_and_both_are_
     assert bench.raw[started][0] - bench.raw[stopped][0] == pytest.approx(1.0 + 0.2 - 0.08, abs=0.05)
 
 
-def test_a_point_written_in_flight_activates_the_list_and_does_not_fly_it():
-    bench = nc_bench()
+def test_a_point_written_in_flight_activates_the_list_and_does_not_fly_it(bench):
     start(bench)
     switch_to(bench, COMING_HOME)
     write(bench, *CLEAR)
@@ -164,8 +162,7 @@ def test_a_point_written_in_flight_activates_the_list_and_does_not_fly_it():
     assert osd(bench).target_latitude == HOME[1] + 2000
 
 
-def test_a_list_received_on_the_ground_is_not_flown():
-    bench = nc_bench()
+def test_a_list_received_on_the_ground_is_not_flown(bench):
     write(bench, 1, north=2000)
     write(bench, 2, north=4000)
     start(bench)
@@ -176,8 +173,7 @@ def test_a_list_received_on_the_ground_is_not_flown():
     assert shown.nc_flags & NaviStatus.COMING_HOME
 
 
-def test_after_the_last_point_it_flies_home():
-    bench = nc_bench()
+def test_after_the_last_point_it_flies_home(bench):
     start(bench)
     write(bench, 1, north=2000, hold=1)
     switch_to(bench, COMING_HOME)
@@ -188,8 +184,7 @@ def test_after_the_last_point_it_flies_home():
     assert osd(bench).target_latitude == HOME[1]
 
 
-def test_the_target_stays_when_the_list_is_cleared():
-    bench = nc_bench()
+def test_the_target_stays_when_the_list_is_cleared(bench):
     start(bench)
     write(bench, 1, north=2000)
     switch_to(bench, COMING_HOME)
@@ -201,8 +196,7 @@ def test_the_target_stays_when_the_list_is_cleared():
     assert shown.target_status is PositionStatus.NEW
 
 
-def test_a_silent_gps_receiver_shows_in_the_error_code_alone():
-    bench = nc_bench()
+def test_a_silent_gps_receiver_shows_in_the_error_code_alone(bench):
     before = osd(bench)
     assert before.position_status is PositionStatus.NEW
     bench.aircraft.sensors.gps = replace(FIX, latitude_1e7=0, longitude_1e7=0, has_fix=False, satellites=0)
@@ -213,14 +207,12 @@ def test_a_silent_gps_receiver_shows_in_the_error_code_alone():
     assert (after.position_latitude, after.satellites) == (before.position_latitude, before.satellites)
 
 
-def test_gps_ok_is_never_set():
-    bench = nc_bench()
+def test_gps_ok_is_never_set(bench):
     bench.run(3.0)
     assert not osd(bench).nc_flags & NaviStatus.GPS_OK
 
 
-def test_a_dead_spi_bus_freezes_the_flags_of_the_flightctrl():
-    bench = nc_bench()
+def test_a_dead_spi_bus_freezes_the_flags_of_the_flightctrl(bench):
     start(bench)
     before = osd(bench).fc_flags
     assert FlightStatus.MOTORS_RUNNING in before
@@ -236,8 +228,7 @@ def test_a_dead_spi_bus_freezes_the_flags_of_the_flightctrl():
     assert FlightStatus.MOTORS_RUNNING not in osd(bench).fc_flags
 
 
-def test_distances_wrap_at_655_m():
-    bench = nc_bench()
+def test_distances_wrap_at_655_m(bench):
     start(bench)
     place(bench, north=89035)
     bench.run(bench.board.now + 0.5)
@@ -253,8 +244,7 @@ def test_the_fork_shows_used_capacity_in_the_place_of_the_voltage():
     assert osd(bench).battery == 300 & 0xFF
 
 
-def test_a_restarted_navictrl_has_lost_its_list():
-    bench = nc_bench()
+def test_a_restarted_navictrl_has_lost_its_list(bench):
     write(bench, 1, north=2000)
     bench.aircraft.faults.start("nc_reboot")
     bench.run(4.0)
@@ -262,8 +252,7 @@ def test_a_restarted_navictrl_has_lost_its_list():
     assert osd(bench).waypoint_count == 0
 
 
-def test_home_is_where_the_first_fix_was_and_then_where_the_motors_were_started():
-    bench = nc_bench()
+def test_home_is_where_the_first_fix_was_and_then_where_the_motors_were_started(bench):
     shown = osd(bench)
     assert (shown.home_longitude, shown.home_latitude, shown.home_altitude) == (*HOME, 12_000)
     assert shown.home_status is PositionStatus.NEW
@@ -274,8 +263,7 @@ def test_home_is_where_the_first_fix_was_and_then_where_the_motors_were_started(
     assert osd(nc_bench("2.14")).home_status is PositionStatus.INVALID
 
 
-def test_the_throttle_is_the_stick_with_the_compensation_of_the_voltage_taken_back():
-    bench = nc_bench()
+def test_the_throttle_is_the_stick_with_the_compensation_of_the_voltage_taken_back(bench):
     start(bench)
     bench.aircraft.sensors.battery_voltage = 16.4
     bench.run(bench.board.now + 0.5)
@@ -284,8 +272,7 @@ def test_the_throttle_is_the_stick_with_the_compensation_of_the_voltage_taken_ba
     assert osd(bench).throttle == pytest.approx(core.mixed.throttle + 127, abs=2)
 
 
-def test_a_point_withdrawn_is_not_counted_and_still_read_and_an_empty_place_has_no_heading():
-    bench = nc_bench()
+def test_a_point_withdrawn_is_not_counted_and_still_read_and_an_empty_place_has_no_heading(bench):
     for index in (1, 3):
         write(bench, index, north=index)
     write(bench, 1, what=PointType.INVALID, north=1)
@@ -317,8 +304,7 @@ def test_a_line_passed_through_hands_characters_over_by_the_fifo_both_ways():
     assert 1.5e-3 < answer.last - asked - median(direct) < 5e-3, "time-outs of the last characters, both ways"
 
 
-def test_debug_data_count_gps_reports_and_compass_transfers_and_tell_the_deviation_in_centimetres():
-    bench = nc_bench()
+def test_debug_data_count_gps_reports_and_compass_transfers_and_tell_the_deviation_in_centimetres(bench):
     start(bench)
     switch_to(bench, 127)
     place(bench, north=100)

@@ -45,17 +45,20 @@ WRITES = [
 ]
 
 
+@pytest.fixture
+def bench():
+    return nc_bench()
+
+
 @pytest.mark.parametrize(("index", "status", "what", "reply", "stored"), WRITES)
-def test_write(index, status, what, reply, stored):
-    bench = nc_bench()
+def test_write(bench, index, status, what, reply, stored):
     received = bench.ask(point(index, status=status, what=what), 2.0)
     assert received is not None
     assert (received.frame.id, received.frame.payload[0]) == ("W", reply)
     assert bench.board.navigator.points.count == stored
 
 
-def test_w_0_means_cleared_as_well_as_refused():
-    bench = nc_bench()
+def test_w_0_means_cleared_as_well_as_refused(bench):
     for index in (1, 2, 3):
         bench.ask(point(index), 2.0 + 0.1 * index, 0.05)
     refused = bench.ask(point(99), 3.0, 0.05)
@@ -67,8 +70,7 @@ def test_w_0_means_cleared_as_well_as_refused():
     assert refused.frame.payload == cleared.frame.payload == bytes(3)
 
 
-def test_read_back():
-    bench = nc_bench()
+def test_read_back(bench):
     written = point(1, north=700)
     bench.ask(written, 2.0, 0.05)
     bench.ask(point(2, what=PointType.POINT_OF_INTEREST), 2.1, 0.05)
@@ -88,8 +90,7 @@ def point_payload(frame):
     return FrameDecoder().feed(frame)[0].payload
 
 
-def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed():
-    bench = nc_bench()
+def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed(bench):
     bench.send(encode_frame(2, "o", b"\x02"), 2.0)
     for index in range(1, 11):
         bench.send(point(index), 2.1)
@@ -98,8 +99,7 @@ def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed():
     assert 3 <= confirmed <= 8
 
 
-def test_writing_alone_never_starts_the_route():
-    bench = nc_bench()
+def test_writing_alone_never_starts_the_route(bench):
     flying(bench)
     for index in (1, 2):
         bench.ask(point(index, north=2000 * index), 3.0 + 0.1 * index, 0.05)
@@ -134,16 +134,14 @@ def test_s_starts_it_when_flying_only():
 
 
 @pytest.mark.parametrize("status", [PositionStatus.INVALID, PositionStatus.PROCESSED])
-def test_s_needs_new_data(status):
-    bench = nc_bench()
+def test_s_needs_new_data(bench, status):
     flying(bench)
     bench.send(point(1, status=status, kind=SendTarget024), bench.board.now)
     bench.run(bench.board.now + 0.5)
     assert bench.board.navigator.points.count == 0
 
 
-def test_a_list_that_is_flown_takes_effect_at_once():
-    bench = nc_bench()
+def test_a_list_that_is_flown_takes_effect_at_once(bench):
     flying(bench)
     for index in (1, 2):
         bench.ask(point(index, north=0 if index == 1 else 5000), 3.0 + 0.1 * index, 0.05)
@@ -154,8 +152,7 @@ def test_a_list_that_is_flown_takes_effect_at_once():
     assert bench.board.navigator.points.index == 1
 
 
-def test_the_route_holds_and_goes_on():
-    bench = nc_bench()
+def test_the_route_holds_and_goes_on(bench):
     flying(bench)
     bench.ask(point(1, hold=2), 3.0, 0.05)
     bench.ask(point(2, what=PointType.POINT_OF_INTEREST), 3.1, 0.05)
@@ -170,8 +167,7 @@ def test_the_route_holds_and_goes_on():
     )
 
 
-def test_parameters():
-    bench = nc_bench()
+def test_parameters(bench):
     received = bench.ask(encode_frame(2, "j", bytes([1, 0, 0x2C, 0x01])), 2.0, 0.05)
     assert received is not None
     assert received.frame.payload == bytes([0, 0x2C, 0x01])
@@ -230,8 +226,7 @@ def test_two_ms_after_the_escape_are_lost(wait_ms, received):
     assert ("Z" in bench.ids(bench.run(2.5))) is received
 
 
-def test_redirection_cuts_the_frame_being_sent_and_its_tail_comes_after_the_escape():
-    bench = nc_bench()
+def test_redirection_cuts_the_frame_being_sent_and_its_tail_comes_after_the_escape(bench):
     bench.send(encode_frame(2, "o", b"\x64"), 2.0)
     bench.send(encode_frame(2, "u", b"\x00"), 2.005)
     bench.run(2.3)
@@ -250,8 +245,7 @@ def test_redirection_cuts_the_frame_being_sent_and_its_tail_comes_after_the_esca
     ("target", "running", "redirects"),
     [(0, True, True), (1, True, False), (2, True, False), (1, False, True), (3, False, False)],
 )
-def test_redirection_while_motors_run(target, running, redirects):
-    bench = nc_bench()
+def test_redirection_while_motors_run(bench, target, running, redirects):
     if running:
         flying(bench)
     bench.send(encode_frame(2, "u", bytes([target])), bench.board.now)
@@ -259,8 +253,7 @@ def test_redirection_while_motors_run(target, running, redirects):
     assert bench.board.redirection.is_on is redirects
 
 
-def test_error_text_leaves_stale_characters():
-    bench = nc_bench()
+def test_error_text_leaves_stale_characters(bench):
     bench.aircraft.pilot.rc_quality = 0
     bench.run(2.5)
     lost = bench.ask(encode_frame(2, "e"), 2.6, 0.05)
@@ -289,8 +282,7 @@ ERRORS = [
 
 
 @pytest.mark.parametrize(("spoil", "code"), ERRORS)
-def test_error_codes_reach_navidata_and_forbid_the_start(spoil, code):
-    bench = nc_bench()
+def test_error_codes_reach_navidata_and_forbid_the_start(bench, spoil, code):
     spoil(bench)
     bench.run(2.5)
     received = bench.ask(encode_frame(2, "o", b"\x00"), 2.5, 0.05) or bench.ask(
@@ -313,8 +305,7 @@ def test_menu_pages(asked, given):
     assert f"[{given}]".encode() in received.frame.payload[:22]
 
 
-def test_menu_keys():
-    bench = nc_bench()
+def test_menu_keys(bench):
     shown = []
     for number, keys in enumerate((0xFF, 0xFD, 0xFD, 0xFE, 0xFC, 0xFE)):
         received = bench.ask(encode_frame(2, "h", bytes([keys, 0])), 2.0 + 0.1 * number, 0.08)
@@ -322,8 +313,7 @@ def test_menu_keys():
     assert shown == ["0", "1", "2", "1", "0", "15"]
 
 
-def test_the_obsolete_display_format_is_refused_once():
-    bench = nc_bench()
+def test_the_obsolete_display_format_is_refused_once(bench):
     received = bench.ask(encode_frame(2, "h", b"\x05\x0a"), 2.0, 2.0)
     assert received is not None
     assert len(received.frame.raw) == 34

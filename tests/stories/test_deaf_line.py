@@ -10,6 +10,7 @@ import pytest
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.linkrig import virtually
+from lab.rigs.waiting import running
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
@@ -38,13 +39,9 @@ async def flying(boards):
                 flown.stream(raw, secret=secret)
                 await asyncio.sleep(0.02)
 
-        client = asyncio.create_task(stream())
-        try:
+        async with running(stream()):
             assert await flown.until(lambda: flown.flight.phase is Phase.FLYING) is not None
             yield flown
-        finally:
-            client.cancel()
-            await asyncio.gather(client, return_exceptions=True)
 
 
 def sticks_since(flown, since):
@@ -113,13 +110,11 @@ async def test_a_lease_taken_while_the_board_beeps_begins_with_neutral_sticks():
     async with cockpit(Boards("2.12a"), 1) as flown:
         await flown.until(lambda: flown.link.is_up)
         await flown.link.send(Beep(duration=500, count=2), board=Board.FC)
-        flying = asyncio.create_task(Streamer(flown, "client").fly())
-        assert await flown.until(lambda: flown.aircraft.is_controlled) is not None
-        first = next(frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT)
-        assert not is_tilted([first])
-        assert await flown.until(lambda: is_tilted(flown.sink.tx[-1:])) is not None
-        flying.cancel()
-        await asyncio.gather(flying, return_exceptions=True)
+        async with running(Streamer(flown, "client").fly()):
+            assert await flown.until(lambda: flown.aircraft.is_controlled) is not None
+            first = next(frame for frame in flown.sink.tx if frame.purpose is Purpose.SETPOINT)
+            assert not is_tilted([first])
+            assert await flown.until(lambda: is_tilted(flown.sink.tx[-1:])) is not None
 
 
 @virtually

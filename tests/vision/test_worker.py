@@ -125,8 +125,12 @@ def test_the_covariance_is_carried_to_the_body() -> None:
     np.testing.assert_allclose(np.cov(moved.T), b[:3, :3], atol=0.02 * b[:3, :3].max())
 
 
-def test_what_a_flight_says_about_the_files_is_in_the_figures() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+@pytest.fixture
+def pipeline():
+    return CameraPipeline(section(), VisionSection(), CLOCK)
+
+
+def test_what_a_flight_says_about_the_files_is_in_the_figures(pipeline) -> None:
     pipeline.selfcheck.barometer_received(100.0, 3.0)
     feed(pipeline, [shot(k) for k in range(3)])
     (found,) = stats(pipeline).selfcal
@@ -162,8 +166,7 @@ def test_unusable_images_are_named_and_give_no_pose(
     assert words in found.reason
 
 
-def test_a_frozen_camera_stops_giving_poses_and_recovers() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_a_frozen_camera_stops_giving_poses_and_recovers(pipeline) -> None:
     still = shot()
     assert len(poses(feed(pipeline, [still] * 8))) < 8
     found = stats(pipeline)
@@ -174,8 +177,7 @@ def test_a_frozen_camera_stops_giving_poses_and_recovers() -> None:
     assert stats(pipeline).state is EyeState.OK
 
 
-def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle(pipeline) -> None:
     values = feed(pipeline, [shot(k, LightConditions(exposure=0.09)) for k in range(2)])
     assert len(poses(values)) == 2
     found = stats(pipeline)
@@ -184,8 +186,7 @@ def test_a_dark_image_that_is_posed_is_an_alarm_and_no_obstacle() -> None:
     assert found.posed == 1.0
 
 
-def test_an_image_that_breaks_the_detector_is_counted() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_an_image_that_breaks_the_detector_is_counted(pipeline) -> None:
 
     def broken(*_: object) -> None:
         raise cv2.error("inside")
@@ -195,8 +196,9 @@ def test_an_image_that_breaks_the_detector_is_counted() -> None:
     assert stats(pipeline).faults == 1
 
 
-def test_a_check_of_the_files_that_fails_is_counted_and_costs_no_pose(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_a_check_of_the_files_that_fails_is_counted_and_costs_no_pose(
+    pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
 
     def broken(*_: object) -> None:
         raise cv2.error("inside")
@@ -424,8 +426,7 @@ async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(
     worker.stop()
 
 
-def test_a_detector_that_fails_on_every_image_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_a_detector_that_fails_on_every_image_is_named(pipeline, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def fail(*_: object) -> None:
         msg = "index 0 is out of bounds"
@@ -443,8 +444,7 @@ def test_a_detector_that_fails_on_every_image_is_named(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("field", ["time", "roll", "pitch", "yaw"])
-def test_attitudes_that_are_no_numbers_are_left_out(field: str, bad: float) -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_attitudes_that_are_no_numbers_are_left_out(pipeline, field: str, bad: float) -> None:
     good = AttitudeSample(100.0, 0.0, 0.0, 0.0)
     history = AttitudeHistory([replace(good, **{field: bad}), replace(good, time=-1e9)])
     values = pipeline.process(image(shot(), 0), history)
@@ -454,15 +454,13 @@ def test_attitudes_that_are_no_numbers_are_left_out(field: str, bad: float) -> N
     assert "s away from the image: poses come from the images alone" in found.alarms[Alarm.ATTITUDE_MISSING]
 
 
-def test_attitudes_of_which_none_is_a_number_are_told() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_attitudes_of_which_none_is_a_number_are_told(pipeline) -> None:
     history = AttitudeHistory([AttitudeSample(100.0, np.nan, 0.0, 0.0)])
     assert len(poses(pipeline.process(image(shot(), 0), history))) == 1
     assert "none of the vehicle's attitudes is a number" in stats(pipeline).alarms[Alarm.ATTITUDE_MISSING]
 
 
-def test_an_attitude_that_contradicts_the_images_is_left_out_counted_and_told() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_an_attitude_that_contradicts_the_images_is_left_out_counted_and_told(pipeline) -> None:
     wrong = AttitudeHistory([AttitudeSample(100.0, 0.3, 0.4, 0.0)])
     posed = [len(poses(pipeline.process(image(shot(k), k), wrong))) for k in range(7)]
     assert (posed[0], posed[-1]) == (0, 1)
@@ -484,8 +482,7 @@ async def test_attitude_samples_that_are_no_numbers_are_counted(tmp_path: Path) 
     assert sink.stats()[-1].attitude_lost[AttitudeLoss.NOT_A_NUMBER] == 2
 
 
-def test_an_image_without_a_time_is_a_counted_fault() -> None:
-    pipeline = CameraPipeline(section(), VisionSection(), CLOCK)
+def test_an_image_without_a_time_is_a_counted_fault(pipeline) -> None:
     timeless = CameraImage(shot(), np.nan, 100.0, 1, "down")
     for _ in range(3):
         assert pipeline.process(timeless, None) == []

@@ -234,8 +234,14 @@ def see_many(estimator, start, images, off=0.0, step=0.125):
         see(estimator, start + k * step, off)
 
 
-def test_the_mean_of_the_innovations_follows_an_image_by_a_fiftieth_and_none_counts_more_than_five_deviations():
-    estimator = watched()
+@pytest.fixture
+def estimator():
+    return watched()
+
+
+def test_the_mean_of_the_innovations_follows_an_image_by_a_fiftieth_and_none_counts_more_than_five_deviations(
+    estimator,
+):
     for k in range(1, 10):
         see(estimator, 0.125 * k)
         assert estimator.innovation == pytest.approx(0.98 ** (k + 1), abs=1e-6)
@@ -244,8 +250,7 @@ def test_the_mean_of_the_innovations_follows_an_image_by_a_fiftieth_and_none_cou
     assert estimator.innovation == pytest.approx(0.98 * before + 0.02 * 25.0)
 
 
-def test_an_image_as_expected_leaves_the_caution_and_one_without_surprise_lowers_it_by_a_three_hundredth():
-    estimator = watched()
+def test_an_image_as_expected_leaves_the_caution_and_one_without_surprise_lowers_it_by_a_three_hundredth(estimator):
     before = estimator.caution
     see_many(estimator, 0.0, 40)
     assert estimator.caution == pytest.approx(before - 40 * 0.0033, abs=1e-6)
@@ -253,16 +258,14 @@ def test_an_image_as_expected_leaves_the_caution_and_one_without_surprise_lowers
     assert estimator.caution == pytest.approx(before - 40 * 0.0033, abs=1e-6)
 
 
-def test_an_image_of_five_deviations_and_more_raises_it_by_a_twelfth_of_the_way():
-    estimator = watched()
+def test_an_image_of_five_deviations_and_more_raises_it_by_a_twelfth_of_the_way(estimator):
     estimator.caution = 0.5
     see(estimator, 0.125, off=9.0)
     assert estimator.caution == pytest.approx(0.5 + 0.0033 * 24.0)
 
 
 @pytest.mark.parametrize(("size", "end"), [(0.0, 0.0), (25.0, 1.0)])
-def test_caution_stays_between_the_tuned_model_and_none(size, end):
-    estimator = watched()
+def test_caution_stays_between_the_tuned_model_and_none(estimator, size, end):
     for _ in range(310):
         estimator._judge(size)
     assert estimator.caution == end
@@ -423,8 +426,7 @@ def test_what_leaks_on_the_way_differs_by_less_than_half_a_count():
 
 
 @pytest.mark.parametrize(("silent", "caution"), [(0.805, 0.0), (0.815, 1.0)])
-def test_only_a_silence_longer_than_the_memory_ends_what_is_believed(silent, caution):
-    estimator = watched()
+def test_only_a_silence_longer_than_the_memory_ends_what_is_believed(estimator, silent, caution):
     estimator.caution = 0.0
     estimator.advance(silent)
     assert estimator.caution == caution
@@ -464,8 +466,7 @@ def test_in_a_silence_all_leaks_and_not_whole_counts():
 
 
 @pytest.mark.parametrize("off", [0.001, 0.02])
-def test_a_camera_that_contradicts_another_is_not_believed_even_where_it_agrees(off):
-    estimator = watched()
+def test_a_camera_that_contradicts_another_is_not_believed_even_where_it_agrees(estimator, off):
     for camera in ("", "forward"):
         estimator.target_seen(replace(level_view(), camera=camera), 0.0)
     for _ in range(3):
@@ -493,8 +494,7 @@ def test_after_the_filter_of_the_sticks_changed_the_next_image_is_right():
 
 
 @pytest.mark.parametrize("images", [1, 2, 3, 4])
-def test_the_fourth_of_images_that_are_refused_is_right(images):
-    estimator = watched()
+def test_the_fourth_of_images_that_are_refused_is_right(estimator, images):
     see_many(estimator, 0.0, 16)
     for k in range(images):
         see(estimator, 2.125 + 0.125 * k, off=1.0)
@@ -502,8 +502,7 @@ def test_the_fourth_of_images_that_are_refused_is_right(images):
     assert found == pytest.approx(1.0 if images == 4 else 0.0, abs=0.05)
 
 
-def test_sticks_ask_for_as_much_more_tilt_as_the_aircraft_was_found_to_give():
-    estimator = watched()
+def test_sticks_ask_for_as_much_more_tilt_as_the_aircraft_was_found_to_give(estimator):
     estimator._response.measured, estimator._response._first_at = 1.5, -9.0
     assert estimator.stick_gain == 1.0, "it explains no more than the model's"
     estimator._response._is_clear = True

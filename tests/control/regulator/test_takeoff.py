@@ -19,16 +19,19 @@ def run(take_off, start, seconds, tilt=0.0):
     return [(start + k * STEP, take_off.gas(start + k * STEP, STEP, tilt)) for k in range(1, steps + 1)]
 
 
-def test_throttle_is_at_its_lowest_first_then_rises_to_a_bound():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+@pytest.fixture
+def take_off():
+    return TakeOff(LIMITS, HOVER, 0.0)
+
+
+def test_throttle_is_at_its_lowest_first_then_rises_to_a_bound(take_off):
     throttles = run(take_off, 0.0, 2.1)
     assert {gas for at, gas in throttles if at < LIMITS.ready - 0.01} == {IDLE_GAS}
     assert throttles[-1][1] == pytest.approx(LIMITS.most * HOVER)
     assert take_off.phase is TakeOffPhase.RAMP
 
 
-def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at(take_off):
     run(take_off, 0.0, LIMITS.ready + LIMITS.blind + 0.6)
     assert take_off.is_over
     assert take_off.failure is Outcome.NOT_LIFTED
@@ -36,15 +39,13 @@ def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at():
     assert "hover_throttle" in WORDS[take_off.failure]
 
 
-def test_images_of_an_aircraft_that_stands_change_nothing():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_images_of_an_aircraft_that_stands_change_nothing(take_off):
     run(take_off, 0.0, 1.5)
     assert [take_off.seen(0.10 + 0.01 * k, 1.3 + 0.03 * k) for k in range(4)] == [()] * 4
     assert take_off.is_blind
 
 
-def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_heights_of_its_feet():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_heights_of_its_feet(take_off):
     run(take_off, 0.0, 1.6)
     assert take_off.seen(0.20, 1.50) == ()
     assert take_off.is_blind
@@ -53,8 +54,7 @@ def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_hei
     assert take_off.seen(0.3, 1.6) == (), "it is known by now"
 
 
-def test_one_image_of_a_climbing_aircraft_takes_the_throttle_back_to_hover_until_the_next():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_one_image_of_a_climbing_aircraft_takes_the_throttle_back_to_hover_until_the_next(take_off):
     run(take_off, 0.0, 1.6)
     take_off.seen(0.20, 1.50)
     assert run(take_off, 1.6, STEP)[-1][1] == pytest.approx(HOVER)
@@ -69,8 +69,7 @@ def test_blind_time_counts_from_one_image_in_the_air_if_no_other_follows():
     assert take_off.failure is Outcome.NOT_LIFTED
 
 
-def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot(take_off):
     for k in range(1, round((LIMITS.ready + LIMITS.blind + 0.6) / STEP)):
         take_off.gas(k * STEP, STEP, 0.0)
         assert take_off.seen(0.2 + 0.01 * k, k * STEP - OLDEST - 0.01) == ()
@@ -79,8 +78,7 @@ def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot():
     assert "too old" in WORDS[take_off.failure]
 
 
-def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released(take_off):
     run(take_off, 0.0, 1.3)
     [(_, gas)] = run(take_off, 1.3, STEP, tilt=0.3)
     assert take_off.phase is TakeOffPhase.FAILED
@@ -131,8 +129,7 @@ def test_a_foot_that_sticks_ends_it_at_fifteen_degrees(tilt, fails):
     assert take_off.failure is (Outcome.TIPPED if fails else None)
 
 
-def test_a_tilt_before_the_throttle_rises_ends_nothing():
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_a_tilt_before_the_throttle_rises_ends_nothing(take_off):
     run(take_off, 0.0, 0.5, tilt=0.5)
     assert take_off.phase is TakeOffPhase.IDLE
 
@@ -179,8 +176,7 @@ def test_an_image_just_young_enough_counts():
 
 
 @pytest.mark.parametrize("phase", ["idle", "ramp"])
-def test_who_aborts_before_the_lift_off_ends_it_as_it_is(phase):
-    take_off = TakeOff(LIMITS, HOVER, 0.0)
+def test_who_aborts_before_the_lift_off_ends_it_as_it_is(take_off, phase):
     if phase == "ramp":
         take_off, _ = ramp(0.1)
     take_off.fail(Outcome.TAKE_OFF_ABORTED)

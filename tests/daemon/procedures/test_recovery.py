@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import random
+from contextlib import asynccontextmanager
 
 import pytest
 
@@ -34,6 +35,15 @@ async def restart(socket, folder):
         await rig.until_ready()
         await rig.until(lambda: not rig.runner._recovery.notes)
         return rig.bus.texts()
+
+
+@asynccontextmanager
+async def interrupted(folder):
+    """A daemon that finds what another one left that was killed during a backup."""
+    socket = plug_in(flight_ctrl())
+    await kill_during(socket, folder, "settings_backup", 0.5)
+    async with procedure_rig(socket, folder) as rig:
+        yield rig
 
 
 def changed_sets(socket, slots, rng):
@@ -81,9 +91,7 @@ async def test_a_kill_while_the_active_set_is_written_brings_the_old_one_back(tm
 
 @virtually
 async def test_while_a_live_set_is_owed_nobody_flies_and_the_refusal_says_why(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         with pytest.raises(CommandRejectedError, match="settings_backup was interrupted"), rig.interlock.taking_lease():
             pass
         shown = (await rig.ask("settings_recover")).reply["notes"]
@@ -119,9 +127,7 @@ async def test_a_note_of_another_aircraft_is_kept_and_not_applied(other, tmp_pat
 
 @virtually
 async def test_a_note_can_be_discarded_by_who_knows(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         assert (await rig.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
         assert rig.interlock.owed is None
         assert list(tmp_path.iterdir()) == []
@@ -129,9 +135,7 @@ async def test_a_note_can_be_discarded_by_who_knows(tmp_path):
 
 @virtually
 async def test_a_note_that_is_discarded_while_it_is_acted_on_is_no_fault(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         await rig.until(lambda: rig.interlock.running)
         assert (await rig.ask("settings_recover", action="discard", confirm=True)).reply["notes"] == ()
         await rig.until(lambda: rig.interlock.running is None)
@@ -196,9 +200,7 @@ async def test_a_list_note_that_cannot_be_read_warns_all_the_same(tmp_path):
 
 @virtually
 async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         rig.facts.motors_running = lambda now, within=2.0: True
         await rig.until_ready()
         await asyncio.sleep(5.0)
@@ -214,9 +216,7 @@ async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_
 
 @virtually
 async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
 
         def refuse(message):
             raise CommandRejectedError("read_only", "the release is not known.", "Wait.")
@@ -233,9 +233,7 @@ async def test_a_client_can_ask_for_an_attempt_at_once(tmp_path):
 
 @virtually
 async def test_flying_keeps_a_recovery_away(tmp_path):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         rig.phase = Phase.FLYING  # it took the lease before the note was known to belong to this aircraft
         await rig.until_ready()
         await asyncio.sleep(3.0)
@@ -247,15 +245,13 @@ async def test_flying_keeps_a_recovery_away(tmp_path):
 @pytest.mark.parametrize("when", ["before", "during"])
 @virtually
 async def test_an_aircraft_that_is_unplugged_is_looked_at_again_when_it_is_back(tmp_path, when):
-    socket = plug_in(flight_ctrl())
-    await kill_during(socket, tmp_path, "settings_backup", 0.5)
-    async with procedure_rig(socket, tmp_path) as rig:
+    async with interrupted(tmp_path) as rig:
         await rig.until((lambda: rig.link.is_up) if when == "before" else (lambda: rig.interlock.running))
-        socket.unplug()
+        rig.socket.unplug()
         await asyncio.sleep(5.0)
         assert rig.interlock.owed is not None
         assert rig.interlock.running is None
-        socket.is_present = True
+        rig.socket.is_present = True
         await rig.until(lambda: rig.interlock.owed is None)
         assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
         assert list(tmp_path.iterdir()) == []

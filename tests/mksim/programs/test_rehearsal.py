@@ -7,6 +7,7 @@ import math
 
 import pytest
 
+from lab.rigs.waiting import running
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.flightrecord import Moment, Rehearsed
 from mksim.programs.rehearsal import ROOM_FLIGHT, demonstration, room_demonstration, simulated_aircraft
@@ -26,10 +27,8 @@ def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
                 flies.set()
 
         rehearsal = demonstration(simulated_aircraft(1, "indoor", 6.0), watch)
-        flight = asyncio.create_task(rehearsal.fly())
-        await asyncio.wait_for(flies.wait(), 20.0)
-        flight.cancel()
-        await asyncio.gather(flight, return_exceptions=True)
+        async with running(rehearsal.fly()):
+            await asyncio.wait_for(flies.wait(), 20.0)
         return rehearsal.bus.values
 
     published = run_virtually(watch_the_lift_off())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 
+from lab.rigs.waiting import running
 from mkdaemon.telemetry.vision import Alarm, EyeState, PoseRefused, VisionPose, VisionStats
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.rehearsal import Rehearsal, simulated_aircraft
@@ -19,10 +20,8 @@ def looked(calibrated, seconds=6.0):
         config = simulated_aircraft(1, "none", 5.0)
         rehearsal = Rehearsal(config, Simulation(config), lambda moment, status: None, calibrated=calibrated)
         rehearsal.watch(lambda suffix, value: values.append(value))
-        flying = asyncio.create_task(rehearsal.fly())
-        await asyncio.sleep(seconds)
-        flying.cancel()
-        await asyncio.gather(flying, return_exceptions=True)
+        async with running(rehearsal.fly()):
+            await asyncio.sleep(seconds)
 
     run_virtually(look())
     return values

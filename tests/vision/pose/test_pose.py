@@ -56,9 +56,13 @@ def test_points_behind_the_camera_are_not_visible():
     assert visible.tolist() == [False, False, True]
 
 
+@pytest.fixture
+def target():
+    return shipped("single")
+
+
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
-def test_both_solutions_are_found_and_the_better_one_is_true(distance):
-    target = shipped("single")
+def test_both_solutions_are_found_and_the_better_one_is_true(target, distance):
     view = View(target, place(distance, 0.6))
     candidates = cold(view, target)
     assert len(candidates) == 2
@@ -81,8 +85,7 @@ def test_edge_fit_is_precise_and_beats_a_bad_start(name, distance):
     assert fitted.rms_px < 0.06
 
 
-def test_edge_fit_follows_a_tag_larger_than_the_image():
-    target = shipped("single")
+def test_edge_fit_follows_a_tag_larger_than_the_image(target):
     view = View(target, place(0.3, 0.1))
     start = Pose(view.rotation, view.position + np.array([0.003, -0.002, 0.004]), np.eye(6), "edges", 0, 0.0)
     fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
@@ -102,8 +105,7 @@ DOUBTING = Projection(VGA, aspect_sd=FLOOR_RANGE)
 
 
 @pytest.mark.parametrize(("distance", "tilt"), [(0.7, 0.02), (0.7, 0.3), (1.2, 0.1)])
-def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(distance, tilt):
-    target = shipped("single")
+def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(target, distance, tilt):
     lens = VGA.model_copy(update={"fx": VGA.fx * 1.01, "fy": VGA.fy / 1.01})
     view = View(target, replace(place(distance, tilt), intrinsics=lens))
     start = cold(view, target)[0]
@@ -138,8 +140,7 @@ def test_a_tilt_by_grey_values_is_unsure_by_the_share_that_any_image_may_be_long
     assert np.sqrt(largest_variance(found.covariance[3:, 3:])) > 0.5 * share / max(found.tilt, tilt)
 
 
-def test_grey_values_polish_a_pose_from_edges():
-    target = shipped("single")
+def test_grey_values_polish_a_pose_from_edges(target):
     edge_fit, photo_fit = EdgeFit(target, PROJECTION), PhotoFit(target, PROJECTION)
     edges, polished = [], []
     for k in range(0, 64, 3):
@@ -156,8 +157,7 @@ def test_grey_values_polish_a_pose_from_edges():
     assert np.mean(polished) < 0.8 * np.mean(edges)
 
 
-def test_grey_values_do_not_polish_what_they_contradict():
-    target = shipped("single")
+def test_grey_values_do_not_polish_what_they_contradict(target):
     view = View(target, place(3.0, 0.3))
     fit = PhotoFit(target, PROJECTION)
     edges = EdgeFit(target, PROJECTION).fit(view.pixels, cold(view, target)[0])
@@ -173,8 +173,7 @@ def test_grey_values_do_not_polish_what_they_contradict():
     assert fit.polish(np.full((480, 640), 90, np.uint8), edges) is edges
 
 
-def test_level_holds_the_tilt():
-    target = shipped("single")
+def test_level_holds_the_tilt(target):
     view = View(target, place(3.0, 0.3))
     off = turn(view.rotation, 0.05 * np.cross(view.rotation[:, 2], [1.0, 0, 0]))
     start = Pose(off, view.position, np.eye(6), "edges", 0, 0.0)
@@ -200,8 +199,7 @@ def test_edges_under_another_tag_are_left_out():
 
 
 @pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (8.0, 0.012), (11.0, 0.04)])
-def test_photometric_fit_of_far_tags(distance, most):
-    target = shipped("single")
+def test_photometric_fit_of_far_tags(target, distance, most):
     errors = []
     for k in range(4):
         view = View(target, place(distance, 0.5, around=1.3 * k, roll=0.8 * k))
@@ -215,8 +213,7 @@ def test_photometric_fit_of_far_tags(distance, most):
     assert np.median(errors) < most
 
 
-def test_photometric_fit_refuses_what_it_cannot_do():
-    target = shipped("single")
+def test_photometric_fit_refuses_what_it_cannot_do(target):
     fit = PhotoFit(target, PROJECTION)
     near = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.5]), np.eye(6), "corners", 4, 0.1)
     assert fit.fit(np.full((480, 640), 90, np.uint8), near) is None
@@ -263,9 +260,8 @@ def test_floor_and_inverse():
     assert np.allclose(np.cov(centres.T), turned[:3, :3], atol=0.15 * np.abs(turned[:3, :3]).max())
 
 
-def test_covariance_is_honest():
+def test_covariance_is_honest(target):
     """NEES per degree of freedom of 12 views; the campaign of `python -m lab vision` draws hundreds."""
-    target = shipped("single")
     fit = EdgeFit(target, PROJECTION)
     values = []
     for k in range(0, 24, 2):
