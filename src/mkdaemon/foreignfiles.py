@@ -17,6 +17,8 @@ from codecs import BOM_UTF8
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+from mkdaemon.errors import ConfigError
+
 LONGEST_TEXT: Final = 4_000_000
 """Longest text file [bytes]."""
 LONGEST_SETTINGS: Final = 500_000
@@ -131,6 +133,30 @@ def parse_json(text: str | bytes) -> Any:
     return tree
 
 
+def parse_yaml(text: str) -> Any:
+    """Parse a document of YAML: dicts, lists, texts, numbers, True, False and None.
+
+    Raises:
+        ConfigError: it is none, holds tags that only one program knows, or nests too deep; names the line.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    try:
+        tree = YAML(typ="safe", pure=True).load(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = "" if mark is None else f"line {mark.line + 1}: "
+        raise ConfigError(f"{line}{error.problem or error.context}") from None
+    except RecursionError:
+        raise ConfigError(_TOO_DEEP) from None
+    except (YAMLError, ValueError, TypeError) as error:
+        raise ConfigError(f"it is no YAML: {' '.join(str(error).split())}") from None
+    if _is_deep(tree):
+        raise ConfigError(_TOO_DEEP)
+    return tree
+
+
 def parse_number(text: str) -> float:
     """Parse a decimal number of a text file; Python itself reads `1_5` as 15, and digits of every script.
 
@@ -159,10 +185,14 @@ def _has_long_key(text: str) -> bool:
 
 
 def _is_deep(tree: object) -> bool:
-    """Whether lists and tables nest deeper than `DEEPEST`; level by level, since the tree may be very deep."""
-    level = [tree]
+    """Whether lists and tables nest deeper than `DEEPEST`; level by level, since the tree may be very deep.
+
+    What stands in many places counts once: a name of YAML may stand for ten lists of ten names each, and so on.
+    """
+    level = {0: tree}
     for _ in range(DEEPEST):
-        level = [part for node in level if isinstance(node, (dict, list)) for part in _parts(node)]
+        nodes = [node for node in level.values() if isinstance(node, (dict, list))]
+        level = {id(part): part for node in nodes for part in _parts(node)}
         if not level:
             return False
     return True

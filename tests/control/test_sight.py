@@ -265,6 +265,21 @@ def test_who_is_met_anew_in_the_air_is_carried_by_the_throttle_that_is_configure
     assert sight.estimator.hover_gas == HOVER + GAS_CENTRE
 
 
+def test_feet_that_stood_fly_after_images_of_a_while_or_a_lift_off(sight):
+    low, high = (0.0, 0.0, 0.1), (0.0, 0.0, 1.0)
+    see(sight, view(10.1, low))
+    assert sight.has_come_down
+    see(sight, view(10.2, high))
+    see(sight, view(10.45, high))
+    assert sight.has_come_down, "images of 0.25 s"
+    see(sight, view(10.5, high))
+    assert not sight.has_come_down
+    see(sight, view(10.6, low))
+    assert sight.has_come_down, "one image"
+    see(sight, view(10.7, high), lifted=LiftOff(130.0, 0.0, 0.0))
+    assert not sight.has_come_down
+
+
 def test_images_are_clean_since_a_target_was_met():
     sight = Sight(CFG, HOVER)
     see(sight, view(10.0))

@@ -98,6 +98,12 @@ def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_b
     assert lid.use.cap == pytest.approx(157.0), "no longer: in our own counts"
 
 
+def test_the_first_frames_of_a_flight_are_not_compared_with_a_throttle_of_before():
+    lid = ThrottleLid()
+    told(lid, 5.0, -20.0, 0.4, start=10.0)
+    assert lid.use == OURS
+
+
 def test_a_lid_that_lies_there_from_the_start_is_no_scale_also_without_a_voltage():
     """9 of 130 counts were taken for the share that the compensation leaves."""
     lid = ThrottleLid()

@@ -21,9 +21,8 @@ from mkdaemon.config.keys import toml_value
 from mkdaemon.config.reader import load_section, read_file
 from mkdaemon.config.vision import TagPlacement, TargetFile, TargetSection
 from mkdaemon.errors import ConfigError
-from mkdaemon.foreignfiles import parse_json
+from mkdaemon.foreignfiles import parse_json, parse_yaml
 from mkdaemon.frames import euler_from_rotation, quaternion_from_rotation, rotation_from_quaternion
-from mkdaemon.vision.tags.plainyaml import parse_yaml
 from mkdaemon.vision.tags.tagmap import Tag, TagMap, Target, build
 
 Form = Literal["toml", "apriltag_ros", "tagslam", "wpilib"]
