@@ -79,7 +79,7 @@ def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The holder changes to sticks, attitudes or velocities and back, from one setpoint to the next.
 
-    A landing from where that leaves the aircraft may be refused: it moves too fast for one.
+    What is flown by the target may be refused from where that leaves the aircraft: it moves too fast.
     """
     end, wild = at + rng.uniform(0.2, 1.0), random.Random(rng.random())
 
@@ -97,7 +97,7 @@ def other_kinds(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
         return VelocitySetpoint(**stream, velocity=speed, frame=SetpointFrame.BODY)
 
     rig.at(at, lambda now: setattr(rig, "stream", wanted))
-    return Expectation((*LOST_SIGHT, "land cannot start from sticks or attitude"))
+    return Expectation((*LOST_SIGHT, "cannot start from sticks or attitude"))
 
 
 def taken_over(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
