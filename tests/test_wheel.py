@@ -69,6 +69,7 @@ def test_the_base_installation_needs_only_what_flight_needs():
     assert {Requirement(line).name for line in project["optional-dependencies"]["vision"]} == {
         "opencv-python-headless",
         "pyapriltags",
+        "ruamel.yaml",
         "simplejpeg",
     }
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import ast
 import importlib
-from pathlib import Path
 
 import pytest
 
-SOURCES = Path(__file__).parents[2] / "src"
+from tests.places import SOURCE
+
+SOURCES = SOURCE.parent
 OURS = {each.name for each in SOURCES.iterdir()} | {"__future__"}
 
 

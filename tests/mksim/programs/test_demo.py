@@ -23,7 +23,7 @@ def flown(monkeypatch):
     """Let the demo fly a flight that is there already; returns what may be changed of it."""
     shown = {"record": flight()}
 
-    async def rehearse(*, seed, wind, fps, watcher, show_on, recording):
+    async def rehearse(*, seed, wind, fps, watcher, show_on, recording, is_room):
         for moment in shown["record"].moments:
             watcher(moment, None)
         write_known(recording)
