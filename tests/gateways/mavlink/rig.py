@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -195,8 +195,8 @@ class FakeVehicle:
     async def request(self, board, message, **options):
         await self.call("request", message, **options)
 
-    def watch(self, *_, **__):
-        return _Silence()
+    def each(self, *_):
+        return nullcontext()
 
     async def get_all(self, _):
         return {}
@@ -213,20 +213,6 @@ class _Calls:
 
     def __getattr__(self, name):
         return lambda *arguments, **options: self._vehicle.call(name, *arguments, **options)
-
-
-class _Silence:
-    async def __aenter__(self):
-        return self
-
-    async def __aexit__(self, *_):
-        return None
-
-    def __aiter__(self):
-        return self
-
-    async def __anext__(self):
-        await asyncio.Event().wait()
 
 
 def _plain(values):

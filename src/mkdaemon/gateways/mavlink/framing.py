@@ -21,6 +21,8 @@ MAGIC: Final = frozenset(_HEADER)
 """First byte of a frame of MAVLink 1 and 2."""
 _SIGNED: Final = 1
 _SIGNATURE: Final = 13
+MOST_BYTES: Final = 10 + 255 + 2 + _SIGNATURE
+"""Of a frame."""
 _EPOCH: Final = 1_420_070_400
 """Signatures count time from 2015-01-01 00:00 UTC [s; Unix time]."""
 _LATE: Final = 60 * 100_000

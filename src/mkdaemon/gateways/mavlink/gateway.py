@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Callable, Coroutine
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from mkdaemon.client import Vehicle
+from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.taskerrors import single_error
 from mkdaemon.errors import ProtocolError
 from mkdaemon.gateways.faults import Faults
@@ -47,6 +47,8 @@ _NUMBER: Final = re.compile(r"[-+.\d]+")
 REPEATED: Final = 10.0
 """The same verdict, apart from its numbers, is not sent again for this long [s]."""
 _SETTINGS: Final = frozenset({"settings_write", "settings_restore"})
+_NOTED: Final = (ControlStatus, MissionEvent, ProcedureProgress)
+"""Kinds of values from which more follows than the messages they are the source of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,25 +115,42 @@ class MavlinkGateway:
         Raises:
             MkError: a link cannot be opened.
         """
-        patterns = (*picture.READ, *texts.READ, "event/progress")
         with single_error():
-            async with self._uav.watch(*patterns, backlog=512) as samples, asyncio.TaskGroup() as tasks:
+            async with asyncio.TaskGroup() as tasks:
                 self._tasks = tasks
-                try:
-                    for address in self._options.addresses:
-                        await self.links.open(address, tasks)
-                    await self._take_last()
-                    on_ready()
-                    tasks.create_task(self._clock(), name="clock")
-                    async for sample in samples:
-                        # A newer daemon may put what is not understood here.
-                        with self.faults.contained("a value of the daemon"), suppress(ProtocolError):
-                            self.value_arrived(sample.value)
-                finally:
-                    self._tasks = None
-                    await self._desk.close()
-                    await self.steering.close()
-                    self.links.close()
+                with ExitStack() as subscribed:
+                    try:
+                        arrived = self._arrives_on(asyncio.get_running_loop())
+                        for pattern in (*picture.READ, *texts.READ, "event/progress"):
+                            subscribed.enter_context(self._uav.each(pattern, arrived))
+                        for address in self._options.addresses:
+                            await self.links.open(address, tasks)
+                        await self._take_last()
+                        on_ready()
+                        tasks.create_task(self._clock(), name="clock")
+                        await asyncio.Event().wait()  # until it is cancelled
+                    finally:
+                        self._tasks = None
+                        await self._desk.close()
+                        await self.steering.close()
+                        self.links.close()
+
+    def _arrives_on(self, loop: asyncio.AbstractEventLoop) -> Callable[[Sample], None]:
+        """What takes a sample on Zenoh's thread: it is sent on from there, and the loop is woken for little of it.
+
+        A value that waits for the loop waits for a second thread to be given a processor.
+        """
+
+        def arrived(sample: Sample) -> None:
+            # A newer daemon may put what is not understood here.
+            with self.faults.contained("a value of the daemon"), suppress(ProtocolError):
+                value = sample.value
+                self.stream(value)
+                if isinstance(value, _NOTED) or text_of(value) is not None:
+                    with suppress(RuntimeError):  # the loop may be closing
+                        loop.call_soon_threadsafe(self._note, value)
+
+        return arrived
 
     async def _take_last(self) -> None:
         """What was published before: values that come seldom are known at once, each as old as it is."""
@@ -141,21 +160,29 @@ class MavlinkGateway:
                     self.picture.take(sample.value, self._now(), sample.age or 0.0)
 
     def value_arrived(self, value: Any) -> None:
-        """Take a value of the daemon, and send what it is the source of."""
+        """Take a value of the daemon: send what it is the source of, and what follows from it."""
+        self.stream(value)
+        self._note(value)
+
+    def stream(self, value: Any) -> None:
+        """Know a value, and send what it is the source of; from any thread."""
         now = self._now()
-        self.picture.now = now
         self.picture.take(value, now)
         for name in BY_VALUE.get(type(value), ()):
             self._send(name, now)
-        if isinstance(value, ControlStatus):
-            self._announce_hands(value)
-            self._announce_verdict()
-        elif isinstance(value, MissionEvent):
-            self._missions.event_arrived(value)
-        elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
-            self._parameters.forget()
-        if (text := text_of(value)) is not None:
-            self.announce(*text)
+
+    def _note(self, value: Any) -> None:
+        """Do on the loop what else follows from a value."""
+        with self.faults.contained("a value of the daemon"):
+            if isinstance(value, ControlStatus):
+                self._announce_hands(value)
+                self._announce_verdict()
+            elif isinstance(value, MissionEvent):
+                self._missions.event_arrived(value)
+            elif isinstance(value, ProcedureProgress) and value.verb in _SETTINGS:
+                self._parameters.forget()
+            if (text := text_of(value)) is not None:
+                self.announce(*text)
 
     def _announce_verdict(self) -> None:
         """The worst that is known, as on every other screen, when it changes; and that nothing is wrong any more."""
@@ -276,3 +303,4 @@ class MavlinkGateway:
         task = self._tasks.create_task(self.faults.contain(name, work), name="answer")
         self._work.add(task)
         task.add_done_callback(self._work.discard)
+        task.add_done_callback(lambda _: work.close())  # of one that is cancelled before it has begun

@@ -6,6 +6,9 @@ A station that does not read delays no other: what its connection cannot take is
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
@@ -15,7 +18,7 @@ import structlog
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.addresses import Address, AddressKind
 from mkdaemon.gateways.mavlink.dialect import Message
-from mkdaemon.gateways.mavlink.framing import MAGIC, Counts, Decoder, Encoder, Signing
+from mkdaemon.gateways.mavlink.framing import MAGIC, MOST_BYTES, Counts, Decoder, Encoder, Signing
 from mkdaemon.gateways.mavlink.stations import SILENCE, Station
 
 MOST_STATIONS: Final = 8
@@ -109,7 +112,7 @@ class Links:
         Args:
             name: for people, behind the address.
             address: of the link.
-            put: hands bytes over; says whether they were taken.
+            put: hands bytes over, from any thread; says whether they were taken.
             end: ends its connection, where another station takes its place.
         """
         if not self._has_room(address):
@@ -194,10 +197,13 @@ class _Datagrams(asyncio.DatagramProtocol):
         self._links, self._address = links, address
         self._decoder = links.decoder()
         self._stations: dict[Any, Station] = {}
-        self._transport: Any = None
+        self._loop = asyncio.get_running_loop()
+        self._socket: socket.socket | None = None
 
     def connection_made(self, transport: Any) -> None:
-        self._transport = transport
+        # A transport is the loop's alone; a datagram is sent by whichever thread has it.
+        self._socket = socket.socket(fileno=os.dup(transport.get_extra_info("socket").fileno()))
+        self._socket.setblocking(False)
         if self._address.kind is AddressKind.UDP_OUT:
             self._add(None)
 
@@ -231,11 +237,24 @@ class _Datagrams(asyncio.DatagramProtocol):
         self._stations.pop(key, None)
 
     def _put(self, data: bytes, key: Any) -> bool:
-        transport = self._transport
-        if transport is None or transport.is_closing() or transport.get_write_buffer_size() > _MOST_WAITING:
+        if self._socket is None:
             return False
-        transport.sendto(data, key)
+        try:
+            if key is None:
+                self._socket.send(data)
+            else:
+                self._socket.sendto(data, key)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self.error_received, error)
         return True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
 
 
 class _Stream(asyncio.Protocol):
@@ -245,7 +264,9 @@ class _Stream(asyncio.Protocol):
         self._links, self._address, self._lost = links, address, lost
         self._decoder = links.decoder()
         self._station: Station | None = None
+        self._loop = asyncio.get_running_loop()
         self._transport: Any = None
+        self._posted: deque[bytes] = deque()
         self._has_started = False
 
     def connection_made(self, transport: Any) -> None:
@@ -279,7 +300,15 @@ class _Stream(asyncio.Protocol):
 
     def _put(self, data: bytes) -> bool:
         transport = self._transport
-        if transport.is_closing() or transport.get_write_buffer_size() > _MOST_WAITING:
+        waiting = transport.get_write_buffer_size() + MOST_BYTES * len(self._posted)
+        if transport.is_closing() or waiting > _MOST_WAITING:
             return False
-        transport.write(data)
+        self._posted.append(data)
+        with suppress(RuntimeError):  # the loop may be closing
+            self._loop.call_soon_threadsafe(self._write)
         return True
+
+    def _write(self) -> None:
+        """Write on the loop, whose own a transport is, what was posted."""
+        while self._posted:
+            self._transport.write(self._posted.popleft())

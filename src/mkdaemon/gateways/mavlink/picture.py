@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from typing import Final, TypeVar
 
 from mkdaemon.reading import Picture as Known
@@ -19,7 +20,7 @@ READ: Final = (*KEYS, "control/navi", "vision/*/setup")
 
 
 class LinkPicture:
-    """The newest values by their kind; what is older than its key allows is not shown.
+    """The newest values by their kind; what is older than its key allows is not shown. Any thread may use it.
 
     Attributes:
         now: of the moment that is looked at [s].
@@ -33,7 +34,9 @@ class LinkPicture:
         self._boot, self._ahead = "", -math.inf
         self._home: tuple[float | None, float | None] = (None, None)
         self._reading = Reading()
-        self._known: Known | None = None
+        self._lock = threading.Lock()
+        self._taken = 0
+        self._seen = threading.local()  # a look notes what it reads, so each thread has a picture of its own
 
     def take(self, value: object, at: float, age: float = 0.0) -> None:
         """Keep a value.
@@ -43,14 +46,15 @@ class LinkPicture:
             at: when it came [s].
             age: how old it was then [s].
         """
-        self.now = max(self.now, at)
         stamp = getattr(value, "stamp", None)
-        if stamp is not None and age == 0.0:
-            self._compare_clocks(stamp, at)
-        self._reading.take(key_of(value), value, at - age)
-        self._known = None
-        if isinstance(value, Position):
-            self._take_home(value)
+        with self._lock:
+            self.now = max(self.now, at)
+            if stamp is not None and age == 0.0:
+                self._compare_clocks(stamp, at)
+            self._reading.take(key_of(value), value, at - age)
+            self._taken += 1
+            if isinstance(value, Position):
+                self._take_home(value)
 
     @property
     def boot_time(self) -> float:
@@ -86,9 +90,12 @@ class LinkPicture:
     @property
     def known(self) -> Known:
         """What is known now."""
-        if self._known is None or self._known.now != self.now:
-            self._known = self._reading.at(self.now)
-        return self._known
+        with self._lock:
+            moment = self.now, self._taken
+            if getattr(self._seen, "moment", None) != moment:
+                self._seen.moment, self._seen.known = moment, self._reading.at(self.now)
+        found: Known = self._seen.known
+        return found
 
     def get(self, kind: type[_Value], *, is_old: bool = False) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -54,7 +55,7 @@ class Station:
             name: for people.
             numbering: of its modes.
             encoder: numbers and signs what is sent.
-            put: hands bytes over; says whether they were taken.
+            put: hands bytes over, from any thread; says whether they were taken.
             wall: the system clock [s].
         """
         self.name, self.numbering = name, numbering
@@ -63,14 +64,16 @@ class Station:
         self.received_at = -math.inf
         self.wish_for: dict[str, float] = {}
         self._encoder, self._put, self._wall = encoder, put, wall
+        self._sending = threading.Lock()  # messages leave in the order of their numbers, whichever thread sends them
         self._received: dict[Program, float] = {}
         self._due: dict[str, float] = {}
         self._beaten: dict[Program, float] = {}
 
     def send(self, message: Message) -> None:
-        """Send a message; a station that is too slow loses it."""
-        if self.is_open and not self._put(self._encoder.encode(message, self._wall())):
-            self.dropped += 1
+        """Send a message, from any thread; a station that is too slow loses it."""
+        with self._sending:
+            if self.is_open and not self._put(self._encoder.encode(message, self._wall())):
+                self.dropped += 1
 
     def note_message(self, program: Program, now: float, *, is_heartbeat: bool) -> bool:
         """Note that something came from a program there; whether its message is taken.
@@ -97,7 +100,7 @@ class Station:
 
     def is_present(self, now: float) -> bool:
         """Whether a program is connected, so that streams are sent."""
-        return self.is_open and any(now - at < FORGOTTEN for at in self._received.values())
+        return self.is_open and any(now - at < FORGOTTEN for at in tuple(self._received.values()))
 
     def is_alive(self, program: Program, now: float) -> bool:
         """Whether a program there is still beating; one that never did counts by what else it sends."""
