@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import CancelledError as CallCancelledError
 from concurrent.futures import Future
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import Any, Final, Protocol, TypeVar
 
@@ -46,8 +47,6 @@ STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
 MOST_CALLS: Final = 8
 """Services that may be under way at once; a further call is refused."""
-BACKLOG: Final = 256
-"""Values that may wait; the oldest are dropped."""
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _log = structlog.get_logger("gateway.ros2")
 _Result = TypeVar("_Result")
@@ -102,7 +101,7 @@ class TopicOutlet:
 
 
 class Publishing:
-    """The daemon's values to topics.
+    """The daemon's values to topics, on the thread that they come on: the loop would be a second one to be woken.
 
     Attributes:
         newest: newest values that conversions look at.
@@ -118,17 +117,30 @@ class Publishing:
         self._publishers: dict[str, Any] = {}
         self._outlets: dict[str, list[TopicOutlet]] = {}
         self._cameras: set[str] = set()
+        self._lock = threading.Lock()
+        self._is_closed = False
         for row in rows:
             if "*" not in row.key:
                 self._publisher(row, row.name)
 
     def take(self, sample: Sample, *, is_last: bool = False) -> None:
-        """Publish a value if a node reads it.
+        """Publish a value if a node reads it; from any thread.
 
         Args:
             sample: as it came.
             is_last: a last value from before the start: only who gets one late anyway gets it.
         """
+        with self._lock:
+            is_older = is_last and sample.suffix in self._outlets
+            if not self._is_closed and not is_older:
+                self._take(sample, is_last=is_last)
+
+    def close(self) -> None:
+        """Publish nothing from now on: the node is about to end."""
+        with self._lock:
+            self._is_closed = True
+
+    def _take(self, sample: Sample, *, is_last: bool) -> None:
         if not self._is_known(sample.suffix):
             return
         outlets = self._outlets_of(sample.suffix)
@@ -334,12 +346,14 @@ class Ros2Gateway:
                     tasks.create_task(job, name="gateway ros2")
 
     async def _publish(self) -> None:
-        async with self._uav.watch(*self._keys, backlog=BACKLOG, are_known=True) as samples:
+        with ExitStack() as subscribed:
+            subscribed.callback(self.publishing.close)
+            for key in self._keys:
+                subscribed.enter_context(self._uav.each(key, self.publishing.take))
             for key in sorted(topics.KEPT):
                 for sample in (await self._uav.get_all(key)).values():
                     self.publishing.take(sample, is_last=True)
-            async for sample in samples:
-                self.publishing.take(sample)
+            await asyncio.Event().wait()  # until it is cancelled
 
     async def _report(self) -> None:
         while True:
