@@ -129,6 +129,7 @@ class FakeVehicle:
         engages: setpoints after which the daemon flies.
         refuses: why setpoints are refused.
         report: of the checks before a flight.
+        take: takes a sample on the thread that calls it.
         slow: time that every call takes [s].
     """
 
@@ -136,6 +137,7 @@ class FakeVehicle:
         self.calls, self.setpoints, self.points, self.refusals = [], [], (), {}
         self.raw = RAW
         self.engages, self.refuses, self.slow = 3, None, 0.0
+        self.take = None
         self.lease_now, self.report = None, PreflightReport(is_ready=True, findings=())
         self.settings = self.waypoints = self.route = self.navi = _Calls(self)
 
@@ -195,7 +197,8 @@ class FakeVehicle:
     async def request(self, board, message, **options):
         await self.call("request", message, **options)
 
-    def each(self, *_):
+    def each(self, _, take):
+        self.take = take
         return nullcontext()
 
     async def get_all(self, _):

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import threading
+from itertools import pairwise
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.client import Sample
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.texts import words_of
@@ -14,6 +18,7 @@ from mkdaemon.telemetry.control import Cause, CauseKind, Outcome, Phase, trouble
 from mkdaemon.telemetry.event import FailsafeEvent, LogEvent
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.state import Attitude
 from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
 
@@ -40,6 +45,44 @@ async def test_a_heartbeat_a_second_and_streams_at_their_rates(gateway, ears):
     assert len(ears.named("ATTITUDE_QUATERNION")) == pytest.approx(50, abs=2)
     assert len(ears.named("BATTERY_STATUS")) == pytest.approx(5, abs=1)
     assert len(ears.named("SYS_STATUS")) == pytest.approx(5, abs=1)
+
+
+def on_a_thread(work):
+    thread = threading.Thread(target=work)
+    thread.start()
+    return thread
+
+
+@virtually
+async def test_a_value_is_sent_on_while_the_loop_stands_still(vehicle, ears):
+    sample = Sample("state/attitude", rig.ATTITUDE.model_dump(), encoding_of(Attitude))
+    on_a_thread(lambda: vehicle.take(sample)).join()
+    assert len(ears.named("ATTITUDE")) == 1
+
+
+@virtually
+async def test_what_a_value_announces_is_said_on_the_loop(vehicle, ears):
+    event = LogEvent(stamp=rig.STAMP, level="warning", text="a wire is loose")
+    sample = Sample("event/log", event.model_dump(), encoding_of(LogEvent))
+    on_a_thread(lambda: vehicle.take(sample)).join()
+    assert not ears.words
+    await asyncio.sleep(0)
+    assert "a wire is loose" in ears.words
+
+
+@virtually
+async def test_messages_of_two_threads_leave_in_the_order_of_their_numbers(ears):
+    message = mavlink.MAVLink_ping_message(1, 2, 0, 0)
+
+    def send():
+        for _ in range(500):
+            ears.station.send(message)
+
+    threads = [on_a_thread(send), on_a_thread(send)]
+    for one in threads:
+        one.join()
+    numbers = [message.get_seq() for message in ears.named("PING")]
+    assert len(numbers) == 1000 and all((after - before) % 256 == 1 for before, after in pairwise(numbers))
 
 
 @virtually

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from lab.rigs.waiting import wait_for
+from mkdaemon.bus.codec import encoding_of
+from mkdaemon.client import Sample
 from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Ros2Gateway
 from mkdaemon.gateways.ros2.messages import pose, vector
 from mkdaemon.gateways.ros2.parameters import RATES
@@ -118,6 +120,22 @@ async def test_values_become_messages_and_last_values_go_only_to_who_gets_them_l
         (gateway,) = (s for s in node.sent("/diagnostics")[-1].status if s.name.endswith("gateway"))
         assert "apriltag_msgs" in {value.key: value.value for value in gateway.values}["not_installed"]
         assert node.publishers["down/camera_info"].quality is Quality.LATCHED
+
+
+def taken(value, suffix):
+    return Sample(suffix, value.model_dump(), encoding_of(type(value)))
+
+
+async def test_a_last_value_never_follows_a_newer_one_and_nothing_follows_the_end():
+    node = Node()
+    async with running(node) as run:
+        publishing = run.gateway.publishing
+        publishing.take(taken(samples.attitude(roll=0.2), "state/attitude"))
+        publishing.take(taken(samples.attitude(roll=0.1), "state/attitude"), is_last=True)
+        assert publishing.newest.values["state/attitude"].roll == 0.2
+        assert len(node.sent("imu")) == 1
+    publishing.take(taken(samples.attitude(), "state/attitude"))
+    assert len(node.sent("imu")) == 1
 
 
 async def test_nothing_is_made_that_nobody_reads_and_rates_are_kept_from_the_next_value_on():

@@ -36,7 +36,7 @@ class LinkPicture:
         self._reading = Reading()
         self._lock = threading.Lock()
         self._taken = 0
-        self._seen = threading.local()  # a look notes what it reads, so each thread has a picture of its own
+        self._seen = threading.local()  # a look notes what it reads: each thread has its picture
 
     def take(self, value: object, at: float, age: float = 0.0) -> None:
         """Keep a value.

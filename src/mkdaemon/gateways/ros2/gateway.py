@@ -131,7 +131,7 @@ class Publishing:
             is_last: a last value from before the start: only who gets one late anyway gets it.
         """
         with self._lock:
-            is_older = is_last and sample.suffix in self._outlets
+            is_older = is_last and sample.suffix in self.newest.values
             if not self._is_closed and not is_older:
                 self._take(sample, is_last=is_last)
 
