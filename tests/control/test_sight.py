@@ -22,8 +22,10 @@ from mkdaemon.control.sight import (
     view_of,
 )
 from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import AngleScale, Attitude
 from tests.control.events import pose
+from tests.values import made
 
 CFG = AutopilotConfig()
 HOVER = -2.0
@@ -65,6 +67,21 @@ def test_the_age_of_the_newest_image_is_that_of_its_exposure_whatever_comes_late
     see(sight, view(10.2))
     see(sight, view(10.1))
     assert sight.pose_age(10.5) == pytest.approx(0.3)
+
+
+def test_a_target_counts_as_in_sight_for_a_second(sight):
+    sight.seen("pad", 10.0)
+    sight.seen("other", 10.4)
+    assert [sight.in_sight(at) for at in (11.0, 11.01, 11.4, 11.41)] == [("other", "pad"), ("other",), ("other",), ()]
+
+
+@pytest.mark.parametrize("trips", ["confirm", "echo"])
+def test_a_slower_line_adds_half_of_what_its_round_trips_take_longer_than_a_cables(trips):
+    sight, ages = Sight(CFG, HOVER), []
+    for trip in (0.0, 0.0125, 0.0525, 0.1125):
+        sight.link_measured(made(LinkHealth, **{trips: {"p50_ms": 1000.0 * trip}}))
+        ages.append(sight.attitude_age)
+    assert [age - ages[0] for age in ages] == pytest.approx([0.0, 0.0, 0.02, 0.05])
 
 
 @pytest.mark.parametrize(
