@@ -237,13 +237,14 @@ class _Datagrams(asyncio.DatagramProtocol):
         self._stations.pop(key, None)
 
     def _put(self, data: bytes, key: Any) -> bool:
-        if self._socket is None:
+        sender = self._socket  # the loop may close it meanwhile, which is an OSError
+        if sender is None:
             return False
         try:
             if key is None:
-                self._socket.send(data)
+                sender.send(data)
             else:
-                self._socket.sendto(data, key)
+                sender.sendto(data, key)
         except BlockingIOError:
             return False
         except OSError as error:
