@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
+from itertools import groupby
 
 import pytest
 
@@ -210,6 +212,20 @@ async def test_a_mistake_in_the_arguments_is_one_line():
                 assert "Traceback" not in str(failed.value)
 
 
+def answered(client, parameter):
+    """The answer to a client that sets a parameter.
+
+    It asks again: the node may know of a client's requests before it knows where its answers go, and what it says
+    then is lost.
+    """
+    for _ in range(6):
+        future = client.set_parameters([parameter])
+        with suppress(TimeoutError):
+            asyncio.run(wait_for(future.done, PATIENCE / 6, 0.02))
+            return future.result()
+    raise TimeoutError(parameter.name)
+
+
 def test_a_setting_that_was_read_is_a_parameter_that_a_client_writes():
     with domain(), tutorial() as other:
         asked = []
@@ -229,10 +245,9 @@ def test_a_setting_that_was_read_is_a_parameter_that_a_client_writes():
             assert client.wait_for_services(PATIENCE)
             found = []
             for value in (81, 99):
-                future = client.set_parameters([Parameter("settings.gyro_p", value=value)])
-                asyncio.run(wait_for(future.done, PATIENCE, 0.02))
-                found += [(one.successful, one.reason) for one in future.result().results]
+                (result,) = answered(client, Parameter("settings.gyro_p", value=value)).results
+                found.append((result.successful, result.reason))
             assert found == [(True, ""), (False, "refused: Land first.")]
-            assert asked == [("settings.gyro_p", 81), ("settings.gyro_p", 99)]
+            assert [each for each, _ in groupby(asked)] == [("settings.gyro_p", 81), ("settings.gyro_p", 99)]
         finally:
             node.close()
