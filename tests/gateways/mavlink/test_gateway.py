@@ -161,6 +161,7 @@ async def test_events_are_told_in_pieces_and_not_twice(gateway, ears):
     event = FailsafeEvent(stamp=rig.STAMP, action="release", reason=words)
     gateway.value_arrived(event)
     gateway.value_arrived(event)
+    await asyncio.sleep(0)  # announced on the loop
     pieces = ears.named("STATUSTEXT")
     assert ears.words == f"FAILSAFE release: {words}".replace("ü", "?")
     assert [piece.chunk_seq for piece in pieces] == [0, 1, 2] and {piece.severity for piece in pieces} == {2}
@@ -500,19 +501,20 @@ async def test_the_checks_before_a_flight_are_told_one_by_one(vehicle, gateway, 
 @virtually
 async def test_trouble_is_told_by_the_daemons_log_then_each_further_cause_and_its_end(gateway, ears):
 
-    def trouble(*causes, left=None):
+    async def trouble(*causes, left=None):
         made = tuple(Cause.of(kind, seconds=0.6, count=3, of=9, detail="late") for kind in causes)
         words = trouble_words(made, left)
         status = rig.status(Phase.FLYING, epoch=1, causes=made, trouble=words, releases_in=left, manoeuvre="hold")
         if causes and not ears.words:
             gateway.value_arrived(LogEvent(stamp=rig.STAMP, level="warning", text=words))
         gateway.value_arrived(status)
+        await asyncio.sleep(0)  # announced on the loop
 
     for left in (2.4, 2.2, 2.0):
-        trouble(CauseKind.NO_POSE, left=left)
-    trouble(CauseKind.NO_POSE, CauseKind.UNANSWERED, left=1.8)
-    trouble()
-    trouble()
+        await trouble(CauseKind.NO_POSE, left=left)
+    await trouble(CauseKind.NO_POSE, CauseKind.UNANSWERED, left=1.8)
+    await trouble()
+    await trouble()
     assert ears.words == (
         "NO POSE FOR 0.6 S, releases in 2.4 s"
         "NO POSE FOR 0.6 S, releases in 1.8 s: 3 of 9 link tests unanswered"

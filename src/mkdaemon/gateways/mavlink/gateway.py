@@ -87,6 +87,7 @@ class MavlinkGateway:
             now: the monotonic clock [s].
             wall: the system clock [s].
         """
+        self._loop = asyncio.get_running_loop()
         self._uav, self._options, self._now = uav, options, now
         self.picture, self.faults = LinkPicture(), Faults("mavlink")
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
@@ -120,9 +121,8 @@ class MavlinkGateway:
                 self._tasks = tasks
                 with ExitStack() as subscribed:
                     try:
-                        arrived = self._arrives_on(asyncio.get_running_loop())
                         for pattern in (*picture.READ, *texts.READ, "event/progress"):
-                            subscribed.enter_context(self._uav.each(pattern, arrived))
+                            subscribed.enter_context(self._uav.each(pattern, self._arrived))
                         for address in self._options.addresses:
                             await self.links.open(address, tasks)
                         await self._take_last()
@@ -135,22 +135,11 @@ class MavlinkGateway:
                         await self.steering.close()
                         self.links.close()
 
-    def _arrives_on(self, loop: asyncio.AbstractEventLoop) -> Callable[[Sample], None]:
-        """What takes a sample on Zenoh's thread: it is sent on from there, and the loop is woken for little of it.
-
-        A value that waits for the loop waits for a second thread to be given a processor.
-        """
-
-        def arrived(sample: Sample) -> None:
-            # A newer daemon may put what is not understood here.
-            with self.faults.contained("a value of the daemon"), suppress(ProtocolError):
-                value = sample.value
-                self.stream(value)
-                if isinstance(value, _NOTED) or text_of(value) is not None:
-                    with suppress(RuntimeError):  # the loop may be closing
-                        loop.call_soon_threadsafe(self._note, value)
-
-        return arrived
+    def _arrived(self, sample: Sample) -> None:
+        """Take a sample on Zenoh's thread."""
+        # A newer daemon may put what is not understood here.
+        with self.faults.contained("a value of the daemon"), suppress(ProtocolError):
+            self.value_arrived(sample.value)
 
     async def _take_last(self) -> None:
         """What was published before: values that come seldom are known at once, each as old as it is."""
@@ -160,16 +149,17 @@ class MavlinkGateway:
                     self.picture.take(sample.value, self._now(), sample.age or 0.0)
 
     def value_arrived(self, value: Any) -> None:
-        """Take a value of the daemon: send what it is the source of, and what follows from it."""
-        self.stream(value)
-        self._note(value)
+        """Know a value, and send what it is the source of; from any thread. The loop is woken for little of it.
 
-    def stream(self, value: Any) -> None:
-        """Know a value, and send what it is the source of; from any thread."""
+        A value that waits for the loop waits for a second thread to be given a processor.
+        """
         now = self._now()
         self.picture.take(value, now)
         for name in BY_VALUE.get(type(value), ()):
             self._send(name, now)
+        if isinstance(value, _NOTED) or text_of(value) is not None:
+            with suppress(RuntimeError):  # the loop may be closing
+                self._loop.call_soon_threadsafe(self._note, value)
 
     def _note(self, value: Any) -> None:
         """Do on the loop what else follows from a value."""
