@@ -104,7 +104,7 @@ def typed_value(schema: str | None, fields: dict[str, Any]) -> Any:
     from mkdaemon.bus.codec import first_mistake
     from mkdaemon.telemetry.traffic import FrameSample
 
-    model = _telemetry().get(schema or "")
+    model = telemetry_models().get(schema or "")
     try:
         if model is not None:
             return model.model_validate(fields)
@@ -141,7 +141,8 @@ def _plain(value: Any) -> Any:
 
 
 @cache
-def _telemetry() -> dict[str, type[BaseModel]]:
+def telemetry_models() -> dict[str, type[BaseModel]]:
+    """What published values are, by the name and version of their schema."""
     from mkdaemon.bus.codec import schema_name
     from mkdaemon.bus.keys import KEYS
 

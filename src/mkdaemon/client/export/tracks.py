@@ -6,13 +6,13 @@ Sources: GPX 1.1 schema (topografix.com/GPX/1/1); OGC 12-007r2, KML 2.3, `gx:Tra
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final
+from typing import Final, NamedTuple
 from xml.sax.saxutils import escape
 
 from mkdaemon.client.export.values import ExportedValue
 from mkdaemon.errors import MkError
+from mkdaemon.telemetry.state import Position
 
 POSITION: Final = "state/position"
 XML: Final = '<?xml version="1.0" encoding="utf-8"?>\n'
@@ -21,23 +21,16 @@ _KML: Final = "http://www.opengis.net/kml/2.2"
 _GX: Final = "http://www.google.com/kml/ext/2.2"
 
 
-@dataclass(frozen=True, slots=True)
-class TrackPoint:
+class TrackPoint(NamedTuple):
     """One place.
 
     Attributes:
         wall: Unix time [s].
-        latitude_deg: WGS-84 [deg].
-        longitude_deg: WGS-84 [deg].
-        altitude: by GPS, as the receiver gives it [m]; None where it is not known.
-        height: above the start [m]; None where it is not known.
+        place: as it was published.
     """
 
     wall: float
-    latitude_deg: float
-    longitude_deg: float
-    altitude: float | None
-    height: float | None
+    place: Position
 
     @property
     def time(self) -> str:
@@ -53,15 +46,8 @@ def tracks_of(values: Iterable[ExportedValue]) -> dict[str, list[TrackPoint]]:
     """
     tracks: dict[str, list[TrackPoint]] = {}
     for value in values:
-        if value.suffix == POSITION:
-            point = TrackPoint(
-                value.wall,
-                value.number("latitude_deg"),
-                value.number("longitude_deg"),
-                value.number_or_none("altitude"),
-                value.number_or_none("altitude_above_start"),
-            )
-            tracks.setdefault(value.vehicle, []).append(point)
+        if value.suffix == POSITION and isinstance(place := value.stamped, Position):
+            tracks.setdefault(value.vehicle, []).append(TrackPoint(value.wall, place))
     if not tracks:
         msg = f"no {POSITION} in this recording: a NaviCtrl with a GPS fix publishes it; --format csv takes all keys"
         raise MkError(msg)
@@ -75,9 +61,10 @@ def gpx(tracks: dict[str, list[TrackPoint]]) -> Iterator[str]:
     for vehicle, points in tracks.items():
         yield f"  <trk>\n    <name>{escape(vehicle)}</name>\n    <trkseg>\n"
         for point in points:
-            height = "" if point.altitude is None else f"<ele>{point.altitude:.2f}</ele>"
-            place = f'lat="{point.latitude_deg:.7f}" lon="{point.longitude_deg:.7f}"'
-            yield f"      <trkpt {place}>{height}<time>{point.time}</time></trkpt>\n"
+            at = point.place
+            height = "" if at.altitude is None else f"<ele>{at.altitude:.2f}</ele>"
+            where = f'lat="{at.latitude_deg:.7f}" lon="{at.longitude_deg:.7f}"'
+            yield f"      <trkpt {where}>{height}<time>{point.time}</time></trkpt>\n"
         yield "    </trkseg>\n  </trk>\n"
     yield "</gpx>\n"
 
@@ -90,15 +77,16 @@ def kml(tracks: dict[str, list[TrackPoint]]) -> Iterator[str]:
     yield XML
     yield f'<kml xmlns="{_KML}" xmlns:gx="{_GX}">\n  <Document>\n    <name>mkdaemon</name>\n'
     for vehicle, points in tracks.items():
-        is_relative = all(point.height is not None for point in points)
+        is_relative = all(point.place.altitude_above_start is not None for point in points)
         mode = "relativeToGround" if is_relative else "absolute"
         yield f"    <Placemark>\n      <name>{escape(vehicle)}</name>\n      <gx:Track>\n"
         yield f"        <altitudeMode>{mode}</altitudeMode>\n"
         for point in points:
             yield f"        <when>{point.time}</when>\n"
         for point in points:
-            up = point.height if is_relative else point.altitude
-            coordinates = f"{point.longitude_deg:.7f} {point.latitude_deg:.7f} {up or 0.0:.2f}"
+            at = point.place
+            up = at.altitude_above_start if is_relative else at.altitude
+            coordinates = f"{at.longitude_deg:.7f} {at.latitude_deg:.7f} {up or 0.0:.2f}"
             yield f"        <gx:coord>{coordinates}</gx:coord>\n"
         yield "      </gx:Track>\n    </Placemark>\n"
     yield "  </Document>\n</kml>\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -10,11 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import BaseModel
-
-from mkdaemon.bus.codec import schema_name
-from mkdaemon.bus.keys import KEYS
-from mkdaemon.client.samples import typed_value
+from mkdaemon.client.samples import telemetry_models, typed_value
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError, MkError, ProtocolError
 from mkdaemon.record.entry import Entry, EntryKind, unpacked
@@ -67,54 +62,9 @@ class ExportedValue:
             found, why = self.typed, f"its schema {self.schema!r} is unknown here"
         except ProtocolError as error:
             found, why = None, str(error)
-        if not isinstance(found, Stamped):
-            raise self._refused(why)
-        return found
-
-    def number(self, name: str) -> float:
-        """A field that is a number.
-
-        Raises:
-            MkError: it is none: another program or another version wrote it.
-        """
-        found = self.fields.get(name)
-        if isinstance(found, bool) or not isinstance(found, int | float) or not math.isfinite(found):
-            raise self._wrong(name, "number")
-        return float(found)
-
-    def number_or_none(self, name: str) -> float | None:
-        """A field that is a number, or is not there; raises as `number` does."""
-        return None if self.fields.get(name) is None else self.number(name)
-
-    def numbers(self, name: str, count: int) -> list[float]:
-        """A field that is a list of numbers.
-
-        Raises:
-            MkError: it is none.
-        """
-        found = self.fields.get(name)
-        parts = found if isinstance(found, list) else []
-        if len(parts) != count or not all(isinstance(part, int | float) and math.isfinite(part) for part in parts):
-            raise self._wrong(name, f"list of {count} numbers")
-        return [float(part) for part in parts]
-
-    def text(self, name: str) -> str:
-        """A field that is a text.
-
-        Raises:
-            MkError: it is none.
-        """
-        found = self.fields.get(name)
-        if not isinstance(found, str):
-            raise self._wrong(name, "text")
-        return found
-
-    def _wrong(self, name: str, wanted: str) -> MkError:
-        found = f"{self.fields.get(name)!r:.40}"
-        return self._refused(f"{name} is {found}, no {wanted}")
-
-    def _refused(self, why: str) -> MkError:
-        return MkError(
+        if isinstance(found, Stamped):
+            return found
+        raise MkError(
             f"{self.suffix} of {self.vehicle} at {self.wall:.3f} s: {why}; "
             "--format csv takes every value, `mkctl log cut` leaves some out"
         )
@@ -179,13 +129,8 @@ def unit_of(schema: str, path: str) -> str:
 
 @cache
 def _descriptions(schema: str) -> Mapping[str, str]:
-    model = _models().get(schema)
+    model = telemetry_models().get(schema)
     return {} if model is None else meanings_of(model)
-
-
-@cache
-def _models() -> dict[str, type[BaseModel]]:
-    return {schema_name(spec.carries): spec.carries for spec in KEYS if spec.carries is not None}
 
 
 def flat(fields: dict[str, Any], prefix: str = "") -> dict[str, Any]:
