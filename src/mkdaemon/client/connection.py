@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import Final
 
 from mkdaemon.bus.session import ENDPOINT_SAMPLE, close_session, open_session, session_config
 from mkdaemon.client.vehicle import Vehicle
-from mkdaemon.config.names import VEHICLE_NAME
-from mkdaemon.errors import ConfigError
+from mkdaemon.config.names import require_vehicle_name
 
 DEFAULT_VEHICLE: Final = "mk1"
 DEFAULT_ENDPOINT: Final = ENDPOINT_SAMPLE
@@ -36,8 +34,7 @@ async def connect(
     name = vehicle or os.environ.get("MK_VEHICLE") or DEFAULT_VEHICLE
     where = endpoint or os.environ.get("MK_CONNECT") or DEFAULT_ENDPOINT
     file = zenoh_file or (Path(given) if (given := os.environ.get("MK_ZENOH_FILE")) else None)
-    if re.fullmatch(VEHICLE_NAME, name) is None:
-        raise ConfigError(f"--vehicle {name!r}: a name has lower-case letters, digits, - and _")
+    require_vehicle_name(name, "--vehicle")
     session = await open_session(session_config("client", connect=[where], zenoh_file=file))
     try:
         yield Vehicle(session, name, where)

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, closing, contextmanager, suppress
-from functools import partial
+from itertools import chain, islice
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +24,7 @@ from mkdaemon.bus.names import REPLAY, ROOT, received_vehicle
 from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
-from mkdaemon.client.playselection import Played, PlayedCounts, PlayKey, PlaySelection, ReadAhead
+from mkdaemon.client.playselection import STEP, Played, PlayedCounts, PlayKey, PlaySelection, read_ahead
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayControl, PlayState, PlayStatus
 
@@ -316,14 +316,14 @@ class Player:
 
     def _put_from(self, at: float) -> None:
         """Put everything from a time on [s; Unix time], until another place is asked for."""
-        with closing(ReadAhead(partial(self._selection.played, at))) as ahead:
-            ahead.wait()
+        with closing(read_ahead(self._selection.played(at))) as ahead:
+            first = tuple(islice(ahead, 1))  # time runs from when some of it has been read
             self._values.restart(at)
             with self._turn:
                 self._starts += 1
                 self.pace.restart(at, time.monotonic())
                 self._show_status()
-            for played in ahead:
+            for played in chain(first, ahead):
                 if not self._wait_until_due(played.at):
                     return
                 self._put(played)
@@ -351,7 +351,7 @@ class Player:
                 left = self.pace.wait(at, time.monotonic())
                 if left is not None and left <= 0:
                     if not self.pace.is_paused:
-                        self.sent.late.add(-left)
+                        self.sent.late[int(-left / STEP)] += 1
                     return True
                 if left is None or left > FINE:
                     self._turn.wait(None if left is None else left - FINE / 2)

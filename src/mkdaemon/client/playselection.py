@@ -7,21 +7,23 @@ could move an aircraft or reach a port can leave a player, whatever is in the fi
 
 from __future__ import annotations
 
-import queue
 import re
-import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Final, NamedTuple, Self
+from itertools import accumulate, islice
+from pathlib import Path
+from typing import Final, NamedTuple
 
 from mkdaemon.bus.keys import Use, find
 from mkdaemon.bus.names import REPLAY, ROOT
-from mkdaemon.client.playsource import Choice, PlaySource, Progress
 from mkdaemon.config.names import VEHICLE_NAME
-from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.record.entry import Entry
+from mkdaemon.errors import MkError
+from mkdaemon.record.entry import Entry, EntryKind
+from mkdaemon.record.layout import ChannelFacts
+from mkdaemon.record.reader import Recording, matches_any
 from mkdaemon.stamp import NANOSECONDS, nanoseconds
 
 _SHOWN: Final = frozenset({Use.PUBLISHED, Use.CLIENT})
@@ -74,20 +76,8 @@ def play_key(key: str, name: str | None) -> PlayKey | None:
     return PlayKey(f"{REPLAY}/{vehicle}/{suffix}" if name is None else f"{ROOT}/{name}/{suffix}")
 
 
-def check_name(name: str | None) -> None:
-    """Make sure that a name can be a vehicle's.
-
-    Raises:
-        ConfigError: it cannot.
-    """
-    if name is not None and re.fullmatch(VEHICLE_NAME, name) is None:
-        raise ConfigError(f"--as {name!r}: a name has lower-case letters, digits, - and _")
-
-
 AHEAD: Final = 256
-"""Values that are read before they are due."""
-PATIENCE: Final = 0.1
-"""Time between two looks whether what was read ahead is still wanted [s]."""
+"""Values that are read at once, before they are due."""
 LONGEST_SILENCE: Final = 24 * 3600.0
 """Between two values [s]: longest wait for the next one; the times of two recordings, or of a damaged one."""
 STEP: Final = 1e-5
@@ -116,43 +106,28 @@ def _moment(at: float) -> str:
     return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-class Lateness:
-    """How late values were put, at their speed; takes no more memory for more of them."""
-
-    def __init__(self) -> None:
-        self._steps: Counter[int] = Counter()
-
-    def add(self, late: float) -> None:
-        """Count one [s]."""
-        self._steps[int(late / STEP)] += 1
-
-    def quantile(self, share: float) -> float | None:
-        """The lateness that so large a share stays below [s]; None where nothing was counted."""
-        left = share * self._steps.total()
-        for step, number in sorted(self._steps.items()):
-            left -= number
-            if left <= 0:
-                return (step + 1) * STEP
-        return None
-
-
 @dataclass(slots=True)
 class PlayedCounts:
     """What was put.
 
     Attributes:
         counts: values by key, as played.
-        late: how late each was put.
+        late: how late they were put, at their speed: values by the number of `STEP`s.
         total: how many.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
-    late: Lateness = field(default_factory=Lateness)
+    late: Counter[int] = field(default_factory=Counter)
 
     @property
     def total(self) -> int:
         """How many."""
         return self.counts.total()
+
+    def late_below(self, share: float) -> float | None:
+        """The lateness that so large a share stays below [s]; None where nothing was put."""
+        counted = accumulate(sorted(self.late.items()), lambda sum_, step: (step[0], sum_[1] + step[1]))
+        return next(((step + 1) * STEP for step, count in counted if count >= share * self.late.total()), None)
 
 
 class Played(NamedTuple):
@@ -167,6 +142,58 @@ class Played(NamedTuple):
     at: float
     key: PlayKey
     entry: Entry
+
+
+Progress = Callable[[int], None]
+"""Takes how many bytes of a file have been read."""
+Choice = Callable[[str], bool]
+"""Chooses keys."""
+
+
+class RecordedSamples:
+    """The published values of a file, or of a part of it."""
+
+    def __init__(
+        self, file: Path, keys: tuple[str, ...] = (), first: int | None = None, last: int | None = None
+    ) -> None:
+        """Name the part.
+
+        Args:
+            file: the recording.
+            keys: patterns of the keys that are wanted; none for all.
+            first: time in the file of the first value [ns]; None for the beginning.
+            last: of the last one; None for the end.
+        """
+        self._recording, self._keys = Recording(file), keys
+        self._first, self._last = first or 0, last
+
+    def times(self, progress: Progress) -> Iterator[tuple[ChannelFacts, int]]:
+        """Channel and time [ns] of every value, in order; reads the whole file once.
+
+        Raises:
+            MkError: it cannot be read.
+        """
+        for number, (facts, at) in enumerate(self._recording.times(self._is_wanted)):
+            if number % 1000 == 0:
+                progress(self._recording.position)
+            if self._first <= at and (self._last is None or at <= self._last):
+                yield facts, at
+
+    def entries(self, first: int, last: int | None = None, choice: Choice | None = None) -> Iterator[Entry]:
+        """Values from one time of the file to another [ns], of all keys or of some, in order."""
+        ends = [one for one in (last, self._last) if one is not None]
+        yield from self._recording.again().entries(
+            lambda facts: self._is_wanted(facts) and (choice is None or choice(facts.key)),
+            first=max(first, self._first, 1),
+            last=min(ends, default=None),
+        )
+
+    def latest(self, before: int) -> list[Entry]:
+        """The last value of each key before a time of the file [ns], also from before the part that is played."""
+        return self._recording.again().latest(self._is_wanted, before)
+
+    def _is_wanted(self, facts: ChannelFacts) -> bool:
+        return facts.kind is EntryKind.SAMPLE and matches_any(facts.key, self._keys)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,10 +215,10 @@ class PlaySelection:
     last: float
     zero: float
     name: str | None
-    _source: PlaySource
+    _source: RecordedSamples
 
     @classmethod
-    def of(cls, source: PlaySource, name: str | None, progress: Progress = lambda position: None) -> PlaySelection:
+    def of(cls, source: RecordedSamples, name: str | None, progress: Progress = lambda position: None) -> PlaySelection:
         """Look through a recording once.
 
         Args:
@@ -268,57 +295,10 @@ class PlaySelection:
         return self.counts.total()
 
 
-class ReadAhead:
-    """Values that another thread reads from the file before they are due."""
-
-    def __init__(self, entries: Callable[[], Iterator[Played]]) -> None:
-        """Begin to read; `close` ends it."""
-        self._entries = entries
-        self._waiting: queue.Queue[Played | BaseException | None] = queue.Queue(AHEAD)
-        self._is_ready, self._is_closed = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._read, name="play reader", daemon=True)
-        self._thread.start()
-
-    def __iter__(self) -> Self:
-        return self
-
-    def __next__(self) -> Played:
-        """The next one; raises what reading raised."""
-        found = self._waiting.get()
-        if found is None:
-            raise StopIteration
-        if isinstance(found, BaseException):
-            raise found
-        return found
-
-    def wait(self) -> None:
-        """Return when some of it has been read."""
-        self._is_ready.wait()
-
-    def close(self) -> None:
-        """End reading."""
-        self._is_closed.set()
-        self._thread.join()
-
-    def _read(self) -> None:
-        try:
-            for played in self._entries():
-                if not self._put(played):
-                    return
-        except Exception as error:  # noqa: BLE001  # it belongs to who plays
-            self._put(error)
-        else:
-            self._put(None)
-
-    def _put(self, item: Played | BaseException | None) -> bool:
-        """Hand one over; false when the reader has stopped."""
-        while not self._is_closed.is_set():
-            try:
-                self._waiting.put(item, timeout=PATIENCE)
-            except queue.Full:
-                self._is_ready.set()
-                continue
-            if not isinstance(item, Played):
-                self._is_ready.set()
-            return True
-        return False
+def read_ahead(entries: Iterator[Played]) -> Generator[Played]:
+    """Yield values that another thread reads from the file before they are due; raises what reading raises."""
+    with ThreadPoolExecutor(1, "play reader") as reader:
+        reading = reader.submit(list, islice(entries, AHEAD))
+        while part := reading.result():
+            reading = reader.submit(list, islice(entries, AHEAD))
+            yield from part

@@ -19,8 +19,7 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of, with_age
 from mkdaemon.client import Vehicle
 from mkdaemon.client.player import Player, PlayPace, open_player_session
-from mkdaemon.client.playselection import PlaySelection
-from mkdaemon.client.playsource import RecordedSamples
+from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
 from mkdaemon.gateways.foxglove.feed import Feed

@@ -15,8 +15,7 @@ from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.client import Vehicle
 from mkdaemon.client.fleet import Fleet, FleetSighting
 from mkdaemon.client.player import Player, PlayPace, open_player_session
-from mkdaemon.client.playselection import PlaySelection
-from mkdaemon.client.playsource import RecordedSamples
+from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 from mkdaemon.client.samples import Sample, read_payload
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.play import PlayAction, PlayState, PlayStatus

@@ -22,6 +22,7 @@ from mkdaemon.cli.printing import picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client.player import Player
+from mkdaemon.config.names import require_vehicle_name
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState
 
@@ -70,11 +71,11 @@ async def play(
         ConfigError: a time, name, speed or endpoint cannot be understood.
     """
     from mkdaemon.client.player import Player, PlayPace, open_player_session
-    from mkdaemon.client.playselection import PlaySelection, check_name
-    from mkdaemon.client.playsource import RecordedSamples
+    from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 
     require_length(speed, "--speed")
-    check_name(name)
+    if name is not None:
+        require_vehicle_name(name, "--as")
     part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))
     with reading_progress([file]) as progress:
         selection = PlaySelection.of(part, name, progress)
@@ -109,7 +110,7 @@ async def _wait(player: Player, seconds: float) -> None:
 def _print_result(player: Player, *, as_json: bool) -> int:
     """Say what was put, beside what is in the file."""
     missing, sent = {} if player.was_sought else player.missing, player.sent.total
-    late = player.sent.late.quantile(0.99)
+    late = player.sent.late_below(0.99)
     verdict = "as many as in the file" if not missing else f"{sum(missing.values())} of the file were not put"
     if player.was_sought:
         verdict = "not compared with the file, as it was moved to other places"

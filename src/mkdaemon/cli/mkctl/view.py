@@ -75,8 +75,7 @@ async def view(
 async def _played(file: Path, speed: float, *, is_paused: bool, loops: bool) -> AsyncIterator[Vehicle]:
     """Play a recording in this process, on a separate bus; yield a client of it."""
     from mkdaemon.client.player import Player, PlayPace, open_player_session
-    from mkdaemon.client.playselection import PlaySelection
-    from mkdaemon.client.playsource import RecordedSamples
+    from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 
     with reading_progress([file]) as progress:
         selection = await asyncio.to_thread(PlaySelection.of, RecordedSamples(file), None, progress)

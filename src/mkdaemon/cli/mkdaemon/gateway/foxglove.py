@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -17,7 +16,7 @@ from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
-from mkdaemon.config.names import VEHICLE_NAME
+from mkdaemon.config.names import require_vehicle_name
 from mkdaemon.errors import ConfigError
 
 
@@ -55,8 +54,7 @@ def foxglove(
     if not 0 <= port <= 65535:
         raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
     for name in vehicle:
-        if re.fullmatch(VEHICLE_NAME, name) is None:
-            raise ConfigError(f"--vehicle {name!r}: a name has lower-case letters, digits, - and _")
+        require_vehicle_name(name, "--vehicle")
     favour_threads()
     with asyncio.Runner(loop_factory=fast_loop()) as runner:
         runner.run(_serve(tuple(dict.fromkeys(vehicle)), connect, zenoh_file, (host, port), as_json=json))

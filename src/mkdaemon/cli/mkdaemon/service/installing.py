@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from mkdaemon.cli.mkdaemon.service.units import MARK, SETTINGS, flies, unit_text
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.systemcommands import NOT_FOUND, CommandOutput, run_command
 from mkdaemon.cli.terminal import on_one_line
-from mkdaemon.config.names import VEHICLE_NAME
+from mkdaemon.config.names import require_vehicle_name
 from mkdaemon.config.reader import samples_folder
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import write_whole
@@ -136,8 +135,8 @@ def plan(parts: Sequence[Part], vehicle: str | None, gateway: str) -> list[Plann
     Raises:
         ConfigError: no vehicle, or no gateway, can be called so.
     """
-    if vehicle is not None and re.fullmatch(VEHICLE_NAME, vehicle) is None:
-        raise ConfigError(f"--vehicle {vehicle!r}: a name has lower-case letters, digits, - and _")
+    if vehicle is not None:
+        require_vehicle_name(vehicle, "--vehicle")
     names = [entry.name for entry in GATEWAYS]
     if "gateway" in parts and gateway not in names:
         raise ConfigError(f"--gateway {gateway!r}: there is {', '.join(names)}")
