@@ -22,7 +22,7 @@ from lab.files.foreign import run_foreign
 from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind, originals
 from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
-from mkdaemon.cli.arguments import AsJson, require_count
+from mkdaemon.cli.arguments import AsJson, Count
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, EXIT_WARNING
 
 _CODES: Final = frozenset({EXIT_OK, EXIT_FAILURE, EXIT_CONFIG, EXIT_WARNING})
@@ -144,7 +144,7 @@ def good_files(folder: Path) -> None:
 
 def main(
     *,
-    seeds: Annotated[int, Parameter(help="Spoilt files for each command.")] = 30,
+    seeds: Annotated[Count, Parameter(help="Spoilt files for each command.")] = 30,
     first: Annotated[int, Parameter(help="The first seed.")] = 0,
     only: Annotated[str, Parameter(help="Only commands whose line holds this.")] = "",
     keep: Annotated[Path | None, Parameter(help="Folder for files that a command could not stand.")] = None,
@@ -158,7 +158,6 @@ def main(
     No traceback, an exit code of ours, a word about what is wrong, at most 5 s of processor time and 300 MB, and
     nothing that a terminal acts on. With 30 seeds it takes about fifteen minutes.
     """
-    require_count(seeds, "--seeds")
     if foreign:
         read = run_foreign(range(first, first + seeds))
         print(json.dumps(read) if as_json else f"{read['files']} files: {read['ends']}, {len(read['wrong'])} wrong")

@@ -17,7 +17,7 @@ from lab.fleet.network import enter_ground
 from lab.fleet.radio import Air
 from lab.fleet.scale import scale
 from lab.tables import show
-from mkdaemon.cli.arguments import AsJson, require_length
+from mkdaemon.cli.arguments import AsJson, Length
 from mkdaemon.errors import ConfigError, MkError
 
 CASES: Final = ("cut", "scale")
@@ -29,7 +29,7 @@ def main(
     *,
     case: Annotated[str, Parameter(help="cut or scale.")],
     vehicles: Annotated[str, Parameter(help="scale: numbers of aircraft, one after the other.")] = "1,5,10,20",
-    seconds: Annotated[float, Parameter(help="Length of the cut, or counted of each number of aircraft [s].")] = 12.0,
+    seconds: Annotated[Length, Parameter(help="Length of the cut, or counted of each number of aircraft [s].")] = 12.0,
     loss: Annotated[float, Parameter(help="cut: packets lost on that link, each way [%].")] = 5.0,
     delay_ms: Annotated[float, Parameter(help="cut: on that link, there and back [ms].")] = 60.0,
     seed: Annotated[int, Parameter(help="cut: of the losses.")] = 1,
@@ -45,7 +45,6 @@ def main(
         ConfigError: there is no such case; namespaces are not permitted here; a number is wrong.
         MkError: the machine is too busy for it.
     """
-    require_length(seconds, "--seconds")
     if case not in CASES:
         raise ConfigError(f"--case {case}: there is {', '.join(CASES)}")
     counts = counts_of(vehicles)

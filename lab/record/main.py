@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, Literal
 from cyclopts import Parameter
 
 from lab.record import cost, disks, kills, looplag, playing, writing
-from mkdaemon.cli.arguments import AsJson, require_count, require_length
+from mkdaemon.cli.arguments import AsJson, Count, Length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
@@ -31,16 +31,14 @@ def main(
     case: Annotated[
         Literal["writing", "cost", "playing", "kills", "disks"] | None, Parameter(help="One; all by default.")
     ] = None,
-    runs: Annotated[int, Parameter(help="Kills of the daemon, as many of the recorder, and of both.")] = 50,
-    seconds: Annotated[float, Parameter(help="Of each flight of `cost` and `playing`.")] = 20.0,
+    runs: Annotated[Count, Parameter(help="Kills of the daemon, as many of the recorder, and of both.")] = 50,
+    seconds: Annotated[Length, Parameter(help="Of each flight of `cost` and `playing`.")] = 20.0,
     as_json: AsJson = False,
 ) -> int:
     """Measure recording. All cases take about 15 minutes; `--case writing` half a minute.
 
     Exit code 0 only if nothing older than 1.1 s was lost, every file was readable and no flight was disturbed.
     """
-    require_count(runs, "--runs")
-    require_length(seconds, "--seconds")
     figures: dict[str, Any] = {}
     for name in CASES if case is None else (case,):
         match name:

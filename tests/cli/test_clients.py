@@ -120,6 +120,11 @@ def test_what_is_not_there_is_said_beside_what_is(flown, mkctl):
         (["get", "--vehicle", "*"], "--vehicle '*': a name has lower-case letters, digits, - and _"),
         (["status", "--vehicle", "a/b"], "--vehicle 'a/b': a name has lower-case letters, digits, - and _"),
         (["watch", "--count", "0"], "--count 0: give 1 or more"),
+        (["goto", "nan", "0", "2"], "X nan: give a number"),
+        (["log", "play", "flight.mcap", "--speed", "0"], "--speed 0: give a number above 0"),
+        (["log", "record", "--total-mb", "0"], "--total-mb 0: give 1 or more"),
+        (["view", "--port", "65536"], "--port 65536: give one from 1 to 65535, or 0 for any that is free"),
+        (["linktest", "--control", "101"], "--control 101: give a rate from 0 to 100 Hz"),
         (["watch", "--seconds", "nan"], "--seconds nan: give a number above 0"),
         (
             ["status", "--connect", "here"],

@@ -17,7 +17,7 @@ from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
-from mkdaemon.errors import CommandRejectedError, ConfigError, ManoeuvreError, MkError
+from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
@@ -50,11 +50,6 @@ def test_negative_numbers_are_arguments(arguments, capsys, monkeypatch):
 @pytest.mark.parametrize("arguments", [["goto", "1", "2"], ["velocity", "0", "0", "0", "--frame", "home"]])
 def test_what_is_missing_or_unknown_is_a_usage_error(arguments):
     assert run(app, [*arguments, *NOWHERE]) == EXIT_CONFIG
-
-
-async def test_a_number_that_is_none_is_refused():
-    with pytest.raises(ConfigError, match="x nan"):
-        await manoeuvres.goto(math.nan, 0.0, 2.0)
 
 
 def publish_estimate(daemon, position, image_age=0.05):

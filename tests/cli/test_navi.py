@@ -103,7 +103,7 @@ async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
         (["goto", "10", "0", "2", "--frame", "home"], EXIT_CONFIG, "repeat with --confirm"),
         (["waypoints", "fly"], EXIT_CONFIG, "repeat with --confirm"),
         (["waypoints", "home"], EXIT_CONFIG, "repeat with --confirm"),
-        (["goto", "nan", "0", "2", "--frame", "home", "--confirm"], EXIT_CONFIG, "x nan"),
+        (["goto", "nan", "0", "2", "--frame", "home", "--confirm"], EXIT_CONFIG, "X nan"),
         (["waypoints", "home", "--confirm", "--patience", "0"], EXIT_CONFIG, "--patience"),
     ],
 )

@@ -176,8 +176,6 @@ async def test_keys_work_while_it_waits_and_none_reach_the_shell(monkeypatch, ca
 async def test_what_cannot_be_played_is_named():
     with pytest.raises(MkError, match="no client subscribed within"):
         await play(STICKS, listen=free_endpoint(), wait=0.05)
-    with pytest.raises(ConfigError, match="--speed"):
-        await play(STICKS, speed=0.0)
     with pytest.raises(ConfigError, match="--as"):
         await play(STICKS, name="mk1/setpoint")
     with pytest.raises(ConfigError, match="--from"):

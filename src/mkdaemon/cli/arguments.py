@@ -1,37 +1,34 @@
-"""Arguments that many commands take, and their checks."""
+"""Arguments that many commands take. What a number may be is a part of its type, and checked before a command runs."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated
 
 from cyclopts import Parameter
-
-from mkdaemon.errors import ConfigError
 
 AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON, one object a line, instead of text.")]
 """Option of programs for programs; where figures are measured, the object is the last line."""
 
 
-def require_length(seconds: float | None, name: str) -> None:
-    """Make sure that an argument is a length of time, or was not given.
+def fitting(fits: Callable[[float], bool], words: str) -> Parameter:
+    """Refuse numbers that do not fit; an option that was not given fits.
 
     Args:
-        seconds: what was given [s].
-        name: the option.
-
-    Raises:
-        ConfigError: it is zero, negative, infinite or no number.
+        fits: whether a number does.
+        words: what to give instead.
     """
-    if seconds is not None and not (math.isfinite(seconds) and seconds > 0.0):
-        raise ConfigError(f"{name} {seconds:g}: give a number above 0")
+
+    def check(_: object, value: float | None) -> None:
+        if value is not None and not fits(value):
+            raise ValueError(words)
+
+    return Parameter(validator=check)
 
 
-def require_count(count: int | None, name: str) -> None:
-    """Make sure that an argument is a number of things, or was not given.
-
-    Raises:
-        ConfigError: it is below 1.
-    """
-    if count is not None and count < 1:
-        raise ConfigError(f"{name} {count}: give 1 or more")
+Finite = Annotated[float, fitting(math.isfinite, "give a number")]
+Length = Annotated[float, fitting(lambda value: 0.0 < value < math.inf, "give a number above 0")]
+"""A length of time, a distance, a rate: above 0."""
+Count = Annotated[int, fitting(lambda value: value >= 1, "give 1 or more")]
+Port = Annotated[int, fitting(lambda value: 0 <= value <= 65535, "give one from 1 to 65535, or 0 for any that is free")]

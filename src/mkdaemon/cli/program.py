@@ -22,6 +22,7 @@ from cyclopts import (
     Parameter,
     UnknownCommandError,
     UnusedCliTokensError,
+    ValidationError,
 )
 from cyclopts.argument import Argument
 
@@ -200,7 +201,7 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
         sys.stdout.flush()
     except CycloptsError as error:
         command = " ".join((app.name[0], *(error.command_chain or ())))
-        return _complain(app, f"{_words_of(error, app, command, tokens)} See `{command} --help`.", EXIT_CONFIG)
+        return _complain(app, _words_of(error, app, command, tokens), EXIT_CONFIG)
     except ConfigError as error:
         return _complain(app, error, EXIT_CONFIG)
     except MkError as error:
@@ -224,7 +225,13 @@ def report_mistakes(app: App, tokens: Sequence[str], work: Callable[[], object])
 
 
 def _words_of(error: CycloptsError, app: App, command: str, tokens: Sequence[str]) -> str:
-    """What is wrong with a command line, in a sentence."""
+    """What is wrong with a command line, in a sentence or two."""
+    if isinstance(error, ValidationError) and error.argument is not None and error.argument.tokens:
+        return f"{error.argument.name} {error.argument.tokens[0].value}: {error.exception_message}"
+    return f"{_misuse(error, app, command, tokens)} See `{command} --help`."
+
+
+def _misuse(error: CycloptsError, app: App, command: str, tokens: Sequence[str]) -> str:
     match error:
         case MissingArgumentError() if (mistake := _unknown_option(error, app)) is not None:
             return mistake  # reported before the argument that is missing because of it

@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from mkdaemon.cli.arguments import AsJson, require_length
+from mkdaemon.cli.arguments import AsJson, Length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
@@ -56,7 +56,7 @@ def demo(
     ] = PICTURE,
     wind: Annotated[Literal["none", "indoor", "light", "moderate"], Parameter(help="Simulated wind.")] = "light",
     seed: Annotated[int, Parameter(help="Random seed.")] = 1,
-    fps: Annotated[float, Parameter(help="Images a second.")] = 15.0,
+    fps: Annotated[Length, Parameter(help="Images a second.")] = 15.0,
     room: Annotated[
         bool, Parameter(negative=(), help="Fly through a room: from one pad over 24 tags to another, 6 m away.")
     ] = False,
@@ -64,7 +64,7 @@ def demo(
     telemetry: Annotated[
         bool, Parameter(negative=(), help="Instead, start simulator and daemon as processes, and print values.")
     ] = False,
-    seconds: Annotated[float, Parameter(help="With --telemetry: duration [s].")] = 30.0,
+    seconds: Annotated[Length, Parameter(help="With --telemetry: duration [s].")] = 30.0,
     as_json: AsJson = False,
 ) -> int:
     """Fly the simulation: take off, hold over a target, step aside by 1 m, follow the moving target, land on it.
@@ -79,8 +79,6 @@ def demo(
         ConfigError: a number cannot be, or the picture cannot be written.
         MkError: with `--telemetry`: a process did not start, or ended while it flew.
     """
-    require_length(seconds, "--seconds")
-    require_length(fps, "--fps")
     if telemetry:
         from mksim.programs.telemetrydemo import watch_telemetry
 

@@ -13,7 +13,7 @@ import structlog
 from cyclopts import Parameter
 
 from mkdaemon.bus.names import key
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length
 from mkdaemon.cli.mkdaemon.logs import configure
 from mkdaemon.cli.program import let_signals_kill
 from mkdaemon.errors import ConfigError
@@ -49,7 +49,7 @@ def sim(
         bool, Parameter(negative=(), help="Simulate only the camera; its pose comes from the bus.")
     ] = False,
     truth: Annotated[str | None, Parameter(help="With --scene-only: key of poses; default mk/NAME/sim/pose.")] = None,
-    seconds: Annotated[float | None, Parameter(help="End after this time [s]; default: on Ctrl-C.")] = None,
+    seconds: Annotated[Length | None, Parameter(help="End after this time [s]; default: on Ctrl-C.")] = None,
 ) -> None:
     """Simulate an aircraft. The first line on standard output is `{"port": "/dev/pts/N"}`: connect to that port.
 
@@ -68,7 +68,6 @@ def sim(
         raise ConfigError(msg)
     let_signals_kill()
     configure("info")
-    require_length(seconds, "--seconds")
     given = {
         "sim.board": board,
         "sim.fc": fc,

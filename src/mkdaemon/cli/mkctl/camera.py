@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
@@ -34,7 +34,7 @@ async def camera(
     /,
     *,
     once: bool = False,
-    seconds: float | None = None,
+    seconds: Length | None = None,
     picture: Path | None = None,
     force: bool = False,
     connection: Connection = HERE,
@@ -60,7 +60,6 @@ async def camera(
 
     from mkdaemon.client.cameralook import CameraLook, find_camera
 
-    require_length(seconds, "--seconds")
     if picture is not None:
         refuse_existing(picture, overwrite=force)
     console = Console()

@@ -12,7 +12,7 @@ from typing import Final
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.reading.facts import DEAD_RECKONING, age_words
 
 PROGRESS_PERIOD: Final = 0.2
@@ -31,17 +31,6 @@ LAST_WORD: Final = 1.0
 """Longest wait, when a flight has ended, for the daemon to say that the aircraft is released [s]."""
 
 Position = tuple[float, float, float]
-
-
-def require_finite(**numbers: float | None) -> None:
-    """Refuse numbers that are none.
-
-    Raises:
-        ConfigError: names the first.
-    """
-    for name, number in numbers.items():
-        if number is not None and not math.isfinite(number):
-            raise ConfigError(f"{name} {number:g}: give a number")
 
 
 class Shown:

@@ -13,7 +13,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length
 from mkdaemon.cli.console import Console
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line
@@ -30,7 +30,7 @@ BARS: Final = 16
 """Of a trend."""
 
 
-async def health(*, once: bool = False, seconds: float | None = None, connection: Connection = HERE) -> None:
+async def health(*, once: bool = False, seconds: Length | None = None, connection: Connection = HERE) -> None:
     """Show the link as it is: state and reason, round trips, losses, every stream against what was asked.
 
     Example: mkctl health --once
@@ -43,7 +43,6 @@ async def health(*, once: bool = False, seconds: float | None = None, connection
         MkError: nothing has been measured: no daemon, or not this vehicle's.
         ConfigError: `seconds` is not above 0.
     """
-    require_length(seconds, "--seconds")
     console = Console()
     async with connection.open() as client:
         if connection.json or once or not console.is_terminal:

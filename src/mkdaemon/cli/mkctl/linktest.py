@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length, fitting
 from mkdaemon.cli.interrupts import asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.streams import read_interval
@@ -32,15 +32,16 @@ BAR: Final = 40
 """Characters of its longest bar."""
 SLICES: Final = 60
 """Characters of the line that shows losses over time."""
+Rate = Annotated[float, fitting(lambda value: 0.0 <= value <= 100.0, "give a rate from 0 to 100 Hz")]
 
 
 async def linktest(
     *,
     load: Literal["light", "full", "both"] = "both",
     stream: tuple[str, ...] = (),
-    control: float = 0.0,
-    seconds: float = 60.0,
-    tests: float = 0.0,
+    control: Rate = 0.0,
+    seconds: Length = 60.0,
+    tests: Rate = 0.0,
     label: str = "",
     csv: Path | None = None,
     picture: Path | None = None,
@@ -77,8 +78,6 @@ async def linktest(
     from mkdaemon.client.linktest.campaign import CHOSEN, FULL, LIGHT, LinkTestPlan
     from mkdaemon.client.linktest.probefile import read_csv
 
-    require_length(seconds, "--seconds")
-    _require_rates(control, tests)
     for path in (csv, picture):
         if path is not None:
             refuse_existing(path, overwrite=force)
@@ -125,17 +124,6 @@ def _conclude(found: LinkTestFound, other: Sequence[LoadRun], files: _Files, *, 
     else:
         _print(runs, other, verdict)
     return EXIT_OK if verdict.grade in (Grade.GOOD, Grade.USABLE) else EXIT_FAILURE
-
-
-def _require_rates(control: float, tests: float) -> None:
-    """Refuse rates that cannot be streamed.
-
-    Raises:
-        ConfigError: names the first.
-    """
-    for number, name in ((control, "--control"), (tests, "--tests")):
-        if not 0.0 <= number <= 100.0:
-            raise ConfigError(f"{name} {number:g}: give a rate from 0 to 100 Hz")
 
 
 def _stream(text: str) -> tuple[str, float]:

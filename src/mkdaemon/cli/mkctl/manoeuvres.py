@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter, validators
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Finite, Length, fitting
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.flightshow import (
     Position,
@@ -16,11 +16,9 @@ from mkdaemon.cli.mkctl.flightshow import (
     leased,
     metres,
     read_position,
-    require_finite,
 )
 from mkdaemon.cli.mkctl.navi import PATIENCE, fly_to
 from mkdaemon.cli.printing import json_line
-from mkdaemon.errors import ConfigError
 
 LONGEST_STAY: Final = 255
 """How long the NaviCtrl stays at a place at home [s]; its points take no more."""
@@ -33,25 +31,27 @@ Force = Annotated[bool, Parameter(help="Take the lease from its holder.")]
 TargetName = Annotated[
     str, Parameter(name="--target", help="Name of the target, or of a place in a map; by default the one in sight.")
 ]
-Seconds = Annotated[float, Parameter(name=["--seconds", "-s"], help="Duration from the engagement [s].")]
+Yaw = Annotated[Finite | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")]
+Within = Annotated[Length, Parameter(help="Exit code 0 only if the final distance is at most this [m].")]
+Seconds = Annotated[Length, Parameter(name=["--seconds", "-s"], help="Duration from the engagement [s].")]
 
 
 async def goto(
-    x: float,
-    y: float,
-    z: float,
+    x: Finite,
+    y: Finite,
+    z: Finite,
     /,
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
+    yaw: Yaw = None,
     frame: Annotated[Literal["pad", "body", "home"], Parameter(help="Origin of x, y and z.")] = "pad",
     target: TargetName = "",
     seconds: Annotated[
-        float | None,
+        Length | None,
         Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s]; default 10, with home 255."),
     ] = None,
-    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
+    within: Within = 0.3,
     force: Force = False,
-    patience: Annotated[float, Parameter(help="Frame home: longest time for switch and flight [s].")] = PATIENCE,
+    patience: Annotated[Length, Parameter(help="Frame home: longest time for switch and flight [s].")] = PATIENCE,
     confirm: Annotated[bool, Parameter(help="Frame home: I know that the NaviCtrl flies there.")] = False,
     connection: Connection = HERE,
 ) -> int:
@@ -76,9 +76,6 @@ async def goto(
         ConfigError: a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, did not engage, or released early; at home the place was not reached.
     """
-    require_finite(x=x, y=y, z=z, yaw=yaw)
-    require_length(seconds, "--seconds")
-    require_length(within, "--within")
     if frame == "home":
         compass = None if yaw is None else round(90.0 - yaw - 1.0) % 360 + 1
         stay = LONGEST_STAY if seconds is None else min(round(seconds), LONGEST_STAY)
@@ -94,10 +91,10 @@ async def goto(
 
 async def hold(
     *,
-    height: Annotated[float | None, Parameter(help="Height above the target [m]; default: the present one.")] = None,
+    height: Annotated[Finite | None, Parameter(help="Height above the target [m]; default: the present one.")] = None,
     target: TargetName = "",
     seconds: Seconds = 10.0,
-    within: Annotated[float, Parameter(help="Exit code 0 only if the final distance is at most this [m].")] = 0.3,
+    within: Within = 0.3,
     force: Force = False,
     connection: Connection = HERE,
 ) -> int:
@@ -109,8 +106,6 @@ async def hold(
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or released early.
     """
-    require_finite(height=height)
-    require_length(seconds, "--seconds")
     goal: Position | None = None
     async with flying(connection, lambda: goal, force=force) as (uav, lease, shown):
         await lease.velocity(0.0, 0.0, 0.0, target=target, seconds=BRIEF)
@@ -121,9 +116,9 @@ async def hold(
 
 
 async def velocity(
-    x: float,
-    y: float,
-    z: float,
+    x: Finite,
+    y: Finite,
+    z: Finite,
     /,
     *,
     frame: Annotated[Literal["pad", "body"], Parameter(help="Axes of the target, or forward and left.")] = "pad",
@@ -145,8 +140,6 @@ async def velocity(
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or released early.
     """
-    require_finite(x=x, y=y, z=z)
-    require_length(seconds, "--seconds")
     async with flying(connection, force=force) as (_, lease, shown):
         await lease.velocity(x, y, z, frame=frame, target=target, seconds=seconds)
     connection.show({"position": shown.position}, f"now at {metres(shown.position)}")
@@ -154,7 +147,7 @@ async def velocity(
 
 async def land(
     *,
-    yaw: Annotated[float | None, Parameter(help="Heading, counter-clockwise from x [deg]; default: unchanged.")] = None,
+    yaw: Yaw = None,
     target: TargetName = "",
     force: Force = False,
     connection: Connection = HERE,
@@ -169,7 +162,6 @@ async def land(
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or released before the touchdown.
     """
-    require_finite(yaw=yaw)
     heading = None if yaw is None else math.remainder(math.radians(yaw), math.tau)
     async with flying(connection, lambda: (0.0, 0.0, 0.0), force=force) as (_, lease, shown):
         await lease.land(yaw=heading, target=target)
@@ -180,7 +172,7 @@ async def take_off(
     height: Annotated[float, Parameter(validator=validators.Number(gte=0.5, lte=10.0))],
     /,
     *,
-    seconds: Annotated[float, Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s].")] = 10.0,
+    seconds: Annotated[Length, Parameter(name=["--seconds", "-s"], help="Hold time at the goal [s].")] = 10.0,
     target: TargetName = "",
     force: Force = False,
     connection: Connection = HERE,
@@ -199,7 +191,6 @@ async def take_off(
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or the take-off failed; says why.
     """
-    require_length(seconds, "--seconds")
     async with flying(connection, force=force) as (_, lease, shown):
         await lease.take_off(height, target=target)
         await lease.hold(target=target, seconds=seconds)
@@ -208,10 +199,10 @@ async def take_off(
 
 async def attitude(
     *,
-    pitch: Annotated[float, Parameter(help="Nose down positive [deg].")] = 0.0,
-    roll: Annotated[float, Parameter(help="Right side down positive [deg].")] = 0.0,
-    yaw_rate: Annotated[float, Parameter(help="Nose left positive [deg/s].")] = 0.0,
-    thrust: Annotated[float, Parameter(help="Share of the weight.")] = 1.0,
+    pitch: Annotated[Finite, Parameter(help="Nose down positive [deg].")] = 0.0,
+    roll: Annotated[Finite, Parameter(help="Right side down positive [deg].")] = 0.0,
+    yaw_rate: Annotated[Finite, Parameter(help="Nose left positive [deg/s].")] = 0.0,
+    thrust: Annotated[Finite, Parameter(help="Share of the weight.")] = 1.0,
     seconds: Seconds = 2.0,
     force: Force = False,
     connection: Connection = HERE,
@@ -224,8 +215,6 @@ async def attitude(
         ConfigError: a number cannot be.
         MkError: the daemon refused, did not engage, or released early.
     """
-    require_finite(pitch=pitch, roll=roll, yaw_rate=yaw_rate, thrust=thrust)
-    require_length(seconds, "--seconds")
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
         await lease.attitude(
             pitch=math.radians(pitch),
@@ -263,17 +252,18 @@ async def abort(reason: str = "asked for by mkctl", *, connection: Connection = 
 
 FULL = 127
 """Full stick [count]."""
+Stick = Annotated[float, fitting(lambda value: abs(value) <= FULL, f"give a number from -{FULL} to {FULL}")]
 AXES = ("pitch", "roll", "yaw", "throttle")
 
 
 async def stick(
     *,
-    pitch: float = 0.0,
-    roll: float = 0.0,
-    yaw: float = 0.0,
-    throttle: float,
-    seconds: Annotated[float, Parameter(name=["--seconds", "-s"])] = 2.0,
-    rate: float = 50.0,
+    pitch: Stick = 0.0,
+    roll: Stick = 0.0,
+    yaw: Stick = 0.0,
+    throttle: Stick,
+    seconds: Annotated[Length, Parameter(name=["--seconds", "-s"])] = 2.0,
+    rate: Length = 50.0,
     force: bool = False,
     connection: Connection = HERE,
 ) -> None:
@@ -297,14 +287,8 @@ async def stick(
         ConfigError: a stick is beyond its range, or no number.
         MkError: the daemon refused the lease, did not engage, or released early.
     """
-    wanted = {"pitch": pitch, "roll": roll, "yaw": yaw, "throttle": throttle}
-    for name, value in wanted.items():
-        if not abs(value) <= FULL:
-            raise ConfigError(f"--{name} {value:g}: give a number from -{FULL} to {FULL}")
-    require_length(seconds, "--seconds")
-    require_length(rate, "--rate")
     async with connection.open() as uav, leased(uav, connection, force=force) as lease:
-        await lease.stick(**wanted, seconds=seconds, rate=rate)
+        await lease.stick(pitch=pitch, roll=roll, yaw=yaw, throttle=throttle, seconds=seconds, rate=rate)
         output = await uav.control.output.latest()
     sent = {name: None if output is None else getattr(output.value, name) for name in (*AXES, "limited")}
     if connection.json:

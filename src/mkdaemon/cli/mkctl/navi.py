@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.flightshow import require_finite
 from mkdaemon.cli.mkctl.waypoints import notify
 from mkdaemon.errors import ConfigError
 from mkdaemon.missions import read_mission
@@ -23,7 +22,7 @@ PATIENCE = 300.0
 Confirm = Annotated[
     bool, Parameter(help="I know that the NaviCtrl flies the aircraft when the pilot turns the switch.")
 ]
-Patience = Annotated[float, Parameter(name=["--patience"], help="Longest time for the switch and the flight [s].")]
+Patience = Annotated[Length, Parameter(name=["--patience"], help="Longest time for the switch and the flight [s].")]
 
 
 async def status(*, connection: Connection = HERE) -> None:
@@ -62,7 +61,7 @@ async def fly(
         ConfigError: the file or a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or the end was not reached; says why and where it stood.
     """
-    _require(patience, confirm=confirm)
+    _require(confirm=confirm)
     mission = (
         None if file is None else read_mission(file, start_elevation=start_elevation, altitude=altitude, notify=notify)
     )
@@ -83,7 +82,7 @@ async def home(*, confirm: Confirm = False, patience: Patience = PATIENCE, conne
         ConfigError: a number cannot be, or `--confirm` is missing.
         MkError: the daemon refused, or it did not come home; says why and where it stood.
     """
-    _require(patience, confirm=confirm)
+    _require(confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi.home(patience=patience, on_stage=StagePrinter().show)
     connection.show(_fields(end), f"home; the pilot {end.hands}")
@@ -105,8 +104,7 @@ async def fly_to(
         MkError: the daemon refused, or the place was not reached.
     """
     east, north, up = position
-    require_finite(east=east, north=north, up=up)
-    _require(patience, confirm=confirm)
+    _require(confirm=confirm)
     async with connection.open() as uav:
         end = await uav.navi.goto(
             east, north, up, heading_deg=heading, hold=hold, patience=patience, on_stage=StagePrinter().show
@@ -139,8 +137,7 @@ def stage_line(report: ControlNavi) -> str:
     return f"{', '.join(words)}: the pilot {report.hands}"
 
 
-def _require(patience: float, *, confirm: bool) -> None:
-    require_length(patience, "--patience")
+def _require(*, confirm: bool) -> None:
     if not confirm:
         msg = (
             "--confirm is missing: the aircraft flies by itself once the pilot turns the GPS switch to coming home; "

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length
 from mkdaemon.cli.keyreader import taking_keys
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
@@ -34,7 +34,7 @@ async def play(
     file: Path,
     /,
     *,
-    speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
+    speed: Annotated[Length, Parameter(name=["--speed", "-s"])] = 1.0,
     start: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
     end: Annotated[str | None, Parameter(name="--to", allow_leading_hyphen=True)] = None,
     loop: bool = False,
@@ -73,7 +73,6 @@ async def play(
     from mkdaemon.client.player import Player, PlayPace, open_player_session
     from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 
-    require_length(speed, "--speed")
     if name is not None:
         require_vehicle_name(name, "--as")
     part = RecordedSamples(file, key, moment_of(start, file, "--from"), moment_of(end, file, "--to"))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_count, require_length
+from mkdaemon.cli.arguments import Count, Length
 from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import json_line, picked
@@ -38,14 +38,14 @@ async def record(
     folder: Annotated[Path | None, Parameter(name=["--folder", "-o"])] = None,
     key: Annotated[tuple[str, ...], Parameter(name=["--key", "-k"])] = (),
     also: Annotated[tuple[str, ...], Parameter(help="Endpoint of a further daemon.")] = (),
-    seconds: float | None = None,
+    seconds: Length | None = None,
     no_viewer: bool = False,
-    file_mb: int = 500,
-    file_minutes: float = 60.0,
-    total_mb: int = 20_000,
-    free_mb: int = 1000,
+    file_mb: Count = 500,
+    file_minutes: Length = 60.0,
+    total_mb: Count = 20_000,
+    free_mb: Count = 1000,
     delete_oldest: bool = False,
-    queue_mb: int = 64,
+    queue_mb: Count = 64,
     connection: Connection = HERE,
 ) -> int:
     """Record everything that vehicles put on the bus, until Ctrl-C. Waits for a daemon that is not there yet.
@@ -75,10 +75,6 @@ async def record(
     from mkdaemon.client.groundrecorder import EVERYTHING, GroundPlan
     from mkdaemon.record.folder import RoomLimits
 
-    require_length(seconds, "--seconds")
-    require_length(file_minutes, "--file-minutes")
-    for name, number in {"file": file_mb, "total": total_mb, "free": free_mb, "queue": queue_mb}.items():
-        require_count(number, f"--{name}-mb")
     plan = GroundPlan(
         endpoints=(connection.connect, *also),
         folder=folder or user_folder("XDG_STATE_HOME") / "ground" / "recordings",

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_count, require_length
+from mkdaemon.cli.arguments import Count, Length
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.printing import age_of, flat, json_line
 from mkdaemon.cli.terminal import on_one_line
@@ -73,9 +73,9 @@ def _hints(patterns: list[str]) -> str:
 
 async def watch(
     *patterns: str,
-    seconds: float | None = None,
-    count: Annotated[int | None, Parameter(name=["--count", "-n"])] = None,
-    hz: float | None = None,
+    seconds: Length | None = None,
+    count: Annotated[Count | None, Parameter(name=["--count", "-n"])] = None,
+    hz: Length | None = None,
     lines: bool = False,
     connection: Connection = HERE,
 ) -> None:
@@ -95,9 +95,6 @@ async def watch(
         MkError: a pattern is not a key expression.
         ConfigError: `seconds`, `count` or `hz` is not above 0.
     """
-    require_length(seconds, "--seconds")
-    require_length(hz, "--hz")
-    require_count(count, "--count")
     left, columns, due = count, Columns(), Pacer(hz)
     async with connection.open() as client, client.watch(*(patterns or ("state/**",))) as samples:
         if (absence := await client.absence()) is not None:

@@ -13,13 +13,12 @@ from typing import Annotated, Final
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import require_length
+from mkdaemon.cli.arguments import Length, Port
 from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.log import reading_progress
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import ConfigError
 
 PORT: Final = 8747
 
@@ -28,9 +27,9 @@ async def view(
     file: Path | None = None,
     /,
     *,
-    port: int = PORT,
+    port: Port = PORT,
     no_browser: bool = False,
-    speed: Annotated[float, Parameter(name=["--speed", "-s"])] = 1.0,
+    speed: Annotated[Length, Parameter(name=["--speed", "-s"])] = 1.0,
     paused: bool = False,
     loop: bool = False,
     connection: Connection = HERE,
@@ -58,9 +57,6 @@ async def view(
     """
     from mkdaemon.view.page.viewer import serving
 
-    if not 0 <= port <= 65535:
-        raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
-    require_length(speed, "--speed")
     favour_threads()
     opening = connection.open() if file is None else _played(file, speed, is_paused=paused, loops=loop)
     async with opening as uav, serving(uav, port) as address:

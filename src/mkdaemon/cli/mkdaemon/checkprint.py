@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from mkdaemon.cli.arguments import AsJson, require_length
+from mkdaemon.cli.arguments import AsJson, Length
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
@@ -19,7 +19,7 @@ def check_print(
     *,
     target: Annotated[Path, Parameter(help="Target file of what was printed: configs/targets/nested.toml.")],
     camera: Annotated[Path | None, Parameter(help="Camera file of `mkdaemon calibrate camera`.")] = None,
-    distance: Annotated[float | None, Parameter(help="Lens to the middle of the largest tag, by tape [m].")] = None,
+    distance: Annotated[Length | None, Parameter(help="Lens to the middle of the largest tag, by tape [m].")] = None,
     as_json: AsJson = False,
 ) -> int:
     """Judge a print by one photograph: sizes, flatness, sharpness, light and the white rim. Needs no daemon.
@@ -36,7 +36,6 @@ def check_print(
     from mkdaemon.cli.console import Console
     from mkdaemon.client.photocheck import check_photo
 
-    require_length(distance, "--distance")
     findings = check_photo(photo, target, camera, distance)
     is_bad = any(finding.state == "bad" for finding in findings)
     if as_json:

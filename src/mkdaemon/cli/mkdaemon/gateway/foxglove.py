@@ -10,6 +10,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.arguments import Port
 from mkdaemon.cli.extras import needing
 from mkdaemon.cli.interrupts import until_asked_to_end
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
@@ -17,7 +18,6 @@ from mkdaemon.cli.promptness import fast_loop, favour_threads
 from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
 from mkdaemon.config.names import require_vehicle_name
-from mkdaemon.errors import ConfigError
 
 
 def foxglove(
@@ -26,7 +26,7 @@ def foxglove(
     connect: Annotated[str, Parameter(env_var="MK_CONNECT")] = DEFAULT_ENDPOINT,
     zenoh_file: Annotated[Path | None, Parameter(env_var="MK_ZENOH_FILE")] = None,
     host: str = "127.0.0.1",
-    port: int = 8765,
+    port: Port = 8765,
     json: bool = False,
 ) -> None:
     """Show vehicles to Foxglove and Lichtblick: a WebSocket server with the schemas they know, and every key as JSON.
@@ -51,8 +51,6 @@ def foxglove(
     """
     with needing("mkdaemon gateway foxglove", "foxglove-sdk", "foxglove"):
         import_module("mkdaemon.gateways.foxglove.server")
-    if not 0 <= port <= 65535:
-        raise ConfigError(f"--port {port}: give one from 1 to 65535, or 0 for any that is free")
     for name in vehicle:
         require_vehicle_name(name, "--vehicle")
     favour_threads()

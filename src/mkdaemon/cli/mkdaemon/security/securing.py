@@ -12,7 +12,7 @@ from typing import Annotated, Final, Literal
 
 from cyclopts import App, Parameter
 
-from mkdaemon.cli.arguments import AsJson, require_count
+from mkdaemon.cli.arguments import AsJson, Count
 from mkdaemon.cli.mkdaemon.security.certificates import (
     Pair,
     describe_certificate,
@@ -48,7 +48,7 @@ app = App(
 def new_ca(
     folder: Path,
     *hosts: str,
-    days: int = DAYS,
+    days: Count = DAYS,
     force: bool = False,
 ) -> None:
     """Make an authority, and a file each for a daemon, a pilot, an observer and a recorder; it is all that they need.
@@ -65,7 +65,6 @@ def new_ca(
         ConfigError: an authority is there already, or a host is no name.
         MkError: a file cannot be written.
     """
-    require_count(days, "--days")
     refuse_existing(folder / "ca.key", overwrite=force)
     now = datetime.now(UTC)
     authority = make_authority(now)
@@ -95,7 +94,7 @@ def issue(
     ca: Path = Path("security"),
     host: tuple[str, ...] = (),
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    days: int = DAYS,
+    days: Count = DAYS,
     force: bool = False,
 ) -> None:
     """Issue one more certificate; no daemon needs a restart for it.
@@ -115,7 +114,6 @@ def issue(
         ConfigError: there is no authority, the file is there already, or --host belongs to a client.
         MkError: the file cannot be written.
     """
-    require_count(days, "--days")
     if host and role not in SERVERS:
         raise ConfigError(f"--host: only a daemon or a router is reached at a host, and the role is {role}")
     if _NAME.fullmatch(name) is None:
