@@ -140,12 +140,11 @@ ORIGINALS = {
 """A good text file for each reader of text; what `labels.json` and `report.json` hold only this program writes."""
 OPENERS = {
     "bus/session": "zenoh.json5",
-    "cli/mkctl/mixer": "mixer.toml",
     "cli/mkctl/teleop/padrecording": "pad.jsonl",
+    "cli/mkdaemon/checkprint": "picture.png",
     "cli/mkdaemon/decode": "capture.jsonl",
     "cli/mkdaemon/security/certificates": "zenoh.json5",
     "client/linktest/probefile": "linktest.csv",
-    "client/photocheck": "picture.png",
     "client/settings_files": "set.toml",
     "config/camera": "",
     "config/reader": "settings.toml",

@@ -23,7 +23,7 @@ from tools.markdown import table
 _HEAD = """# Reference of the Python library
 
 Made from the docstrings of `mkdaemon.client` by `make docs`. [library.md](library.md) shows how to use it.
-Other modules of `mkdaemon.client`, such as `linktest`, `cameralook` and `photocheck`, are internal to `mkctl`, and may
+Other modules of `mkdaemon.client`, such as `linktest` and `cameralook`, are internal to `mkctl`, and may
 change in any release.
 """
 _ERRORS = (

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from mkdaemon.cli.keyreader import QUIT
-from mkdaemon.cli.mkctl.display import KEYS, frame_of, lines_of
+from mkdaemon.cli.mkctl.display import KEYS, lines_of
 from mkdaemon.protocol.flags import MenuKey
 
 
@@ -12,12 +12,6 @@ def test_a_picture_is_four_lines_of_twenty() -> None:
 
 def test_nothing_a_terminal_would_act_on_is_printed() -> None:
     assert lines_of("\x1b[2Jx\0y")[0] == " [2Jx y" + " " * 13
-
-
-def test_a_raw_terminal_needs_carriage_returns() -> None:
-    picture = frame_of("x").split("\r\n")
-    assert len(picture) == 6
-    assert {len(line) for line in picture} == {22}
 
 
 def test_keys_do_not_leave_and_leaving_is_no_key() -> None:

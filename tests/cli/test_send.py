@@ -6,7 +6,8 @@ from typing import cast
 
 import pytest
 
-from mkdaemon.cli.mkctl.send import describe_reply, find_board, request_forms
+from mkdaemon.cli.mkctl.board_request import find_board
+from mkdaemon.cli.mkctl.send import describe_reply, request_forms
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.flags import MotorControllerItems
@@ -38,7 +39,7 @@ async def test_the_board_at_the_end_of_the_line_is_asked_by_default(form, heard,
         return None if heard is None else SimpleNamespace(value=SimpleNamespace(boards=heard))
 
     client = SimpleNamespace(link=SimpleNamespace(state=SimpleNamespace(latest=latest)))
-    assert await find_board(cast("Vehicle", client), FORMS[form]) is board
+    assert await find_board(cast("Vehicle", client), FORMS[form].boards) is board
 
 
 def test_layouts_are_one_form_with_the_limits_of_each() -> None:

@@ -1,29 +1,23 @@
-"""One request to a board, where silence is an answer that the command itself knows how to tell."""
+"""Which board is asked where none is named."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import CommandRejectedError
-from mkdaemon.protocol.wire import Board, WireMessage
-from mkdaemon.telemetry.refusals import TOKENS
-from mkdaemon.telemetry.status import Status
-
-_NO_ANSWER = frozenset({Status.TIMEOUT, Status.BUSY})
+from mkdaemon.protocol.wire import Board
 
 
-async def try_request(uav: Vehicle, board: Board, message: WireMessage) -> WireMessage | None:
-    """Send one request through the daemon and return the answer as a message; None where none came in time.
+async def find_board(client: Vehicle, boards: Sequence[Board]) -> Board:
+    """The board at the end of the line: the NaviCtrl where one is there, for it must not be passed through.
 
-    The user has asked for what the message does, so the daemon's question for confirmation is answered here.
-
-    Raises:
-        CommandRejectedError: the daemon refused it; says token, reason and fix.
-        MkError: no daemon.
+    Args:
+        client: the daemon's client.
+        boards: those that take the request.
     """
-    try:
-        return await uav.request(board, message, confirm=message.spec.danger is not None)
-    except CommandRejectedError as error:
-        refusal = TOKENS.get(error.token)
-        if refusal is not None and refusal.status in _NO_ANSWER:
-            return None
-        raise
+    if len(boards) > 1:
+        state = await client.link.state.latest()
+        present = () if state is None else state.value.boards
+        if Board.NC in boards and Board.NC.word in present:
+            return Board.NC
+    return boards[0]

@@ -3,22 +3,38 @@
 from __future__ import annotations
 
 import json
-import tomllib
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from cyclopts import App, Parameter
+from pydantic import Field
 
 from mkdaemon.cli.mkctl.connection import HERE, Connection
+from mkdaemon.config.base import Section
+from mkdaemon.config.reader import load_section
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import refuse_existing, save
-from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
 from mkdaemon.protocol.messages import WriteMixer
 
 app = App(name="mixer", help="Mixer of the FlightCtrl: 16 rows of throttle, pitch, roll, yaw; 64 is 100 %.")
 
 COLUMNS: Final = ("throttle", "pitch", "roll", "yaw")
 ROWS: Final = 16
+Share = Annotated[int, Field(ge=-128, le=127)]
+Motor = Annotated[str, Field(pattern="^([1-9]|1[0-6])$")]
+Row = tuple[Share, Share, Share, Share]
+
+
+class MixerFile(Section):
+    """A mixer as a file holds it."""
+
+    name: Annotated[str, Field(max_length=12, pattern="^[ -~]*$")] = ""
+    """At most twelve ASCII characters."""
+    motors: dict[Annotated[str, Field(pattern=f"^({'|'.join(map(str, range(1, ROWS + 1)))})$")], Row] = Field(
+        min_length=1
+    )
+    """The row of each motor, 1 to 16: throttle, pitch, roll, yaw; 64 is 100 %."""
 
 
 @app.command
@@ -86,34 +102,9 @@ def from_toml(file: Path) -> WriteMixer:
     Raises:
         ConfigError: the file cannot be used; names it and the fix.
     """
-    try:
-        content: dict[str, Any] = parse_toml(read_text(file, limit=LONGEST_SETTINGS))
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read ({error.strerror}); check the name") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{file}: no TOML: {error}; `mkctl board mixer read FILE` writes one") from error
-    motors = [0] * (4 * ROWS)
-    rows = content.get("motors")
-    if not isinstance(rows, dict) or not rows:
-        raise ConfigError(f"{file}: no table [motors]; `mkctl board mixer read FILE` writes one")
-    for number, row in rows.items():
-        if not number.isdecimal() or not 1 <= int(number) <= ROWS:
-            raise ConfigError(f"{file}: motor {number!r}; motors are 1 to {ROWS}")
-        if not _is_row(row):
-            raise ConfigError(f"{file}: motor {number} is {row!r}; write [throttle, pitch, roll, yaw], each -128..127")
-        motors[4 * int(number) - 4 : 4 * int(number)] = row
-    name = str(content.get("name", ""))
-    if len(name) > 12 or not name.isascii():
-        raise ConfigError(f"{file}: the name {name!r} must be at most 12 ASCII characters")
-    return WriteMixer(name=name, motors=tuple(motors))
-
-
-def _is_row(row: object) -> bool:
-    return (
-        isinstance(row, list)
-        and len(row) == len(COLUMNS)
-        and all(isinstance(value, int) and not isinstance(value, bool) and -128 <= value <= 127 for value in row)
-    )
+    found = load_section(MixerFile, file)
+    rows = (found.motors.get(str(number), (0,) * len(COLUMNS)) for number in range(1, ROWS + 1))
+    return WriteMixer(name=found.name, motors=tuple(chain.from_iterable(rows)))
 
 
 def _rows(motors: tuple[int, ...]) -> list[list[int]]:

@@ -9,14 +9,12 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
-from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.client import Vehicle
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.protocol.messages import MotorTest
 from mkdaemon.protocol.wire import Board
-from mkdaemon.reading import fresh_for
-from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.refusals import Token
 
 app = App(name="motors", help="Motor test, propellers off; and the motor stop of a public fork of the FlightCtrl.")
 
@@ -47,13 +45,13 @@ async def test(
 ) -> None:
     """Turn motors for some seconds, and stop them at the end whatever happens.
 
-    Values sent while motors run would take effect right after they stop, so it is refused then.
+    The daemon refuses it while motors run: such values would take effect right after they stop.
 
     Example: mkctl board motors test 1 2 --setpoint 25 --seconds 3
 
     Raises:
         ConfigError: no motor was named, or the question about propellers was not answered with yes.
-        MkError: motors run, or the daemon refused it.
+        MkError: the daemon refused it: motors run, for example.
     """
     if not motors:
         raise ConfigError("name the motors to turn, for example `mkctl board motors test 1 2`")
@@ -61,7 +59,6 @@ async def test(
         _confirm(setpoint)
     points = tuple(setpoint if number in motors else 0 for number in range(1, 17))
     async with connection.open() as client:
-        await refuse_running(client, "a test would act right after they stop")
         try:
             await _turn(client, points, seconds)
         finally:
@@ -91,7 +88,11 @@ async def stop(
 async def _turn(client: Vehicle, points: tuple[int, ...], seconds: float) -> None:
     end = asyncio.get_running_loop().time() + seconds
     while asyncio.get_running_loop().time() < end:
-        await try_request(client, Board.FC, MotorTest(motors=points))
+        try:
+            await client.request(Board.FC, MotorTest(motors=points), confirm=True)
+        except CommandRejectedError as error:
+            if error.token != Token.BUSY:  # the next frame follows at once
+                raise
         await asyncio.sleep(PERIOD)
 
 
@@ -109,7 +110,7 @@ async def _stop(client: Vehicle) -> None:
 async def _send_stop(client: Vehicle, after: float) -> bool:
     await asyncio.sleep(after)
     with contextlib.suppress(MkError):
-        await try_request(client, Board.FC, MotorTest(motors=(0,) * 16))
+        await client.request(Board.FC, MotorTest(motors=(0,) * 16), confirm=True)
         return True
     return False
 
@@ -121,23 +122,3 @@ def _confirm(setpoint: int) -> None:
     wanted = SENTENCE if setpoint <= GENTLE else f"{SENTENCE} {setpoint}"
     if input(f"Motors will turn. Type '{wanted}' to go on: ").strip().lower() != wanted:
         raise ConfigError("not confirmed; nothing was sent")
-
-
-async def motors_running(client: Vehicle) -> bool | None:
-    """Whether motors run, by the last flight state; None while it is not fresh."""
-    flight = await client.state.flight.latest()
-    return None if flight is None or flight.age > (fresh_for("state/flight") or 0.0) else flight.value.motors_running
-
-
-async def refuse_running(client: Vehicle, why: str) -> None:
-    """Go on unless motors are known to run; what is unknown is left to the daemon's own gate.
-
-    Args:
-        client: the daemon's client.
-        why: what running motors would mean, in words.
-
-    Raises:
-        CommandRejectedError: `motors_running`.
-    """
-    if await motors_running(client):
-        raise refuse(Token.MOTORS_RUNNING, detail=why)

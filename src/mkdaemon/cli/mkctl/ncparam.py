@@ -6,9 +6,8 @@ from typing import Annotated, Final
 
 from cyclopts import App, Parameter, validators
 
-from mkdaemon.cli.mkctl.board_request import try_request
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.errors import ConfigError, MkError, RequestTimeoutError
+from mkdaemon.errors import MkError
 from mkdaemon.protocol.flags import NaviParameterId
 from mkdaemon.protocol.messages import NaviParameter, NaviParameterRequest, WriteNaviParameter
 from mkdaemon.protocol.wire import Board, WireMessage
@@ -25,9 +24,8 @@ UNITS: Final = {
 }
 """Units of the values. Source: docs/protocol.md, "NaviCtrl commands"."""
 
-_WORDS: Final = ", ".join(member.name.lower() for member in NaviParameterId)
 _UNITS: Final = ", ".join(f"{member.name.lower()} [{unit}]" for member, unit in UNITS.items())
-Name = Annotated[str, Parameter(help=f"One of {_WORDS}. Units: {_UNITS}.")]
+Name = Annotated[NaviParameterId, Parameter(help=f"Units: {_UNITS}.")]
 
 
 @app.command
@@ -36,8 +34,7 @@ async def get(name: Name, /, *, connection: Connection = HERE) -> None:
 
     Example: mkctl board parameters get heading_setpoint
     """
-    answer = await _ask(connection, NaviParameterRequest(id=_read(name)))
-    _show(connection, answer)
+    await _show(connection, NaviParameterRequest(id=name))
 
 
 @app.command(name="set")
@@ -62,28 +59,15 @@ async def set_value(
     Raises:
         MkError: the NaviCtrl did not answer, or answers another value.
     """
-    answer = await _ask(connection, WriteNaviParameter(id=_read(name), value=value))
+    answer = await _show(connection, WriteNaviParameter(id=name, value=value))
     if answer.value != value:
-        raise MkError(f"{name}: the NaviCtrl answers {answer.value}, not {value}; read it again before flying")
-    _show(connection, answer)
+        raise MkError(f"the NaviCtrl answers {answer.value}, not {value}; read it again before flying")
 
 
-async def _ask(connection: Connection, message: WireMessage) -> NaviParameter:
+async def _show(connection: Connection, message: WireMessage) -> NaviParameter:
+    """Ask, and print the answer. What the user has typed confirms what the message does."""
     async with connection.open() as client:
-        answer = await try_request(client, Board.NC, message)
-    if not isinstance(answer, NaviParameter):
-        raise RequestTimeoutError("the NaviCtrl did not answer; it must be 0.24 or later (`mkctl status`)")
-    return answer
-
-
-def _read(name: str) -> NaviParameterId:
-    try:
-        return NaviParameterId[name.upper().replace("-", "_")]
-    except KeyError:
-        raise ConfigError(f"there is no NaviCtrl parameter {name!r}; use one of {_WORDS}") from None
-
-
-def _show(connection: Connection, answer: NaviParameter) -> None:
-    unit = UNITS.get(answer.id, "")
-    word = NaviParameterId(answer.id).name.lower()
+        answer = await client.request(Board.NC, message, NaviParameter, confirm=message.spec.danger is not None)
+    word, unit = NaviParameterId(answer.id).name.lower(), UNITS.get(answer.id, "")
     connection.show({word: answer.value, "unit": unit}, f"{word} {answer.value} {unit}".rstrip())
+    return answer

@@ -9,9 +9,9 @@ from typing import Any, Final, Literal
 
 from cyclopts import App
 
+from mkdaemon.cli.mkctl.board_request import find_board
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.madecommand import MadeCommand, make_command, option
-from mkdaemon.client import Vehicle
 from mkdaemon.client.samples import message_from
 from mkdaemon.described import meanings_of
 from mkdaemon.errors import ConfigError
@@ -234,22 +234,12 @@ async def send(
     if confirm:
         fields["confirm"] = True
     async with at.open() as client:
-        board = board or await find_board(client, form)
+        board = board or await find_board(client, form.boards)
         answer = await client.command(board.word, form.key, fields)
     reply = answer.require()
     words = describe_reply(message_from(answer.reply_type, reply)) if reply else answer.reason
     found = {"status": answer.status, "reply": reply, "duration": answer.duration}
     at.show(found, words or f"answered: {answer.status}")
-
-
-async def find_board(client: Vehicle, form: RequestForm) -> Board:
-    """Return who is asked by default: the NaviCtrl where one is on the line, for it must not be passed through."""
-    if len(form.boards) > 1:
-        state = await client.link.state.latest()
-        present = () if state is None else state.value.boards
-        if Board.NC in form.boards and Board.NC.word in present:
-            return Board.NC
-    return form.boards[0]
 
 
 def describe_reply(message: WireMessage) -> str:

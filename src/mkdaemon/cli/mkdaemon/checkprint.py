@@ -9,8 +9,16 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mkdaemon.cli.arguments import AsJson, Length
+from mkdaemon.cli.console import Console
+from mkdaemon.cli.mkdaemon.printtarget import target_of
 from mkdaemon.cli.printing import json_line
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.foreignfiles import LONGEST_PICTURE, read_bytes
+from mkdaemon.vision.calibrate.printcheck import check_print as find_faults
+from mkdaemon.vision.camera.calibration_file import load_camera
+from mkdaemon.vision.camera.image import PictureError
+from mkdaemon.vision.camera.imagecodec import decode_picture
 
 
 def check_print(
@@ -33,10 +41,17 @@ def check_print(
         ConfigError: a file cannot be used, or the picture is of another size than the camera.
         MkError: the picture cannot be read.
     """
-    from mkdaemon.cli.console import Console
-    from mkdaemon.client.photocheck import check_photo
-
-    findings = check_photo(photo, target, camera, distance)
+    intrinsics = None if camera is None else load_camera(camera).intrinsics
+    try:
+        pixels = decode_picture(read_bytes(photo, LONGEST_PICTURE))
+    except OSError as error:
+        raise ConfigError(f"{photo}: {error.strerror or 'cannot be read'}") from None
+    except PictureError as error:
+        raise MkError(f"{photo}: {error}") from None
+    height, width = pixels.shape
+    if intrinsics is not None and (intrinsics.width, intrinsics.height) != (width, height):
+        raise ConfigError(f"{photo} is {width}x{height}, the calibration is for {intrinsics.width}x{intrinsics.height}")
+    findings = find_faults(pixels, target_of(target), intrinsics, distance)
     is_bad = any(finding.state == "bad" for finding in findings)
     if as_json:
         print(json_line({"is_good": not is_bad, "findings": [asdict(finding) for finding in findings]}))

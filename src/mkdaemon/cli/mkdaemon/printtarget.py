@@ -57,7 +57,7 @@ def print_target(
     if charuco is not None:
         page = board_page(_board(charuco, square))
     else:
-        chosen = _from_file(target) if target is not None else _from_tags(tag)
+        chosen = target_of(target) if target is not None else _from_tags(tag)
         page = target_page(chosen)
         if write_target is not None:
             _write_target_file(chosen, write_target, overwrite=force)
@@ -79,10 +79,15 @@ def _board(text: str, square: float) -> CharucoBoard:
     return CharucoBoard(int(columns), int(rows), square)
 
 
-def _from_file(path: Path) -> Target:
+def target_of(path: Path) -> Target:
+    """The one target of a file.
+
+    Raises:
+        ConfigError: the file cannot be used, or holds several.
+    """
     targets = load([path]).targets
     if len(targets) > 1:
-        raise ConfigError(f"target file {path} holds {len(targets)} targets: keep one per file to print it")
+        raise ConfigError(f"target file {path} holds {len(targets)} targets: keep the one that is printed")
     return targets[0]
 
 
