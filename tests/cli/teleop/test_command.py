@@ -1,14 +1,25 @@
 from __future__ import annotations
 
+import asyncio
+import os
+import pty
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from lab.rigs.waiting import wait_until
+from mkdaemon.cli.keyreader import ANSWER
+from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.teleop import command
 from mkdaemon.cli.mkctl.teleop.command import SECRET, InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
+from mkdaemon.cli.mkctl.teleop.keyboard import QUESTION
+from mkdaemon.cli.terminal import guarded_streams
 from mkdaemon.errors import ConfigError, MkError
+from tests.client.fake import VEHICLE, fake_daemon
 
 
 @pytest.mark.parametrize(
@@ -62,7 +73,35 @@ async def test_without_the_library_gamepads_are_refused_and_named(monkeypatch: p
 async def test_list_names_pads_mappings_and_troubles(
     pad: FoundPad | None, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(command, "new_paths", lambda known: ["/dev/input/event3"])
-    monkeypatch.setattr(command, "describe", lambda path: pad)
+    monkeypatch.setattr(command, "describe_pads", lambda: [pad] if pad else [])
     assert await teleop(list_=True) == 0
     assert words in capsys.readouterr().out
+
+
+async def test_keyboard_of_a_program_reaches_its_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is printed is guarded; the question to the terminal and the screen must not be."""
+    master, slave = pty.openpty()
+    os.set_blocking(master, False)
+    monkeypatch.setenv("TERM", "xterm")
+    shown = b""
+
+    def answered() -> bool:
+        nonlocal shown
+        with suppress(BlockingIOError):
+            shown += os.read(master, 65536)
+        if QUESTION in shown:
+            os.write(master, ANSWER)
+        return b"hold KEY_E" in shown or b"pull the thrust stick" in shown
+
+    with os.fdopen(os.dup(slave)) as keys, os.fdopen(os.dup(slave), "w", buffering=1) as screen:
+        monkeypatch.setattr(sys, "stdin", keys)
+        monkeypatch.setattr(sys, "stdout", screen)
+        async with fake_daemon() as daemon:
+            with guarded_streams():
+                hands, here = InputOptions(keyboard=True), Connection(VEHICLE, daemon.endpoint)
+                flying = asyncio.create_task(teleop(hands=hands, connection=here))
+                await wait_until(answered)
+                os.write(master, b"q")
+                assert await flying == 0
+    os.close(master)
+    os.close(slave)

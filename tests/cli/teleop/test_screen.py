@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from lab.rigs.handpad import HandKeyboard, HandPad
-from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, drawing, screen_lines
+from mkdaemon.cli.mkctl.teleop.screen import BAR, COLUMNS, bar, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import SILENCE, Watcher
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, Phase
@@ -119,17 +119,6 @@ def test_bar_runs_from_its_middle(value: float | None, sent: float | None, lette
     text = bar(value, sent)
     assert len(text) == BAR
     assert {letter: text.count(letter) for letter in "#|o" if letter in text} == letters
-
-
-def test_drawing_has_colour_only_where_it_is_wanted() -> None:
-    async def main() -> tuple[str, str]:
-        lines = screen_lines(FakeDaemon().session(), Watcher(), "x", has_keyboard=False)
-        return drawing(lines, color=True), drawing(lines, color=False)
-
-    colourful, plain = run_virtually(main())
-    assert "\x1b[1m" in colourful
-    assert "\x1b[1m" not in plain
-    assert plain.isascii()
 
 
 def test_reach_is_lost_with_the_daemon_or_the_link_and_told_once() -> None:

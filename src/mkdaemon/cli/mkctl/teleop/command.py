@@ -7,8 +7,8 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Coroutine, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Coroutine
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,17 +16,20 @@ from secrets import token_hex
 from typing import Annotated, Any, Final, Literal, TextIO
 
 from cyclopts import Parameter
+from rich.console import Group
+from rich.live import Live
 
+from mkdaemon.cli.console import Console
 from mkdaemon.cli.keyreader import raw_terminal
 from mkdaemon.cli.mkctl.connection import HERE, Connection
-from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev, new_paths
+from mkdaemon.cli.mkctl.teleop.evdevpad import load_evdev
 from mkdaemon.cli.mkctl.teleop.joypad import look_for_joy, publish_pad
 from mkdaemon.cli.mkctl.teleop.keyboard import Keyboard
 from mkdaemon.cli.mkctl.teleop.mappings import Learner, load_mappings, save_mapping
 from mkdaemon.cli.mkctl.teleop.padrecording import PadRecorder, read_recording
 from mkdaemon.cli.mkctl.teleop.padreplay import feed, require_simulator, watch_simulator
-from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, describe, look_for_pads, only_pad
-from mkdaemon.cli.mkctl.teleop.screen import drawing, screen_lines
+from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, describe_pads, look_for_pads, only_pad
+from mkdaemon.cli.mkctl.teleop.screen import screen_lines
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.cli.mkctl.teleop.watcher import Watcher
 from mkdaemon.cli.printing import json_line
@@ -161,7 +164,7 @@ def _open_new(path: Path) -> TextIO:
 def _list(connection: Connection) -> int:
     """Show every pad of this machine, and which mapping it has."""
     known = load_mappings()
-    pads = [pad for path in new_paths(()) if (pad := describe(path)) is not None]
+    pads = list(describe_pads())
     for pad in pads:
         name = next((mapping.name for _, mapping in known if pad.id in mapping.ids), None)
         if connection.json:
@@ -263,15 +266,15 @@ class TeleopProgram:
         for number in _ENDS:
             loop.add_signal_handler(number, self._stop.set)
         is_screen = sys.stdout.isatty() and not self._connection.json
-        jobs: list[Job] = [*beside, self._watcher.run(self._uav, self._alarm), self._show(is_screen=is_screen)]
+        show = self._draw if is_screen else self._write_lines
+        jobs: list[Job] = [*beside, self._watcher.run(self._uav, self._alarm), show()]
         if self._source.start is not None:
             jobs.append(self._supply(self._source.start(self.session, self._uav)))
         with ExitStack() as stack:
-            if is_screen:
-                stack.enter_context(_second_screen())
             if self._source.has_keyboard:
                 stack.enter_context(raw_terminal(sys.stdin.fileno()))
-                keyboard = Keyboard(sys.stdin.fileno(), sys.stdout, self._stop.set, self.session.reported)
+                screen = drawing_stream(sys.stdout)
+                keyboard = Keyboard(sys.stdin.fileno(), screen, self._stop.set, self.session.reported)
                 self.session.attach(keyboard, KEYBOARD)
             await self._run_beside(jobs)
         if self._source.has_keyboard and "keyboard" not in self.session.devices:
@@ -292,24 +295,32 @@ class TeleopProgram:
                 for task in tasks:
                     task.cancel()
 
-    async def _show(self, *, is_screen: bool) -> None:
-        """Draw the screen just after a tick, when the next one is farthest; without a terminal, write lines."""
+    async def _next_tick(self) -> None:
+        """Wait for the end of a tick, when the next one is farthest."""
+        self.session.ticked.clear()
+        await self.session.ticked.wait()
+        self.session.is_on_ground = self._watcher.is_on_ground
+
+    async def _draw(self) -> None:
+        """Draw the screen, for ever; the one before comes back afterwards."""
         title = f"{self._connection.vehicle} at {self._connection.connect}"
-        color = "NO_COLOR" not in os.environ and os.environ.get("TERM", "dumb") != "dumb"
+        screen = Live(console=Console(), screen=True, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
+        with suppress(OSError), screen:  # a terminal that was hung up; SIGHUP ends the program
+            while True:
+                await self._next_tick()
+                lines = screen_lines(self.session, self._watcher, title, has_keyboard=self._source.has_keyboard)
+                screen.update(Group(*lines), refresh=True)
+                await asyncio.sleep(DRAWING)
+
+    async def _write_lines(self) -> None:
+        """Write what changes, for ever: the output is not a terminal."""
         last = ""
         while True:
-            self.session.ticked.clear()
-            await self.session.ticked.wait()
-            self.session.is_on_ground = self._watcher.is_on_ground
-            if is_screen:
-                lines = screen_lines(self.session, self._watcher, title, has_keyboard=self._source.has_keyboard)
-                with suppress(OSError):  # a terminal that was hung up; SIGHUP ends the program
-                    drawing_stream(sys.stdout).write(drawing(lines, color=color))
-                    sys.stdout.flush()
-            elif (line := self._line()) != last:
+            await self._next_tick()
+            if (line := self._line()) != last:
                 print(line, flush=True)
                 last = line
-            await asyncio.sleep(DRAWING if is_screen else TELLING)
+            await asyncio.sleep(TELLING)
 
     def _alarm(self, notice: str) -> None:
         """Shake the pads, and ring the bell of the terminal."""
@@ -336,15 +347,3 @@ class TeleopProgram:
                 self.session.notice = str(error)
 
         self._stopping = asyncio.create_task(ask(), name="teleop stop")
-
-
-@contextmanager
-def _second_screen() -> Iterator[None]:
-    """Draw on the terminal's second screen; the first comes back afterwards."""
-    drawing_stream(sys.stdout).write("\x1b[?1049h\x1b[?25l\x1b[2J")
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            drawing_stream(sys.stdout).write("\x1b[?25h\x1b[?1049l")
-            sys.stdout.flush()

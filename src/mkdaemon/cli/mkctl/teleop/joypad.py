@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from mkdaemon.cli.mkctl.teleop.devices import Device, DeviceLostError, DeviceState
-from mkdaemon.cli.mkctl.teleop.padsearch import Mappings
+from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, attach
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.joy import PREFIX, JoySender
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
-from mkdaemon.errors import ConfigError, ProtocolError
+from mkdaemon.errors import ProtocolError
 from mkdaemon.telemetry.joy import Joy
 
 GONE: Final = 3.0
@@ -198,14 +198,7 @@ class JoyFinder:
     def _attach(self, joy: Joy, now: float) -> None:
         if not joy.is_by(self._secret, self._pad):
             self._session.notice = f"{PREFIX}{self._pad}: not signed with this program's secret"
-            return
-        last = -1 if self._device is None else self._device.sequence
-        if joy.sequence <= last:
-            return
-        try:
-            mapping = self._mappings.of(joy.id, joy.name)
-        except ConfigError as error:
-            self._session.notice = str(error)
-            return
-        self._device = JoyPad(self._pad, self._secret, joy, now)
-        self._session.attach(self._device, mapping)
+        elif self._device is None or joy.sequence > self._device.sequence:
+            device = JoyPad(self._pad, self._secret, joy, now)
+            if attach(self._session, device, joy.id, self._mappings):
+                self._device = device

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, Literal
 
+from mkdaemon.cli.mkctl.teleop.devices import Device
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad, FoundPad, new_paths, open_pad
 from mkdaemon.cli.mkctl.teleop.mappings import find_mapping, load_mappings
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
@@ -40,6 +42,23 @@ class Mappings:
         return pad if self._mode is None else pad.model_copy(update={"mode": self._mode})
 
 
+def open_pads(paths: Iterable[str], report: Callable[[str, str, float, float], None]) -> Iterator[EvdevPad | FoundPad]:
+    """Open device files; those that are no gamepad are left out, and one that cannot be opened says why.
+
+    Args:
+        paths: of the files.
+        report: see `EvdevPad`.
+    """
+    for path in paths:
+        try:
+            pad = open_pad(path, report)
+        except OSError as error:
+            yield FoundPad(path, "?", "", f"cannot be opened: {error.strerror}")
+        else:
+            if pad is not None:
+                yield pad
+
+
 async def look_for_pads(session: TeleopSession, mappings: Mappings) -> None:
     """Attach every pad that is present or appears, for ever; a pad without a mapping is reported and left out."""
     left_out: set[str] = set()
@@ -47,39 +66,38 @@ async def look_for_pads(session: TeleopSession, mappings: Mappings) -> None:
         present = set(new_paths(()))
         left_out &= present
         # What was plugged in again between two looks has its old path, and is no device of the session any more.
-        for path in sorted(present - left_out - session.devices.keys()):
-            try:
-                pad = open_pad(path, session.reported)
-            except OSError as error:
-                session.notice = f"{path}: {error.strerror}; is this user in the group `input`?"
-                continue
-            if pad is None or not _attach(session, pad, mappings):
-                left_out.add(path)
+        new = present - left_out - session.devices.keys()
+        left_out |= new
+        for pad in open_pads(sorted(new), session.reported):
+            if isinstance(pad, FoundPad):
+                session.notice = f"{pad.path} {pad.trouble}; is this user in the group `input`?"
+                left_out.discard(pad.path)
+            elif attach(session, pad, pad.id, mappings):
+                left_out.discard(pad.name)
+            else:
+                pad.close()
         await asyncio.sleep(LOOKING)
 
 
-def _attach(session: TeleopSession, pad: EvdevPad, mappings: Mappings) -> bool:
-    """Attach a pad; False where it has no mapping."""
+def attach(session: TeleopSession, device: Device, id_: str, mappings: Mappings) -> bool:
+    """Attach a pad; False where it has no mapping, which is reported."""
     try:
-        mapping = mappings.of(pad.id, pad.facts.name)
+        mapping = mappings.of(id_, device.facts.name)
     except ConfigError as error:
-        pad.close()
         session.notice = str(error)
         return False
-    session.attach(pad, mapping)
+    session.attach(device, mapping)
     return True
 
 
-def describe(path: str) -> FoundPad | None:
-    """Say what a device file is; None where it is not a gamepad."""
-    try:
-        pad = open_pad(path, lambda *_: None)
-    except OSError as error:
-        return FoundPad(path, "?", "", f"cannot be opened: {error.strerror}")
-    if pad is None:
-        return None
-    pad.close()
-    return FoundPad(path, pad.facts.name, pad.id)
+def describe_pads() -> Iterator[FoundPad]:
+    """What the gamepads of this machine are."""
+    for pad in open_pads(new_paths(()), lambda *_: None):
+        if isinstance(pad, EvdevPad):
+            pad.close()
+            yield FoundPad(pad.name, pad.facts.name, pad.id)
+        else:
+            yield pad
 
 
 def only_pad(report_to: asyncio.Event) -> EvdevPad:
@@ -91,17 +109,11 @@ def only_pad(report_to: asyncio.Event) -> EvdevPad:
     Raises:
         MkError: there is none, or more than one.
     """
-    pads = []
-    for path in new_paths(()):
-        try:
-            pad = open_pad(path, lambda *_: report_to.set())
-        except OSError:
-            continue
-        if pad is not None:
-            pads.append(pad)
+    found = open_pads(new_paths(()), lambda *_: report_to.set())
+    pads = [pad for pad in found if isinstance(pad, EvdevPad)]
     if len(pads) == 1:
         return pads[0]
     for pad in pads:
         pad.close()
-    found = f"there are {', '.join(pad.facts.name for pad in pads)}: leave one" if pads else "no pad: plug one in"
-    raise MkError(f"{found}; `mkctl teleop --list` shows what this user may open")
+    names = f"there are {', '.join(pad.facts.name for pad in pads)}: leave one" if pads else "no pad: plug one in"
+    raise MkError(f"{names}; `mkctl teleop --list` shows what this user may open")

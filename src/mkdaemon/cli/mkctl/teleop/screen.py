@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
-from typing import Final, Literal
+from typing import Final
 
-from rich.console import Console
 from rich.text import Text
 
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
@@ -161,18 +158,8 @@ def _count(value: float | None) -> str:
 
 
 def _line(*parts: tuple[str, str]) -> Text:
-    text = Text()
+    text = Text(no_wrap=True, overflow="crop")
     for words, style in parts:
         text.append("".join(letter if letter.isprintable() else " " for letter in words), style=style)
     text.truncate(COLUMNS - 1)
     return text
-
-
-def drawing(lines: Sequence[Text], *, color: bool) -> str:
-    """What draws lines at the top left of a terminal, without clearing first, so that nothing flickers."""
-    out = io.StringIO()
-    system: Literal["standard"] | None = "standard" if color else None
-    console = Console(file=out, width=COLUMNS, force_terminal=color, color_system=system, highlight=False)
-    for line in lines:
-        console.print(line, end="\x1b[K\r\n", no_wrap=True, overflow="crop")
-    return f"\x1b[H{out.getvalue()}\x1b[J"
