@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.vision.calibrate.board import CharucoBoard
 from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import load_camera
@@ -64,22 +64,6 @@ def test_a_poor_calibration_is_refused_unless_forced(
     assert "calibration refused" in error
     assert calibrate(few, "-o", file, "--accept-poor") == EXIT_OK
     assert load_camera(file).calibration.forced
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        ([], EXIT_CONFIG, "give a folder of pictures, or --source"),
-        (["nowhere"], EXIT_FAILURE, "no such folder: nowhere"),
-        (["nowhere", "--board", "chess"], EXIT_CONFIG, "--board 'chess'"),
-        (["--source", "webcam"], EXIT_CONFIG, "source 'webcam'"),
-    ],
-)
-def test_mistakes_are_one_line(words: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert calibrate(*words) == code
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
 
 
 def test_pictures_of_two_sizes_are_named(pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

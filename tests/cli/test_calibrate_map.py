@@ -20,7 +20,7 @@ from mksim.scene.camera import BUILT_IN
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
-from tests.places import CONFIGS, DATA
+from tests.places import DATA
 
 RECORDINGS = DATA / "recordings"
 LENS = BUILT_IN.intrinsics
@@ -104,27 +104,3 @@ def test_a_tag_of_another_side_is_named(pictures: Path, camera: Path, capsys: py
     assert f"left out: tag {SMALL} (wrong_side): its side is 0.1200 m" in output
     assert "this format holds neither sizes nor family" in output
     assert {tag["ID"] for tag in json.loads(file.read_text())["tags"]} == PLACES.keys() - {SMALL}
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        ((RECORDINGS / "fc_over_target.mcap", "--size", 0.3), EXIT_CONFIG, "the images are 144x108"),
-        ((RECORDINGS / "fc_sticks.mcap", "--size", 0.3), EXIT_CONFIG, "record.images.hz"),
-        (("gone.mcap", "--size", 0.3), EXIT_CONFIG, "no such recording, video, picture or folder: gone.mcap"),
-        ((CONFIGS / "sim.toml", "--size", 9), EXIT_CONFIG, "9.0 is not a tag size"),
-        ((CONFIGS, "--size", 0.3), EXIT_CONFIG, "no pictures in"),
-        ((CONFIGS, "--size", 0.3, "--family", "tag99"), EXIT_CONFIG, "tag99"),
-        ((CONFIGS, "--size", 0.3, "--sizes", "a=1"), EXIT_CONFIG, "--sizes 'a=1': give ID=SIZE"),
-        ((CONFIGS, "--size", 0.3, "--sizes", "1=1.2.3"), EXIT_CONFIG, "'1.2.3' is no length in metres"),
-        ((CONFIGS, "--size", 0.3, "--place", "Pad=3"), EXIT_CONFIG, "--place 'Pad=3': give NAME=ID, each name once"),
-        ((CONFIGS, "--size", 0.3, "--distance", "1:1=2"), EXIT_CONFIG, "--distance '1:1=2': give ID:ID=DISTANCE"),
-    ],
-)
-def test_a_mistake_is_one_line(
-    words: tuple[object, ...], code: int, message: str, camera: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert survey(*words, "--camera", camera, "-o", camera.with_name("map.toml")) == code
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1

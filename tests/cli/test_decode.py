@@ -149,20 +149,3 @@ def test_raw_bytes_and_standard_input_give_the_same(capsys, tmp_path, monkeypatc
         "fields": {"pattern": 7},
     }
     assert "dropped: text" in err
-
-
-def test_what_cannot_be_read_is_one_line_and_exit_code_1(capsys, tmp_path):
-    empty, damaged = tmp_path / "empty", tmp_path / "damaged.jsonl"
-    empty.touch()
-    damaged.write_text('{"t": 0, "dir": "rx", "hex": "2362764078"}\n{"t": 0}\n')
-    for path, reason in (
-        (tmp_path / "absent", "cannot read"),
-        (tmp_path, "Is a directory"),
-        (empty, "is empty: nothing was recorded"),
-        (damaged, "line 2 is no capture line"),
-    ):
-        code, _, err = command(capsys, str(path))
-        assert code == 1
-        assert reason in err
-        assert str(path) in err
-        assert err.count("\n") == 1

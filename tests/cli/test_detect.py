@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
@@ -160,42 +160,6 @@ def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(
         _, (found,), _ = detect(capsys, tmp_path / f"{name}.png", "--json")
         # Cells fill pixels 200..359: with centres at whole numbers their edges are at 199.5 and 359.5.
         np.testing.assert_allclose(found["tags"][0]["corners"][0], top_left, atol=0.15)
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "message"),
-    [
-        (["missing.png"], EXIT_CONFIG, "no such picture, folder or video: missing.png"),
-        (["."], EXIT_CONFIG, "no pictures in ."),
-        (["text.png"], EXIT_FAILURE, "text.png: no picture that can be read"),
-        (["clip.mp4"], EXIT_FAILURE, "clip.mp4: no video that can be read"),
-        (["text.png", "--intrinsics", "1,2,3"], EXIT_CONFIG, "intrinsics '1,2,3'"),
-        (["text.png", "--intrinsics", "-1,2,3,4"], EXIT_CONFIG, "intrinsics '-1,2,3,4'"),
-        (["text.png", "--camera", "none.toml"], EXIT_CONFIG, "camera file none.toml"),
-        (["text.png", "--target", "none.toml"], EXIT_CONFIG, "target file none.toml"),
-        (["text.png", "--tag-size", "300"], EXIT_CONFIG, "is not a tag size"),
-        (["text.png", "--tag-size", "0.1", "--target", "t.toml"], EXIT_CONFIG, "not both"),
-        (["text.png", "--ids", "a-b"], EXIT_CONFIG, "--ids 'a-b'"),
-        (["text.png", "--ids", "5-1"], EXIT_CONFIG, "5-1 counts down"),
-        (["text.png", "--family", "tag99"], EXIT_CONFIG, "tag family 'tag99' is not known"),
-    ],
-)
-def test_mistakes_are_one_line_and_an_exit_code(
-    words: list[str],
-    code: int,
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    if words[0] != ".":
-        (tmp_path / "text.png").write_text("no picture")
-        (tmp_path / "clip.mp4").write_text("no video")
-    found, _, error = detect(capsys, *words)
-    assert found == code
-    assert message in error
-    assert error.count("\n") == 1
 
 
 def test_labelled_photographs(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
 from tests.places import DATA
 
 FLIGHT = DATA / "recordings" / "nc_lost_client.mcap"
@@ -62,22 +62,3 @@ def test_viewers_need_their_sdk(export, monkeypatch):
     code, _, err = export(FLIGHT, "-f", "foxglove")
     assert code == EXIT_CONFIG
     assert "pip install" in err
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "expected"),
-    [
-        (("missing.mcap",), EXIT_FAILURE, "missing.mcap: cannot be opened"),
-        ((__file__,), EXIT_CONFIG, "no recording of mkdaemon"),
-        ((FLIGHT, "-k", "nothing/*"), EXIT_FAILURE, "nothing to export"),
-        ((FLIGHT, "-f", "gpx", "-k", "state/battery"), EXIT_FAILURE, "no state/position"),
-        ((FLIGHT, "-f", "ros", "-k", "link/traffic"), EXIT_FAILURE, "nothing in the recording has a message of ROS"),
-        ((FLIGHT, "-f", "gpx", "-o", "no/folder/a.gpx"), EXIT_CONFIG, "there is no folder"),
-        ((FLIGHT, "-f", "pdf"), EXIT_CONFIG, "pdf"),
-    ],
-)
-def test_mistakes_are_one_line_and_leave_nothing(export, tmp_path, words, code, expected):
-    found, out, err = export(*words)
-    assert (found, out) == (code, "")
-    assert expected in err
-    assert not [path for path in tmp_path.iterdir() if path.is_file()]

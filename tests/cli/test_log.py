@@ -109,25 +109,3 @@ def test_list_shows_what_there_is(log, whole, damaged, tmp_path, monkeypatch):
     folder.mkdir(parents=True)
     written(folder / "mine.mcap")
     assert "mine.mcap" in log("list")[1]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["info"],
-        ["list", "nowhere"],
-        ["cut", "FILE", "-o", "x.mcap", "--from", "noon"],
-        ["cut", "FILE", "-o", "x.mcap", "--from", "nan"],
-        ["cut", "FILE", "-o", "nowhere/x.mcap"],
-    ],
-)
-def test_mistakes_are_one_line(log, whole, words):
-    code, out, err = log(*(whole if word == "FILE" else word for word in words))
-    assert (code, out) == (EXIT_CONFIG, "")
-    assert len(err.splitlines()) == 1
-
-
-def test_a_file_that_is_not_there_is_one_line(log, tmp_path):
-    for words in (["info", tmp_path / "no.mcap"], ["verify", tmp_path / "no.mcap"], ["repair", tmp_path / "no.mcap"]):
-        code, _, err = log(*words)
-        assert (code, "cannot be opened" in err) == (EXIT_FAILURE, True)

@@ -7,9 +7,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from mkdaemon.cli.mkctl import manoeuvres, navi
-from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
-from mkdaemon.cli.program import EXIT_CONFIG, run
 from mkdaemon.errors import ManoeuvreError
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -95,18 +93,3 @@ async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
     async with navictrl(ROUTE, report(NaviStage.HOME, waypoint=0, waypoints=0)) as (_, here):
         with pytest.raises(ManoeuvreError, match="list is gone"):
             await manoeuvres.goto(1.0, 0.0, 2.0, frame="home", confirm=True, connection=here)
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "found"),
-    [
-        (["goto", "10", "0", "2", "--frame", "home"], EXIT_CONFIG, "repeat with --confirm"),
-        (["waypoints", "fly"], EXIT_CONFIG, "repeat with --confirm"),
-        (["waypoints", "home"], EXIT_CONFIG, "repeat with --confirm"),
-        (["goto", "nan", "0", "2", "--frame", "home", "--confirm"], EXIT_CONFIG, "X nan"),
-        (["waypoints", "home", "--confirm", "--patience", "0"], EXIT_CONFIG, "--patience"),
-    ],
-)
-def test_what_is_not_confirmed_or_cannot_be_is_refused_before_anything_is_asked(words, code, found, capsys):
-    assert run(app, [*words, "--connect", "tcp/127.0.0.1:1"]) == code
-    assert found in capsys.readouterr().err

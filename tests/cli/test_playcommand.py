@@ -19,7 +19,7 @@ from mkdaemon.cli.mkctl import play as playcommand
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.play import key_pressed, play, showing_player
 from mkdaemon.client.player import PlayPace
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from tests.bus.support import client, free_endpoint
 from tests.client.test_play import STICKS, Listener, samples
@@ -173,15 +173,9 @@ async def test_keys_work_while_it_waits_and_none_reach_the_shell(monkeypatch, ca
     assert "of the file were not put" in capsys.readouterr().out
 
 
-async def test_what_cannot_be_played_is_named():
+async def test_a_recording_that_no_client_wants_is_not_played():
     with pytest.raises(MkError, match="no client subscribed within"):
         await play(STICKS, listen=free_endpoint(), wait=0.05)
-    with pytest.raises(ConfigError, match="--as"):
-        await play(STICKS, name="mk1/setpoint")
-    with pytest.raises(ConfigError, match="--from"):
-        await play(STICKS, start="soon")
-    with pytest.raises(MkError, match="nothing to play"):
-        await play(STICKS, key=("setpoint/*",))
 
 
 def test_a_program_of_its_own_lets_threads_take_turns_often():

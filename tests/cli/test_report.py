@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
 from mkdaemon.view.report import make
 from tests.places import DATA
 
@@ -36,19 +36,3 @@ def test_the_page_has_the_name_of_the_recording(report, folder):
     assert (code, json.loads(out)) == (
         *(EXIT_OK, {"written": "other.html", "bytes": (folder / "other.html").stat().st_size}),
     )
-
-
-@pytest.mark.parametrize(
-    ("words", "expected", "told"),
-    [
-        (("nowhere.mcap",), EXIT_FAILURE, "cannot be opened"),
-        ((FLIGHT, "--vehicle", "mk9"), EXIT_CONFIG, "no values of vehicle mk9"),
-        ((FLIGHT, "-o", "nowhere/page.html"), EXIT_CONFIG, "there is no folder"),
-        ((__file__,), EXIT_FAILURE, "nothing to report"),
-    ],
-)
-def test_mistakes_are_one_line(report, words, expected, told):
-    code, out, err = report(*words)
-    assert (code, out) == (expected, "")
-    assert told in err
-    assert len(err.splitlines()) == 1

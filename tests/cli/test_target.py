@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_OK, run
 from mkdaemon.vision.tags.targetfile import load
 from tests.places import CONFIGS
 
@@ -44,26 +44,3 @@ def test_the_target_file_beside_a_print_describes_it(tmp_path: Path, capsys: pyt
     (own,) = load([file]).targets
     assert [(tag.tag_id, tag.size) for tag in own.tags] == [(48, 0.2), (1, 0.032)]
     np.testing.assert_array_equal(own.tags[1].position, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "give one of --target, --tag, --charuco"),
-        (("--tag", "7:0.1", "--charuco", "9x6"), "not --tag and --charuco"),
-        (("--tag", "7"), "--tag '7'"),
-        (("--tag", "7:90"), "--tag '7:90'"),
-        (("--tag", "999:0.1"), "has no id 999"),
-        (("--charuco", "nine"), "--charuco 'nine'"),
-        (("--charuco", "2x2"), "at least 3x3"),
-        (("--target", "none.toml"), "target file none.toml"),
-        (("--tag", "7:0.1", "--tile", "a4"), "tiles on 'a4' in x.svg"),
-    ],
-)
-def test_mistakes_are_one_line(
-    words: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert target(tmp_path / "x.svg", *words) == EXIT_CONFIG
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1

@@ -119,7 +119,7 @@ def test_only_one_console_is_used():
         for path in SOURCE.rglob("*.py")
         if re.search(r"from rich\.console import [^\n]*\bConsole\b", path.read_text(encoding="utf-8"))
     ]
-    assert sorted(offenders) == ["console.py", "screen.py"]  # the screen of teleop shows printable letters only
+    assert offenders == ["console.py"]
 
 
 def test_lines_of_the_log_are_lines_of_ours():

@@ -11,10 +11,8 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl import view as viewcommand
-from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.view import view
-from mkdaemon.cli.program import run
 from tests.client.test_play import STICKS
 from tests.view.page.test_server import ask
 
@@ -41,18 +39,3 @@ async def test_a_recording_is_served_until_it_is_asked_to_end(capsys):
     assert head.startswith("HTTP/1.1 200 ")
     os.kill(os.getpid(), signal.SIGTERM)
     await looking
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--port", "70000"], "--port 70000: give one from 1 to 65535"),
-        ([str(STICKS), "--speed", "0"], "--speed"),
-        (["nowhere.mcap"], "nowhere.mcap"),
-    ],
-)
-def test_a_mistake_is_one_line(words, told, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    assert run(app, ["view", "--no-browser", *words]) in (1, 2)
-    error = capsys.readouterr().err
-    assert told in error and len(error.strip().splitlines()) == 1

@@ -182,13 +182,6 @@ async def test_the_command_ends_in_order_by_a_signal_and_says_what_came(tmp_path
     assert "t4: " in words[1]
 
 
-async def test_options_that_cannot_be_are_named(tmp_path):
-    with pytest.raises(ConfigError, match="--queue-mb 0"):
-        await record(folder=tmp_path, queue_mb=0)
-    with pytest.raises(ConfigError, match="--seconds"):
-        await record(folder=tmp_path, seconds=-1.0)
-
-
 def test_schemas_are_known_by_name():
     assert b"voltage" in known_schema("Battery.v1")
     assert known_schema("Nothing.v1") is None

@@ -374,11 +374,6 @@ def test_lateness_is_counted_in_steps():
     assert counts.late_below(1.0) == pytest.approx(991 * STEP)
 
 
-def test_a_recording_without_values_is_nothing_to_play():
-    with pytest.raises(MkError, match="nothing to play"):
-        PlaySelection.of(RecordedSamples(STICKS, keys=("no/such",)), None)
-
-
 def test_days_of_silence_are_told_and_not_waited_for():
     def entries():
         for number, days in enumerate((0, 0, 9, 9)):

@@ -5,8 +5,6 @@ import os
 import pty
 import sys
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,42 +12,12 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.cli.keyreader import ANSWER
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.teleop import command
-from mkdaemon.cli.mkctl.teleop.command import SECRET, InputOptions, teleop
+from mkdaemon.cli.mkctl.teleop.command import InputOptions, teleop
 from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
 from mkdaemon.cli.mkctl.teleop.keyboard import QUESTION
 from mkdaemon.cli.terminal import guarded_streams
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from tests.client.fake import VEHICLE, fake_daemon
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"hands": InputOptions(keyboard=True, joy="far")}, "--keyboard and --joy do not go together"),
-        ({"hands": InputOptions(joy="far", replay=Path("x"))}, "--joy and --replay do not go together"),
-        ({"hands": InputOptions(keyboard=True)}, "--keyboard needs a terminal"),
-        ({"hands": InputOptions(joy="Far Away")}, "lower-case"),
-        ({"publish": "a/b"}, "lower-case"),
-        ({"publish": "far"}, SECRET),
-        ({"hands": InputOptions(replay=Path("none.jsonl"))}, "none.jsonl: cannot be read"),
-        ({"hands": InputOptions(mapping=Path("none.toml"))}, "none.toml: no such configuration file"),
-    ],
-)
-async def test_options_that_cannot_be_are_refused_before_anything_is_opened(
-    options: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.delenv(SECRET, raising=False)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=words):
-        await teleop(**options)
-
-
-async def test_recording_does_not_replace_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "flight.jsonl"
-    path.write_text("precious", encoding="utf-8")
-    with pytest.raises(ConfigError, match="File exists"):
-        await teleop(hands=InputOptions(joy="far"), record=path)
-    assert path.read_text(encoding="utf-8") == "precious"
 
 
 async def test_without_the_library_gamepads_are_refused_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
