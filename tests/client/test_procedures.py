@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.client.settings_files import read_sets
-from mkdaemon.errors import CommandRejectedError, ConfigError
+from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.messages import NaviVersionClassic, VersionRequest
 from mkdaemon.protocol.wire import WireMessage
 from mkdaemon.telemetry.mission import Mission, MissionPoint
@@ -46,35 +46,3 @@ async def test_settings_are_saved_compared_changed_and_restored(tmp_path: Path) 
         await uav.settings.backup_to(folder)
     with pytest.raises(ConfigError, match="one file holds one set"):
         await uav.settings.backup_to(tmp_path / "two.toml", (1, 2))
-
-
-async def test_missions_are_stored_read_verified_and_cleared() -> None:
-    board = NaviCtrl()
-    uav = BoardVehicle(with_version(board))
-    stored = await uav.waypoints.upload(ROUTE.points, source="test")
-    assert (stored.count, len(board.points)) == (7, 7)
-    found = await uav.waypoints.read()
-    assert (found.points, found.digest) == (ROUTE.points, stored.digest)
-    assert (await uav.waypoints.verify(ROUTE.points)).differences == ()
-    assert (await uav.waypoints.clear()).count == 0
-    assert (await uav.waypoints.verify(ROUTE.points)).differences[0] == "point 1 is absent"
-
-
-async def test_an_upload_that_does_not_come_to_its_end_says_what_is_left() -> None:
-    board = NaviCtrl()
-    asked = []
-
-    def deaf_later(message):
-        asked.append(message)
-        return with_version(board)(message) if len(asked) < 8 else None
-
-    with pytest.raises(CommandRejectedError, match=r"list_incomplete: .*the board's list may be incomplete"):
-        await BoardVehicle(deaf_later).waypoints.upload(ROUTE.points)
-
-
-async def test_what_writes_hardware_must_be_confirmed() -> None:
-    uav = BoardVehicle(FlightCtrl())
-    with pytest.raises(CommandRejectedError, match="not_confirmed"):
-        await uav.mixer.write("x", [0] * 64)
-    with pytest.raises(CommandRejectedError, match="not_confirmed"):
-        await uav.motor_controllers.write(1, current_limit=20)

@@ -144,11 +144,6 @@ def test_refused_manoeuvre_lets_the_sticks_fly(typist: Typist) -> None:
     assert output.setpoint.kind == "stick"
 
 
-def test_refusal_without_a_pilot_changes_nothing(typist: Typist) -> None:
-    typist.teleop.refused()
-    assert typist.tick().setpoint is None
-
-
 def test_presses_a_tenth_of_a_second_apart_are_two() -> None:
     keys = Keys()
     for at in (0.0, REPEATED, REPEATED + 0.09):

@@ -189,15 +189,6 @@ def test_short_press_takes_nothing_off(flown: TestedPad) -> None:
     assert kind(flown.tick(0.2)) == "stick"
 
 
-@pytest.mark.parametrize("move", [{"ABS_RX": HIGH}, {"ABS_Y": HIGH}])
-def test_stick_takes_over_from_a_manoeuvre_at_hover_thrust(flown: TestedPad, move: dict[str, float]) -> None:
-    flown.tick(BTN_NORTH=1)
-    output = flown.tick(**move)
-    assert output.setpoint is not None
-    assert output.setpoint.kind == "stick"
-    assert output.setpoint.fields["throttle"] == -2
-
-
 def test_letting_go_during_a_manoeuvre_is_neutral_at_hover_thrust(pad: TestedPad) -> None:
     pad.make_ready()
     pad.tick(ABS_Y=HIGH)
