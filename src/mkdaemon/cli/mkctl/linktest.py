@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from mkdaemon.cli.arguments import Length, fitting
+from mkdaemon.cli.console import Console, progress_bars
 from mkdaemon.cli.interrupts import asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.streams import read_interval
@@ -22,7 +23,7 @@ from mkdaemon.files import refuse_existing, save
 
 if TYPE_CHECKING:
     from mkdaemon.client.linktest.advice import LineVerdict
-    from mkdaemon.client.linktest.campaign import LinkTestFound, LinkTestPlan, OnLinkTest
+    from mkdaemon.client.linktest.campaign import LinkTestFound, LinkTestPlan, LinkTestProgress, OnLinkTest
     from mkdaemon.client.linktest.measures import LoadRun, Measures
     from mkdaemon.client.linktest.probes import Probe
 
@@ -75,8 +76,9 @@ async def linktest(
         MkError: motors run, or the line is down.
         CommandRejectedError: the line cannot carry the streams, or the lease is refused.
     """
+    from mkdaemon.client.linktest.advice import Grade, judge
     from mkdaemon.client.linktest.campaign import CHOSEN, FULL, LIGHT, LinkTestPlan
-    from mkdaemon.client.linktest.probefile import read_csv
+    from mkdaemon.client.linktest.probefile import read_csv, to_csv
 
     for path in (csv, picture):
         if path is not None:
@@ -92,37 +94,19 @@ async def linktest(
         motors_off=motors_off,
     )
     found = await _run(plan, connection)
-    return _conclude(found, other, _Files(csv, picture, force), as_json=connection.json)
-
-
-@dataclass(frozen=True, slots=True)
-class _Files:
-    """What is to be written."""
-
-    csv: Path | None
-    picture: Path | None
-    overwrite: bool
-
-
-def _conclude(found: LinkTestFound, other: Sequence[LoadRun], files: _Files, *, as_json: bool) -> int:
-    """Judge, write the files and print; the exit code."""
-    from mkdaemon.client.linktest.advice import Grade, judge
-    from mkdaemon.client.linktest.probefile import to_csv
-
-    runs = found.runs
-    verdict = judge(runs)
-    if files.csv is not None:
-        save(files.csv, to_csv(runs), overwrite=files.overwrite)
-    if files.picture is not None:
+    verdict = judge(found.runs)
+    if csv is not None:
+        save(csv, to_csv(found.runs), overwrite=force)
+    if picture is not None:
         from mkdaemon.view.linkpicture import link_picture
 
         title = f"Link test: {verdict.grade}. {verdict.reason}"
-        save(files.picture, link_picture([*other, *runs], title), overwrite=files.overwrite)
-    if as_json:
-        fields = {"verdict": asdict(verdict), "ended_by": found.ended_by, "runs": [_fields(run) for run in runs]}
-        print(json_line(fields))
+        save(picture, link_picture([*other, *found.runs], title), overwrite=force)
+    if connection.json:
+        runs = [_fields(run) for run in found.runs]
+        print(json_line({"verdict": asdict(verdict), "ended_by": found.ended_by, "runs": runs}))
     else:
-        _print(runs, other, verdict)
+        _print(found.runs, other, verdict)
     return EXIT_OK if verdict.grade in (Grade.GOOD, Grade.USABLE) else EXIT_FAILURE
 
 
@@ -159,15 +143,7 @@ async def _run(plan: LinkTestPlan, connection: Connection) -> LinkTestFound:
 @contextmanager
 def _bars(plan: LinkTestPlan, *, quiet: bool) -> Iterator[OnLinkTest]:
     """A bar on standard error, where a terminal is."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from mkdaemon.cli.console import Console
-    from mkdaemon.client.linktest.campaign import LinkTestProgress
-
-    console = Console(stderr=True)
-    columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}", markup=False))
-    hidden = quiet or not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bars:
+    with progress_bars("", "{task.description}", quiet=quiet) as bars:
         task = bars.add_task("streams are set", total=plan.seconds * len(plan.loads))
 
         def show(progress: LinkTestProgress) -> None:
@@ -197,7 +173,6 @@ def _fields(run: LoadRun) -> dict[str, Any]:
 def _print(runs: Sequence[LoadRun], other: Sequence[LoadRun], verdict: LineVerdict) -> None:
     from rich.table import Table
 
-    from mkdaemon.cli.console import Console
     from mkdaemon.client.linktest.measures import measure
     from mkdaemon.client.linktest.probes import ProbeKind
 

@@ -13,7 +13,7 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.console import Console
+from mkdaemon.cli.console import Console, progress_bars
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkctl.logtime import moment_of, recording_folders
 from mkdaemon.cli.printing import json_line, picked, show
@@ -232,13 +232,8 @@ WIDE: Final = 1000
 @contextmanager
 def reading_progress(paths: Sequence[Path]) -> Iterator[Callable[[int], None]]:
     """Show on standard error how much of some files has been read; nothing where there is no terminal."""
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
     total = sum(path.stat().st_size for path in paths if path.exists())
-    name = TextColumn("{task.description}", markup=False)
-    columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+    with progress_bars("{task.description}", "{task.percentage:3.0f} %") as bars:
         task = bars.add_task(on_one_line(paths[0].name), total=total)
         yield lambda position: bars.update(task, completed=position)
 

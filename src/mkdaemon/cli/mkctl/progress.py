@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
+from mkdaemon.cli.console import progress_bars
 from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.client import Vehicle
 from mkdaemon.client.asking import OnProgress
@@ -20,14 +21,8 @@ async def showing_progress(uav: Vehicle, title: str, *, quiet: bool = False) -> 
     Ctrl-C ends the procedure too, and the procedure leaves the board in the state that it documents. Killing this
     program ends only the bar.
     """
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-
-    from mkdaemon.cli.console import Console
-
     running: list[str] = []
-    console = Console(stderr=True)
-    columns = (TextColumn(title), BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bars:
+    with progress_bars(title, "{task.percentage:3.0f} %", "{task.description}", quiet=quiet) as bars:
         task = bars.add_task("", total=None)
 
         def show(progress: ProcedureProgress) -> None:

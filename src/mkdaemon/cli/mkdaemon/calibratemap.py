@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,10 +12,9 @@ from typing import Annotated, Any, Final
 
 import numpy as np
 from cyclopts import Parameter
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.console import Console
+from mkdaemon.cli.console import progress_bars
 from mkdaemon.cli.printing import show
 from mkdaemon.errors import ConfigError, VisionError
 from mkdaemon.files import refuse_existing, save
@@ -90,12 +88,13 @@ def survey_map(
     lens = load_camera(camera).intrinsics
     wanted, places = _wanted(size, sizes, family, origin, distance), _places(place)
     images = _images(sources, most)
-    with _bars(quiet=as_json) as (looked, adjusted):
+    with progress_bars("{task.description}", "{task.percentage:3.0f} %", quiet=as_json) as bars:
+        looking, adjusting = (bars.add_task(title, total=1.0) for title in ("looking at images", "adjusting"))
         found = []
         for tags in look_at(_pixels(images, lens), lens, family, os.cpu_count() or 1):
             found.append(tags)
-            looked(len(found) / images.count)
-        result = survey(found, wanted, Projection(lens), adjusted)
+            bars.update(looking, completed=len(found) / images.count)
+        result = survey(found, wanted, Projection(lens), lambda share: bars.update(adjusting, completed=share))
     target = _target(name, result, places)
     if form == "toml":
         notes = {one.tag.tag_id: _note(one) for one in result.tags}
@@ -222,19 +221,6 @@ def _pixels(images: _Images, lens: Intrinsics) -> Iterator[Grey]:
             msg = f"the images are {width}x{height}, the calibration is for {lens.width}x{lens.height}"
             raise ConfigError(msg)
         yield pixels
-
-
-@contextmanager
-def _bars(*, quiet: bool) -> Iterator[tuple[Callable[[float], None], Callable[[float], None]]]:
-    """Bars on standard error for looking at images and for the adjustment; each takes a share."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bars:
-        tasks = [bars.add_task(title, total=1.0) for title in ("looking at images", "adjusting")]
-        yield (
-            (lambda share: bars.update(tasks[0], completed=share)),
-            (lambda share: bars.update(tasks[1], completed=share)),
-        )
 
 
 def _note(one: Surveyed) -> str:

@@ -7,7 +7,7 @@ published about its frames; nothing here adds to a round trip.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -147,9 +147,9 @@ async def run_link_test(
     loads = _loads(plan, board)
     runs: list[LoadRun] = []
     ended_by = ""
-    async with _streams_restored(uav) as before:
+    async with _streams_restored(uav):
         for number, load in enumerate(loads):
-            await _ask_for(uav, load, before)
+            await _set_streams(uav, load.streams)
 
             def report(elapsed: float, ledger: Ledger, load: Load = load, number: int = number) -> None:
                 if on_progress is not None:
@@ -213,32 +213,23 @@ def _loads(plan: LinkTestPlan, board: str) -> list[Load]:
 
 
 @asynccontextmanager
-async def _streams_restored(uav: Vehicle) -> AsyncIterator[dict[str, float]]:
-    """Give the streams that are asked for now, and ask for them again at the end, whatever happens."""
+async def _streams_restored(uav: Vehicle) -> AsyncIterator[None]:
+    """Ask for the streams of now again at the end, whatever happens."""
     before = (await uav.rates()).intervals
     try:
-        yield before
+        yield
     finally:
-        await asyncio.shield(asyncio.ensure_future(_restore(uav, before)))
+        await asyncio.shield(asyncio.ensure_future(_set_streams(uav, before)))
 
 
-async def _restore(uav: Vehicle, before: dict[str, float]) -> None:
+async def _set_streams(uav: Vehicle, wanted: Mapping[str, float]) -> None:
+    """Ask for some streams and for no others: what ends first makes room."""
     now = (await uav.rates()).intervals
-    for stream in now.keys() - before.keys():
+    for stream in now.keys() - wanted.keys():
         await uav.rates(stream, 0.0)
-    for stream, interval in before.items():
+    for stream, interval in sorted(wanted.items(), key=lambda pair: -pair[1]):
         if now.get(stream) != interval:
             await uav.rates(stream, interval)
-
-
-async def _ask_for(uav: Vehicle, load: Load, before: dict[str, float]) -> None:
-    """Ask for the streams of a load and for no others: what ends first makes room."""
-    now = (await uav.rates()).intervals
-    for stream in (now.keys() | before.keys()) - load.streams.keys():
-        if now.get(stream):
-            await uav.rates(stream, 0.0)
-    for stream, interval in sorted(load.streams.items(), key=lambda pair: -pair[1]):
-        await uav.rates(stream, interval)
 
 
 class _Line:
@@ -246,8 +237,7 @@ class _Line:
 
     def __init__(self) -> None:
         self.share: float | None = None
-        self._damaged: int | None = None
-        self._damaged_before: int | None = None
+        self._damages: list[int] = []
         self.motors_run = False
         self._beats: list[float] = []
         self._first: LinkHealth | None = None
@@ -273,9 +263,7 @@ class _Line:
     @property
     def damaged(self) -> int | None:
         """Losses of bytes since the first look."""
-        if self._damaged is None or self._damaged_before is None:
-            return None
-        return self._damaged - self._damaged_before
+        return self._damages[-1] - self._damages[0] if self._damages else None
 
     def take(self, sample: Sample, ledger: Ledger) -> None:
         match sample.suffix:
@@ -286,9 +274,7 @@ class _Line:
             case "link/traffic":
                 traffic = sample.value
                 self.share = max(self.share or 0.0, traffic.rx_share, traffic.tx_share)
-                self._damaged = sum(number for reason, number in traffic.dropped.items() if reason in _DAMAGE)
-                if self._damaged_before is None:
-                    self._damaged_before = self._damaged
+                self._damages.append(sum(number for reason, number in traffic.dropped.items() if reason in _DAMAGE))
             case "health":
                 self.motors_run = self.motors_run or sample.value.motors_running is True
             case _:
