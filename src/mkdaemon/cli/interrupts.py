@@ -8,6 +8,8 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Any, Final
 
+from mkdaemon.client.taskerrors import background
+
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -37,12 +39,8 @@ async def run_until_asked_to_end(work: Coroutine[Any, Any, None]) -> None:
         Exception: of the work.
     """
     with asked_to_end() as stop:
-        asked, working = asyncio.create_task(stop.wait(), name="stop"), asyncio.create_task(work, name="work")
-        try:
-            await asyncio.wait({asked, working}, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for task in (asked, working):
-                task.cancel()
-            await asyncio.gather(asked, working, return_exceptions=True)
+        async with background(stop.wait(), work) as tasks:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        working = tasks[1]
         if not working.cancelled():
             working.result()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import socket
 from collections.abc import AsyncIterator, Callable, Mapping
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from mkdaemon.client.answers import Answer
 from mkdaemon.client.samples import Sample
+from mkdaemon.client.taskerrors import background
 from mkdaemon.client.transport import Transport
 from mkdaemon.files import user_name
 
@@ -70,14 +70,8 @@ class Asking:
         """
         if on_progress is None:
             return _as(reply, await self._ask(verb, fields, PROCEDURE_TIME, with_holder=True))
-        async with self._transport.watch(PROGRESS) as samples:
-            following = asyncio.create_task(_follow(samples, verb, on_progress), name=f"progress of {verb}")
-            try:
-                answer = await self._ask(verb, fields, PROCEDURE_TIME, with_holder=True)
-            finally:
-                following.cancel()
-                await asyncio.gather(following, return_exceptions=True)
-        return _as(reply, answer)
+        async with self._transport.watch(PROGRESS) as samples, background(_follow(samples, verb, on_progress)):
+            return _as(reply, await self._ask(verb, fields, PROCEDURE_TIME, with_holder=True))
 
     async def order(self, verb: str, fields: Mapping[str, Any], patience: float, *, with_holder: bool = False) -> None:
         """Ask for a verb that is answered with nothing; see `ask`.

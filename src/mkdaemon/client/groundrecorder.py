@@ -20,7 +20,7 @@ from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.names import received_vehicle
 from mkdaemon.bus.schema import schema_json
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.client.taskerrors import single_error
+from mkdaemon.client.taskerrors import beside
 from mkdaemon.clock import Clock
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.record.countcheck import CountCheck
@@ -250,12 +250,11 @@ async def record_ground(plan: GroundPlan) -> AsyncIterator[GroundRecording]:
         session_config("client", connect=[endpoint], zenoh_file=plan.zenoh_file)  # fails before the recorder starts
     recording.thread.start()
     try:
-        with single_error():
-            async with AsyncExitStack() as sessions, asyncio.TaskGroup() as tasks:
-                connecting = [tasks.create_task(_connect(recording, plan, one, sessions)) for one in plan.endpoints]
-                yield recording
-                for task in connecting:
-                    task.cancel()
+        async with (
+            AsyncExitStack() as sessions,
+            beside(*(_connect(recording, plan, one, sessions) for one in plan.endpoints)),
+        ):
+            yield recording
     finally:
         is_done = await asyncio.to_thread(recording.thread.stop, CLOSING)
     if not is_done:

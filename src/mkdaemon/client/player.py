@@ -25,6 +25,7 @@ from mkdaemon.bus.session import close_session, open_session, session_config
 from mkdaemon.client.playcontrol import answer_controls
 from mkdaemon.client.playedvalues import PlayedValues
 from mkdaemon.client.playselection import STEP, Played, PlayedCounts, PlayKey, PlaySelection, read_ahead
+from mkdaemon.client.taskerrors import background
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayControl, PlayState, PlayStatus
 
@@ -253,7 +254,7 @@ class Player:
             # A player may wait for a slow subscriber; what it must not do is to leave something out.
             block = zenoh.CongestionControl.BLOCK
             self._publishers[key] = self._session.declare_publisher(key.whole, congestion_control=block)
-        async with self._watching_daemons(), self._reporting():
+        async with self._watching_daemons(), background(self._report()):
             while not self._is_stopped:
                 self.sent = PlayedCounts()
                 await self._put_in_thread(stays and not loops)
@@ -393,21 +394,11 @@ class Player:
         with self._turn:  # so that an older one is never put after a newer one
             self._status.put(encode(self.status(state)), encoding=encoding_of(PlayStatus))
 
-    @asynccontextmanager
-    async def _reporting(self) -> AsyncIterator[None]:
+    async def _report(self) -> None:
         """Publish the status twice a second."""
-
-        async def report() -> None:
-            while True:
-                self._show_status()
-                await asyncio.sleep(STATUS_PERIOD)
-
-        reporting = asyncio.create_task(report(), name="play status")
-        try:
-            yield
-        finally:
-            reporting.cancel()
-            await asyncio.gather(reporting, return_exceptions=True)
+        while True:
+            self._show_status()
+            await asyncio.sleep(STATUS_PERIOD)
 
     @asynccontextmanager
     async def _watching_daemons(self) -> AsyncIterator[None]:

@@ -13,7 +13,7 @@ from mkdaemon.cli.keyreader import QUIT, taking_keys
 from mkdaemon.cli.mkctl.board_request import find_board
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.client import Vehicle
-from mkdaemon.client.taskerrors import single_error
+from mkdaemon.client.taskerrors import beside
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.flags import MenuKey
 from mkdaemon.protocol.messages import ALL_KEYS_UP, Display, DisplayRequest
@@ -88,7 +88,7 @@ async def _live(client: Vehicle, board: Board, typed: asyncio.Queue[str], *, all
     from mkdaemon.cli.console import Console
 
     picture = await _press(client, board, MenuKey.NONE, INTERVAL)
-    with Live(console=Console(), screen=True, auto_refresh=False) as live, single_error():
+    with Live(console=Console(), screen=True, auto_refresh=False) as live:
 
         def show(text: str | None = None, note: str = "") -> None:
             nonlocal picture
@@ -113,16 +113,13 @@ async def _live(client: Vehicle, board: Board, typed: asyncio.Queue[str], *, all
 
         show()
         try:
-            async with asyncio.TaskGroup() as tasks:
-                jobs = [tasks.create_task(job(), name=f"display {job.__name__}") for job in (renew, draw)]
+            async with beside(renew(), draw()):
                 while (word := await typed.get()) not in QUIT:
                     key = KEYS.get(word, MenuKey.NONE)
                     if key & (MenuKey.KEY_3 | MenuKey.KEY_4) and not allow_change:
                         show(note="3 and 4 may change trim or calibration: start again with --keys")
                     elif key:
                         await press(key)
-                for job in jobs:
-                    job.cancel()
         finally:
             with suppress(MkError):
                 await client.request(board, DisplayRequest(interval=0))

@@ -12,6 +12,7 @@ from typing import Final
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.terminal import drawing_stream, on_one_line
 from mkdaemon.client import Lease, Vehicle
+from mkdaemon.client.taskerrors import background
 from mkdaemon.errors import MkError
 from mkdaemon.reading.facts import DEAD_RECKONING, age_words
 
@@ -90,16 +91,14 @@ async def leased(uav: Vehicle, connection: Connection, *, force: bool) -> AsyncI
                 else:
                     released.clear()
 
-    showing_hands = asyncio.create_task(show_hands(), name="pilot's hands")
-    try:
-        async with uav.lease(force=force) as lease:
-            yield lease
-    finally:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(LAST_WORD):
-                await released.wait()
-        showing_hands.cancel()
-        await asyncio.gather(showing_hands, return_exceptions=True)
+    async with background(show_hands()):
+        try:
+            async with uav.lease(force=force) as lease:
+                yield lease
+        finally:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(LAST_WORD):
+                    await released.wait()
 
 
 @asynccontextmanager
@@ -132,13 +131,10 @@ async def showing(
             last = line
             await asyncio.sleep(PROGRESS_PERIOD if is_terminal else LOG_PERIOD)
 
-    tasks = [asyncio.create_task(job(), name=f"flight {job.__name__}") for job in (follow, show)]
     try:
-        yield shown
+        async with background(follow(), show()):
+            yield shown
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
         if is_terminal:
             print(file=sys.stderr)
 

@@ -22,6 +22,7 @@ from mkdaemon.cli.printing import picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.promptness import favour_threads
 from mkdaemon.client.player import Player
+from mkdaemon.client.taskerrors import background
 from mkdaemon.config.names import require_vehicle_name
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState
@@ -166,12 +167,8 @@ async def showing_player(player: Player, *, quiet: bool) -> AsyncIterator[None]:
     takes_keys = is_shown and sys.stdin.isatty()
     keys = taking_keys(sys.stdin.fileno(), partial(key_pressed, player)) if takes_keys else nullcontext()
     with Progress(*columns, console=console, transient=True, disable=not is_shown) as bars, keys:
-        drawing = asyncio.create_task(_draw(player, bars.update, bars.add_task("", total=None)), name="bar")
-        try:
+        async with background(_draw(player, bars.update, bars.add_task("", total=None))):
             yield
-        finally:
-            drawing.cancel()
-            await asyncio.gather(drawing, return_exceptions=True)
 
 
 async def _draw(player: Player, update: Callable[..., None], task: object) -> None:

@@ -7,15 +7,16 @@ published about its frames; nothing here adds to a round trip.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import PATTERNS, TIMEOUT, Ledger
 from mkdaemon.client.samples import Sample
+from mkdaemon.client.taskerrors import beside
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.link import Fates
 
@@ -296,22 +297,20 @@ async def _measure(
     ledger, line = Ledger(), _Line()
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
-        steering = None
         if load.control_hz:
             lease = await stack.enter_async_context(uav.lease())
             await lease.stick(throttle=LOWEST, seconds=0.1, rate=load.control_hz)
             wanted = lease.stick(throttle=LOWEST, seconds=SETTLING + plan.seconds + 1.0, rate=load.control_hz)
-            steering = await stack.enter_async_context(_running(wanted))
-        await _first({steering}, stop, SETTLING)
+            await stack.enter_async_context(beside(wanted))
+        await _wait(stop, SETTLING)
         samples = await stack.enter_async_context(uav.watch(*PATTERNS, *_EXTRA, are_known=True))
-        listening = await stack.enter_async_context(_running(_listen(samples, ledger, line)))
-        testing = None
+        await stack.enter_async_context(beside(_listen(samples, ledger, line)))
         if plan.tests_hz:
-            testing = await stack.enter_async_context(_running(_send_tests(uav, board, plan.tests_hz)))
+            await stack.enter_async_context(beside(_send_tests(uav, board, plan.tests_hz)))
         began = loop.time()
         while not stop.is_set() and (elapsed := loop.time() - began) < plan.seconds:
             report(elapsed, ledger)
-            await _first({steering, listening, testing}, stop, min(LOOKING, plan.seconds - elapsed))
+            await _wait(stop, min(LOOKING, plan.seconds - elapsed))
             if line.motors_run:
                 raise MkError("motors run: the measurement has ended, and sticks are the pilot's")
         ledger.end()
@@ -353,24 +352,8 @@ async def _send_tests(uav: Vehicle, board: str, rate: float) -> None:
         await asyncio.sleep(due - now)
 
 
-@asynccontextmanager
-async def _running(work: Coroutine[Any, Any, None]) -> AsyncIterator[asyncio.Task[None]]:
-    """A task that ends with the context."""
-    task = asyncio.create_task(work)
-    try:
-        yield task
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-
-async def _first(tasks: set[asyncio.Task[None] | None], stop: asyncio.Event, patience: float) -> None:
-    """Wait for a while, or until it is to stop; a task that failed meanwhile says why."""
-    stopping = asyncio.create_task(stop.wait())
-    known = {task for task in tasks if task is not None}
-    try:
-        done, _ = await asyncio.wait({stopping, *known}, timeout=patience, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        stopping.cancel()
-    for task in done & known:
-        task.result()
+async def _wait(stop: asyncio.Event, patience: float) -> None:
+    """Wait for a while, or until it is to stop."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(patience):
+            await stop.wait()

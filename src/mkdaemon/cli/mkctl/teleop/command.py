@@ -37,7 +37,7 @@ from mkdaemon.cli.terminal import drawing_stream
 from mkdaemon.client import Vehicle
 from mkdaemon.client.joy import JoySender
 from mkdaemon.client.leasekeeper import LeaseKeeper
-from mkdaemon.client.taskerrors import single_error
+from mkdaemon.client.taskerrors import beside
 from mkdaemon.client.teleop.keys import KEYBOARD
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.gamepadfiles import own_folder
@@ -253,11 +253,11 @@ class TeleopProgram:
         self._watcher = Watcher()
         self._stopping: asyncio.Task[None] | None = None
 
-    async def run(self, *beside: Job) -> None:
+    async def run(self, *others: Job) -> None:
         """Fly until a signal, a key, or the end of a recording.
 
         Args:
-            beside: what runs meanwhile; its failure ends the run.
+            others: what runs meanwhile; its failure ends the run.
 
         Raises:
             MkError: what stands beside the session failed, or the keyboard is gone.
@@ -267,7 +267,7 @@ class TeleopProgram:
             loop.add_signal_handler(number, self._stop.set)
         is_screen = sys.stdout.isatty() and not self._connection.json
         show = self._draw if is_screen else self._write_lines
-        jobs: list[Job] = [*beside, self._watcher.run(self._uav, self._alarm), show()]
+        jobs: list[Job] = [*others, self._watcher.run(self._uav, self._alarm), show()]
         if self._source.start is not None:
             jobs.append(self._supply(self._source.start(self.session, self._uav)))
         with ExitStack() as stack:
@@ -276,7 +276,8 @@ class TeleopProgram:
                 screen = drawing_stream(sys.stdout)
                 keyboard = Keyboard(sys.stdin.fileno(), screen, self._stop.set, self.session.reported)
                 self.session.attach(keyboard, KEYBOARD)
-            await self._run_beside(jobs)
+            async with beside(*jobs):
+                await self.session.run(self._stop)
         if self._source.has_keyboard and "keyboard" not in self.session.devices:
             raise MkError(self.session.notice)
         print(f"ended: {self.session.notice}", file=sys.stderr)
@@ -285,15 +286,6 @@ class TeleopProgram:
         await job
         if self._source.ends_with_devices:
             self._stop.set()
-
-    async def _run_beside(self, jobs: list[Job]) -> None:
-        """Run the session; what fails beside it ends it in order."""
-        with single_error():
-            async with asyncio.TaskGroup() as group:
-                tasks = [group.create_task(job, name="teleop") for job in jobs]
-                await self.session.run(self._stop)
-                for task in tasks:
-                    task.cancel()
 
     async def _next_tick(self) -> None:
         """Wait for the end of a tick, when the next one is farthest."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.client import Vehicle
+from mkdaemon.client.taskerrors import background
 from mkdaemon.reading import Picture, Reading
 from mkdaemon.reading.facts import age_words, because
 from mkdaemon.telemetry.link import LinkCondition
@@ -33,12 +34,9 @@ class Watcher:
             for suffix, sample in (await uav.get_all("*/*")).items():
                 if suffix in KEYS:
                     self.take(suffix, sample.known, sample.age or 0.0)
-            following = asyncio.create_task(self.watch_reach(alarm), name="teleop reach")
-            try:
+            async with background(self.watch_reach(alarm)):
                 async for sample in samples:
                     self.take(sample.suffix, sample.known)
-            finally:
-                following.cancel()
 
     def take(self, suffix: str, value: object, age: float = 0.0) -> None:
         """Take a value.
