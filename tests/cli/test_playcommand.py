@@ -6,10 +6,8 @@ import asyncio
 import gc
 import json
 import os
-import pty
 import sys
 import termios
-from contextlib import contextmanager, suppress
 
 import pytest
 
@@ -22,6 +20,7 @@ from mkdaemon.client.player import PlayPace
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from tests.bus.support import client, free_endpoint
+from tests.cli.pseudoterminal import own_terminal
 from tests.client.test_play import STICKS, Listener, samples
 
 
@@ -65,59 +64,30 @@ def test_keys_pause_step_and_change_the_speed():
     assert player.is_stopped
 
 
-class Terminal:
-    """A pseudo terminal in place of this program's own."""
-
-    def __init__(self):
-        self.master, self.slave = pty.openpty()
-        os.set_blocking(self.master, False)
-        self.shown = ""
-
-    def shows(self, text):
-        with suppress(BlockingIOError):
-            self.shown += os.read(self.master, 65536).decode()
-        return text in self.shown
-
-
-@contextmanager
-def terminal(monkeypatch):
-    fake = Terminal()
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "160")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    with os.fdopen(os.dup(fake.slave)) as keys, os.fdopen(os.dup(fake.slave), "w") as screen:
-        monkeypatch.setattr(sys, "stdin", keys)
-        monkeypatch.setattr(sys, "stderr", screen)
-        yield fake
-        monkeypatch.undo()
-    os.close(fake.slave)
-    os.close(fake.master)
-
-
 async def test_a_terminal_shows_where_it_is_and_takes_keys(monkeypatch):
     player = FakePlayer()
-    with terminal(monkeypatch) as fake:
-        before = termios.tcgetattr(fake.slave)
+    with own_terminal(monkeypatch, "stderr") as fake:
+        before = termios.tcgetattr(fake.near)
         async with showing_player(player, quiet=False):
-            await wait_until(lambda: fake.shows("3.0 of 12.0 s, 1 times, 7 values"))
-            assert fake.shows("space pause")
-            os.write(fake.master, b"+ ")
-            await wait_until(lambda: fake.shows("2 times, 7 values, paused"))
+            await wait_until(lambda: fake.shows(b"3.0 of 12.0 s, 1 times, 7 values"))
+            assert fake.shows(b"space pause")
+            fake.type(b"+ ")
+            await wait_until(lambda: fake.shows(b"2 times, 7 values, paused"))
             assert player.pace.is_paused
-            os.write(fake.master, b"q")
+            fake.type(b"q")
             await wait_until(lambda: player.is_stopped)
-        assert termios.tcgetattr(fake.slave) == before
+        assert termios.tcgetattr(fake.near) == before
 
 
 async def test_without_a_terminal_and_for_programs_nothing_is_drawn_and_no_key_taken(monkeypatch, capsys):
     async with showing_player(FakePlayer(), quiet=False):
         await asyncio.sleep(0)
-    with terminal(monkeypatch) as fake:
-        before = termios.tcgetattr(fake.slave)
+    with own_terminal(monkeypatch, "stderr") as fake:
+        before = termios.tcgetattr(fake.near)
         async with showing_player(FakePlayer(), quiet=True):
-            assert termios.tcgetattr(fake.slave) == before
+            assert termios.tcgetattr(fake.near) == before
             await asyncio.sleep(0)
-        assert not fake.shows("space")
+        assert not fake.shows(b"space")
     assert capsys.readouterr().out == ""
 
 
@@ -148,28 +118,28 @@ async def test_what_was_asked_for_is_put_and_counted(capsys, options, expected):
 
 
 async def test_who_ends_it_by_a_key_is_told_what_is_missing(monkeypatch, capsys):
-    with terminal(monkeypatch) as fake:
+    with own_terminal(monkeypatch, "stderr") as fake:
         playing = asyncio.create_task(play(STICKS, speed=0.02, listen=free_endpoint(), wait=0.0))
-        await wait_until(lambda: fake.shows("times"))
-        os.write(fake.master, b"q")
+        await wait_until(lambda: fake.shows(b"times"))
+        fake.type(b"q")
         assert await playing == 1
     assert "of the file were not put" in capsys.readouterr().out
 
 
 async def test_keys_work_while_it_waits_and_none_reach_the_shell(monkeypatch, capsys):
-    with terminal(monkeypatch) as fake:
+    with own_terminal(monkeypatch, "stderr") as fake:
         playing = asyncio.create_task(play(STICKS, listen=free_endpoint(), wait=60.0))
-        await wait_until(lambda: fake.shows("waiting"))
-        before = termios.tcgetattr(fake.slave)[3]
+        await wait_until(lambda: fake.shows(b"waiting"))
+        before = termios.tcgetattr(fake.near)[3]
         assert not before & termios.ICANON, "keys come without Return"
-        os.write(fake.master, b" ")
-        await wait_until(lambda: fake.shows("paused"))
-        os.write(fake.master, b"qrm -rf\n")
+        fake.type(b" ")
+        await wait_until(lambda: fake.shows(b"paused"))
+        fake.type(b"qrm -rf\n")
         assert await playing == 1
-        assert termios.tcgetattr(fake.slave)[3] & termios.ICANON
-        os.set_blocking(fake.slave, False)
+        assert termios.tcgetattr(fake.near)[3] & termios.ICANON
+        os.set_blocking(fake.near, False)
         with pytest.raises(BlockingIOError):
-            os.read(fake.slave, 64)
+            os.read(fake.near, 64)
     assert "of the file were not put" in capsys.readouterr().out
 
 

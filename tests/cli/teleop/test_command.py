@@ -1,10 +1,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import pty
-import sys
-from contextlib import suppress
 
 import pytest
 
@@ -17,6 +13,7 @@ from mkdaemon.cli.mkctl.teleop.evdevpad import FoundPad
 from mkdaemon.cli.mkctl.teleop.keyboard import QUESTION
 from mkdaemon.cli.terminal import guarded_streams
 from mkdaemon.errors import MkError
+from tests.cli.pseudoterminal import own_terminal
 from tests.client.fake import VEHICLE, fake_daemon
 
 
@@ -48,28 +45,17 @@ async def test_list_names_pads_mappings_and_troubles(
 
 async def test_keyboard_of_a_program_reaches_its_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is printed is guarded; the question to the terminal and the screen must not be."""
-    master, slave = pty.openpty()
-    os.set_blocking(master, False)
-    monkeypatch.setenv("TERM", "xterm")
-    shown = b""
+    with own_terminal(monkeypatch, "stdout") as terminal:
 
-    def answered() -> bool:
-        nonlocal shown
-        with suppress(BlockingIOError):
-            shown += os.read(master, 65536)
-        if QUESTION in shown:
-            os.write(master, ANSWER)
-        return b"hold KEY_E" in shown or b"pull the thrust stick" in shown
+        def answered() -> bool:
+            if terminal.shows(QUESTION):
+                terminal.type(ANSWER)
+            return b"hold KEY_E" in terminal.shown or b"pull the thrust stick" in terminal.shown
 
-    with os.fdopen(os.dup(slave)) as keys, os.fdopen(os.dup(slave), "w", buffering=1) as screen:
-        monkeypatch.setattr(sys, "stdin", keys)
-        monkeypatch.setattr(sys, "stdout", screen)
         async with fake_daemon() as daemon:
             with guarded_streams():
                 hands, here = InputOptions(keyboard=True), Connection(VEHICLE, daemon.endpoint)
                 flying = asyncio.create_task(teleop(hands=hands, connection=here))
                 await wait_until(answered)
-                os.write(master, b"q")
+                terminal.type(b"q")
                 assert await flying == 0
-    os.close(master)
-    os.close(slave)
