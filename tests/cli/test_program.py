@@ -78,25 +78,28 @@ def test_a_missing_module_breaks_no_other_command():
 
 
 @pytest.mark.parametrize(
-    ("error", "code"),
+    ("error", "code", "says"),
     [
-        (ConfigError("a.toml:3: x: no"), 2),
-        (MkError("it broke\nbadly"), 1),
-        (CommandRejectedError("busy", "too much.", "Wait."), 1),
-        (KeyboardInterrupt(), 130),
+        (ConfigError("a.toml:3: x: no"), 2, "prog: a.toml:3: x: no\n"),
+        (MkError("it broke\nbadly"), 1, "prog: it broke badly\n"),
+        (CommandRejectedError("busy", "too much.", "Wait."), 1, "prog: busy: too much. Wait.\n"),
+        (TimeoutError("not within 3 s"), 1, "prog: not within 3 s\n"),
+        (TimeoutError(), 1, "prog: it took too long\n"),
+        (KeyboardInterrupt(), 130, ""),
+        (None, 7, ""),
     ],
 )
-def test_errors_are_one_line_and_an_exit_code(error, code, capsys):
+def test_errors_are_one_line_and_an_exit_code_and_codes_of_commands_pass_through(error, code, says, capsys):
     app = App(name="prog")
 
     @app.default
-    def fail() -> None:
-        raise error
+    def end() -> int:
+        if error is not None:
+            raise error
+        return 7
 
     assert run(app, []) == code
-    err = capsys.readouterr().err
-    assert len(err.splitlines()) == (0 if isinstance(error, KeyboardInterrupt) else 1)
-    assert not err or err.startswith("prog: ")
+    assert capsys.readouterr().err == says
 
 
 def test_the_daemon_lets_numpy_start_no_threads(monkeypatch):
@@ -104,30 +107,6 @@ def test_the_daemon_lets_numpy_start_no_threads(monkeypatch):
     monkeypatch.setattr(mkdaemon, "_main", lambda *_: None)
     mkdaemon.main()
     assert os.environ["OPENBLAS_NUM_THREADS"] == "1"
-
-
-def test_exit_codes_of_commands_pass_through():
-    app = App(name="prog")
-
-    @app.default
-    def done() -> int:
-        return 7
-
-    assert run(app, []) == 7
-
-
-@pytest.mark.parametrize(
-    ("error", "says"), [(TimeoutError("not within 3 s"), "not within 3 s"), (TimeoutError(), "it took too long")]
-)
-def test_a_wait_that_ended_is_no_fault_of_the_output(error, says, capsys):
-    app = App(name="prog")
-
-    @app.default
-    def wait() -> None:
-        raise error
-
-    assert run(app, []) == 1
-    assert capsys.readouterr().err == f"prog: {says}\n"
 
 
 @pytest.mark.parametrize(
