@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeVar
 
 import zenoh
-from pydantic import ValidationError
 
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.client.samples import Sample
@@ -109,32 +108,23 @@ async def _ask(cfg: Config, endpoint: str, file: Path | None) -> DaemonReport:
 
 
 def _read(samples: Sequence[Sample]) -> DaemonReport:
-    """What the last values of a daemon say."""
-    healths = [sample for sample in samples if sample.suffix == "health"]
-    clocks = [
-        health.stamp.wall + age
-        for sample in healths
-        if (health := _value_of(VehicleHealth, sample)) is not None
-        and isinstance(age := sample.fields.get("age"), float | int)
-    ]
-    lines = [_value_of(LinkState, sample) for sample in samples if sample.suffix == "link/state"]
-    recorders = [_value_of(RecordStatus, sample) for sample in samples if sample.suffix == "record/status"]
-    eyes = [_value_of(VisionStats, sample) for sample in samples if sample.suffix.startswith("vision/")]
-    return DaemonReport(
-        clock=next(iter(clocks), None),
-        line=next(filter(None, lines), None),
-        recorder=next(filter(None, recorders), None),
-        eyes=tuple(filter(None, eyes)),
-        daemons=len(healths),
+    """What the last values of a daemon say; one that this release cannot read says nothing."""
+
+    def of(kind: type[_Value]) -> list[_Value]:
+        return [value for sample in samples if isinstance(value := sample.known, kind)]
+
+    clocks = (
+        health.stamp.wall + sample.age
+        for sample in samples
+        if isinstance(health := sample.known, VehicleHealth) and sample.age is not None
     )
-
-
-def _value_of(kind: type[_Value], sample: Sample) -> _Value | None:
-    """A value of the bus; None where it is none of this kind."""
-    fields = {name: value for name, value in sample.fields.items() if name in kind.model_fields}
-    with suppress(ValidationError):
-        return kind.model_validate(fields)
-    return None
+    return DaemonReport(
+        clock=next(clocks, None),
+        line=next(iter(of(LinkState)), None),
+        recorder=next(iter(of(RecordStatus)), None),
+        eyes=tuple(of(VisionStats)),
+        daemons=sum(sample.suffix == "health" for sample in samples),
+    )
 
 
 async def _standing(uav: Vehicle) -> dict[str, tuple[str, str, str]]:
