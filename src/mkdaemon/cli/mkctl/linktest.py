@@ -76,7 +76,6 @@ async def linktest(
         MkError: motors run, or the line is down.
         CommandRejectedError: the line cannot carry the streams, or the lease is refused.
     """
-    from mkdaemon.client.linktest.advice import Grade, judge
     from mkdaemon.client.linktest.campaign import CHOSEN, FULL, LIGHT, LinkTestPlan
     from mkdaemon.client.linktest.probefile import read_csv, to_csv
 
@@ -94,9 +93,18 @@ async def linktest(
         motors_off=motors_off,
     )
     found = await _run(plan, connection)
-    verdict = judge(found.runs)
     if csv is not None:
         save(csv, to_csv(found.runs), overwrite=force)
+    return _tell(found, other, picture, connection, force=force)
+
+
+def _tell(
+    found: LinkTestFound, other: Sequence[LoadRun], picture: Path | None, connection: Connection, *, force: bool
+) -> int:
+    """Draw and print what was found; the exit code."""
+    from mkdaemon.client.linktest.advice import Grade, judge
+
+    verdict = judge(found.runs)
     if picture is not None:
         from mkdaemon.view.linkpicture import link_picture
 

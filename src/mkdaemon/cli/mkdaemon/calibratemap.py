@@ -95,12 +95,9 @@ def survey_map(
             found.append(tags)
             bars.update(looking, completed=len(found) / images.count)
         result = survey(found, wanted, Projection(lens), lambda share: bars.update(adjusting, completed=share))
-    target = _target(name, result, places)
-    if form == "toml":
-        notes = {one.tag.tag_id: _note(one) for one in result.tags}
-        save(output, as_toml(target, _heading(result, sources), notes), overwrite=force)
-    else:
-        save(output, FORMATS[form].write(target), overwrite=force)
+    target, notes = _target(name, result, places), {one.tag.tag_id: _note(one) for one in result.tags}
+    text = as_toml(target, _heading(result, sources), notes) if form == "toml" else FORMATS[form].write(target)
+    save(output, text, overwrite=force)
     if picture is not None:
         save(picture, picture_of(result), overwrite=force)
     lacking = "\nthis format holds neither sizes nor family: give them to the program that reads it"
