@@ -9,6 +9,7 @@ from cyclopts import App
 
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import run
+from mkdaemon.telemetry.mission import Mission, MissionPoint
 
 Ctl = Callable[..., tuple[int, str, str]]
 
@@ -29,3 +30,11 @@ def typed(capsys: pytest.CaptureFixture[str]) -> Ctl:
 @pytest.fixture
 def ctl(typed: Ctl) -> Ctl:
     return lambda at, *words: typed(app, *words, *at)
+
+
+def mission(count: int) -> Mission:
+    """Points near the simulated aircraft."""
+    points = (
+        MissionPoint(latitude_deg=53.23 + n / 1e5, longitude_deg=7.459, altitude=10 + n, hold=n) for n in range(count)
+    )
+    return Mission(points=tuple(points))

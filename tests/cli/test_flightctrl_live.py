@@ -11,8 +11,7 @@ import pytest
 from lab.rigs.desk import desk
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
-from mkdaemon.telemetry.mission import Mission, MissionPoint
-from tests.cli.conftest import Ctl
+from tests.cli.conftest import Ctl, mission
 
 
 @pytest.fixture(scope="module")
@@ -20,13 +19,6 @@ def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
     """Options of every command, while `mkctl` is at the desk of an aircraft."""
     with desk(tmp_path_factory.mktemp("aircraft"), board="fc"):
         yield []
-
-
-def mission(count: int) -> Mission:
-    points = (
-        MissionPoint(latitude_deg=53.07 + n / 1e4, longitude_deg=8.79, altitude=10 + n, hold=n) for n in range(count)
-    )
-    return Mission(points=tuple(points))
 
 
 def test_without_a_navictrl_an_upload_says_so(at: list[str], ctl: Ctl, tmp_path: Path) -> None:

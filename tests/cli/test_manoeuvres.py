@@ -250,18 +250,6 @@ def end_after(daemon, count):
         daemon.lose("landed on pad", outcome=Outcome.LANDED)
 
 
-async def test_a_script_is_flown_step_by_step(tmp_path, capsys):
-    path = tmp_path / "flight.toml"
-    path.write_text(SCRIPT)
-    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
-        daemon.follow = lambda: end_after(daemon, 60)
-        await script.fly(path, connection=here)
-        assert any("velocity" in setpoint for setpoint in daemon.setpoints)
-    shown = capsys.readouterr().out
-    assert "step 5 of 5: land" in shown
-    assert "done" in shown
-
-
 class OneTerminal(io.StringIO):
     """A terminal that shows standard output and standard error."""
 
@@ -269,7 +257,7 @@ class OneTerminal(io.StringIO):
         return True
 
 
-async def test_steps_and_progress_share_no_line_of_a_terminal(tmp_path, monkeypatch):
+async def test_a_script_is_flown_step_by_step_and_steps_share_no_line_with_the_progress(tmp_path, monkeypatch):
     monkeypatch.setattr(flightshow, "PROGRESS_PERIOD", 0.02)
     path, screen = tmp_path / "flight.toml", OneTerminal()
     path.write_text(SCRIPT)
@@ -279,10 +267,12 @@ async def test_steps_and_progress_share_no_line_of_a_terminal(tmp_path, monkeypa
         monkeypatch.setattr(sys, "stderr", screen)
         await script.fly(path, connection=here)
         monkeypatch.undo()
+        assert any("velocity" in setpoint for setpoint in daemon.setpoints)
     shown = [line.rpartition(flightshow.CLEAR)[2] for line in screen.getvalue().split("\n")]
     assert [line for line in shown if "step" in line] == [
         f"step {number} of 5: {what}" for number, what in enumerate(("wait", "hold", "wait", "velocity", "land"), 1)
     ]
+    assert any("done" in line for line in shown)
 
 
 async def test_who_never_flew_is_not_told_to_take_over(monkeypatch, capsys):

@@ -11,8 +11,7 @@ import pytest
 from lab.rigs.desk import desk
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
-from mkdaemon.telemetry.mission import Mission, MissionPoint
-from tests.cli.conftest import Ctl
+from tests.cli.conftest import Ctl, mission
 
 
 @pytest.fixture(scope="module")
@@ -20,14 +19,6 @@ def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
     """Options of every command, while `mkctl` is at the desk of an aircraft."""
     with desk(tmp_path_factory.mktemp("aircraft"), board="nc"):
         yield []
-
-
-def mission(count: int) -> Mission:
-    """Points near the simulated aircraft."""
-    points = (
-        MissionPoint(latitude_deg=53.23 + n / 1e5, longitude_deg=7.459, altitude=10 + n, hold=n) for n in range(count)
-    )
-    return Mission(points=tuple(points))
 
 
 def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
@@ -83,10 +74,6 @@ def test_navictrl_parameters_labels_and_display(at: list[str], ctl: Ctl) -> None
     assert ctl(at, "board", "labels", "nc")[1].splitlines() == first  # kept, not asked again
     lines = ctl(at, "board", "display", "nc", "--once")[1].splitlines()
     assert [len(line) for line in lines] == [20] * 4
-
-
-def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "board", "display")[1].startswith("NaviCtrl ")
 
 
 def test_send_prints_the_typed_answer_and_refusals(at: list[str], ctl: Ctl) -> None:

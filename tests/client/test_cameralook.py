@@ -16,37 +16,18 @@ from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Exposure, EyeState, PoseRefusal, Tags, TagSighting, VisionStats
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
+from tests.values import made
 from tests.vision.views import View, place, shipped
 
-RIGHT = {
-    "camera": "down",
-    "state": EyeState.OK,
-    "reason": "",
-    "alarms": {},
-    "source": "/dev/video0",
-    "width": 640,
-    "height": 480,
-    "fps": 29.7,
-    "processed": 900,
-    "dropped": 9,
-    "lost": 1,
-    "damaged": 2,
-    "reopened": 0,
-    "faults": 0,
-    "restarts": 0,
-    "posed": 0.93,
-    "refused": {},
-    "detect_p50_ms": 9.0,
-    "detect_p99_ms": 21.0,
-    "latency_p50_ms": 41.0,
-    "latency_p99_ms": 63.0,
-    "settings_refused": (),
-    "exposure": Exposure(exposure_ms=4.0, gain=2.0, black=20.0, white=160.0, noise=2.0),
-}
+FIGURES = {"fps": 29.7, "processed": 900, "dropped": 9, "lost": 1, "damaged": 2, "posed": 0.93}
+TIMES = {"detect_p50_ms": 9.0, "detect_p99_ms": 21.0, "latency_p50_ms": 41.0, "latency_p99_ms": 63.0}
+LIGHT = Exposure(exposure_ms=4.0, gain=2.0, black=20.0, white=160.0, noise=2.0)
 
 
 def stats(**more):
-    return VisionStats(stamp=CLOCK.stamp(), **(RIGHT | more))
+    """Of a camera that works."""
+    seen = {"camera": "down", "state": EyeState.OK, "source": "/dev/video0", "width": 640, "height": 480}
+    return made(VisionStats, CLOCK.stamp(), **seen | FIGURES | TIMES | {"exposure": LIGHT} | more)
 
 
 def test_a_camera_that_works_needs_nothing():

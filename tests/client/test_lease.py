@@ -59,17 +59,6 @@ async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix(daemo
     await wait_until(lambda: "me" not in daemon.clients)
 
 
-async def test_a_lost_lease_ends_the_flight_with_the_reason(daemon, uav):
-    async with uav.lease() as lease:
-        flying = asyncio.create_task(lease.stick(throttle=0, seconds=60))
-        await wait_until(lambda: lease.is_engaged)
-        daemon.lose("the link is mute")
-        with pytest.raises(LeaseLostError, match="the lease was lost: the link is mute"):
-            await flying
-        with pytest.raises(LeaseLostError):
-            lease.set.stick(pitch=0, roll=0, yaw=0, throttle=0)
-
-
 async def test_an_exception_and_a_cancellation_release_the_aircraft(daemon, uav):
     with pytest.raises(ZeroDivisionError):
         async with uav.lease():
