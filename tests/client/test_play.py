@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+from contextlib import asynccontextmanager
 
 import msgpack
 import pytest
@@ -152,11 +153,20 @@ class Listener:
         self.heard.append((str(sample.key_expr), sample.payload.to_bytes(), str(sample.encoding)))
 
 
-async def played(name=None, alive=None, speed=1000.0):
+@asynccontextmanager
+async def a_player(name="show", speed=1.0, source=None, **pace):
+    """A player of a recording with its selection and where it is reached; it is stopped at the end."""
     endpoint = free_endpoint()
     async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(Listed(everything), name)
-        player = Player(session, selection, PlayPace(speed, selection.first, 0.0), "fc_sticks.mcap")
+        selection = PlaySelection.of(source or RecordedSamples(STICKS), name)
+        now = time.monotonic() if speed < 1.0 else 0.0
+        player = Player(session, selection, PlayPace(speed, selection.first, now, **pace), "fc_sticks.mcap")
+        yield player, selection, endpoint
+        player.stop()
+
+
+async def played(name=None, alive=None):
+    async with a_player(name, 1000.0, Listed(everything)) as (player, selection, endpoint):
         with client(endpoint) as watcher:
             token = None if alive is None else watcher.liveliness().declare_token(f"mk/{alive}/alive")
             listener = Listener(watcher, f"{'replay/t' if name is None else f'mk/{name}'}/**")
@@ -184,10 +194,7 @@ async def test_a_name_that_a_live_daemon_has_is_refused():
 
 
 async def test_what_was_not_put_is_counted():
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), None)
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
+    async with a_player(None, is_paused=True) as (player, selection, _):
         player.adjust(lambda pace, now: pace.step(now))
         task = asyncio.create_task(player.play())
         await wait_until(lambda: player.sent.total == 1, 5.0)
@@ -199,10 +206,7 @@ async def test_what_was_not_put_is_counted():
 
 
 async def test_a_player_that_is_cancelled_ends_at_once():
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), None)
-        player = Player(session, selection, PlayPace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+    async with a_player(None, 1e-3) as (player, _, _):
         task = asyncio.create_task(player.play())
         await wait_until(lambda: player.sent.total > 0, 5.0)
         task.cancel()
@@ -212,10 +216,7 @@ async def test_a_player_that_is_cancelled_ends_at_once():
 
 
 async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1e-3, selection.first, time.monotonic()), "fc_sticks.mcap")
+    async with a_player(speed=1e-3) as (player, _, endpoint):
         with client(endpoint) as other:
             task = asyncio.create_task(player.play())
             await wait_until(lambda: player.sent.total > 0, 5.0)
@@ -223,97 +224,78 @@ async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
                 await task
 
 
-async def halfway(endpoint, session, name="show"):
-    """A player that has put half of a recording under a name, and pauses."""
-    selection = PlaySelection.of(RecordedSamples(STICKS), name)
-    player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
-    playing = asyncio.create_task(player.play())
-    for _ in range(selection.total // 2):
-        player.adjust(lambda pace, now: pace.step(now))
-    await wait_until(lambda: player.sent.total == selection.total // 2)
-    return player, playing, list(samples())[: selection.total // 2]
+@asynccontextmanager
+async def asked(steps, *, first=None, stays=False):
+    """A player that has put some values, pauses and answers; with its selection, and a client that asks it."""
+    async with a_player(source=RecordedSamples(STICKS, first=first), is_paused=True) as (player, selection, endpoint):
+        playing = asyncio.create_task(player.play(stays=stays))
+        for _ in range(steps):
+            player.adjust(lambda pace, now: pace.step(now))
+        await wait_until(lambda: player.sent.total == steps)
+        with player.answering():
+            async with connect("show", endpoint) as uav:
+                yield player, selection, uav
+        player.stop()
+        await playing
 
 
 async def test_a_recording_that_plays_answers_as_the_vehicle_did():
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        player, playing, put = await halfway(endpoint, session)
-        with player.answering():
-            async with connect("show", endpoint) as uav:
-                assert await uav.absence() is None
-                status = await uav.status()
-                last = {entry.suffix: entry for entry in put}
-                assert set(status.samples) <= set(last)
-                assert status.link is not None
-                for suffix, sample in status.samples.items():
-                    fields = msgpack.unpackb(last[suffix].payload)
-                    assert {name: value for name, value in sample.fields.items() if name != "age"} == fields
-                    assert sample.age == pytest.approx(put[-1].received - last[suffix].stamp.monotonic, abs=1e-3)
-                assert await uav.schema("Attitude.v1") is not None
-                with pytest.raises(CommandRejectedError) as refusal:
-                    await uav.release("stop")
-                assert refusal.value.token == Token.RECORDING
-                assert "recording plays" in refusal.value.reason
-        player.stop()
-        await playing
+    put = list(samples())
+    put = put[: len(put) // 2]
+    async with asked(len(put)) as (_, _, uav):
+        assert await uav.absence() is None
+        status = await uav.status()
+        last = {entry.suffix: entry for entry in put}
+        assert set(status.samples) <= set(last)
+        assert status.link is not None
+        for suffix, sample in status.samples.items():
+            fields = msgpack.unpackb(last[suffix].payload)
+            assert {name: value for name, value in sample.fields.items() if name != "age"} == fields
+            assert sample.age == pytest.approx(put[-1].received - last[suffix].stamp.monotonic, abs=1e-3)
+        assert await uav.schema("Attitude.v1") is not None
+        with pytest.raises(CommandRejectedError) as refusal:
+            await uav.release("stop")
+        assert refusal.value.token == Token.RECORDING
+        assert "recording plays" in refusal.value.reason
 
 
 async def test_what_was_recorded_before_the_beginning_is_known():
     recorded = list(samples())
     third = recorded[-3].base.file_time(recorded[-3].received)
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS, first=third), "show")
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
-        playing = asyncio.create_task(player.play())
-        player.adjust(lambda pace, now: pace.step(now))
-        await wait_until(lambda: player.sent.total == 1)
-        with player.answering():
-            async with connect("show", endpoint) as uav:
-                assert set(await uav.get_all("**")) >= {entry.suffix for entry in recorded[:-2]}
-        player.stop()
-        await playing
+    async with asked(1, first=third) as (_, _, uav):
+        assert set(await uav.get_all("**")) >= {entry.suffix for entry in recorded[:-2]}
 
 
 async def test_another_place_is_known_as_if_it_had_been_played_up_to_there():
-    recorded, endpoint = list(samples()), free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0, is_paused=True), "fc_sticks.mcap")
-        playing = asyncio.create_task(player.play(stays=True))
-        with player.answering():
-            async with connect("show", endpoint) as uav:
-                await wait_until(lambda: player.status().starts == 1)
-                for starts, share in ((2, 0.6), (3, 0.2), (4, 1.0)):
-                    place = share * player.status().length
-                    player.seek(place)
-                    await wait_until(lambda starts=starts: player.status().starts == starts)
-                    status, now = player.status(), selection.first + place
-                    assert (status.state, status.place) == (PlayState.PAUSED, pytest.approx(place))
-                    times = {entry: entry.base.file_time(entry.received) / 1e9 for entry in recorded}
-                    before = {entry.suffix: entry for entry in recorded if times[entry] < now - 2e-6}
-                    known = await uav.get_all("**")
-                    assert known.keys() - {"schema"} >= before.keys()
-                    for suffix, entry in before.items():
-                        assert known[suffix].fields["stamp"] == msgpack.unpackb(entry.payload)["stamp"], suffix
-                    past = await uav.get_past("state/attitude", 2.0)
-                    wanted = [one for one in recorded if one.suffix == "state/attitude"]
-                    wanted = [one for one in wanted if now - 2.0 - 2e-6 <= times[one] <= now + 2e-6]
-                    latest = [before[suffix] for suffix in ("state/attitude",) if suffix in before]
-                    assert [sample.fields["stamp"] for sample in past] == [
-                        msgpack.unpackb(one.payload)["stamp"] for one in wanted or latest
-                    ]
-                whole = await uav.get_past("state/attitude", 1e9, 1e9)
-                assert len(whole) == sum(one.suffix == "state/attitude" for one in recorded)
-        player.stop()
-        await playing
+    recorded = list(samples())
+    async with asked(0, stays=True) as (player, selection, uav):
+        await wait_until(lambda: player.status().starts == 1)
+        for starts, share in ((2, 0.6), (3, 0.2), (4, 1.0)):
+            place = share * player.status().length
+            player.seek(place)
+            await wait_until(lambda starts=starts: player.status().starts == starts)
+            status, now = player.status(), selection.first + place
+            assert (status.state, status.place) == (PlayState.PAUSED, pytest.approx(place))
+            times = {entry: entry.base.file_time(entry.received) / 1e9 for entry in recorded}
+            before = {entry.suffix: entry for entry in recorded if times[entry] < now - 2e-6}
+            known = await uav.get_all("**")
+            assert known.keys() - {"schema"} >= before.keys()
+            for suffix, entry in before.items():
+                assert known[suffix].fields["stamp"] == msgpack.unpackb(entry.payload)["stamp"], suffix
+            past = await uav.get_past("state/attitude", 2.0)
+            wanted = [one for one in recorded if one.suffix == "state/attitude"]
+            wanted = [one for one in wanted if now - 2.0 - 2e-6 <= times[one] <= now + 2e-6]
+            latest = [before[suffix] for suffix in ("state/attitude",) if suffix in before]
+            assert [sample.fields["stamp"] for sample in past] == [
+                msgpack.unpackb(one.payload)["stamp"] for one in wanted or latest
+            ]
+        whole = await uav.get_past("state/attitude", 1e9, 1e9)
+        assert len(whole) == sum(one.suffix == "state/attitude" for one in recorded)
     assert player.was_sought
 
 
 async def test_at_the_end_a_viewer_can_go_back():
-    async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+    async with a_player(speed=1000.0) as (player, selection, _):
         playing = asyncio.create_task(player.play(stays=True))
         await wait_until(lambda: player.status().state is PlayState.ENDED)
         assert (player.sent.total, player.missing) == (selection.total, {})
@@ -325,10 +307,7 @@ async def test_at_the_end_a_viewer_can_go_back():
 
 
 async def test_who_asks_is_an_audience_too():
-    endpoint = free_endpoint()
-    async with open_player_session(connect=[], listen=endpoint) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+    async with a_player() as (player, _, endpoint):
         with player.answering():
             waiting = asyncio.create_task(player.wait_for_subscribers())
             await asyncio.sleep(0)
@@ -339,9 +318,7 @@ async def test_who_asks_is_an_audience_too():
 
 
 async def test_a_player_that_waits_can_be_stopped():
-    async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "fc_sticks.mcap")
+    async with a_player() as (player, _, _):
         waiting = asyncio.create_task(player.wait_for_subscribers())
         await asyncio.sleep(0)
         player.stop()
@@ -359,9 +336,7 @@ async def test_what_fails_while_it_reads_ends_playing():
         if len(calls) > 1:
             raise OSError(5, "Input/output error")
 
-    async with open_player_session(connect=[], listen=free_endpoint()) as session:
-        selection = PlaySelection.of(Listed(broken), None)
-        player = Player(session, selection, PlayPace(1000.0, selection.first, 0.0), "fc_sticks.mcap")
+    async with a_player(None, 1000.0, Listed(broken)) as (player, _, _):
         with pytest.raises(OSError, match="Input/output error"):
             await player.play()
 
