@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from mkdaemon.cli.mkdaemon import calibrate
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.config.camera import MountSection
 from mkdaemon.telemetry.selfcal import SelfCalibration
+from mkdaemon.telemetry.vision import VisionStats
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, save_camera
+from tests.client.fake import CLOCK, VEHICLE, fake_daemon, in_background
 from tests.values import made
 
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5)
@@ -25,7 +24,6 @@ ESTIMATE = made(
     mount_believed_deg=(1.0, 0.0, 0.0), mount_rpy_deg=(3.9, -1.0, 0.0),
 )  # fmt: skip
 VAGUE = ESTIMATE.model_copy(update={"target": "deck", "mounting_sd_deg": (2.2, 2.2, 5.0)})
-Bus = Callable[..., None]
 
 
 @pytest.fixture
@@ -35,49 +33,33 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def bus(monkeypatch: pytest.MonkeyPatch) -> Bus:
-    """A daemon whose cameras tell this."""
-
-    def says(**cameras: list[SelfCalibration]) -> None:
-        values = {
-            f"vision/{name}/stats": SimpleNamespace(fields={"selfcal": [one.model_dump() for one in estimates]})
-            for name, estimates in cameras.items()
-        }
-
-        async def get_all(pattern: str) -> dict[str, Any]:
-            wanted = pattern.split("/")[1]
-            return {suffix: value for suffix, value in values.items() if wanted in ("*", suffix.split("/")[1])}
-
-        async def absence() -> str | None:
-            return None
-
-        @asynccontextmanager
-        async def connect(*_where: str) -> AsyncIterator[SimpleNamespace]:
-            yield SimpleNamespace(get_all=get_all, absence=absence)
-
-        monkeypatch.setattr(calibrate, "connect", connect)
-
-    return says
+@asynccontextmanager
+async def flown(**cameras: list[SelfCalibration]) -> AsyncIterator[list[str]]:
+    """A daemon whose cameras tell this; yields where it is."""
+    async with fake_daemon() as daemon:
+        for name, estimates in cameras.items():
+            stats = made(VisionStats, CLOCK.stamp(), camera=name, selfcal=tuple(estimates))
+            daemon.bus.publish(f"vision/{name}/stats", stats)
+        yield ["--vehicle", VEHICLE, "--connect", daemon.endpoint]
 
 
 def mount(*words: object) -> int:
     return run(app, ["calibrate", "mount", *(str(word) for word in words)])
 
 
-def test_both_are_shown_and_nothing_is_written(file: Path, bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
-    bus(down=[VAGUE, ESTIMATE])
+def test_both_are_shown_and_nothing_is_written(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = file.read_bytes()
-    assert mount(file) == EXIT_OK
+    with in_background(flown(down=[VAGUE, ESTIMATE])) as at:
+        assert mount(file, *at) == EXIT_OK
     out = capsys.readouterr().out
     assert "mount.rpy_deg  file 1.00, 0.00, 0.00  flight 3.90, -1.00, 0.00" in out
     assert "nothing written" in out
     assert file.read_bytes() == before
 
 
-def test_it_is_stored_when_asked(file: Path, bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
-    bus(down=[ESTIMATE], front=[VAGUE])
-    assert mount(file, "--camera", "down", "--store", "--json") == EXIT_OK
+def test_it_is_stored_when_asked(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with in_background(flown(down=[ESTIMATE], front=[VAGUE])) as at:
+        assert mount(file, *at, "--camera", "down", "--store", "--json") == EXIT_OK
     assert json.loads(capsys.readouterr().out)["stored"] is True
     after = load_camera(file)
     assert after.mount == MountSection(rpy_deg=(3.9, -1.0, 0.0))
@@ -100,15 +82,10 @@ def test_it_is_stored_when_asked(file: Path, bus: Bus, capsys: pytest.CaptureFix
     ids=["no camera", "two cameras", "no target", "no yaw", "another file"],
 )
 def test_what_is_not_known_is_not_stored(
-    file: Path,
-    bus: Bus,
-    capsys: pytest.CaptureFixture[str],
-    cameras: dict[str, list[SelfCalibration]],
-    code: int,
-    words: str,
+    file: Path, capsys: pytest.CaptureFixture[str], cameras: dict[str, list[SelfCalibration]], code: int, words: str
 ) -> None:
-    bus(**cameras)
     before = file.read_bytes()
-    assert mount(file, "--store") == code
+    with in_background(flown(**cameras)) as at:
+        assert mount(file, *at, "--store") == code
     assert words in capsys.readouterr().err
     assert file.read_bytes() == before

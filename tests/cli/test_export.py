@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mkdaemon.cli.mkctl.app import app
+from mkdaemon.cli.mkdaemon.app import app as mkdaemon
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_OK
 from tests.places import DATA
 
@@ -55,10 +56,14 @@ def test_a_file_for_viewers(export, tmp_path):
     assert (tmp_path / "nc_lost_client-foxglove.mcap").stat().st_size > 1000
 
 
-def test_viewers_need_their_sdk(export, monkeypatch):
-    for name in [name for name in sys.modules if name.startswith("mkdaemon.gateways.foxglove")]:
+@pytest.mark.parametrize(
+    ("program", "words"), [(app, ("log", "export", FLIGHT, "-f", "foxglove")), (mkdaemon, ("gateway", "foxglove"))]
+)
+def test_viewers_need_their_sdk(typed, tmp_path, monkeypatch, program, words):
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in sys.modules if name.startswith(("foxglove", "mkdaemon.gateways.foxglove"))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    code, _, err = export(FLIGHT, "-f", "foxglove")
+    code, _, err = typed(program, *words)
     assert code == EXIT_CONFIG
-    assert "pip install" in err
+    assert "needs foxglove-sdk: pip install 'mkdaemon[foxglove]'" in err
