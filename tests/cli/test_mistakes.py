@@ -138,7 +138,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-@pytest.mark.parametrize(("code", "words", "told"), MISTAKES)
+@pytest.mark.parametrize(("words", "code", "told"), MISTAKES)
 def test_a_mistake_is_one_line_and_leaves_nothing(folder, words, code, told, capsys):
     before = sorted(folder.iterdir())
     program, *tokens = shlex.split(words)
