@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink import actions, missions, parameters
+from mkdaemon.gateways import boardset
+from mkdaemon.gateways.mavlink import actions, missions
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
@@ -40,8 +41,7 @@ async def odd_later(*_, **__):
 @pytest.mark.parametrize(
     ("owner", "name", "fails", "message"),
     [
-        (parameters.ParameterServer, "take", odd_later, mavlink.MAVLink_param_request_list_message(1, 1)),
-        (missions.MissionServer, "take", odd_later, mavlink.MAVLink_mission_request_list_message(1, 1, 0)),
+        (boardset.GatewaySettings, "read", odd_later, mavlink.MAVLink_param_request_list_message(1, 1)),
         (missions.MissionServer, "tick", odd, None),
         (missions.MissionServer, "current", odd, None),
         (actions.Actions, "hold", odd_later, mavlink.MAVLink_command_long_message(1, 1, HOLD, 0, *[0] * 7)),

@@ -43,10 +43,3 @@ def test_the_target_of_an_aircraft_that_looks_to_the_top_of_its_print_is_not_tur
 )
 def test_headings(yaw, heading):
     assert frames.heading_cdeg(yaw) == heading
-
-
-def test_a_place_beside_home():
-    east, north, up = frames.offset_enu(53.001, 180.001 - 360.0, 53.0, 179.999)
-    assert (east, north, up) == pytest.approx((133.8, 111.2, 0.0), abs=0.3)
-    assert frames.wrapped_deg(-180.0) == 180.0
-    assert frames.wrapped(-math.pi) == math.pi

@@ -12,14 +12,15 @@ from typing import Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
+from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Asked, CommandAnswered, Handler, accepted, denied
 from mkdaemon.gateways.mavlink.dialect import mavlink
-from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu, offset_enu, wrapped
+from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import LinkPicture
-from mkdaemon.gateways.mavlink.steering import By, ManualSteering, Order
+from mkdaemon.gateways.mavlink.steering import ManualSteering, Order
 from mkdaemon.gateways.mavlink.texts import INFO, REMEDIES, WARNING, Notify
 from mkdaemon.protocol import Board
 from mkdaemon.protocol.messages import ArmMotors
@@ -89,7 +90,7 @@ class Actions:
         given = asked.number(7)
         height = given or self._parameters.take_off_height
         is_above_sea = asked.frame in _ABOVE_SEA or (
-            asked.frame is None and asked.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
+            asked.frame is None and asked.by.station.numbering is Numbering.AS_PX4  # so PX4 reads a COMMAND_LONG
         )
         if given and is_above_sea:
             ground = self._picture.ground
@@ -163,7 +164,8 @@ class Actions:
         up = self._height_above_home(asked, height, here)
         if up is None:
             return denied(_NO_GROUND)
-        east, north, _ = offset_enu(latitude, longitude, here.home_latitude_deg, here.home_longitude_deg)
+        home = (math.radians(here.home_latitude_deg), math.radians(here.home_longitude_deg), 0.0)
+        east, north, _ = enu_from_geodetic(math.radians(latitude), math.radians(longitude), 0.0, home)
         turn = asked.number(4)
         heading = None if turn is None else round(math.degrees(turn)) % 360 or 360
         target = await self._uav.navi.target((east, north, up), confirm=True, heading_deg=heading)
@@ -181,7 +183,7 @@ class Actions:
     async def return_home(self, asked: Asked) -> CommandAnswered:
         """NAV_RETURN_TO_LAUNCH: the pilot's switch flies home, where the NaviCtrl holds no list that it would fly."""
         if self._steering.order is not None:
-            self._steering.give_back(By(asked.station, asked.program))
+            self._steering.give_back(asked.by)
             return accepted(f"the aircraft is given back to the pilot; {_PILOTS}, home")
         navi = self._picture.get(ControlNavi, is_old=True)  # it comes on change
         if navi is None:
@@ -214,7 +216,7 @@ class Actions:
     async def set_mode(self, asked: Asked) -> CommandAnswered:
         """DO_SET_MODE, in the numbers of the link; without a custom mode by the flags of the base mode."""
         base, main, sub = int(asked.number(1) or 0), int(asked.number(2) or 0), int(asked.number(3) or 0)
-        numbering = asked.station.numbering
+        numbering = asked.by.station.numbering
         if not base & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return await self.enter(asked, _mode_of_flags(base))
         mode = mode_of_custom(numbering, main) if main > 0xFF else mode_of_numbers(numbering, main, sub)
@@ -248,14 +250,13 @@ class Actions:
 
     async def _enter_streamed(self, asked: Asked, mode: Mode) -> CommandAnswered:
         """Fly what the ground station streams; its sticks in Stabilized and Position, its setpoints in Offboard."""
-        by = By(asked.station, asked.program)
-        kind = self._hands.streamed(by, mode)
+        kind = self._hands.streamed(asked.by, mode)
         if kind is not None:
-            await self._steering.fly(Order(by, kind, is_streamed=True, mode=mode))
+            await self._steering.fly(Order(asked.by, kind, is_streamed=True, mode=mode))
             return accepted()
         if mode is Mode.STABILIZED:
             if self._steering.order is not None:
-                self._steering.give_back(by)
+                self._steering.give_back(asked.by)
                 return accepted("the aircraft is given back to the pilot")
             return accepted()
         if mode is Mode.OFFBOARD:
@@ -271,8 +272,7 @@ class Actions:
         if estimate is None or north is None or east is None:
             return denied("turning to a place needs a flight by the target in sight, and x and y")
         x, y, z = estimate.position
-        yaw = math.atan2(north - y, east - x)
-        fields = {"position": (x, y, z), "frame": "pad", "yaw": wrapped(yaw)}
+        fields = {"position": (x, y, z), "frame": "pad", "yaw": math.atan2(north - y, east - x)}
         return await self._fly(asked, "position", fields, "")
 
     async def hold_heading(self, asked: Asked) -> CommandAnswered:
@@ -288,11 +288,11 @@ class Actions:
             if finding.state is CheckState.STANDS:
                 severity = INFO if finding.blocks is Blocks.NOTHING else WARNING
                 fix = REMEDIES.get(finding.token or "", finding.fix)
-                self._notify(asked.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
+                self._notify(asked.by.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
         return accepted("all checks before a flight passed" if report.is_ready else "")
 
     async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> CommandAnswered:
-        await self._steering.fly(Order(By(asked.station, asked.program), kind, fields))
+        await self._steering.fly(Order(asked.by, kind, fields))
         return accepted(words)
 
 

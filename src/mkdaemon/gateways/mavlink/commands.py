@@ -16,7 +16,7 @@ from typing import Any, Final
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING, Notify, words_of
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.status import Status
@@ -57,22 +57,18 @@ class Asked:
     """A command as both messages carry it.
 
     Attributes:
-        station: where it came from.
-        program: who sent it.
+        by: who sent it.
         command: of `MAV_CMD`.
         params: seven numbers; of a COMMAND_INT the fifth and sixth are scaled as its frame says, and are so here.
         frame: of `MAV_FRAME`; None for a COMMAND_LONG.
         confirmation: how often it was repeated.
-        target: system and component it is meant for.
     """
 
-    station: Station
-    program: Program
+    by: By
     command: int
     params: tuple[float, ...]
     frame: int | None
     confirmation: int
-    target: Program
 
     def number(self, index: int) -> float | None:
         """A parameter, counted from 1; None where it is NaN, the mark of one that is not given."""
@@ -107,7 +103,7 @@ def denied(words: str) -> CommandAnswered:
     return CommandAnswered(int(mavlink.MAV_RESULT_DENIED), words)
 
 
-def asked_from(station: Station, message: Message) -> Asked:
+def asked_from(by: By, message: Message) -> Asked:
     """Read a COMMAND_LONG or COMMAND_INT."""
     is_int = message.get_type() == "COMMAND_INT"
     if is_int:
@@ -116,13 +112,11 @@ def asked_from(station: Station, message: Message) -> Asked:
     else:
         last = (message.param5, message.param6, message.param7)
     return Asked(
-        station,
-        Program(message.get_srcSystem(), message.get_srcComponent()),
+        by,
         message.command,
         (message.param1, message.param2, message.param3, message.param4, *last),
         message.frame if is_int else None,
         0 if is_int else message.confirmation,
-        Program(message.target_system, message.target_component),
     )
 
 
@@ -151,7 +145,7 @@ class CommandDesk:
 
     def take(self, asked: Asked) -> None:
         """Do a command and answer it."""
-        key = (id(asked.station), asked.program, asked.command)
+        key = (asked.by, asked.command)
         if key in self._running:
             _acknowledge(asked, _meanwhile(asked))
             return
@@ -207,7 +201,7 @@ class CommandDesk:
 
     def _report(self, asked: Asked, answer: CommandAnswered) -> None:
         is_done = answer.result == mavlink.MAV_RESULT_ACCEPTED
-        self._notify(asked.station, answer.words, INFO if is_done else WARNING)
+        self._notify(asked.by.station, answer.words, INFO if is_done else WARNING)
 
     def _answer_of(self, asked: Asked, error: Exception) -> CommandAnswered:
         """The answer where a handler raised."""
@@ -244,8 +238,4 @@ def _meanwhile(asked: Asked) -> int:
 
 
 def _acknowledge(asked: Asked, result: int) -> None:
-    asked.station.send(
-        mavlink.MAVLink_command_ack_message(
-            asked.command, result, 255, 0, asked.program.system, asked.program.component
-        )
-    )
+    asked.by.send(mavlink.MAVLink_command_ack_message(asked.command, result, 255, 0, *asked.by.program))

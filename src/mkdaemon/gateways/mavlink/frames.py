@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
+from mkdaemon.frames import wrap_angle
+
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _HALF = math.sqrt(0.5)
-_EARTH = 6_371_000.0
-"""Mean radius [m]."""
 
 
 def ned_from_enu(vector: Vector3) -> Vector3:
@@ -54,12 +54,7 @@ def frd_from_local(flu_from_target: Quaternion) -> Quaternion:
 
 def compass_from_yaw(yaw: float) -> float:
     """A yaw counter-clockwise from east as a heading clockwise from north, in (-pi, pi]; and back."""
-    return wrapped(math.pi / 2 - yaw)
-
-
-def wrapped(angle: float) -> float:
-    """The same angle in (-pi, pi] [rad]."""
-    return math.pi - (math.pi - angle) % math.tau
+    return wrap_angle(math.pi / 2 - yaw)
 
 
 def heading_cdeg(yaw: float) -> int:
@@ -70,22 +65,3 @@ def heading_cdeg(yaw: float) -> int:
 def degrees_e7(degrees: float) -> int:
     """Latitude or longitude as MAVLink has it [1e-7 deg]."""
     return round(degrees * 1e7)
-
-
-def offset_enu(latitude_deg: float, longitude_deg: float, home_latitude: float, home_longitude: float) -> Vector3:
-    """East and north of home, without up [m].
-
-    Args:
-        latitude_deg: of the place [deg].
-        longitude_deg: of the place [deg].
-        home_latitude: of home [deg].
-        home_longitude: of home [deg].
-    """
-    north = math.radians(latitude_deg - home_latitude) * _EARTH
-    east = math.radians(wrapped_deg(longitude_deg - home_longitude)) * _EARTH * math.cos(math.radians(home_latitude))
-    return (east, north, 0.0)
-
-
-def wrapped_deg(angle: float) -> float:
-    """The same angle in (-180, 180] [deg]."""
-    return 180.0 - (180.0 - angle) % 360.0

@@ -14,7 +14,7 @@ from mkdaemon.client import Sample, Vehicle
 from mkdaemon.client.taskerrors import single_error
 from mkdaemon.errors import ProtocolError
 from mkdaemon.gateways.faults import Faults
-from mkdaemon.gateways.mavlink import handcontrol, missions, parameters, picture, queries, recordings, texts
+from mkdaemon.gateways.mavlink import picture, texts
 from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
@@ -28,8 +28,8 @@ from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.queries import Queries
 from mkdaemon.gateways.mavlink.recordings import LogServer
-from mkdaemon.gateways.mavlink.stations import Program, Station, is_for
-from mkdaemon.gateways.mavlink.steering import By, ManualSteering
+from mkdaemon.gateways.mavlink.stations import By, Program, Station, Take, is_for
+from mkdaemon.gateways.mavlink.steering import ManualSteering
 from mkdaemon.gateways.mavlink.telemetry import BY_CLOCK, BY_VALUE, TABLE
 from mkdaemon.gateways.mavlink.texts import Texts, text_of
 from mkdaemon.telemetry.control import ControlStatus
@@ -99,6 +99,9 @@ class MavlinkGateway:
         self._queries = Queries(self.picture, self._mode, self._missions.current, lambda: self._parameters.revision)
         actions = Actions(uav, self.picture, self.steering, self._hands, self.notify, self._parameters)
         self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, self.faults)
+        self._takes: dict[str, Take] = {"SET_MODE": self._set_mode}
+        self._takes |= self._hands.takes | self._parameters.takes | self._missions.takes
+        self._takes |= self._logs.takes | self._queries.takes
         self._texts = Texts()
         self._work: set[asyncio.Task[None]] = set()
         self._tasks: asyncio.TaskGroup | None = None
@@ -259,31 +262,21 @@ class MavlinkGateway:
             return
         if not station.note_message(program, now, is_heartbeat=name == "HEARTBEAT"):
             return
+        by = By(station, program)
         if name in ("COMMAND_LONG", "COMMAND_INT"):
             if message.target_system in (BROADCAST, self._options.system):
-                self._desk.take(asked_from(station, message))
+                self._desk.take(asked_from(by, message))
             return
-        if not is_for(message, self._options.system, COMPONENT):
-            return
-        if name in handcontrol.MESSAGES:
-            if getattr(message, "target", self._options.system) == self._options.system:
-                self._hands.take(By(station, program), message)
-        elif name in parameters.MESSAGES:
-            self._start(name, self._parameters.take(station, message))
-        elif name in missions.MESSAGES:
-            self._start(name, self._missions.take(station, message))
-        elif name in recordings.MESSAGES:
-            self._start(name, self._logs.take(station, message))
-        elif name in queries.MESSAGES:
-            self._queries.take(station, message)
-        elif name == "SET_MODE":
-            self._set_mode(station, program, message.custom_mode)
+        target = getattr(message, "target", self._options.system)  # of MANUAL_CONTROL
+        if name in self._takes and target == self._options.system and is_for(message, self._options.system, COMPONENT):
+            work = self._takes[name](by, message)
+            if work is not None:
+                self._start(name, work)
 
-    def _set_mode(self, station: Station, program: Program, custom: int) -> None:
+    def _set_mode(self, by: By, message: Message) -> None:
         """SET_MODE, which is older than its command: answered as that."""
-        params = (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(custom), *[0.0] * 5)
-        target = Program(self._options.system, COMPONENT)
-        self._desk.take(Asked(station, program, int(mavlink.MAV_CMD_DO_SET_MODE), params, None, 0, target))
+        params = (float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(message.custom_mode), *[0.0] * 5)
+        self._desk.take(Asked(by, int(mavlink.MAV_CMD_DO_SET_MODE), params, None, 0))
 
     def _start(self, name: str, work: Coroutine[Any, Any, None]) -> None:
         """Work on an answer beside everything else; what is too much is dropped and comes again."""

@@ -8,9 +8,9 @@ became. Fences and rally points are none of a MikroKopter's. Source: https://mav
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
@@ -28,7 +28,7 @@ from mkdaemon.gateways.mavlink.missionitems import (
 )
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.picture import LinkPicture
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By, Take
 from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
@@ -36,13 +36,6 @@ from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.state import Flight, Position
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
-MESSAGES: Final = frozenset(
-    {
-        *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_COUNT", "MISSION_ITEM_INT"),
-        *("MISSION_ITEM", "MISSION_CLEAR_ALL", "MISSION_ACK", "MISSION_SET_CURRENT"),
-        *("MISSION_WRITE_PARTIAL_LIST", "MISSION_REQUEST_PARTIAL_LIST"),
-    }
-)
 AGAIN: Final = 0.7
 """Time after which a missing item is requested again [s]."""
 STORING: Final = 1.2
@@ -51,6 +44,7 @@ ATTEMPTS: Final = 5
 """Requests for one item."""
 MOST_ITEMS: Final = 1000
 """Items of an upload; no NaviCtrl holds more than 254 points."""
+_FROM_THE_FIRST: Final = "the NaviCtrl flies its list from the first point"
 _FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 _RESULTS: Final[dict[str, int]] = {
     Token.POINT_NOT_EXPRESSIBLE: mavlink.MAV_MISSION_UNSUPPORTED,
@@ -63,8 +57,7 @@ class MissionUpload:
     """An upload under way.
 
     Attributes:
-        station: where it comes from.
-        program: which program there.
+        by: whose it is.
         count: items that are to come.
         items: those that came.
         asked_at: when the next was last asked for [s].
@@ -73,8 +66,7 @@ class MissionUpload:
         storing: the procedure that stores them; None while they come.
     """
 
-    station: Station
-    program: Program
+    by: By
     count: int
     asked_at: float
     items: list[LinkItem] = field(default_factory=list)
@@ -82,13 +74,13 @@ class MissionUpload:
     is_old: bool = False
     storing: asyncio.Task[None] | None = None
 
-    def is_from(self, station: Station, program: Program) -> bool:
-        """Whether a message belongs to it."""
-        return self.station is station and self.program == program
-
 
 class MissionServer:
-    """Answers the mission protocol."""
+    """Answers the mission protocol.
+
+    Attributes:
+        takes: what answers a message, by its name.
+    """
 
     def __init__(
         self, uav: Vehicle, picture: LinkPicture, notify: Notify, now: Callable[[], float], faults: Faults
@@ -108,6 +100,20 @@ class MissionServer:
         self._upload: MissionUpload | None = None
         self._lock = asyncio.Lock()
         self._reached = 0
+        self._answers: dict[str, Take] = {
+            "MISSION_REQUEST_LIST": self._send_count,
+            "MISSION_REQUEST_INT": self._send_item,
+            "MISSION_REQUEST": self._send_item,
+            "MISSION_COUNT": self._begin,
+            "MISSION_ITEM_INT": self._take_item,
+            "MISSION_ITEM": self._take_item,
+            "MISSION_CLEAR_ALL": self._clear,
+            "MISSION_ACK": self._cancel,
+            "MISSION_SET_CURRENT": lambda by, _: notify(by.station, _FROM_THE_FIRST),
+            "MISSION_WRITE_PARTIAL_LIST": self._refuse_part,
+            "MISSION_REQUEST_PARTIAL_LIST": self._refuse_part,
+        }
+        self.takes: dict[str, Take] = dict.fromkeys(self._answers, self._take)
 
     def event_arrived(self, event: MissionEvent) -> None:
         """Take note of a changed list; its digest shows whether the change came from here."""
@@ -115,45 +121,27 @@ class MissionServer:
         if self._held is not None and event.action != "started" and self._held.digest != event.digest:
             self._held = None
 
-    async def take(self, station: Station, message: Message) -> None:
-        """Answer a message of the protocol."""
-        program = Program(message.get_srcSystem(), message.get_srcComponent())
-        kind = getattr(message, "mission_type", 0)
-        name = message.get_type()
-        if kind not in (mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_ALL):
-            self._take_other(station, program, message)
-            return
-        match name:
-            case "MISSION_REQUEST_LIST":
-                await self._send_count(station, program)
-            case "MISSION_REQUEST_INT" | "MISSION_REQUEST":
-                await self._send_item(station, program, message.seq, is_old=name == "MISSION_REQUEST")
-            case "MISSION_COUNT":
-                self._begin(station, program, message.count)
-            case "MISSION_ITEM_INT" | "MISSION_ITEM":
-                await self._take_item(station, program, message)
-            case "MISSION_CLEAR_ALL":
-                await self._clear(station, program)
-            case "MISSION_ACK":
-                upload = self._upload
-                if upload is not None and upload.is_from(station, program) and upload.storing is None:
-                    self._upload = None
-            case "MISSION_SET_CURRENT":
-                self._notify(station, "the NaviCtrl flies its list from the first point")
-            case "MISSION_WRITE_PARTIAL_LIST" | "MISSION_REQUEST_PARTIAL_LIST":
-                self._notify(station, "the list is read and written whole only")
-                self._acknowledge(station, program, mavlink.MAV_MISSION_UNSUPPORTED)
-
-    @staticmethod
-    def _take_other(station: Station, program: Program, message: Message) -> None:
-        """Fences and rally points: there are none, and none can be stored."""
-        name, kind = message.get_type(), message.mission_type
+    def _take(self, by: By, message: Message) -> Coroutine[Any, Any, None] | None:
+        """Answer a message. There are no fences and rally points, and none can be stored."""
+        name, kind = message.get_type(), getattr(message, "mission_type", 0)
+        if kind in (mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_ALL):
+            return self._answers[name](by, message)
         if name == "MISSION_REQUEST_LIST":
-            station.send(mavlink.MAVLink_mission_count_message(*program, 0, kind))
+            by.send(mavlink.MAVLink_mission_count_message(*by.program, 0, kind))
         elif name in ("MISSION_COUNT", "MISSION_CLEAR_ALL"):
             is_nothing = name == "MISSION_CLEAR_ALL" or message.count == 0
             result = mavlink.MAV_MISSION_ACCEPTED if is_nothing else mavlink.MAV_MISSION_UNSUPPORTED
-            station.send(mavlink.MAVLink_mission_ack_message(*program, result, kind))
+            by.send(mavlink.MAVLink_mission_ack_message(*by.program, result, kind))
+        return None
+
+    def _cancel(self, by: By, _: Message) -> None:
+        """A sender gives its upload up: MISSION_ACK before the last item."""
+        if self._upload is not None and self._upload.by == by and self._upload.storing is None:
+            self._upload = None
+
+    def _refuse_part(self, by: By, _: Message) -> None:
+        self._notify(by.station, "the list is read and written whole only")
+        self._acknowledge(by, mavlink.MAV_MISSION_UNSUPPORTED)
 
     def tick(self) -> None:
         """Ask again for what does not come, and end an upload that has stopped."""
@@ -169,7 +157,7 @@ class MissionServer:
             return
         if upload.attempts >= ATTEMPTS:
             self._upload = None
-            self._acknowledge(upload.station, upload.program, mavlink.MAV_MISSION_OPERATION_CANCELLED)
+            self._acknowledge(upload.by, mavlink.MAV_MISSION_OPERATION_CANCELLED)
             return
         self._ask(upload, len(upload.items))
 
@@ -221,31 +209,30 @@ class MissionServer:
             self._on_board = found.digest
             return self._held
 
-    async def _send_count(self, station: Station, program: Program) -> None:
-        items = await self._items_for(station, program)
+    async def _send_count(self, by: By, _: Message) -> None:
+        items = await self._items_for(by)
         if items is not None:
-            kind = mavlink.MAV_MISSION_TYPE_MISSION
-            station.send(mavlink.MAVLink_mission_count_message(*program, len(items), kind))
+            by.send(mavlink.MAVLink_mission_count_message(*by.program, len(items), mavlink.MAV_MISSION_TYPE_MISSION))
 
-    async def _send_item(self, station: Station, program: Program, seq: int, *, is_old: bool) -> None:
-        items = await self._items_for(station, program)
+    async def _send_item(self, by: By, message: Message) -> None:
+        items = await self._items_for(by)
         if items is None:
             return
-        if seq >= len(items):
-            self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+        if message.seq >= len(items):
+            self._acknowledge(by, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
-        message = items[seq].message(*program, seq)
-        station.send(_old(message) if is_old else message)
+        item = items[message.seq].message(*by.program, message.seq)
+        by.send(_old(item) if message.get_type() == "MISSION_REQUEST" else item)
 
-    async def _items_for(self, station: Station, program: Program) -> tuple[LinkItem, ...] | None:
+    async def _items_for(self, by: By) -> tuple[LinkItem, ...] | None:
         """The items as a station numbers them; None if they cannot be read, which it is answered."""
         try:
             held = await self._known()
         except MkError as error:
-            self._notify(station, f"the mission cannot be read: {words_of(error)}")
-            self._acknowledge(station, program, mavlink.MAV_MISSION_ERROR)
+            self._notify(by.station, f"the mission cannot be read: {words_of(error)}")
+            self._acknowledge(by, mavlink.MAV_MISSION_ERROR)
             return None
-        return (self._home(), *held.items) if station.numbering is Numbering.ARDUPILOT else held.items
+        return (self._home(), *held.items) if by.station.numbering is Numbering.ARDUPILOT else held.items
 
     def _home(self) -> LinkItem:
         """Item 0 as ArduPilot has it; zeros while home is not known."""
@@ -255,34 +242,32 @@ class MissionServer:
             z = self._picture.ground or 0.0
         return LinkItem(16, 0, (0.0, 0.0, 0.0, 0.0), x, y, z)
 
-    def _begin(self, station: Station, program: Program, count: int) -> None:
-        upload = self._upload
-        if upload is not None and (upload.storing is not None or not upload.is_from(station, program)):
-            if not upload.is_from(station, program):
-                self._notify(station, "another ground station is uploading a mission")
-                self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
-            return
-        if count > MOST_ITEMS:
-            self._notify(station, f"{count} items: no NaviCtrl holds more than 254 points")
-            self._acknowledge(station, program, mavlink.MAV_MISSION_NO_SPACE)
-            return
-        self._upload = upload = MissionUpload(station, program, count, self._now())
-        if count == 0:
-            self._store(upload)
-        else:
-            self._ask(upload, 0)
+    def _begin(self, by: By, message: Message) -> None:
+        upload, count = self._upload, message.count
+        if upload is not None and upload.by != by:
+            self._notify(by.station, "another ground station is uploading a mission")
+            self._acknowledge(by, mavlink.MAV_MISSION_DENIED)
+        elif count > MOST_ITEMS:
+            self._notify(by.station, f"{count} items: no NaviCtrl holds more than 254 points")
+            self._acknowledge(by, mavlink.MAV_MISSION_NO_SPACE)
+        elif upload is None or upload.storing is None:
+            self._upload = upload = MissionUpload(by, count, self._now())
+            if count == 0:
+                self._store(upload)
+            else:
+                self._ask(upload, 0)
 
     def _ask(self, upload: MissionUpload, seq: int) -> None:
         upload.asked_at, upload.attempts = self._now(), upload.attempts + 1
         # DroneKit knows only the old request. Once a station answers one of the two kinds, it gets only that kind.
         is_old = upload.is_old if upload.items else upload.attempts % 2 == 0
         make = mavlink.MAVLink_mission_request_message if is_old else mavlink.MAVLink_mission_request_int_message
-        upload.station.send(make(*upload.program, seq, 0))
+        upload.by.send(make(*upload.by.program, seq, 0))
 
-    async def _take_item(self, station: Station, program: Program, message: Message) -> None:
+    def _take_item(self, by: By, message: Message) -> None:
         upload = self._upload
-        if upload is None or not upload.is_from(station, program):
-            self._acknowledge(station, program, mavlink.MAV_MISSION_INVALID_SEQUENCE)
+        if upload is None or upload.by != by:
+            self._acknowledge(by, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
         if upload.storing is not None or message.seq < len(upload.items):  # sent twice
             return
@@ -304,18 +289,17 @@ class MissionServer:
         upload.storing = asyncio.create_task(self._store_now(upload), name="mission upload")
 
     async def _store_now(self, upload: MissionUpload) -> None:
-        station, program = upload.station, upload.program
         try:
             result = await self._replace(upload)
         except MkError as error:
-            self._notify(station, f"the mission is not stored: {words_of(error)}")
+            self._notify(upload.by.station, f"the mission is not stored: {words_of(error)}")
             result = _result_of(error)
         except Exception as error:  # noqa: BLE001  # a fault ends this upload
             self._faults.note("mission upload", error)
             result = int(mavlink.MAV_MISSION_ERROR)
         finally:
             self._upload = None
-        self._acknowledge(station, program, result)
+        self._acknowledge(upload.by, result)
 
     async def _replace(self, upload: MissionUpload) -> int:
         """Store the items; the result of it.
@@ -323,22 +307,23 @@ class MissionServer:
         Raises:
             MkError: the daemon refuses, or it is not proven.
         """
-        skipped = int(upload.station.numbering is Numbering.ARDUPILOT)
+        station = upload.by.station
+        skipped = int(station.numbering is Numbering.ARDUPILOT)
         items = upload.items[skipped:]
         if not items:
             await self._empty()
             return int(mavlink.MAV_MISSION_ACCEPTED)
-        found = mission_of(items, self._picture.ground, skipped, autopilot_of(upload.station))
+        found = mission_of(items, self._picture.ground, skipped, autopilot_of(station))
         if isinstance(found, Refused):
-            self._notify(upload.station, found.reason)
+            self._notify(station, found.reason)
             return found.result
         mission, notes = found
         for note in notes:
-            self._notify(upload.station, note, INFO)
+            self._notify(station, note, INFO)
         self._require_not_flown()
         async with self._lock:
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
-            self._held = held_from(mission.points, stored.digest, items, autopilot_of(upload.station))
+            self._held = held_from(mission.points, stored.digest, items, autopilot_of(station))
             self._on_board = stored.digest
         return int(mavlink.MAV_MISSION_ACCEPTED)
 
@@ -363,17 +348,18 @@ class MissionServer:
             self._on_board = (await self._uav.waypoints.clear(in_flight=True)).digest
             self._held = HeldMission((), self._on_board, ())
 
-    async def _clear(self, station: Station, program: Program) -> None:
+    async def _clear(self, by: By, _: Message) -> None:
         try:
             await self._empty()
         except MkError as error:
-            self._notify(station, f"the mission is not cleared: {words_of(error)}")
-            self._acknowledge(station, program, mavlink.MAV_MISSION_DENIED)
+            self._notify(by.station, f"the mission is not cleared: {words_of(error)}")
+            self._acknowledge(by, mavlink.MAV_MISSION_DENIED)
             return
-        self._acknowledge(station, program, mavlink.MAV_MISSION_ACCEPTED)
+        self._acknowledge(by, mavlink.MAV_MISSION_ACCEPTED)
 
-    def _acknowledge(self, station: Station, program: Program, result: int) -> None:
-        station.send(mavlink.MAVLink_mission_ack_message(*program, result, mavlink.MAV_MISSION_TYPE_MISSION))
+    @staticmethod
+    def _acknowledge(by: By, result: int) -> None:
+        by.send(mavlink.MAVLink_mission_ack_message(*by.program, result, mavlink.MAV_MISSION_TYPE_MISSION))
 
 
 def _old(message: Message) -> Message:

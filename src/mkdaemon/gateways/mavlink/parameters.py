@@ -21,7 +21,7 @@ from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import NEWEST, ParameterId, change_to, ids_of, value_of
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By, Station, Take
 from mkdaemon.gateways.mavlink.texts import Notify, words_of
 
 ACTIVE: Final = "MK_ACTIVE_SET"
@@ -34,7 +34,6 @@ _RETURN: Final = ParameterId("RTL_RETURN_ALT", "coming_home_altitude", None)
 """Of a link that says PX4: MAVSDK asks for the height of a return by this name."""
 TAKE_OFF_HEIGHT: Final = 2.0
 """Height of a take-off that names none, at first [m]."""
-MESSAGES: Final = frozenset({"PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"})
 FRESH: Final = 10.0
 """A set is read again for a list if it is older than this [s]: the pilot may have chosen another one."""
 PACE: Final = 0.005
@@ -55,6 +54,7 @@ class ParameterServer:
 
     Attributes:
         take_off_height: of a take-off whose command names none [m].
+        takes: what answers a message, by its name.
     """
 
     def __init__(self, uav: Vehicle, backups: Path, notify: Notify, now: Callable[[], float]) -> None:
@@ -72,6 +72,11 @@ class ParameterServer:
         self._reading: asyncio.Task[None] | None = None
         self._writing: set[tuple[str, int]] = set()
         self._lock = asyncio.Lock()
+        self.takes: dict[str, Take] = {
+            "PARAM_REQUEST_LIST": self._send_all,
+            "PARAM_REQUEST_READ": self._send_one,
+            "PARAM_SET": self._write,
+        }
 
     def forget(self) -> None:
         """Another client has changed the sets: read them again for the next list."""
@@ -83,24 +88,10 @@ class ParameterServer:
         stored = self._set.stored
         return NEWEST if stored is None else stored.revision
 
-    async def take(self, station: Station, message: Message) -> None:
-        """Answer a message of the protocol."""
-        program = Program(message.get_srcSystem(), message.get_srcComponent())
-        match message.get_type():
-            case "PARAM_REQUEST_LIST":
-                await self._read(station)
-                await self._send_all(station)
-            case "PARAM_REQUEST_READ":
-                if message.param_index < 0:
-                    await self._read_for(station, message)
-                self._send_one(station, program, message)
-            case "PARAM_SET":
-                await self._write(station, program, message)
-
-    async def _read_for(self, station: Station, message: Message) -> None:
+    async def _read_for(self, by: By, message: Message) -> None:
         """Read the active set once for a message that names a setting."""
         if not self._set.slot and _index(_OWN, _name(message)) is None:
-            await self._read(station)
+            await self._read(by.station)
 
     async def _read(self, station: Station) -> None:
         """Read the active set where that was long ago; several that ask meanwhile wait for the same reading."""
@@ -127,14 +118,15 @@ class ParameterServer:
         has_return = station.numbering is Numbering.AS_PX4 and any(row.name == _RETURN.name for row in settings)
         return (*_OWN, *((_RETURN,) if has_return else ()), *settings)
 
-    async def _send_all(self, station: Station) -> None:
-        rows = self._rows(station)
+    async def _send_all(self, by: By, _: Message) -> None:
+        await self._read(by.station)
+        rows = self._rows(by.station)
         for index in range(len(rows)):
-            self._send(station, index, rows)
+            self._send(by, index, rows)
             await asyncio.sleep(PACE)
 
-    def _send(self, station: Station, index: int, rows: tuple[ParameterId, ...], value: float | None = None) -> None:
-        station.send(
+    def _send(self, by: By, index: int, rows: tuple[ParameterId, ...], value: float | None = None) -> None:
+        by.send(
             mavlink.MAVLink_param_value_message(
                 rows[index].id.encode(),
                 float(self._value(rows[index]) if value is None else value),
@@ -150,53 +142,55 @@ class ParameterServer:
         stored = self._set.stored
         return self._set.slot if row.id == ACTIVE or stored is None else value_of(stored, row)
 
-    def _send_one(self, station: Station, program: Program, message: Message) -> None:
-        rows = self._rows(station)
+    async def _send_one(self, by: By, message: Message) -> None:
+        if message.param_index < 0:
+            await self._read_for(by, message)
+        rows = self._rows(by.station)
         index = message.param_index if message.param_index >= 0 else _index(rows, _name(message))
         if index is None or index >= len(rows):
-            _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            _refuse(by, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
             return
-        self._send(station, index, rows)
+        self._send(by, index, rows)
 
-    async def _write(self, station: Station, program: Program, message: Message) -> None:
+    async def _write(self, by: By, message: Message) -> None:
         """Write a parameter; what it is then is sent in any case, and the words of a refusal with it."""
-        await self._read_for(station, message)
-        rows = self._rows(station)
+        await self._read_for(by, message)
+        rows = self._rows(by.station)
         index = _index(rows, _name(message))
         if index is None:
-            _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+            _refuse(by, message, mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)
             return
         if rows[index].id == TAKE_OFF:
             if math.isfinite(message.param_value) and message.param_value > 0.0:
                 self.take_off_height = message.param_value
             else:
-                self._notify(station, f"{TAKE_OFF}: a height above the target [m], more than 0")
-                _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
-            self._send(station, index, rows)
+                self._notify(by.station, f"{TAKE_OFF}: a height above the target [m], more than 0")
+                _refuse(by, message, mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
+            self._send(by, index, rows)
             return
         value = _whole(message)
         if index == 0 or value is None:
             error = mavlink.MAV_PARAM_ERROR_READ_ONLY if index == 0 else mavlink.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
             why = "the pilot chooses the active set" if index == 0 else "a setting is a whole number of 0 to 255"
-            self._notify(station, f"{rows[index].id}: {why}")
-            _refuse(station, program, message, error)
+            self._notify(by.station, f"{rows[index].id}: {why}")
+            _refuse(by, message, error)
         else:
             wanted = (rows[index].id, value)
             if wanted in self._writing:  # asked again, for it takes longer than its sender waits
                 return
             self._writing.add(wanted)
             try:
-                new = partial(self._send, station, index, rows, value)
+                new = partial(self._send, by, index, rows, value)
                 writing = asyncio.ensure_future(self._write_in_turn(rows[index], value, new))
                 if not (await asyncio.wait({writing}, timeout=OLD_VALUE))[0]:
-                    self._send(station, index, rows)
+                    self._send(by, index, rows)
                 await writing
             except MkError as refusal:
-                self._notify(station, f"{rows[index].id} is not written: {words_of(refusal)}")
-                _refuse(station, program, message, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
+                self._notify(by.station, f"{rows[index].id} is not written: {words_of(refusal)}")
+                _refuse(by, message, mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED)
             finally:
                 self._writing.discard(wanted)
-        self._send(station, index, rows)
+        self._send(by, index, rows)
 
     async def _write_in_turn(self, row: ParameterId, value: int, on_stored: Callable[[], None]) -> None:
         async with self._lock:
@@ -226,7 +220,7 @@ def _whole(message: Message) -> int | None:
     return int(value) if value == int(value) and 0 <= value <= 255 else None
 
 
-def _refuse(station: Station, program: Program, message: Message, error: int) -> None:
+def _refuse(by: By, message: Message, error: int) -> None:
     index = getattr(message, "param_index", -1)
     name = _name(message).encode("ascii", "replace")[:16]
-    station.send(mavlink.MAVLink_param_error_message(program.system, program.component, name, index, error))
+    by.send(mavlink.MAVLink_param_error_message(*by.program, name, index, error))

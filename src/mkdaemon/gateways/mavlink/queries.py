@@ -11,17 +11,14 @@ from collections.abc import Callable
 from typing import Final
 
 from mkdaemon.gateways.mavlink.commands import ACCEPTED, UNSUPPORTED, Asked, CommandAnswered, Handler, denied
-from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.files import FileServer
-from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, GENERAL, ComponentMetadata, documents
+from mkdaemon.gateways.mavlink.dialect import BROADCAST, Message, mavlink
+from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, GENERAL, ComponentMetadata, FileServer, documents
 from mkdaemon.gateways.mavlink.modes import ROWS, Mode, available_mode, current_mode, heartbeat
 from mkdaemon.gateways.mavlink.picture import LinkPicture
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By, Station, Take
 from mkdaemon.gateways.mavlink.telemetry import GROUPS, IDS, TABLE
 from mkdaemon.telemetry.vehicle import VehicleHealth
 
-MESSAGES: Final = frozenset({"FILE_TRANSFER_PROTOCOL", "TIMESYNC", "PING", "REQUEST_DATA_STREAM"})
-"""What is answered here, besides commands."""
 _CAPABILITIES: Final = (
     mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -41,7 +38,11 @@ _OLD_REQUESTS: Final = {
 
 
 class Queries:
-    """Answers questions."""
+    """Answers questions.
+
+    Attributes:
+        takes: what answers a message that is no command, by its name.
+    """
 
     def __init__(
         self,
@@ -60,6 +61,12 @@ class Queries:
         """
         self._picture, self._mode, self._mission, self._revision = picture, mode, mission, revision
         self._files = FileServer()
+        self.takes: dict[str, Take] = {
+            "FILE_TRANSFER_PROTOCOL": self._files.take,
+            "TIMESYNC": self._tell_time,
+            "PING": _answer_ping,
+            "REQUEST_DATA_STREAM": _ask_group,
+        }
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -79,7 +86,7 @@ class Queries:
         return self._send(asked, _OLD_REQUESTS[asked.command], 0)
 
     def _send(self, asked: Asked, number: int, index: int) -> CommandAnswered:
-        station = asked.station
+        station = asked.by.station
         if number == mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES:
             wanted = range(1, len(ROWS) + 1) if index == 0 else (index,)
             found = [available_mode(one, station.numbering) for one in wanted]
@@ -123,9 +130,9 @@ class Queries:
         if wish is None or wish < -1:
             return denied("an interval is microseconds, -1 for never, 0 for as it was")
         if wish == 0:
-            asked.station.wish_for.pop(name, None)
+            asked.by.station.wish_for.pop(name, None)
         else:
-            asked.station.ask(name, 0.0 if wish < 0 else max(wish * 1e-6, _FASTEST))
+            asked.by.station.ask(name, 0.0 if wish < 0 else max(wish * 1e-6, _FASTEST))
         return ACCEPTED
 
     def get_interval(self, asked: Asked, number: int | None = None) -> CommandAnswered:
@@ -136,34 +143,29 @@ class Queries:
         if wanted == _HEARTBEAT:
             interval = 1_000_000
         elif name is not None:
-            interval = round(1e6 * asked.station.interval(name)) or -1
-        asked.station.send(mavlink.MAVLink_message_interval_message(wanted & 0xFFFF, interval))
+            interval = round(1e6 * asked.by.station.interval(name)) or -1
+        asked.by.station.send(mavlink.MAVLink_message_interval_message(wanted & 0xFFFF, interval))
         return ACCEPTED
 
-    def take(self, station: Station, message: Message) -> None:
-        """Answer a message that is no command."""
-        match message.get_type():
-            case "TIMESYNC" if message.tc1 == 0:
-                now = int(self._picture.boot_time * 1e9)
-                station.send(mavlink.MAVLink_timesync_message(now, message.ts1))
-            case "PING" if message.target_system == 0:  # else it is an answer
-                program = Program(message.get_srcSystem(), message.get_srcComponent())
-                station.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *program))
-            case "FILE_TRANSFER_PROTOCOL":
-                self._files.take(station, message)
-            case "REQUEST_DATA_STREAM":
-                _ask_group(station, message)
+    def _tell_time(self, by: By, message: Message) -> None:
+        if message.tc1 == 0:  # else it is an answer
+            by.send(mavlink.MAVLink_timesync_message(int(self._picture.boot_time * 1e9), message.ts1))
 
 
-def _ask_group(station: Station, message: Message) -> None:
+def _answer_ping(by: By, message: Message) -> None:
+    if message.target_system == BROADCAST:  # else it is an answer
+        by.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *by.program))
+
+
+def _ask_group(by: By, message: Message) -> None:
     """REQUEST_DATA_STREAM: a group of messages at one rate, or none of them."""
     group = message.req_stream_id
     names = tuple(TABLE) if group == mavlink.MAV_DATA_STREAM_ALL else GROUPS.get(group, ())
     for name in names:
         if not message.start_stop:
-            station.ask(name, 0.0)
+            by.station.ask(name, 0.0)
         elif message.req_message_rate:
-            station.ask(name, max(1.0 / message.req_message_rate, _FASTEST))
+            by.station.ask(name, max(1.0 / message.req_message_rate, _FASTEST))
 
 
 def autopilot_version(picture: LinkPicture) -> Message:

@@ -13,12 +13,11 @@ from typing import Final, NamedTuple
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.modes import Numbering, is_armed
 from mkdaemon.gateways.mavlink.picture import LinkPicture
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By, Station, Take
 from mkdaemon.gateways.mavlink.texts import Notify
 from mkdaemon.record.folder import origin_of, recordings_of
 from mkdaemon.telemetry.record import RecordStatus
 
-MESSAGES: Final = frozenset({"LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE"})
 _ROOM: Final = 90
 """Bytes of a recording in one message."""
 _AT_ONCE: Final = 20
@@ -26,6 +25,7 @@ _AT_ONCE: Final = 20
 PACE: Final = 0.005
 """Between two of those [s]."""
 _MOST_LISTED: Final = 1000
+_KEPT: Final = "recordings are not erased from here: the daemon deletes the oldest"
 
 
 class Log(NamedTuple):
@@ -61,7 +61,11 @@ def listed(current: Path) -> list[Log]:
 
 
 class LogServer:
-    """Answers the log protocol."""
+    """Answers the log protocol.
+
+    Attributes:
+        takes: what answers a message, by its name.
+    """
 
     def __init__(self, picture: LinkPicture, notify: Notify) -> None:
         """Serve recordings.
@@ -72,62 +76,63 @@ class LogServer:
         """
         self._picture, self._notify = picture, notify
         self._logs: list[Log] = []
-        self._sending: dict[tuple[Station, Program], int] = {}
+        self._sending: dict[By, int] = {}
         self._number = 0
+        self.takes: dict[str, Take] = {
+            "LOG_REQUEST_LIST": self._list,
+            "LOG_REQUEST_DATA": self._send,
+            "LOG_REQUEST_END": self._stop,
+            "LOG_ERASE": lambda by, _: notify(by.station, _KEPT),
+        }
 
-    async def take(self, station: Station, message: Message) -> None:
-        """Answer a message of the protocol."""
-        whose = station, Program(message.get_srcSystem(), message.get_srcComponent())
-        first = 1 if station.numbering is Numbering.ARDUPILOT else 0  # each counts its logs so
-        match message.get_type():
-            case "LOG_REQUEST_LIST":
-                await self._list(station, message.start - first, message.end - first, first)
-            case "LOG_REQUEST_DATA":
-                await self._send(whose, message, first)
-            case "LOG_REQUEST_END":
-                self._sending.pop(whose, None)
-            case "LOG_ERASE":
-                self._notify(station, "recordings are not erased from here: the daemon deletes the oldest")
-
-    async def _list(self, station: Station, start: int, end: int, first: int) -> None:
+    async def _list(self, by: By, message: Message) -> None:
+        first = _first(by.station)
         status = self._picture.get(RecordStatus)
         if status is not None and status.file and not is_armed(self._picture):  # the disk may be slow
             self._logs = listed(Path(status.file))
         last = max(len(self._logs) - 1, 0) + first
-        wanted = [(number, log) for number, log in enumerate(self._logs) if start <= number <= end]
-        for number, log in wanted:
-            station.send(mavlink.MAVLink_log_entry_message(number + first, len(self._logs), last, log.start, log.size))
-            if number % _AT_ONCE == _AT_ONCE - 1:
-                await asyncio.sleep(PACE)
+        for number, log in enumerate(self._logs, first):
+            if message.start <= number <= message.end:
+                by.send(mavlink.MAVLink_log_entry_message(number, len(self._logs), last, log.start, log.size))
+                if number % _AT_ONCE == 0:
+                    await asyncio.sleep(PACE)
         if not self._logs:
-            self._notify(station, "no recordings: the gateway lists those on its machine while the daemon records")
-            station.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
+            self._notify(by.station, "no recordings: the gateway lists those on its machine while the daemon records")
+            by.send(mavlink.MAVLink_log_entry_message(0, 0, 0, 0, 0))
 
-    async def _send(self, whose: tuple[Station, Program], message: Message, first: int) -> None:
+    def _stop(self, by: By, _: Message) -> None:
+        self._sending.pop(by, None)
+
+    async def _send(self, by: By, message: Message) -> None:
         """Send a part of a recording; a further request of the same program takes its place."""
-        station, number = whose[0], message.id - first
+        number = message.id - _first(by.station)
         self._number = mine = self._number + 1
         if is_armed(self._picture):
-            self._notify(station, "recordings are sent only while the motors are off")
+            self._notify(by.station, "recordings are sent only while the motors are off")
             return
         if not 0 <= number < len(self._logs):
-            station.send(_data(message.id, message.ofs, b""))
+            by.send(_data(message.id, message.ofs, b""))
             return
         log = self._logs[number]
-        self._sending[whose] = mine
+        self._sending[by] = mine
         at, end = message.ofs, min(message.ofs + message.count, log.size)
-        while self._sending.get(whose) == mine and station.is_open and not is_armed(self._picture):
+        while self._sending.get(by) == mine and by.station.is_open and not is_armed(self._picture):
             parts = _parts(log.path, at, end)
             for part in parts:
-                station.send(_data(message.id, at, part))
+                by.send(_data(message.id, at, part))
                 at += len(part)
             if at >= end or not parts:
                 if at >= log.size and at % _ROOM == 0:  # a full last part would not say that it is the last
-                    station.send(_data(message.id, at, b""))
+                    by.send(_data(message.id, at, b""))
                 break
             await asyncio.sleep(PACE)
-        if self._sending.get(whose) == mine:
-            del self._sending[whose]
+        if self._sending.get(by) == mine:
+            del self._sending[by]
+
+
+def _first(station: Station) -> int:
+    """Number of the first recording: each kind of ground station counts its logs so."""
+    return 1 if station.numbering is Numbering.ARDUPILOT else 0
 
 
 def _parts(path: Path, at: int, end: int) -> list[bytes]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
 
 from mkdaemon.gateways.mavlink.dialect import BROADCAST, Message
 from mkdaemon.gateways.mavlink.framing import Encoder
@@ -128,6 +129,34 @@ class Station:
         """Send a message with another period from now on [s]; 0 for never."""
         self.wish_for[name] = interval
         self._due.pop(name, None)
+
+
+@dataclass(frozen=True, slots=True)
+class By:
+    """Who sends and is answered: a program at a station.
+
+    Attributes:
+        station: where.
+        program: which one there.
+    """
+
+    station: Station
+    program: Program
+
+    def is_alive(self, now: float) -> bool:
+        """Whether it is still there."""
+        return self.station.is_alive(self.program, now)
+
+    def send(self, message: Message) -> None:
+        """Send it a message; see `Station.send`."""
+        self.station.send(message)
+
+    def __str__(self) -> str:
+        return f"ground station {self.program.system}/{self.program.component}"
+
+
+Take = Callable[[By, Message], Coroutine[Any, Any, None] | None]
+"""Takes a message, at once or by work that is done beside everything else."""
 
 
 def is_for(message: Message, system: int, component: int) -> bool:

@@ -22,7 +22,7 @@ from mkdaemon.client.session import ENGAGING, RATE, SIGHTING, RepeatedSetpoint, 
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.mavlink.modes import Mode
-from mkdaemon.gateways.mavlink.stations import Program, Station
+from mkdaemon.gateways.mavlink.stations import By
 from mkdaemon.gateways.mavlink.texts import INFO, WARNING
 from mkdaemon.telemetry.control import Outcome
 
@@ -36,26 +36,6 @@ _STOPPING: Final = frozenset({"hold", "land"})
 _ITS_FLIGHT: Final = "another ground station may order hold or landing, nothing else"
 Announce = Callable[[int, str], None]
 """Sends a text to every station: severity and words."""
-
-
-@dataclass(frozen=True, slots=True)
-class By:
-    """The station in command.
-
-    Attributes:
-        station: where.
-        program: which one there.
-    """
-
-    station: Station
-    program: Program
-
-    def is_alive(self, now: float) -> bool:
-        """Whether it is still there."""
-        return self.station.is_alive(self.program, now)
-
-    def __str__(self) -> str:
-        return f"ground station {self.program.system}/{self.program.component}"
 
 
 @dataclass(frozen=True, slots=True)

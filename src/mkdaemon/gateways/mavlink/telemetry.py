@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.mavlink.dialect import (
     INT16_UNKNOWN,
     NAN,
@@ -277,14 +278,7 @@ def pose_covariance(pose: VisionPose) -> list[float]:
     Returns:
         The upper triangle by rows, 21 numbers [m2, m rad, rad2].
     """
-    w, x, y, z = ned_from_frd(pose.quaternion_target_from_flu)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    turn = rotation_from_quaternion(ned_from_frd(pose.quaternion_target_from_flu))
     # C' = J C J^T with J = diag(N, F N), N: NED from ENU, F: FRD from NED.
     both = np.zeros((6, 6))
     both[:3, :3], both[3:, 3:] = _NED, turn.T @ _NED  # small rotations about the body's axes are roll, pitch and yaw

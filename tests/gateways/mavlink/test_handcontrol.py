@@ -7,7 +7,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.setpoints import (
+from mkdaemon.gateways.mavlink.handcontrol import (
     Unusable,
     attitude_target,
     axes_of_manual,

@@ -8,9 +8,17 @@ import struct
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.files import Error, FileServer, Opcode, checksum
-from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA, ComponentMetadata, documents
+from mkdaemon.gateways.mavlink.metadata import (
+    COMPONENT_METADATA,
+    ComponentMetadata,
+    Error,
+    FileServer,
+    Opcode,
+    checksum,
+    documents,
+)
 from mkdaemon.gateways.mavlink.parameterids import ids_of
+from mkdaemon.gateways.mavlink.stations import By, Program
 from mkdaemon.protocol.settings import known_revisions
 from tests.gateways.mavlink.rig import Ears, serving, virtually
 
@@ -121,7 +129,8 @@ async def test_files_are_listed_and_few_stay_open():
 
         def ask(*what, system=255, **how):
             packed = asked(*what, **how).pack(mavlink.MAVLink(None, system, 190))
-            server.take(ears.station, mavlink.MAVLink(None).decode(bytearray(packed)))
+            by = By(ears.station, Program(system, 190))
+            server.take(by, mavlink.MAVLink(None).decode(bytearray(packed)))
 
         ask(Opcode.LIST, b"/")
         assert only(ears)[4] == b"Fa\t600\0"
