@@ -170,7 +170,7 @@ OWN = {
     "cli/mkdaemon/service/installing",
     "cli/mkdaemon/service/units",
     "clock",
-    "gateways/mavlink/signingtimes",
+    "gateways/mavlink/signing",
     "link/ports/serialport",
     "view/page/server",
     "view/report/page",

@@ -8,7 +8,8 @@ import random
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder, Signing, key_from, signing_time
+from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder
+from mkdaemon.gateways.mavlink.signing import Signing, key_from, signing_time
 
 WALL = 1_700_000_000.0
 KEY = bytes(range(32))

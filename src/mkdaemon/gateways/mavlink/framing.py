@@ -1,34 +1,25 @@
 """Bytes to messages and back: frames of MAVLink 1 and 2, checksums, signatures.
 
 Bytes are untrusted: what is no frame, fails its checksum or its signature is counted and dropped; nothing raises, and
-no more than one frame is kept. Source: https://mavlink.io/en/guide/serialization.html, message_signing.html.
+no more than one frame is kept. Source: https://mavlink.io/en/guide/serialization.html
 """
 
 from __future__ import annotations
 
-import hashlib
-import hmac
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.gateways.mavlink.dialect import COMPONENT, Message, mavlink
-from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
+from mkdaemon.gateways.mavlink.signing import SIGNATURE, Signing, signing_time
 
 _HEADER = {0xFE: 6, 0xFD: 10}
 MAGIC: Final = frozenset(_HEADER)
 """First byte of a frame of MAVLink 1 and 2."""
 _SIGNED: Final = 1
-_SIGNATURE: Final = 13
-MOST_BYTES: Final = 10 + 255 + 2 + _SIGNATURE
+MOST_BYTES: Final = 10 + 255 + 2 + SIGNATURE
 """Of a frame."""
-_EPOCH: Final = 1_420_070_400
-"""Signatures count time from 2015-01-01 00:00 UTC [s; Unix time]."""
-_LATE: Final = 60 * 100_000
-"""Largest lag of a new stream behind our clock [10 us]."""
-_MOST_STREAMS: Final = 64
-"""Signed streams (link, system, component) that are remembered."""
 
 
 @dataclass(slots=True)
@@ -46,54 +37,6 @@ class Counts:
     garbage: int = 0
     bad: int = 0
     unsigned: int = 0
-
-
-def signing_time(wall: float) -> int:
-    """A system time as signatures count it [10 us].
-
-    Args:
-        wall: Unix time [s].
-    """
-    return int((wall - _EPOCH) * 100_000)
-
-
-class Signing:
-    """Signatures with one shared key: made, and checked; a frame that was heard once is not taken again.
-
-    Attributes:
-        key: 32 bytes.
-    """
-
-    def __init__(self, key: bytes, times: SigningTimes | None = None) -> None:
-        """Sign and check.
-
-        Args:
-            key: 32 bytes.
-            times: newest time of each stream, from the run before; None to begin without.
-        """
-        self.key = key
-        self._newest = SigningTimes() if times is None else times
-
-    def is_right(self, frame: bytes, wall: float) -> bool:
-        """Whether a signed frame of MAVLink 2 has a right signature, and is newer than the last of its stream.
-
-        Args:
-            frame: with its signature.
-            wall: Unix time [s].
-        """
-        made = hashlib.sha256(self.key + frame[:-6]).digest()[:6]
-        if not hmac.compare_digest(made, frame[-6:]):
-            return False
-        stream = (frame[-_SIGNATURE], frame[5], frame[6])
-        stamp = int.from_bytes(frame[-12:-6], "little")
-        newest = self._newest.get(stream)
-        if newest is None:
-            if len(self._newest) >= _MOST_STREAMS or stamp + _LATE < signing_time(wall):
-                return False
-        elif stamp <= newest:
-            return False
-        self._newest.put(stream, stamp)
-        return True
 
 
 class Encoder:
@@ -194,23 +137,5 @@ def _is_signed(frame: bytes) -> bool:
 
 def _length(rest: bytearray, at: int, header: int) -> int:
     """Length of the frame that begins there."""
-    signature = _SIGNATURE if header == 10 and rest[at + 2] & _SIGNED else 0
+    signature = SIGNATURE if header == 10 and rest[at + 2] & _SIGNED else 0
     return header + rest[at + 1] + 2 + signature
-
-
-def key_from(text: str) -> bytes:
-    """The key that a text stands for: 64 hexadecimal digits as they are, else the SHA-256 of a passphrase.
-
-    Ground stations make their key of a passphrase in the same way.
-    """
-    word = text.strip()
-    try:
-        key = bytes.fromhex(word)
-    except ValueError:
-        key = b""
-    return key if len(key) == 32 else hashlib.sha256(word.encode()).digest()
-
-
-def float_bits(value: float) -> int:
-    """The bits of a float of 32 bits as an unsigned number."""
-    return int(struct.unpack("<I", struct.pack("<f", value))[0])

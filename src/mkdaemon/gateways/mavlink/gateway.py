@@ -19,7 +19,6 @@ from mkdaemon.gateways.mavlink.actions import Actions
 from mkdaemon.gateways.mavlink.addresses import Address
 from mkdaemon.gateways.mavlink.commands import Asked, CommandDesk, asked_from
 from mkdaemon.gateways.mavlink.dialect import BROADCAST, COMPONENT, Message, mavlink
-from mkdaemon.gateways.mavlink.framing import Signing
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.links import Links
 from mkdaemon.gateways.mavlink.missions import MissionServer
@@ -28,6 +27,7 @@ from mkdaemon.gateways.mavlink.parameters import ParameterServer
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.queries import Queries
 from mkdaemon.gateways.mavlink.recordings import LogServer
+from mkdaemon.gateways.mavlink.signing import Signing
 from mkdaemon.gateways.mavlink.stations import By, Program, Station, Take, is_for
 from mkdaemon.gateways.mavlink.steering import ManualSteering
 from mkdaemon.gateways.mavlink.telemetry import BY_CLOCK, BY_VALUE, TABLE

@@ -9,7 +9,7 @@ import asyncio
 import os
 import socket
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any, Final
 
@@ -18,7 +18,8 @@ import structlog
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.addresses import Address, AddressKind
 from mkdaemon.gateways.mavlink.dialect import Message
-from mkdaemon.gateways.mavlink.framing import MAGIC, MOST_BYTES, Counts, Decoder, Encoder, Signing
+from mkdaemon.gateways.mavlink.framing import MAGIC, MOST_BYTES, Counts, Decoder, Encoder
+from mkdaemon.gateways.mavlink.signing import Signing
 from mkdaemon.gateways.mavlink.stations import SILENCE, Station
 
 MOST_STATIONS: Final = 8
@@ -42,6 +43,7 @@ class Links:
 
     Attributes:
         counts: what came, over all links.
+        wall: the system clock [s].
     """
 
     def __init__(self, system: int, signing: Signing | None, on_message: OnMessage, now: Clock, wall: Clock) -> None:
@@ -56,7 +58,7 @@ class Links:
         """
         self.counts = Counts()
         self._system, self._signing, self._on_message = system, signing, on_message
-        self._now, self._wall = now, wall
+        self._now, self.wall = now, wall
         self._stations: dict[Station, Callable[[], None]] = {}
         self._logged: dict[tuple[Address, str], float] = {}
         self._closing: list[Callable[[], None]] = []
@@ -120,7 +122,7 @@ class Links:
             return None
         self._link_ids = (self._link_ids + 1) % 256
         encoder = Encoder(self._system, self._signing, self._link_ids)
-        station = Station(f"{address} {name}".strip(), address.numbering, encoder, put, self._wall)
+        station = Station(f"{address} {name}".strip(), address.numbering, encoder, put, self.wall)
         station.received_at = self._now()
         self._stations[station] = end
         return station
@@ -150,7 +152,7 @@ class Links:
         station.is_open = False
         self._stations.pop(station, None)
 
-    def received(self, station: Station, messages: list[Message]) -> None:
+    def received(self, station: Station, messages: Iterable[Message]) -> None:
         """Hand on what came."""
         for message in messages:
             self._on_message(station, message)
@@ -158,15 +160,6 @@ class Links:
     def decoder(self) -> Decoder:
         """A decoder for one stream of bytes."""
         return Decoder(self.counts, self._signing)
-
-    def read(self, decoder: Decoder, data: bytes, *, is_datagram: bool) -> list[Message]:
-        """The messages of some bytes."""
-        wall = self._wall()
-        return decoder.datagram(data, wall) if is_datagram else list(decoder.feed(data, wall))
-
-    def is_silent(self, station: Station) -> bool:
-        """Whether a station may make room for another one."""
-        return not station.is_present(self._now())
 
     async def _keep(self, address: Address) -> None:
         """Open a serial line or a connection, again when it is lost."""
@@ -208,7 +201,7 @@ class _Datagrams(asyncio.DatagramProtocol):
             self._add(None)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        messages = self._links.read(self._decoder, data, is_datagram=True)
+        messages = self._decoder.datagram(data, self._links.wall())
         if not messages:
             return
         key = None if self._address.kind is AddressKind.UDP_OUT else addr
@@ -223,10 +216,6 @@ class _Datagrams(asyncio.DatagramProtocol):
             station.forget()
 
     def _add(self, key: Any) -> Station | None:
-        for old, silent in list(self._stations.items()):
-            if key is not None and self._links.is_silent(silent):
-                self._links.remove(silent)
-                del self._stations[old]
         name = "" if key is None else f"from {key[0]}:{key[1]}"
         station = self._links.add(name, self._address, lambda data: self._put(data, key), lambda: self._drop(key))
         if station is not None:
@@ -291,7 +280,7 @@ class _Stream(asyncio.Protocol):
             self._station = None
             return
         self._has_started = True
-        self._links.received(self._station, self._links.read(self._decoder, data, is_datagram=False))
+        self._links.received(self._station, self._decoder.feed(data, self._links.wall()))
 
     def connection_lost(self, exc: Exception | None) -> None:
         if self._station is not None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import struct
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,6 @@ from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.boardset import GatewaySettings
 from mkdaemon.gateways.mavlink.dialect import Message, mavlink
-from mkdaemon.gateways.mavlink.framing import float_bits
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.parameterids import NEWEST, ParameterId, change_to, ids_of, value_of
 from mkdaemon.gateways.mavlink.stations import By, Station, Take
@@ -216,7 +216,7 @@ def _whole(message: Message) -> int | None:
     if not math.isfinite(value):
         return None
     if message.param_type != mavlink.MAV_PARAM_TYPE_REAL32 and 0.0 < abs(value) < _TINY:
-        value = float(float_bits(value))
+        (value,) = struct.unpack("<I", struct.pack("<f", value))
     return int(value) if value == int(value) and 0 <= value <= 255 else None
 
 

@@ -16,9 +16,8 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.foreignfiles import read_text
 from mkdaemon.gateways.boardset import backups_folder
 from mkdaemon.gateways.mavlink.addresses import DEFAULTS, check_addresses, read_address
-from mkdaemon.gateways.mavlink.framing import Signing, key_from
 from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
-from mkdaemon.gateways.mavlink.signingtimes import SigningTimes
+from mkdaemon.gateways.mavlink.signing import Signing, key_from
 
 _LONGEST_KEY: Final = 1000
 _AGAIN: Final = 2.0
@@ -47,7 +46,7 @@ def options_from(
     folder = backups or backups_folder("mavlink")
     signing = None
     if signing_key is not None:
-        signing = Signing(_read_key(signing_key), SigningTimes(folder / "signing-times.json"))
+        signing = Signing(_read_key(signing_key), folder / "signing-times.json")
     check_addresses(addresses, has_key=signing is not None, allow_open=allow_open)
     return Options(addresses, system, signing, folder)
 

@@ -94,7 +94,8 @@ class Station:
         return True
 
     def forget(self) -> None:
-        """Forget every program behind the address."""
+        """Forget every program behind the address, which makes room for another one."""
+        self.received_at = -math.inf
         self._received.clear()
         self._beaten.clear()
         self.wish_for.clear()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
-from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder, Signing
-from mkdaemon.gateways.mavlink.signingtimes import AHEAD, SigningTimes
+from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder
+from mkdaemon.gateways.mavlink.signing import AHEAD, Signing
 
 KEY, WALL = bytes(range(32)), 1_700_000_000.0
 
@@ -19,7 +19,7 @@ def stream(count):
 
 
 def taken(path, frames, wall):
-    decoder = Decoder(Counts(), Signing(KEY, SigningTimes(path)))
+    decoder = Decoder(Counts(), Signing(KEY, path))
     return sum(len(decoder.datagram(frame, wall)) for frame in frames)
 
 
