@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.gateways.ros2.boardsettings import BoardSettings
+from mkdaemon.gateways.ros2.parameters import BoardSettings
 from mkdaemon.gateways.ros2.services import SELF_TEST, SERVICES, Desk, answer, refused
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from tests.gateways.ros2.bagtypes import scene

@@ -90,8 +90,7 @@ class _Aircraft:
             return
         found = _typed(value)
         for name, row in rows:
-            made = row.convert(found, self._scene)
-            for message in made if isinstance(made, list) else () if made is None else (made,):
+            for message in row.messages(found, self._scene):
                 yield name, row.type, row.quality, message
         if keeps:
             self._newest.keep(value.suffix, found)

@@ -66,9 +66,13 @@ def pad_state(joy: Any, axes: Sequence[str], buttons: Sequence[str]) -> dict[str
         )
     values = {name: -float(value) for name, value in zip(axes, joy.axes, strict=False)}
     values |= {name: float(value) for name, value in zip(buttons, joy.buttons, strict=False)}
-    if not all(map(math.isfinite, values.values())):
-        raise MkError("joy holds a NaN or an infinity")
+    _require_numbers("joy", *values.values())
     return values
+
+
+def _require_numbers(name: str, *values: float) -> None:
+    if not all(map(math.isfinite, values)):
+        raise MkError(f"{name} holds a NaN or an infinity")
 
 
 def age_of(stamp: Any, wall: float) -> float:
@@ -112,8 +116,7 @@ def velocity_fields(twist: Any, frame: str) -> dict[str, Any]:
     """
     linear = (float(twist.linear.x), float(twist.linear.y), float(twist.linear.z))
     turn = float(twist.angular.z)
-    if not all(map(math.isfinite, (*linear, turn))):
-        raise MkError("cmd_vel holds a NaN or an infinity")
+    _require_numbers("cmd_vel", *linear, turn)
     return {"velocity": linear, "frame": frame, "yaw_rate": turn}
 
 
@@ -129,8 +132,7 @@ def position_fields(pose: Any, frame: str) -> dict[str, Any]:
     """
     place = (float(pose.position.x), float(pose.position.y), float(pose.position.z))
     turned = pose.orientation
-    if not all(map(math.isfinite, (*place, turned.x, turned.y, turned.z, turned.w))):
-        raise MkError("setpoint_pose holds a NaN or an infinity")
+    _require_numbers("setpoint_pose", *place, turned.x, turned.y, turned.z, turned.w)
     return {"position": place, "frame": frame, "yaw": yaw_of(turned)}
 
 

@@ -6,12 +6,12 @@ import asyncio
 import signal
 import threading
 import time
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import CancelledError as CallCancelledError
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from functools import partial
-from typing import Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import structlog
 
@@ -22,10 +22,10 @@ from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.faults import Faults
 from mkdaemon.gateways.ros2 import topics
-from mkdaemon.gateways.ros2.boardsettings import PREFIX, BoardSettings
 from mkdaemon.gateways.ros2.commands import (
     TWIST,
     TWIST_STAMPED,
+    CommandStream,
     age_of,
     newer,
     other_type,
@@ -37,11 +37,22 @@ from mkdaemon.gateways.ros2.commands import (
 from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import report
 from mkdaemon.gateways.ros2.messages import ConversionScene, Types, name_part
-from mkdaemon.gateways.ros2.parameters import PARAMETERS, RATES, NodeSettings, Pace, settings_of
+from mkdaemon.gateways.ros2.parameters import (
+    PARAMETERS,
+    RATES,
+    SETTINGS,
+    BoardSettings,
+    NodeSettings,
+    Pace,
+    settings_of,
+)
 from mkdaemon.gateways.ros2.services import SERVICES, Desk, Service, answer, refused
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality, Ros2Topic
 from mkdaemon.reading.diagnoses import Diagnosis, DiagnosticLevel
 from mkdaemon.reading.known import MOST_CAMERAS
+
+if TYPE_CHECKING:  # rclpy is loaded where a node is made
+    from mkdaemon.gateways.ros2.rclnode import RosNode
 
 STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
@@ -52,52 +63,14 @@ _log = structlog.get_logger("gateway.ros2")
 _Result = TypeVar("_Result")
 
 
-class Node(Protocol):
-    """What the gateway needs of ROS; see `rclnode.RosNode`."""
-
-    def parameters(self, table: Any, changed: Any, asked: Any) -> dict[str, Any]:
-        """Declare parameters and return their values."""
-
-    def declare(self, name: str, value: Any, about: str) -> None:
-        """Declare a parameter later, or give it a value that was read."""
-
-    def publisher(self, name: str, kind: str, quality: Quality) -> Any:
-        """Make a publisher; None where the type is not installed."""
-
-    def subscribe(self, name: str, kind: str, arrived: Any) -> None:
-        """Subscribe to the newest message of a topic."""
-
-    def types_published(self, name: str) -> frozenset[str]:
-        """Types of the publishers of a topic."""
-
-    def serve(self, name: str, kind: str, answer: Any) -> None:
-        """Offer a service."""
+_Outlet = tuple[Ros2Topic, str, Any]
+"""Where the messages of a row and a key go: name of the topic, and publisher, None where its type is not installed."""
 
 
-class TopicOutlet:
-    """Where the messages of one row and key go.
-
-    Attributes:
-        topic: the row.
-        name: of the topic.
-        publisher: None where the type's package is not installed.
-    """
-
-    def __init__(self, topic: Ros2Topic, name: str, publisher: Any) -> None:
-        self.topic, self.name, self.publisher = topic, name, publisher
-
-    @property
-    def is_wanted(self) -> bool:
-        """Whether a message has to be made: a node reads it, or will get it later."""
-        if self.publisher is None:
-            return False
-        return self.topic.quality is Quality.LATCHED or self.publisher.get_subscription_count() > 0
-
-    def publish(self, value: Any, scene: ConversionScene) -> None:
-        """Convert a value and publish what it makes."""
-        made = self.topic.convert(value, scene)
-        for message in made if isinstance(made, list) else () if made is None else (made,):
-            self.publisher.publish(message)
+def _is_wanted(row: Ros2Topic, _: str, publisher: Any, *, is_last: bool) -> bool:
+    """Whether a message has to be made: a node reads it, or will get it later, which alone gets a last value."""
+    is_latched = row.quality is Quality.LATCHED
+    return publisher is not None and (is_latched or (not is_last and publisher.get_subscription_count() > 0))
 
 
 class Publishing:
@@ -110,12 +83,12 @@ class Publishing:
     """
 
     def __init__(
-        self, node: Node, rows: Sequence[Ros2Topic], scene: ConversionScene, newest: Newest, pace: Pace
+        self, node: RosNode, rows: Sequence[Ros2Topic], scene: ConversionScene, newest: Newest, pace: Pace
     ) -> None:
         self.newest, self.missing, self.faults = newest, set[str](), Faults("ros2")
         self._node, self._rows, self._scene, self._pace = node, rows, scene, pace
         self._publishers: dict[str, Any] = {}
-        self._outlets: dict[str, list[TopicOutlet]] = {}
+        self._outlets: dict[str, list[_Outlet]] = {}
         self._cameras: set[str] = set()
         self._lock = threading.Lock()
         self._is_closed = False
@@ -143,10 +116,7 @@ class Publishing:
     def _take(self, sample: Sample, *, is_last: bool) -> None:
         if not self._is_known(sample.suffix):
             return
-        outlets = self._outlets_of(sample.suffix)
-        wanted = [outlet for outlet in outlets if outlet.is_wanted]
-        if is_last:
-            wanted = [outlet for outlet in wanted if outlet.topic.quality is Quality.LATCHED]
+        wanted = [one for one in self._outlets_of(sample.suffix) if _is_wanted(*one, is_last=is_last)]
         keeps = self.newest.keeps(sample.suffix)
         if not wanted and not keeps:
             return
@@ -155,10 +125,11 @@ class Publishing:
         except ProtocolError as error:
             _log.warning("not_understood", key=sample.suffix, words=str(error))
             return
-        for outlet in wanted:
-            if self._pace.lets_through(outlet.topic.word, outlet.name, value.stamp.monotonic):
-                with self.faults.contained(outlet.name):  # a stranger may put numbers that no message can have
-                    outlet.publish(value, self._scene)
+        for row, name, publisher in wanted:
+            if self._pace.lets_through(row.word, name, value.stamp.monotonic):
+                with self.faults.contained(name):  # a stranger may put numbers that no message can have
+                    for message in row.messages(value, self._scene):
+                        publisher.publish(message)
         if keeps:
             self.newest.keep(sample.suffix, value)
 
@@ -170,15 +141,11 @@ class Publishing:
             self._cameras.add(name)
         return head != "vision" or name in self._cameras
 
-    def _outlets_of(self, suffix: str) -> list[TopicOutlet]:
-        outlets = self._outlets.get(suffix)
-        if outlets is None:
-            rows = [row for row in self._rows if row.is_of(suffix)]
-            names = [row.name_for(suffix) for row in rows]
-            outlets = self._outlets[suffix] = [
-                TopicOutlet(row, name, self._publisher(row, name)) for row, name in zip(rows, names, strict=True)
-            ]
-        return outlets
+    def _outlets_of(self, suffix: str) -> list[_Outlet]:
+        if suffix not in self._outlets:
+            named = [(row, row.name_for(suffix)) for row in self._rows if row.is_of(suffix)]
+            self._outlets[suffix] = [(row, name, self._publisher(row, name)) for row, name in named]
+        return self._outlets[suffix]
 
     def _publisher(self, row: Ros2Topic, name: str) -> Any:
         if name not in self._publishers:
@@ -198,7 +165,7 @@ class Ros2Gateway:
         publishing: what is published.
     """
 
-    def __init__(self, uav: Vehicle, node: Node, types: Types) -> None:
+    def __init__(self, uav: Vehicle, node: RosNode, types: Types) -> None:
         load_models()  # seconds on a slow machine, in which no pad would be heard
         self._loop = asyncio.get_running_loop()
         self._uav, self._node = uav, node
@@ -228,32 +195,31 @@ class Ros2Gateway:
 
     def _offer(self) -> None:
         """Subscribe to what flies, and offer services."""
-        desk = Desk(self._uav, self.deck, self._scene, self._board)
-        if self._settings.commands:
-            plain, stamped = (TWIST, self._twist), (TWIST_STAMPED, partial(self._twist_stamped, "cmd_vel_stamped"))
-            if self._settings.is_stamped:
-                plain = (TWIST_STAMPED, partial(self._twist_stamped, "cmd_vel"))
-            for name, (kind, take) in {
-                "joy": ("sensor_msgs/msg/Joy", self._joy),
-                "cmd_vel": plain,
-                "cmd_vel_stamped": stamped,
-                "setpoint_pose": ("geometry_msgs/msg/PoseStamped", self._pose),
-            }.items():
-                self._node.subscribe(name, kind, partial(self._hand_over, take))
-                self._subscribed[name] = kind
+        settings, desk = self._settings, Desk(self._uav, self.deck, self._scene, self._board)
+        velocity = partial(self._setpoint, self.deck.velocity, "velocity", velocity_fields, settings.velocity_frame)
+        pose = partial(self._setpoint, self.deck.pose, "position", position_fields, settings.pose_frame)
+        flying = {
+            "joy": ("sensor_msgs/msg/Joy", self._joy),
+            "cmd_vel": (TWIST_STAMPED if settings.is_stamped else TWIST, velocity),
+            "cmd_vel_stamped": (TWIST_STAMPED, velocity),
+            "setpoint_pose": ("geometry_msgs/msg/PoseStamped", pose),
+        }
+        for name, (kind, take) in flying.items() if settings.commands else ():
+            self._node.subscribe(name, kind, partial(self._hand_over, take, name))
+            self._subscribed[name] = kind
         for service in SERVICES:
-            if self._settings.commands or not service.flies:
+            if settings.commands or not service.flies:
                 self._node.serve(service.name, service.type, partial(self._serve, service, desk))
 
     # -- on threads of rclpy ----------------------------------------------------------------------------------------
 
-    def _hand_over(self, take: Any, message: Any) -> None:
+    def _hand_over(self, take: Any, name: str, message: Any) -> None:
         with suppress(RuntimeError):  # the loop may be closing
-            self._loop.call_soon_threadsafe(take, message)
+            self._loop.call_soon_threadsafe(self._fly, take, name, message)
 
     def _asked(self, name: str, value: Any) -> str:
         """Write a setting; why it is refused, empty where it was written."""
-        if not name.startswith(PREFIX):
+        if not name.startswith(SETTINGS):
             return ""
         try:
             self._wait_for(self._board.write(name, value))
@@ -288,48 +254,37 @@ class Ros2Gateway:
             if call is not None:
                 self._calls.discard(call)
 
-    def _joy(self, message: Any) -> None:
+    # -- on the loop ------------------------------------------------------------------------------------------------
+
+    def _fly(self, take: Any, name: str, message: Any) -> None:
+        """Take a message that flies; the deck is told what cannot be flown."""
+        try:
+            take(name, message)
+        except MkError as error:
+            self.deck.refused(str(error))
+
+    def _joy(self, _: str, message: Any) -> None:
         stamp = message.header.stamp
-        if not newer(stamp, self._pad_stamp):
-            return
-        self._pad_stamp = (stamp.sec, stamp.nanosec)
-        with self._refusing():
+        if newer(stamp, self._pad_stamp):
+            self._pad_stamp = (stamp.sec, stamp.nanosec)
             state = pad_state(message, self._settings.axes, self._settings.buttons)
             self.deck.pad_arrived(state, age_of(stamp, time.time()))
 
-    def _twist(self, message: Any) -> None:
-        with self._refusing():
-            fields = velocity_fields(message, self._settings.velocity_frame)
-            self.deck.command_arrived(self.deck.velocity, "velocity", fields)
-
-    def _twist_stamped(self, name: str, message: Any) -> None:
-        with self._refusing():
-            frame = self._frame(message, name, self._settings.velocity_frame)
-            self.deck.command_arrived(self.deck.velocity, "velocity", velocity_fields(message.twist, frame))
-
-    def _pose(self, message: Any) -> None:
-        with self._refusing():
-            frame = self._frame(message, "setpoint_pose", self._settings.pose_frame)
-            self.deck.command_arrived(self.deck.pose, "position", position_fields(message.pose, frame))
-
-    def _frame(self, message: Any, name: str, default: str) -> str:
-        """The frame of a stamped setpoint.
+    def _setpoint(
+        self, stream: CommandStream, kind: str, fields: Callable[..., Any], frame: str, name: str, message: Any
+    ) -> None:
+        """Take a setpoint; one with a header is as old as its stamp, and in the frame that it names.
 
         Raises:
-            MkError: it is too old, or in a frame that nothing is flown in.
+            MkError: it is too old, in a frame that nothing is flown in, or holds what is no number.
         """
-        age = age_of(message.header.stamp, time.time())
-        if age > STALE:
-            raise MkError(f"{name} was {age:.1f} s old when it came: look at the clocks, or at the way it took")
-        return setpoint_frame(message.header.frame_id, self._settings.frames, default)
-
-    @contextmanager
-    def _refusing(self) -> Iterator[None]:
-        """Tell the deck what cannot be flown."""
-        try:
-            yield
-        except MkError as error:
-            self.deck.refused(str(error))
+        if hasattr(message, "header"):
+            age = age_of(message.header.stamp, time.time())
+            if age > STALE:
+                raise MkError(f"{name} was {age:.1f} s old when it came: look at the clocks, or at the way it took")
+            frame = setpoint_frame(message.header.frame_id, self._settings.frames, frame)
+            message = message.twist if kind == "velocity" else message.pose
+        self.deck.command_arrived(stream, kind, fields(message, frame))
 
     def end_calls(self) -> None:
         """Answer every service that is under way, and every one from now on, that the gateway ends."""

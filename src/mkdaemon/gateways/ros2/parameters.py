@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
+from mkdaemon.client import Vehicle
 from mkdaemon.config.gamepadfiles import load_mapping
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.boardset import GatewaySettings, backups_folder, numbers_of
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, frame_word, names_from, pad_facts
 from mkdaemon.gateways.ros2.deck import Habits
 from mkdaemon.gateways.ros2.messages import Frames
@@ -16,6 +19,8 @@ from mkdaemon.gateways.ros2.topics import words
 ALL: Final = "all"
 RATES: Final = "rates."
 """Prefix of the parameters that limit how often a topic is published."""
+SETTINGS: Final = "settings."
+"""Prefix of the parameters that are settings of the FlightCtrl."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,3 +143,57 @@ class Pace:
             return False
         self._last[name] = at
         return True
+
+
+Declare = Callable[[str, Any, str], None]
+"""Declares a parameter, or gives it a value that was read: name, value, what it is."""
+
+
+class BoardSettings:
+    """The active set of the FlightCtrl as parameters of the gateway's node: `settings.gyro_p`.
+
+    They are declared when they are read, and a new value is written as `mkctl settings write` writes it; MAVROS does
+    the same with the parameters of its autopilot. Before the first write the set is saved.
+    """
+
+    def __init__(self, uav: Vehicle, declare: Declare) -> None:
+        """Have read nothing yet.
+
+        Args:
+            uav: the vehicle.
+            declare: makes parameters.
+        """
+        self._set, self._declare = GatewaySettings(uav, partial(backups_folder, "ros2")), declare
+
+    async def pull(self) -> int:
+        """Read the active set; how many parameters it has.
+
+        Raises:
+            MkError: it cannot be read, or its layout is not known.
+        """
+        await self._set.read()
+        stored = self._set.stored
+        if stored is None or stored.layout is None:
+            raise MkError("the layout of these settings is not known: `mkctl settings show`")
+        shown = 0
+        for name, parameter, _ in numbers_of(stored.layout):
+            if name != "revision":
+                value = stored[name]
+                about = f"{parameter.meaning}{f' [{parameter.unit}]' if parameter.unit else ''}"
+                self._declare(f"{SETTINGS}{name}", list(value) if isinstance(value, tuple) else value, about)
+                shown += 1
+        return shown
+
+    async def write(self, name: str, value: Any) -> None:
+        """Write one setting of the set that was read.
+
+        Args:
+            name: of the parameter.
+            value: what it is to be.
+
+        Raises:
+            MkError: the daemon refuses, or it is not proven.
+        """
+        if not self._set.slot:
+            raise MkError("the settings have not been read: call param/pull")
+        await self._set.write(name.removeprefix(SETTINGS), value if isinstance(value, int) else tuple(value))

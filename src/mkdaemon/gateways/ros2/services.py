@@ -10,10 +10,10 @@ import structlog
 
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.gateways.ros2.boardsettings import BoardSettings
 from mkdaemon.gateways.ros2.deck import FlightDeck
 from mkdaemon.gateways.ros2.diagnostics import status_of
 from mkdaemon.gateways.ros2.messages import ConversionScene
+from mkdaemon.gateways.ros2.parameters import BoardSettings
 from mkdaemon.reading.diagnoses import Diagnosis, DiagnosticLevel, diagnosis_of
 from mkdaemon.telemetry.preflight import CheckState, PreflightReport
 
@@ -56,43 +56,21 @@ class Service:
         type: of the service.
         serve: does it.
         flies: it takes the lease; not offered where the parameter `commands` is off.
-        about: what it does, in a few words.
     """
 
     name: str
     type: str
     serve: Serve
-    about: str
     flies: bool = False
 
 
-def _worded(act: Callable[[Desk], Awaitable[str]]) -> Serve:
-    """A Trigger whose message is what the verb says."""
+def _worded(act: Callable[[Desk], Awaitable[Any]], words: str = "{}") -> Serve:
+    """A Trigger whose message has what the verb returns."""
 
     async def serve(desk: Desk, _: Any) -> Fields:
-        return {"success": True, "message": await act(desk)}
+        return {"success": True, "message": words.format(await act(desk))}
 
     return serve
-
-
-async def _abort(desk: Desk) -> str:
-    await desk.uav.abort("asked for in ROS")
-    return "aborted: the aircraft holds its place, or is level without a target"
-
-
-async def _cancel(desk: Desk) -> str:
-    ended = await desk.uav.cancel()
-    return f"{ended.verb} was ended"
-
-
-async def _mark(desk: Desk) -> str:
-    await desk.uav.records.mark("marked in ROS")
-    return "marked"
-
-
-async def _stop(desk: Desk) -> str:
-    await desk.uav.stop()
-    return "asked to stop; only telemetry shows whether the motors have stopped"
 
 
 async def _preflight(desk: Desk, _: Any) -> Fields:
@@ -135,27 +113,28 @@ async def _set_mode(desk: Desk, request: Any) -> Fields:
     return {"mode_sent": True}
 
 
-async def _pull(desk: Desk, _: Any) -> Fields:
-    return {"success": True, "message": f"{await desk.settings.pull()} settings are parameters of this node"}
-
+_ABORTED: Final = "aborted: the aircraft holds its place, or is level without a target"
+_STOPPED: Final = "asked to stop; only telemetry shows whether the motors have stopped"
 
 SERVICES: Final = (
-    Service("take_off", TRIGGER, _worded(lambda desk: desk.deck.take_off()), "take off, then hold", flies=True),
-    Service("hold", TRIGGER, _worded(lambda desk: desk.deck.hold()), "hold the place", flies=True),
-    Service("land", TRIGGER, _worded(lambda desk: desk.deck.land()), "land on the target in sight", flies=True),
-    Service("release", TRIGGER, _worded(lambda desk: desk.deck.release()), "release the aircraft from any client"),
-    Service("abort", TRIGGER, _worded(_abort), "stop the manoeuvre of any client, hold"),
-    Service("stop", TRIGGER, _worded(_stop), "stop the motors on the ground; a public fork of the firmware alone"),
-    Service("preflight", TRIGGER, _preflight, "every check before a flight, in words"),
-    Service("self_test", SELF_TEST, _self_test, "every check before a flight, one status each"),
-    Service("route_start", SET_BOOL, _route_start, "make the stored list ready; data: confirm"),
-    Service("route_end", SET_BOOL, _route_end, "empty the list, in flight too; data: confirm"),
-    Service("mark", TRIGGER, _worded(_mark), "mark this moment in all recordings"),
-    Service("set_mode", SET_MODE, _set_mode, "modes as MAVROS names them, where mavros_msgs is installed", flies=True),
-    Service("param/pull", TRIGGER, _pull, "read the active set of the FlightCtrl into parameters settings.*"),
-    Service("cancel", TRIGGER, _worded(_cancel), "end the procedure that runs"),
+    Service("take_off", TRIGGER, _worded(lambda desk: desk.deck.take_off()), flies=True),
+    Service("hold", TRIGGER, _worded(lambda desk: desk.deck.hold()), flies=True),
+    Service("land", TRIGGER, _worded(lambda desk: desk.deck.land()), flies=True),
+    Service("release", TRIGGER, _worded(lambda desk: desk.deck.release())),
+    Service("abort", TRIGGER, _worded(lambda desk: desk.uav.abort("asked for in ROS"), _ABORTED)),
+    Service("stop", TRIGGER, _worded(lambda desk: desk.uav.stop(), _STOPPED)),
+    Service("preflight", TRIGGER, _preflight),
+    Service("self_test", SELF_TEST, _self_test),
+    Service("route_start", SET_BOOL, _route_start),
+    Service("route_end", SET_BOOL, _route_end),
+    Service("mark", TRIGGER, _worded(lambda desk: desk.uav.records.mark("marked in ROS"), "marked")),
+    Service("set_mode", SET_MODE, _set_mode, flies=True),
+    Service(
+        "param/pull", TRIGGER, _worded(lambda desk: desk.settings.pull(), "{} settings are parameters")
+    ),
+    Service("cancel", TRIGGER, _worded(lambda desk: desk.uav.cancel(), "{0.verb} was ended")),
 )
-"""Every service; a further one is one row."""
+"""Every service; a further one is one row. docs/ros.md says what each does."""
 
 
 async def answer(service: Service, desk: Desk, request: Any) -> Fields:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
 
 from mkdaemon.gateways.keys import matches
-from mkdaemon.gateways.ros2 import cameras, conversions, diagnostics
+from mkdaemon.gateways.ros2 import conversions, diagnostics
 from mkdaemon.gateways.ros2.messages import ConversionScene, name_part
 from mkdaemon.reading.known import EACH
 
@@ -74,6 +74,11 @@ class Ros2Topic:
         camera = found[1] if found is not None and found.groups() else ""
         return self.name.format(camera=name_part(camera))
 
+    def messages(self, value: Any, scene: ConversionScene) -> Sequence[Any]:
+        """Every message that a value makes."""
+        made = self.convert(value, scene)
+        return made if isinstance(made, list) else () if made is None else (made,)
+
     @property
     def word(self) -> str:
         """How the parameters name it: without `{camera}/`, with `.` for `/`."""
@@ -102,12 +107,12 @@ TOPICS: Final = (
     Ros2Topic("/tf", "state/position", _TF, conversions.place, quality=Quality.TREE),
     Ros2Topic("/tf_static", "tf", _TF, conversions.mount, quality=Quality.LATCHED),
     Ros2Topic("/tf_static", "state/position", _TF, conversions.origin, quality=Quality.LATCHED),
-    Ros2Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", cameras.image, _CAMERA),
-    Ros2Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", cameras.compressed, _CAMERA),
-    Ros2Topic("{camera}/camera_info", "vision/*/setup", _INFO, cameras.info, _CAMERA, Quality.LATCHED),
-    Ros2Topic("{camera}/camera_info", _IMAGE, _INFO, cameras.info_of_image, _CAMERA, Quality.LATCHED),
-    Ros2Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", cameras.detections, _CAMERA),
-    Ros2Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", cameras.markers, _CAMERA),
+    Ros2Topic("{camera}/image", _IMAGE, "sensor_msgs/msg/Image", conversions.image, _CAMERA),
+    Ros2Topic("{camera}/image/compressed", _IMAGE, "sensor_msgs/msg/CompressedImage", conversions.compressed, _CAMERA),
+    Ros2Topic("{camera}/camera_info", "vision/*/setup", _INFO, conversions.info, _CAMERA, Quality.LATCHED),
+    Ros2Topic("{camera}/camera_info", _IMAGE, _INFO, conversions.info_of_image, _CAMERA, Quality.LATCHED),
+    Ros2Topic("{camera}/tags", _TAGS, "apriltag_msgs/msg/AprilTagDetectionArray", conversions.detections, _CAMERA),
+    Ros2Topic("{camera}/tag_markers", _TAGS, "visualization_msgs/msg/ImageMarker", conversions.markers, _CAMERA),
     Ros2Topic("sticks", "control/output", "sensor_msgs/msg/Joy", conversions.sticks, _BODY),
     Ros2Topic("pilot", "state/pilot", "sensor_msgs/msg/Joy", conversions.pilot, _BODY),
     Ros2Topic("status", "control/status", _STATUS, diagnostics.control_status, quality=Quality.LATCHED),
