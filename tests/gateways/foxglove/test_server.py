@@ -22,7 +22,7 @@ from mkdaemon.client.player import Player, PlayPace, open_player_session
 from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
-from mkdaemon.gateways.foxglove.feed import Feed
+from mkdaemon.gateways.foxglove.exhibit import Feed
 from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording

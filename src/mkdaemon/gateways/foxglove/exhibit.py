@@ -10,7 +10,7 @@ import asyncio
 import math
 import threading
 from collections.abc import Callable, Collection
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final
@@ -21,17 +21,8 @@ from foxglove import Channel, Context
 from mkdaemon.client import Sample, Vehicle
 from mkdaemon.errors import MkError, ProtocolError
 from mkdaemon.gateways.faults import Faults
-from mkdaemon.gateways.foxglove.feed import Feed
 from mkdaemon.gateways.foxglove.names import LATEST, Names
-from mkdaemon.gateways.foxglove.topics import (
-    CAMERA,
-    TOPICS,
-    Conversion,
-    FoxgloveTopic,
-    json_keys,
-    json_message,
-    json_schema,
-)
+from mkdaemon.gateways.foxglove.topics import Conversion, FoxgloveTopic, json_message, json_topic, topics_of
 from mkdaemon.gateways.keys import matches
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.base import Stamped
@@ -49,22 +40,51 @@ LEAP: Final = 1.0
 _log = structlog.get_logger(__name__)
 
 
+class Feed:
+    """The subscriptions of one vehicle: what viewers want of it comes once, and nothing else comes."""
+
+    def __init__(self, take: Callable[[Sample], None]) -> None:
+        """Subscribe to nothing.
+
+        Args:
+            take: called with each sample, on Zenoh's thread.
+        """
+        self._take = take
+        self._client: Vehicle | None = None
+        self._subscribed: dict[str, ExitStack] = {}
+
+    def follow(self, client: Vehicle) -> None:
+        """Go on with another client of the vehicle."""
+        wanted = set(self._subscribed)
+        self.want(())
+        self._client = client
+        self.want(wanted)
+
+    def want(self, patterns: Collection[str]) -> None:
+        """Be subscribed to these patterns and no others; they wait until a daemon speaks for the vehicle."""
+        widest = {one for one in patterns if not any(other != one and matches(other, one) for other in patterns)}
+        for pattern in widest - self._subscribed.keys():  # before others end: no value falls between two subscriptions
+            self._subscribed[pattern] = ExitStack()
+            if self._client is not None:
+                self._subscribed[pattern].enter_context(self._client.each(pattern, self._take))
+        for pattern in self._subscribed.keys() - widest:
+            self._subscribed.pop(pattern).close()
+
+
 @dataclass(slots=True)
 class Line:
     """One channel.
 
     Attributes:
         channel: as it is advertised.
-        topic: what it is made of; None for a key that is shown as JSON.
-        keys: patterns of the keys it is made of.
+        topic: what it is made of.
         convert: makes its messages; None for JSON.
         clients: who is subscribed.
         given: time of the last value of each key that they were given [s].
     """
 
     channel: Channel
-    topic: FoxgloveTopic | None
-    keys: tuple[str, ...]
+    topic: FoxgloveTopic
     convert: Conversion | None
     clients: set[int] = field(default_factory=set)
     given: dict[str, float] = field(default_factory=dict)
@@ -99,39 +119,25 @@ class Exhibit:
         self._is_watched = asyncio.Event()
         self._looking: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        for topic in TOPICS:
-            if not topic.is_of_a_camera:
-                self._add_topic(topic)
-        for key, schema in json_keys():
-            if CAMERA not in key:
-                self._add_key(key, schema)
+        for topic in topics_of():
+            self._add(topic)
 
     # -- channels -------------------------------------------------------------------------------------------------
 
-    def _add_topic(self, topic: FoxgloveTopic) -> None:
-        self._add(topic.name, topic.encoding, topic.schema(), topic, topic.keys)
-
-    def _add_key(self, key: str, schema: str | None) -> None:
-        if key not in self._known:
-            self._known.add(key)
-            self._add(f"/{key}", "json", json_schema(schema), None, (key,))
-
-    def _add(self, name: str, encoding: str, schema: Any, topic: FoxgloveTopic | None, keys: tuple[str, ...]) -> None:
-        channel = Channel(self._names.topic(name), message_encoding=encoding, schema=schema, context=self._context)
-        convert = None if topic is None else topic.convert(self._names)
+    def _add(self, topic: FoxgloveTopic) -> None:
+        if topic.name in self._known:
+            return
+        self._known.add(topic.name)
+        name, names = self._names.topic(topic.name), self._names
+        channel = Channel(name, message_encoding=topic.encoding, schema=topic.schema(), context=self._context)
         with self._lock:
-            self.lines[channel.id()] = Line(channel, topic, keys, convert)
+            self.lines[channel.id()] = Line(channel, topic, topic.conversion(names))
 
     def _add_camera(self, camera: str) -> None:
-        if camera in self._cameras:
-            return
-        self._cameras.add(camera)
-        for topic in TOPICS:
-            if topic.is_of_a_camera:
-                self._add_topic(topic.of(camera))
-        for key, schema in json_keys():
-            if CAMERA in key:
-                self._add_key(key.replace(CAMERA, camera), schema)
+        if camera not in self._cameras:
+            self._cameras.add(camera)
+            for topic in topics_of(camera):
+                self._add(topic)
 
     # -- who looks ------------------------------------------------------------------------------------------------
 
@@ -183,15 +189,14 @@ class Exhibit:
         """Subscribe on the bus to the keys of the channels in use."""
         with self._lock:
             self._listeners.cache_clear()
-            wanted = {key for line in self.lines.values() if line.clients for key in line.keys}
+            wanted = {key for line in self.lines.values() if line.clients for key in line.topic.keys}
         self._feed.want(wanted)  # without the lock: a callback that waits for it may have to end first
         (self._is_watched.set if wanted else self._is_watched.clear)()
 
     def _listening(self, suffix: str) -> list[Line]:
         """Channels in use that are made of a key; the values themselves first, which take the least time."""
-        watched = (line for line in self.lines.values() if line.clients)
-        found = (line for line in watched if any(matches(key, suffix) for key in line.keys))
-        return sorted(found, key=lambda line: line.topic is not None)
+        found = (line for line in self.lines.values() if line.clients and line.topic.takes(suffix))
+        return sorted(found, key=lambda line: line.convert is not None)
 
     def _start(self, work: Any, name: str) -> asyncio.Task[None]:
         task: asyncio.Task[None] = asyncio.create_task(work, name=name)
@@ -211,7 +216,7 @@ class Exhibit:
                         if head == "vision":
                             self._add_camera(name)
                         else:
-                            self._add_key(suffix, sample.schema)
+                            self._add(json_topic(suffix, sample.schema))
             await asyncio.sleep(LOOK_PERIOD)
             await self._is_watched.wait()
 
@@ -224,7 +229,7 @@ class Exhibit:
         if counted is None or not isinstance(counts := counted.known, BusCounts):
             return FOUND
         found = (key for key in counts.counts if any(matches(pattern, key) for pattern in FOUND))
-        return [key for key in found if key not in self._known and key.split("/")[1] not in self._cameras]
+        return [key for key in found if f"/{key}" not in self._known and key.split("/")[1] not in self._cameras]
 
     # -- what they are given --------------------------------------------------------------------------------------
 
@@ -261,8 +266,7 @@ class Exhibit:
     def _forget(self, line: Line) -> None:
         """Forget which values the viewers have."""
         line.given.clear()
-        if line.topic is not None:
-            line.convert = line.topic.convert(self._names)
+        line.convert = line.topic.conversion(self._names)
 
     async def _show_last(self, line: Line, client: int, *, is_first: bool) -> None:
         """Give the last values to one viewer, from the oldest on.
@@ -275,13 +279,12 @@ class Exhibit:
         bus, samples = self._client, []
         if bus is None:
             return
-        for key in line.keys:
+        for key in line.topic.keys:
             with suppress(MkError):  # a daemon that is busy: what it publishes comes all the same
                 samples += list((await bus.get_all(key)).values())
         with self._lock:
-            convert = line.convert
-            if line.topic is not None and not is_first:  # others have been given what came before
-                convert = line.topic.convert(self._names)
+            # Others have been given what came before.
+            convert = line.convert if is_first else line.topic.conversion(self._names)
             for sample in sorted(samples, key=lambda one: _moment(one)[1]):
                 _, at, wall = _moment(sample)
                 if is_first and at <= line.given.get(sample.suffix, float("-inf")):

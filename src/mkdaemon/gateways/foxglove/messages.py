@@ -47,13 +47,13 @@ def seen_pose(names: Names, value: VisionPose) -> PoseInFrame:
 
 def location_fix(names: Names, value: Position) -> LocationFix:
     """Where the vehicle is on earth; the altitude is NaN where the receiver's is not known."""
-    return LocationFix(
-        timestamp=timestamp(value.stamp),
-        frame_id=names.body,
-        latitude=value.latitude_deg,
-        longitude=value.longitude_deg,
-        altitude=math.nan if value.altitude is None else value.altitude,
-    )
+    return _fix(value, names.body, (value.latitude_deg, value.longitude_deg), value.altitude)
+
+
+def _fix(value: Position, frame: str, place: tuple[float, float], altitude: float | None = None) -> LocationFix:
+    latitude, longitude = place
+    height, time = math.nan if altitude is None else altitude, timestamp(value.stamp)
+    return LocationFix(timestamp=time, frame_id=frame, latitude=latitude, longitude=longitude, altitude=height)
 
 
 class HomeAnnouncer:
@@ -76,13 +76,7 @@ class HomeAnnouncer:
         if home == self._shown:
             return None
         self._shown = home
-        return LocationFix(
-            timestamp=timestamp(value.stamp),
-            frame_id=self._frame,
-            latitude=home[0],
-            longitude=home[1],
-            altitude=math.nan,
-        ).encode()
+        return _fix(value, self._frame, home).encode()
 
 
 def compressed_image(names: Names, value: CameraFrame) -> CompressedImage:

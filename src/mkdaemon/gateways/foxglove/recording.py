@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
 
-from foxglove import Schema
 from mcap.writer import Writer
 
 from mkdaemon.client.export.values import ExportedValue
@@ -25,15 +23,12 @@ from mkdaemon.gateways.foxglove.topics import (
     Conversion,
     FoxgloveTopic,
     json_message,
-    json_schema,
+    json_topic,
 )
-from mkdaemon.gateways.keys import matches
 from mkdaemon.stamp import nanoseconds
 
-_JSON: Final = None
-"""In place of a conversion: the value is shown as JSON."""
 _Line = tuple[int, Conversion | None]
-"""Id of the channel, and the conversion."""
+"""Id of the channel, and the conversion; None where the value is shown as JSON."""
 
 
 class _Aircraft:
@@ -60,21 +55,18 @@ class _Aircraft:
     def _lines_of(self, value: ExportedValue) -> list[_Line]:
         head, _, rest = value.suffix.partition("/")
         camera = rest.partition("/")[0] if head == "vision" else ""
-        rows = [topic.of(camera) if topic.is_of_a_camera else topic for topic in TOPICS]
-        lines = [self._line_of(row) for row in rows if any(matches(key, value.suffix) for key in row.keys)]
+        rows = [row for row in (topic.of(camera) for topic in TOPICS) if row.takes(value.suffix)]
         if value.suffix.replace(f"vision/{camera}/", f"vision/{CAMERA}/") not in SHOWN_OTHERWISE:
-            lines.append((self._channel(f"/{value.suffix}", "json", json_schema(value.schema)), _JSON))
-        return lines
+            rows.append(json_topic(value.suffix, value.schema))
+        return [self._line_of(row) for row in rows]
 
     def _line_of(self, row: FoxgloveTopic) -> _Line:
         if row.name not in self._topics:
-            channel = self._channel(row.name, row.encoding, row.schema())
-            self._topics[row.name] = channel, row.convert(self._names)
+            schema = row.schema()
+            known = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            channel = self._writer.register_channel(self._names.topic(row.name), row.encoding, known)
+            self._topics[row.name] = channel, row.conversion(self._names)
         return self._topics[row.name]
-
-    def _channel(self, name: str, encoding: str, schema: Schema) -> int:
-        known = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        return self._writer.register_channel(self._names.topic(name), encoding, known)
 
 
 def write(values: Iterable[ExportedValue], path: Path, *, overwrite: bool) -> int:

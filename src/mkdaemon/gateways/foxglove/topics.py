@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final, Protocol
 
 import foxglove.messages as fg
@@ -19,6 +20,7 @@ from mkdaemon.gateways.foxglove import diagnostics, messages
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import VehicleScene
 from mkdaemon.gateways.foxglove.whereabouts import PLACE_KEYS, FrameTree, Poses
+from mkdaemon.gateways.keys import matches
 from mkdaemon.telemetry.base import Stamped
 
 CAMERA: Final = "<camera>"
@@ -41,14 +43,14 @@ class FoxgloveTopic:
         keys: patterns of keys that it is made of, without `mk/<vehicle>/`.
         encoding: of its messages: `protobuf` or `json`.
         schema: makes their schema.
-        convert: makes the conversion for one vehicle.
+        convert: makes the conversion for one vehicle; None for a key that is shown as JSON.
     """
 
     name: str
     keys: tuple[str, ...]
     encoding: str
     schema: Callable[[], Schema]
-    convert: Callable[[Names], Conversion]
+    convert: Callable[[Names], Conversion] | None
 
     @property
     def is_of_a_camera(self) -> bool:
@@ -59,6 +61,14 @@ class FoxgloveTopic:
         """The topic of one camera."""
         keys = tuple(key.replace(CAMERA, camera) for key in self.keys)
         return replace(self, name=self.name.replace(CAMERA, camera), keys=keys)
+
+    def takes(self, suffix: str) -> bool:
+        """Whether it is made of a key."""
+        return any(matches(key, suffix) for key in self.keys)
+
+    def conversion(self, names: Names) -> Conversion | None:
+        """A conversion that has seen nothing yet; None for JSON."""
+        return None if self.convert is None else self.convert(names)
 
 
 def _each(convert: Callable[[Names, Any], _Encodable | None]) -> Callable[[Names], Conversion]:
@@ -117,6 +127,18 @@ def json_keys() -> Iterator[tuple[str, str]]:
     for suffix, schema in carried_schemas():
         if "<" not in suffix.replace(CAMERA, "") and suffix not in SHOWN_OTHERWISE:
             yield suffix, schema
+
+
+def json_topic(key: str, schema: str | None) -> FoxgloveTopic:
+    """The topic of a key that is shown as JSON, from the name of its schema."""
+    return FoxgloveTopic(f"/{key}", (key,), "json", partial(json_schema, schema), None)
+
+
+def topics_of(camera: str = "") -> Iterator[FoxgloveTopic]:
+    """Every topic that each vehicle has, or, given its name, that each camera has."""
+    for topic in (*TOPICS, *(json_topic(key, schema) for key, schema in json_keys())):
+        if topic.is_of_a_camera == bool(camera):
+            yield topic.of(camera)
 
 
 def json_schema(name: str | None) -> Schema:

@@ -129,9 +129,7 @@ SERVICES: Final = (
     Service("route_end", SET_BOOL, _route_end),
     Service("mark", TRIGGER, _worded(lambda desk: desk.uav.records.mark("marked in ROS"), "marked")),
     Service("set_mode", SET_MODE, _set_mode, flies=True),
-    Service(
-        "param/pull", TRIGGER, _worded(lambda desk: desk.settings.pull(), "{} settings are parameters")
-    ),
+    Service("param/pull", TRIGGER, _worded(lambda desk: desk.settings.pull(), "{} settings are parameters")),
     Service("cancel", TRIGGER, _worded(lambda desk: desk.uav.cancel(), "{0.verb} was ended")),
 )
 """Every service; a further one is one row. docs/ros.md says what each does."""
