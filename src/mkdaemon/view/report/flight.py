@@ -5,6 +5,7 @@ What is taken of which key is one table. Nothing here trusts the file: a part th
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -30,68 +31,53 @@ from mkdaemon.view.report.troubles import Trouble, take_causes
 
 
 class Column(NamedTuple):
-    """A number of a key that is kept over time.
+    """Numbers of a key that are kept over time.
 
     Attributes:
         path: of the field.
-        name: of the series.
-        factor: by which it is multiplied.
+        names: of the series: one of a number, three of a vector.
+        factor: by which they are multiplied.
     """
 
     path: str
-    name: str
+    names: tuple[str, ...]
     factor: float = 1.0
 
 
-class VectorColumn(NamedTuple):
-    """Three numbers of a key that are kept together, as series `name.x`, `name.y` and `name.z`.
+def _vector(path: str, name: str) -> Column:
+    return Column(path, tuple(f"{name}.{axis}" for axis in "xyz"))
 
-    Attributes:
-        path: of the field.
-        name: of the series.
-    """
 
-    path: str
-    name: str
+def _numbers(before: str, **paths: str) -> tuple[Column, ...]:
+    """Numbers by the last word of the name of their series."""
+    return tuple(Column(path, (f"{before}.{name}",)) for name, path in paths.items())
 
 
 _DEGREES: Final = degrees(1.0)
 _PERCENT: Final = 100.0
-COLUMNS: Final[Mapping[str, tuple[Column | VectorColumn, ...]]] = {
-    "control/estimate": (VectorColumn("position", "estimate"), Column("image_age", "estimate.image_age")),
-    "control/error": (VectorColumn("goal", "goal"), VectorColumn("error_pad", "error")),
-    "control/output": tuple(Column(name, f"stick.{name}") for name in ("pitch", "roll", "yaw", "throttle")),
-    "state/attitude": (
-        *(Column(name, f"attitude.{name}", _DEGREES) for name in ("roll", "pitch")),
-        Column("yaw", "attitude.yaw", _DEGREES),
-    ),
-    "state/altitude": (Column("above_start", "barometer"),),
-    "state/position": (VectorColumn("position_enu", "ground"),),
-    "state/battery": (
-        Column("voltage", "battery.voltage"),
-        Column("current", "battery.current"),
-        Column("used_mah", "battery.used_mah"),
-    ),
-    "state/pilot": (Column("throttle", "pilot.throttle"), Column("rc_quality", "pilot.rc_quality", _PERCENT)),
+COLUMNS: Final[Mapping[str, tuple[Column, ...]]] = {
+    "control/estimate": (_vector("position", "estimate"), *_numbers("estimate", image_age="image_age")),
+    "control/error": (_vector("goal", "goal"), _vector("error_pad", "error")),
+    "control/output": tuple(Column(name, (f"stick.{name}",)) for name in ("pitch", "roll", "yaw", "throttle")),
+    "state/attitude": tuple(Column(name, (f"attitude.{name}",), _DEGREES) for name in ("roll", "pitch")),
+    "state/altitude": (Column("above_start", ("barometer",)),),
+    "state/position": (_vector("position_enu", "ground"),),
+    "state/battery": tuple(Column(name, (f"battery.{name}",)) for name in ("voltage", "current", "used_mah")),
+    "state/pilot": _numbers("pilot", throttle="throttle"),
     "link/health": (
-        Column("echo.p50_ms", "link.echo_p50"),
-        Column("echo.p95_ms", "link.echo_p95"),
-        Column("echo.loss_percent", "link.echo_loss"),
-        Column("confirm.p95_ms", "link.confirm_p95"),
-        Column("confirm.loss_percent", "link.confirm_loss"),
+        *_numbers("link", echo_p50="echo.p50_ms", echo_p95="echo.p95_ms", echo_loss="echo.loss_percent"),
+        *_numbers("link", confirm_p95="confirm.p95_ms", confirm_loss="confirm.loss_percent"),
     ),
     "vision/*/stats": (
-        Column("posed", "eyes.posed", _PERCENT),
-        Column("latency_p50_ms", "eyes.latency_p50"),
-        Column("latency_p99_ms", "eyes.latency_p99"),
-        Column("fps", "eyes.fps"),
+        Column("posed", ("eyes.posed",), _PERCENT),
+        *_numbers("eyes", latency_p50="latency_p50_ms", latency_p99="latency_p99_ms"),
     ),
-    "vision/*/pose": (VectorColumn("position_target", "pose"),),
-    "sim/truth": (VectorColumn("position_enu", "truth"),),
+    "vision/*/pose": (_vector("position_target", "pose"),),
+    "sim/truth": (_vector("position_enu", "truth"),),
 }
 """What is kept of each key; `*` is a camera, whose name is put before that of the series: `down eyes.posed`."""
 LAST: Final = frozenset({*EACH, "link/traffic"})
-"""Keys whose last value is kept whole."""
+"""Keys of whose values the last one is wanted."""
 IN_AIR: Final = frozenset(phase.value for phase in Phase if phase.is_in_flight)
 """Phases in which the machine steers."""
 STATUS: Final = "control/status"
@@ -102,7 +88,7 @@ NEAR: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class FlownState:
-    """The holder of the lease and the manoeuvre, from one moment on.
+    """The holder of the lease and the manoeuvre, from one moment on; equal where they are, whatever the moment.
 
     Attributes:
         at: [s].
@@ -114,7 +100,7 @@ class FlownState:
         outcome: of the last manoeuvre; empty for none.
     """
 
-    at: float
+    at: float = field(compare=False)
     phase: str
     manoeuvre: str
     stage: str
@@ -161,7 +147,7 @@ class RecordedFlight:
         happenings: in order.
         left_out: happenings beyond those that are kept.
         images: where they are.
-        last: last values, by key.
+        last: last values with their times [s], by key.
         reading: the same, as far as they are what their keys carry.
         parameters: the FlightCtrl's active parameter set, as it was read last; empty where it was not.
         model: of the aircraft that was flown on; empty where it is not known.
@@ -172,14 +158,14 @@ class RecordedFlight:
 
     vehicle: str
     entries: int = 0
-    series: dict[str, TimeSeries] = field(default_factory=dict)
+    series: defaultdict[str, TimeSeries] = field(default_factory=lambda: defaultdict(TimeSeries))
     states: list[FlownState] = field(default_factory=list)
     troubles: list[Trouble] = field(default_factory=list)
     conditions: list[tuple[float, str]] = field(default_factory=list)
     happenings: list[EventLine] = field(default_factory=list)
     left_out: int = 0
     images: list[ImagePlace] = field(default_factory=list)
-    last: dict[str, Mapping[str, Any]] = field(default_factory=dict)
+    last: dict[str, tuple[float, Mapping[str, Any]]] = field(default_factory=dict)
     reading: Reading = field(default_factory=Reading)
     parameters: bytes = b""
     model: Mapping[str, Any] = field(default_factory=dict)
@@ -189,6 +175,10 @@ class RecordedFlight:
     def has(self, name: str) -> bool:
         """Whether there is such a series."""
         return name in self.series
+
+    def said(self, suffix: str) -> Mapping[str, Any]:
+        """The last value of a key; empty where there is none."""
+        return self.last[suffix][1] if suffix in self.last else {}
 
     @property
     def cameras(self) -> list[str]:
@@ -239,7 +229,6 @@ class FlightReader:
         self.flights: dict[str, RecordedFlight] = {}
         self._origin = 0
         self._owners: dict[tuple[EntryKind, str], str] = {}
-        self._last: dict[str, dict[str, tuple[float, Mapping[str, Any]]]] = {}
 
     def taker(self, entry: Entry) -> Taker | None:
         """Who takes the entries of the kind and key of this one, the first; None where they are only counted."""
@@ -251,7 +240,7 @@ class FlightReader:
             return self._images(flight, camera or "?")
         use = _take_lost_line if entry.kind is EntryKind.PORT_LOST else _USES.get((entry.kind, pattern))
         if use is None and entry.kind is EntryKind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
-            use = _Numbers(flight, entry.suffix).take
+            use = _numbers_taker(pattern, camera)
         return None if use is None else self._values(flight, entry.suffix, use)
 
     def count(self, summary: Summary) -> None:
@@ -261,7 +250,7 @@ class FlightReader:
             flight.entries = sum(one.count for one in found)
             flight.began = min(0, *(one.first - self._origin for one in found)) / NANOSECONDS
             flight.ended = max(0, *(one.last - self._origin for one in found)) / NANOSECONDS
-            for suffix, (at, fields) in self._last.get(vehicle, {}).items():
+            for suffix, (at, fields) in flight.last.items():
                 spec = key_spec(suffix)
                 with suppress(ValidationError):
                     if spec is not None and spec.carries is not None:
@@ -282,7 +271,7 @@ class FlightReader:
                 stamped = number_of(stamp, "monotonic")
                 if stamped is not None and abs(stamped - entry.received) < NEAR:
                     moment += stamped - entry.received
-            self._last.setdefault(flight.vehicle, {})[suffix] = (moment, fields)
+            flight.last[suffix] = (moment, fields)
             use(flight, moment, suffix, fields)
 
         return take
@@ -297,67 +286,31 @@ def _pattern_of(suffix: str) -> tuple[str, str]:
     return f"vision/*/{what}", camera
 
 
-class _Numbers:
-    """Keeps the numbers of one key in series of a flight, which are looked up once: there are tens of thousands."""
+def _numbers_taker(pattern: str, camera: str) -> _Use:
+    """Keeps the numbers of one key in series of a flight."""
+    before = f"{camera} " if camera else ""
+    columns = [
+        (path, tuple(before + name for name in names), factor) for path, names, factor in COLUMNS.get(pattern, ())
+    ]
 
-    def __init__(self, flight: RecordedFlight, suffix: str) -> None:
-        pattern, camera = _pattern_of(suffix)
-        before = f"{camera} " if camera else ""
-        self._is_last = pattern in LAST
-        self._single, self._threefold = list[tuple[str, _Lazy, float]](), list[tuple[str, list[_Lazy]]]()
-        for column in COLUMNS.get(pattern, ()):
-            name = before + column.name
-            if isinstance(column, Column):
-                self._single.append((column.path, _Lazy(flight, name), column.factor))
-            else:
-                self._threefold.append((column.path, [_Lazy(flight, f"{name}.{axis}") for axis in "xyz"]))
+    def take(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+        for path, names, factor in columns:
+            for name, number in zip(names, numbers_of(fields, path, len(names)), strict=False):
+                flight.series[name].add(at, number * factor)
 
-    def take(self, flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-        """Take a value."""
-        if self._is_last:
-            flight.last[suffix] = fields
-        for path, series, factor in self._single:
-            number = number_of(fields, path)
-            if number is not None:
-                series.add(at, number * factor)
-        for path, axes in self._threefold:
-            numbers = numbers_of(fields, path, 3)
-            if numbers is not None:
-                for series, number in zip(axes, numbers, strict=True):
-                    series.add(at, number)
-
-
-class _Lazy:
-    """A series that the flight has from its first number on."""
-
-    def __init__(self, flight: RecordedFlight, name: str) -> None:
-        self._flight, self._name = flight, name
-        self._series: TimeSeries | None = None
-
-    def add(self, at: float, value: float) -> None:
-        if self._series is None:
-            self._series = self._flight.series.setdefault(self._name, TimeSeries())
-        self._series.times.append(at)
-        self._series.values.append(value)
+    return take
 
 
 def _take_status(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-    flight.last[suffix] = fields
     take_causes(flight.troubles, at, fields)
     words = [text_of(fields, name) for name in ("phase", "manoeuvre", "stage", "reason", "outcome")]
     phase, manoeuvre, stage, reason, outcome = words
     state = FlownState(at, phase, manoeuvre, stage, part_of(fields, "is_done") is True, reason, outcome)
-    before = flight.states[-1] if flight.states else None
-    if before is None or _without_time(before) != _without_time(state):
+    if flight.states[-1:] != [state]:
         flight.states.append(state)
 
 
-def _without_time(state: FlownState) -> tuple[object, ...]:
-    return state.phase, state.manoeuvre, state.stage, state.is_done, state.reason, state.outcome
-
-
 def _take_link(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
-    flight.last[suffix] = fields
     condition = text_of(fields, "condition")
     if not flight.conditions or flight.conditions[-1][1] != condition:
         flight.conditions.append((at, condition))

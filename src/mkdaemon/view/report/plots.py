@@ -203,8 +203,12 @@ def _trace(times: Array, values: Array, name: str, colour: str, dash: str = "sol
         x.append(round(at, 3))
         y.append(None if math.isnan(value) else round(value, 4))
     line = {"color": colour, "width": 1.5, "dash": dash}
-    shape = {"type": "scatter", "mode": "lines" if len(times) > 1 else "markers"}
-    return {**shape, "name": escape(name), "x": x, "y": y, "line": line, "marker": {"color": colour}}
+    return _scatter("lines" if len(times) > 1 else "markers", escape(name), x, y, line=line, marker={"color": colour})
+
+
+def _scatter(mode: str, name: str, x: Sequence[float | None], y: Sequence[object], **more: Any) -> dict[str, Any]:
+    """A trace of plotly; its texts are escaped already."""
+    return {"type": "scatter", "mode": mode, "name": name, "x": x, "y": y, **more}
 
 
 def _timed(name: str, title: str, unit: str, data: list[dict[str, Any]], height: int = 200) -> Plot:
@@ -269,16 +273,8 @@ def _flown(pieces: Sequence[Piece]) -> dict[str, Any]:
         words = escape(f"{piece.name}, {piece.begin:.1f} to {piece.end:.1f} s")
         x += [round(piece.begin, 3), round(piece.end, 3), None]
         text += [words, words, None]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "name": _FLOWN,
-        "x": x,
-        "y": [_FLOWN] * len(x),
-        "text": text,
-        "line": {"color": "#8fb8da", "width": 14},
-        "hovertemplate": "%{text}<extra></extra>",
-    }
+    line, hover = {"color": "#8fb8da", "width": 14}, "%{text}<extra></extra>"
+    return _scatter("lines", _FLOWN, x, [_FLOWN] * len(x), text=text, line=line, hovertemplate=hover)
 
 
 def _names(pieces: Sequence[Piece], length: float) -> list[dict[str, Any]]:
@@ -294,17 +290,8 @@ def _names(pieces: Sequence[Piece], length: float) -> list[dict[str, Any]]:
 
 
 def _marks(row: str, x: list[float], text: list[str], colour: str) -> dict[str, Any]:
-    marker = {"color": colour, "size": 9, "symbol": "diamond"}
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "name": row,
-        "x": x,
-        "y": [row] * len(x),
-        "text": text,
-        "marker": marker,
-        "hovertemplate": "%{x:.2f} s: %{text}<extra></extra>",
-    }
+    marker, hover = {"color": colour, "size": 9, "symbol": "diamond"}, "%{x:.2f} s: %{text}<extra></extra>"
+    return _scatter("markers", row, x, [row] * len(x), text=text, marker=marker, hovertemplate=hover)
 
 
 # -- from above -------------------------------------------------------------------------------------------------------
@@ -318,8 +305,7 @@ def _tracks(flight: RecordedFlight) -> list[Plot]:
         if goal is not None:
             _, x, y = goal
             line = {"color": ORANGE, "width": 1.2, "dash": DASHED}
-            named = {"type": "scatter", "mode": "lines", "name": "goal"}
-            track.data.insert(1, {**named, "x": x, "y": y, "line": line, "hoverinfo": "skip"})
+            track.data.insert(1, _scatter("lines", "goal", x, y, line=line, hoverinfo="skip"))
         found.append(track)
     if flight.has("truth.x"):
         found.append(_track(flight, "ground", "Over the ground", "truth", "true", ("east", "north")))
@@ -342,38 +328,14 @@ def _track(flight: RecordedFlight, name: str, title: str, series: str, words: st
     path = _path(flight, series)
     assert path is not None
     times, x, y = path
-    line = {
-        "type": "scatter",
-        "mode": "lines",
-        "name": words,
-        "x": x,
-        "y": y,
-        "customdata": times,
-        "line": {"color": BLUE, "width": 1.8},
-        "hovertemplate": "%{customdata:.2f} s: %{x:.3f}, %{y:.3f} m<extra></extra>",
-    }
-    ends = {
-        "type": "scatter",
-        "mode": "markers+text",
-        "name": "begin and end",
-        "x": [x[0], x[-1]],
-        "y": [y[0], y[-1]],
-        "text": ["begin", "end"],
-        "textposition": "top center",
-        "hoverinfo": "skip",
-        "showlegend": False,
-        "marker": {"color": [GREEN, RED], "size": 9},
-    }
-    here = {
-        "type": "scatter",
-        "mode": "markers",
-        "name": "here",
-        "x": [],
-        "y": [],
-        "hoverinfo": "skip",
-        "showlegend": False,
-        "marker": {"color": PURPLE, "size": 12, "symbol": "circle-open", "line": {"width": 3}},
-    }
+    hover = "%{customdata:.2f} s: %{x:.3f}, %{y:.3f} m<extra></extra>"
+    line = _scatter(*("lines", words, x, y), customdata=times, line={"color": BLUE, "width": 1.8}, hovertemplate=hover)
+    silent: dict[str, Any] = {"hoverinfo": "skip", "showlegend": False}
+    coloured = {"color": [GREEN, RED], "size": 9}
+    ends = _scatter("markers+text", "begin and end", [x[0], x[-1]], [y[0], y[-1]], marker=coloured, **silent)
+    ends |= {"text": ["begin", "end"], "textposition": "top center"}
+    ring = {"color": PURPLE, "size": 12, "symbol": "circle-open", "line": {"width": 3}}
+    here = _scatter("markers", "here", [], [], marker=ring, **silent)
     layout = {
         "height": 460,
         "hovermode": "closest",

@@ -32,17 +32,15 @@ def _names(path: str) -> list[str]:
 
 def number_of(fields: Any, path: str) -> float | None:
     """A part that is a finite number of a likely size; else None."""
-    found = part_of(fields, path)
-    return float(found) if type(found) in _NUMBERS and -LARGEST < found < LARGEST else None
+    return next(iter(numbers_of(fields, path, 1)), None)
 
 
-def numbers_of(fields: Any, path: str, count: int) -> list[float] | None:
-    """The first `count` numbers of a part that is a list of at least as many; else None."""
+def numbers_of(fields: Any, path: str, count: int) -> list[float]:
+    """A part that is a number, for a count of 1, or the first ones of a list of at least as many; else none."""
     found = part_of(fields, path)
-    if not isinstance(found, list) or len(found) < count:
-        return None
-    numbers = [float(one) for one in found[:count] if type(one) in _NUMBERS and -LARGEST < one < LARGEST]
-    return numbers if len(numbers) == count else None
+    parts = [found] if count == 1 else found[:count] if isinstance(found, list) else []
+    numbers = [float(one) for one in parts if type(one) in _NUMBERS and -LARGEST < one < LARGEST]
+    return numbers if len(numbers) == count else []
 
 
 def text_of(fields: Any, path: str) -> str:

@@ -42,11 +42,6 @@ class TimeSeries:
         order = np.argsort(times, kind="stable")
         return times[order], values[order]
 
-    @property
-    def last(self) -> float | None:
-        """The newest value; None where there is none."""
-        return self.values[-1] if self.values else None
-
 
 def thin(times: Array, values: Array, most: int = MOST) -> tuple[Array, Array]:
     """Up to `most` points that show the same line: of every stretch the lowest and the highest stay.
