@@ -12,11 +12,14 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from http import HTTPStatus
 from importlib.resources import files
-from typing import Any, Final, Protocol
+from typing import Any, Final
+
+from pydantic import ValidationError
 
 from mkdaemon.client.pictures import viewable
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
-from mkdaemon.telemetry.play import PlayAction
+from mkdaemon.telemetry.play import PlayControl
+from mkdaemon.view.page.gallery import Gallery
 from mkdaemon.view.page.http import LONGEST_HEAD, BadRequestError, HttpRequest, answer, event, read_request, stream_head
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
 
@@ -27,8 +30,6 @@ ROOM: Final = 65_536
 """What waits in a connection before its page is given nothing more [bytes]."""
 STUCK: Final = 20.0
 """A page that takes nothing for this time is disconnected [s]; a live page connects again."""
-LARGEST: Final = 1e9
-"""Of a speed or a place that a page asks for; 30 years [s]."""
 _FILES: Final = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/page.js": ("page.js", "text/javascript; charset=utf-8"),
@@ -39,26 +40,6 @@ _FILES: Final = {
 _TOKEN: Final = b"{{token}}"
 
 
-class Pictures(Protocol):
-    """What a page needs of a gallery: `mkdaemon.view.page.gallery.Gallery`."""
-
-    @property
-    def pictures(self) -> dict[str, VehiclePicture]:
-        """Every vehicle that is or was there, by its name."""
-
-    def choose(self, wanted: str) -> VehiclePicture | None:
-        """The picture of a vehicle; see `Gallery.choose`."""
-
-    async def abort(self, word: str) -> str:
-        """Stop what a vehicle flies; see `Gallery.abort`."""
-
-    async def release(self, word: str) -> str:
-        """Release a vehicle; see `Gallery.release`."""
-
-    async def play(self, word: str, action: PlayAction, **fields: float) -> str:
-        """Pause a recording, change its speed or its place; see `Gallery.play`."""
-
-
 class PageServer:
     """Serves one gallery.
 
@@ -66,7 +47,7 @@ class PageServer:
         address: of the page, once it is open.
     """
 
-    def __init__(self, gallery: Pictures, now: Callable[[], float]) -> None:
+    def __init__(self, gallery: Gallery, now: Callable[[], float]) -> None:
         """Prepare; `open` serves.
 
         Args:
@@ -199,7 +180,7 @@ class PageServer:
         buttons: dict[str, Callable[[], Awaitable[str]]] = {
             "/abort": lambda: gallery.abort(vehicle),
             "/release": lambda: gallery.release(vehicle),
-            "/play": lambda: gallery.play(vehicle, _play_action(fields), **_play_numbers(fields)),
+            "/play": lambda: gallery.play(vehicle, **_asked_of_player(fields)),
         }
         if request.path not in buttons:
             raise BadRequestError(HTTPStatus.NOT_FOUND, "there is no such button")
@@ -216,25 +197,14 @@ def _label(word: str, picture: VehiclePicture) -> dict[str, Any]:
     return {"id": word, "is_here": picture.is_here, "is_played": picture.is_played}
 
 
-def _play_action(fields: dict[str, Any]) -> PlayAction:
-    """What a page asks of a player.
+def _asked_of_player(fields: dict[str, Any]) -> dict[str, Any]:
+    """What a page asks of a player, as `Gallery.play` takes it.
 
     Raises:
         BadRequestError: it is nothing that a player does.
     """
     try:
-        return PlayAction(str(fields.get("action")))
-    except ValueError:
-        raise BadRequestError(HTTPStatus.BAD_REQUEST, f"action: {', '.join(PlayAction)}") from None
-
-
-def _play_numbers(fields: dict[str, Any]) -> dict[str, float]:
-    """Speed and place that a page asks for.
-
-    Raises:
-        BadRequestError: one is not a number.
-    """
-    found = {name: fields[name] for name in ("speed", "place") if name in fields}
-    if not all(isinstance(number, int | float) and abs(number) <= LARGEST for number in found.values()):
-        raise BadRequestError(HTTPStatus.BAD_REQUEST, "speed and place are numbers")
-    return {name: float(number) for name, number in found.items()}
+        asked = PlayControl.model_validate({name: fields[name] for name in PlayControl.model_fields if name in fields})
+    except ValidationError as error:
+        raise BadRequestError(HTTPStatus.BAD_REQUEST, str(error.errors()[0]["msg"])) from None
+    return asked.model_dump(exclude_unset=True)
