@@ -13,7 +13,7 @@ from typing import Any, Final
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
 from mkdaemon.gateways.mavlink.modes import Numbering
-from mkdaemon.gateways.mavlink.stations import Station
+from mkdaemon.gateways.mavlink.stations import By, Station
 from mkdaemon.missions import items as table
 from mkdaemon.missions import qgc
 from mkdaemon.missions.source import AltitudeReference, FilePlace
@@ -38,36 +38,32 @@ class _Nth(FilePlace):
         return f"{self.name} {self.line}"
 
 
-@dataclass(frozen=True, slots=True)
-class LinkItem:
-    """A mission item as it crosses the link.
+Item = Message
+"""A MISSION_ITEM_INT as it came, or as it is made of a point; `addressed` says to whom and under which number."""
 
-    Attributes:
+
+def item_of(
+    command: int, frame: int, params: Iterable[float], place: tuple[int, int, float], current: int = 0, more: int = 1
+) -> Item:
+    """An item.
+
+    Args:
         command: of `MAV_CMD`.
         frame: of `MAV_FRAME`.
         params: four numbers, NaN for one that is not given.
-        x: latitude [1e-7 deg].
-        y: longitude [1e-7 deg].
-        z: height [m].
+        place: latitude and longitude [1e-7 deg], height [m].
         current: whether it is the next one.
-        autocontinue: whether the mission goes on by itself.
+        more: whether the mission goes on by itself.
     """
+    return mavlink.MAVLink_mission_item_int_message(0, 0, 0, frame, command, current, more, *params, *place)
 
-    command: int
-    frame: int
-    params: tuple[float, float, float, float]
-    x: int
-    y: int
-    z: float
-    current: int = 0
-    autocontinue: int = 1
 
-    def message(self, system: int, component: int, seq: int) -> Message:
-        """MISSION_ITEM_INT to a program."""
-        return mavlink.MAVLink_mission_item_int_message(
-            system, component, seq, self.frame, self.command, self.current, self.autocontinue, *self.params,
-            self.x, self.y, self.z,
-        )  # fmt: skip
+def addressed(item: Item, by: By, seq: int, *, is_old: bool) -> Message:
+    """An item to a program; MISSION_ITEM where it asks in the old way."""
+    last: tuple[float, ...] = (item.x / _E7, item.y / _E7, item.z) if is_old else (item.x, item.y, item.z)
+    make = mavlink.MAVLink_mission_item_message if is_old else mavlink.MAVLink_mission_item_int_message
+    params = (item.param1, item.param2, item.param3, item.param4)
+    return make(*by.program, seq, item.frame, item.command, item.current, item.autocontinue, *params, *last)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +84,13 @@ def autopilot_of(station: Station) -> int:
     return table.ARDUPILOT if station.numbering is Numbering.ARDUPILOT else table.GENERIC
 
 
-def item_from(message: Message) -> LinkItem:
+def item_from(message: Message) -> Item:
     """Read a MISSION_ITEM_INT or a MISSION_ITEM."""
-    x, y = message.x, message.y
-    if message.get_type() == "MISSION_ITEM":
-        x, y = _scaled(x), _scaled(y)
+    if message.get_type() == "MISSION_ITEM_INT":
+        return message
     params = (message.param1, message.param2, message.param3, message.param4)
-    return LinkItem(message.command, message.frame, params, x, y, message.z, message.current, message.autocontinue)
+    place = (_scaled(message.x), _scaled(message.y), message.z)
+    return item_of(message.command, message.frame, params, place, message.current, message.autocontinue)
 
 
 def _scaled(degrees: float) -> int:
@@ -102,7 +98,7 @@ def _scaled(degrees: float) -> int:
 
 
 def mission_of(
-    items: Sequence[LinkItem], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
+    items: Sequence[Item], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
 ) -> tuple[Mission, tuple[str, ...]] | Refused:
     """The mission of some items.
 
@@ -132,7 +128,7 @@ def mission_of(
         return Refused(int(mavlink.MAV_MISSION_INVALID), str(error))
 
 
-def _unsupported(item: LinkItem, number: int) -> str:
+def _unsupported(item: Item, number: int) -> str:
     try:
         qgc.draft_of([_plan_item(item)], [_Nth("item", number)])
     except ConfigError as error:
@@ -144,9 +140,9 @@ def _places(count: int, first: int) -> Iterable[FilePlace]:
     return (_Nth("item", number) for number in range(first, first + count))
 
 
-def _plan_item(item: LinkItem) -> dict[str, Any]:
+def _plan_item(item: Item) -> dict[str, Any]:
     place = (math.nan if number == _NOT_GIVEN else number / _E7 for number in (item.x, item.y))
-    numbers = (*item.params, *place, item.z)
+    numbers = (item.param1, item.param2, item.param3, item.param4, *place, item.z)
     return {
         "type": "SimpleItem",
         "command": item.command,
@@ -166,7 +162,7 @@ class HeldMission:
         flown: for each item the point it flies to, from 1; None for none.
     """
 
-    items: tuple[LinkItem, ...]
+    items: tuple[Item, ...]
     digest: str
     flown: tuple[int | None, ...]
 
@@ -178,7 +174,7 @@ class HeldMission:
 def held_from(
     points: Sequence[MissionPoint],
     digest: str,
-    items: Sequence[LinkItem] | None = None,
+    items: Sequence[Item] | None = None,
     autopilot: int = table.GENERIC,
 ) -> HeldMission:
     """What is sent of a list.
@@ -197,7 +193,7 @@ def held_from(
     made = qgc.items_of(Mission(points=tuple(points)))
     flown = tuple(point for _, point in made)
     if items is None:
-        return HeldMission(tuple(_item_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
+        return HeldMission(tuple(_made_of(item, index == 0) for index, (item, _) in enumerate(made)), digest, flown)
     draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), 0), autopilot)
     made_of = {
         index: number
@@ -207,14 +203,7 @@ def held_from(
     return HeldMission(tuple(items), digest, tuple(made_of.get(index) for index in range(len(items))))
 
 
-def _item_of(item: dict[str, Any], is_first: bool) -> LinkItem:
-    numbers = [NAN if value is None else float(value) for value in item["params"]]
-    return LinkItem(
-        item["command"],
-        {plain: full for full, plain in _PLAIN.items()}.get(item["frame"], item["frame"]),
-        (numbers[0], numbers[1], numbers[2], numbers[3]),
-        round(numbers[4] * _E7),
-        round(numbers[5] * _E7),
-        numbers[6],
-        int(is_first),
-    )
+def _made_of(item: dict[str, Any], is_first: bool) -> Item:
+    *params, x, y, z = (NAN if value is None else float(value) for value in item["params"])
+    frame = {plain: full for full, plain in _PLAIN.items()}.get(item["frame"], item["frame"])
+    return item_of(item["command"], frame, params, (round(x * _E7), round(y * _E7), z), int(is_first))

@@ -19,11 +19,13 @@ from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.mavlink.frames import degrees_e7
 from mkdaemon.gateways.mavlink.missionitems import (
     HeldMission,
-    LinkItem,
+    Item,
     Refused,
+    addressed,
     autopilot_of,
     held_from,
     item_from,
+    item_of,
     mission_of,
 )
 from mkdaemon.gateways.mavlink.modes import Numbering
@@ -69,7 +71,7 @@ class MissionUpload:
     by: By
     count: int
     asked_at: float
-    items: list[LinkItem] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
     attempts: int = 0
     is_old: bool = False
     storing: asyncio.Task[None] | None = None
@@ -221,10 +223,10 @@ class MissionServer:
         if message.seq >= len(items):
             self._acknowledge(by, mavlink.MAV_MISSION_INVALID_SEQUENCE)
             return
-        item = items[message.seq].message(*by.program, message.seq)
-        by.send(_old(item) if message.get_type() == "MISSION_REQUEST" else item)
+        is_old = message.get_type() == "MISSION_REQUEST"
+        by.send(addressed(items[message.seq], by, message.seq, is_old=is_old))
 
-    async def _items_for(self, by: By) -> tuple[LinkItem, ...] | None:
+    async def _items_for(self, by: By) -> tuple[Item, ...] | None:
         """The items as a station numbers them; None if they cannot be read, which it is answered."""
         try:
             held = await self._known()
@@ -234,13 +236,13 @@ class MissionServer:
             return None
         return (self._home(), *held.items) if by.station.numbering is Numbering.ARDUPILOT else held.items
 
-    def _home(self) -> LinkItem:
+    def _home(self) -> Item:
         """Item 0 as ArduPilot has it; zeros while home is not known."""
         here, x, y, z = self._picture.get(Position), 0, 0, 0.0
         if here is not None and here.home_latitude_deg is not None and here.home_longitude_deg is not None:
             x, y = degrees_e7(here.home_latitude_deg), degrees_e7(here.home_longitude_deg)
             z = self._picture.ground or 0.0
-        return LinkItem(16, 0, (0.0, 0.0, 0.0, 0.0), x, y, z)
+        return item_of(mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0), (x, y, z))
 
     def _begin(self, by: By, message: Message) -> None:
         upload, count = self._upload, message.count
@@ -360,15 +362,6 @@ class MissionServer:
     @staticmethod
     def _acknowledge(by: By, result: int) -> None:
         by.send(mavlink.MAVLink_mission_ack_message(*by.program, result, mavlink.MAV_MISSION_TYPE_MISSION))
-
-
-def _old(message: Message) -> Message:
-    """MISSION_ITEM in place of MISSION_ITEM_INT, for a program that asks in the old way."""
-    return mavlink.MAVLink_mission_item_message(
-        message.target_system, message.target_component, message.seq, message.frame, message.command, message.current,
-        message.autocontinue, message.param1, message.param2, message.param3, message.param4, message.x / 1e7,
-        message.y / 1e7, message.z,
-    )  # fmt: skip
 
 
 def _result_of(error: MkError) -> int:
