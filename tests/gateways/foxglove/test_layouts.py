@@ -54,7 +54,3 @@ def test_a_layout_names_what_is_there(file):
             assert follow(json.loads(json_schema(KEYS[topic]).data), path)["type"] in {"number", "integer", "string"}
         else:
             assert topic in TYPED | KEYS.keys()
-
-
-def test_there_are_two():
-    assert [file.stem for file in LAYOUTS] == ["eyes", "flight"]

@@ -14,7 +14,6 @@ from mkdaemon.gateways.foxglove.topics import (
     SHOWN_OTHERWISE,
     TOPICS,
     json_keys,
-    json_message,
     json_schema,
 )
 from tests.gateways.foxglove.viewer import complaints, message_class
@@ -58,11 +57,3 @@ def test_every_key_that_is_published_is_shown_in_some_way():
 def test_names_are_one_each():
     names = [topic.name for topic in TOPICS] + [f"/{key}" for key, _ in json_keys()]
     assert len(names) == len(set(names))
-
-
-def test_values_are_sent_without_what_is_not_known():
-    assert json.loads(json_message({"a": None, "b": b"\x00", "age": 1.0, "c": [1, {"d": None}]})) == {
-        "b": "AA==",
-        "c": [1, {}],
-    }
-    assert json_message({"a": float("nan")}) is None

@@ -153,19 +153,6 @@ async def test_the_daemons_silence_is_told_and_its_return(ears):
     assert ears.words.count("NOTHING FROM THE DAEMON") == 1
 
 
-@virtually
-async def test_lists_in_part_are_answered(ears):
-    ears.say(mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1))
-    await beat(ears, 0.1)
-    assert [ack.type for ack in ears.named("MISSION_ACK")] == [mavlink.MAV_MISSION_UNSUPPORTED]
-
-
-@virtually
-async def test_a_stream_of_places_on_the_globe_is_refused_in_words(ears):
-    ears.say(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0xDF8, *[0] * 11))
-    assert "on the globe" in ears.words
-
-
 def test_no_word_names_an_option_of_another_program():
     from mkdaemon.gateways.mavlink.texts import REMEDIES
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import random
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -98,11 +97,3 @@ def test_signed_streams_are_not_remembered_without_end():
 )
 def test_keys(text, key):
     assert key_from(text) == key
-
-
-def test_random_bytes_do_nothing_and_nothing_grows():
-    source = random.Random(31)
-    decoder = Decoder(Counts(), None)
-    for _ in range(200):
-        assert list(decoder.feed(source.randbytes(500), WALL)) == []
-        assert len(decoder._rest) <= 280

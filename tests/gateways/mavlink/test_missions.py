@@ -235,15 +235,19 @@ async def test_a_list_that_cannot_be_read(vehicle, ears):
 
 
 @virtually
-async def test_fences_and_rally_points_are_none(ears):
+async def test_fences_rally_points_and_lists_in_part_are_none(ears):
     for message in (
         mavlink.MAVLink_mission_count_message(1, 1, 3, 1),
         mavlink.MAVLink_mission_count_message(1, 1, 0, 1),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 2),
+        mavlink.MAVLink_mission_write_partial_list_message(1, 1, 0, 1),
+        *(mavlink.MAVLink_mission_request_list_message(1, 1, kind) for kind in (1, 2)),
     ):
         ears.say(message)
     await beat(ears, 0.1)
-    assert [(m.type, m.mission_type) for m in ears.named("MISSION_ACK")] == [(UNSUPPORTED, 1), (0, 1), (0, 2)]
+    acks = [(m.type, m.mission_type) for m in ears.named("MISSION_ACK")]
+    assert acks == [(UNSUPPORTED, 1), (0, 1), (0, 2), (UNSUPPORTED, 0)]
+    assert [(m.count, m.mission_type) for m in ears.named("MISSION_COUNT")] == [(0, 1), (0, 2)]
 
 
 @virtually

@@ -7,7 +7,6 @@ github.com/mavlink/qgroundcontrol, master of 2026; a file holds the time-out und
 from __future__ import annotations
 
 import asyncio
-import itertools
 import math
 import re
 import struct
@@ -172,22 +171,6 @@ async def test_each_is_answered_before_its_time_out(tmp_path, row):
             if fake.lease_now is not None and fake.lease_now.session.status is not None:
                 gateway.value_arrived(fake.lease_now.session.status)  # as the daemon publishes it
             await beat(ears, 0.05)
-
-
-@virtually
-async def test_while_the_list_is_stored_the_last_item_is_asked_for_again(tmp_path):
-    """So that QGroundControl goes on waiting: a NaviCtrl stores a list in seconds."""
-    fake = FakeVehicle()
-    fake.slow = 6.0
-    async with serving(fake, folder=tmp_path) as gateway:
-        ears, at = Ears(gateway), []
-        upload(ears)
-        ears.say(item(1))
-        for _ in range(400):
-            seen = len(ears.named("MISSION_REQUEST_INT")) + len(ears.named("MISSION_ACK"))
-            at += [asyncio.get_running_loop().time()] * (seen > len(at))
-            await beat(ears, 0.05)
-        assert ears.named("MISSION_ACK") and max(b - a for a, b in itertools.pairwise(at)) < 1.5
 
 
 def test_the_page_has_the_same_rows():

@@ -85,14 +85,9 @@ def test_everything_known(name):
 
 
 @pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
-def test_nothing_known_is_not_sent(name):
+def test_nothing_known_and_a_stale_value_are_not_sent(name):
     picture = LinkPicture()
     assert TABLE[name].make(picture) is None
-
-
-@pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
-def test_a_stale_value_is_not_sent(name):
-    picture = LinkPicture()
     for value in rig.EVERYTHING:
         picture.take(value, 10.0)
     picture.now = 15.0

@@ -25,7 +25,8 @@ def test_pieces_come_together_again(length):
         assert [piece.id for piece in pieces] == [0]
 
 
-def test_a_longer_one_ends_in_dots():
+def test_other_letters_are_question_marks_and_a_longer_one_ends_in_dots():
+    assert Texts().pieces(INFO, "f\u00fcnf", 0.0)[0].text == "f?nf"
     words = "".join(piece.text for piece in Texts().pieces(INFO, "x" * 1000, 0.0))
     assert words == "x" * 397 + "... "
 

@@ -7,6 +7,7 @@ from functools import partial
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.control import ControlEstimate, ControlOutput, ControlStatus, Phase
+from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, RoundTripStats
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
@@ -140,3 +141,31 @@ def eyes(state=EyeState.OK, reason="", alarms=None):
 
 def recorder(state=RecorderState.RECORDING, **changed):
     return value(RecordStatus, state=state, **changed)
+
+
+SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
+"""Top-left, top-right, bottom-right, bottom-left of a tag [px]."""
+EVERY = (
+    ("tf", edge()),
+    ("tf", edge("camera/down", "pad", static=False)),
+    ("state/attitude", attitude(yaw=1.0)),
+    ("state/position", position()),
+    ("state/gps", gps()),
+    ("state/velocity", velocity()),
+    ("state/battery", battery()),
+    ("state/pilot", pilot()),
+    ("control/estimate", estimate()),
+    ("control/output", output(roll=127, limited=True)),
+    ("control/status", status()),
+    ("vision/down/setup", setup()),
+    ("vision/down/pose", vision_pose()),
+    ("vision/down/image", frame()),
+    ("vision/down/image", frame("png", b"as it came")),
+    ("vision/down/tags", tags(SQUARE)),
+    ("event/log", LogEvent(stamp=STAMP, level="info", text="look")),
+    ("event/failsafe", FailsafeEvent(stamp=STAMP, action="release", reason="why")),
+    ("event/mode", ModeEvent(stamp=STAMP, before="free", after="leased", reason="why")),
+    ("raw/rx", raw()),
+    ("raw/tx", raw(purpose="echo")),
+)
+"""A value of every key that has a topic; the setup of a camera before its images."""

@@ -11,12 +11,10 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.bag import write
 from mkdaemon.gateways.ros2.messages import name_part
 from mkdaemon.gateways.ros2.topics import TOPICS
-from mkdaemon.telemetry.event import FailsafeEvent, LogEvent, ModeEvent
 from tests.gateways.ros2 import samples
 from tests.places import DATA
 
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
-SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
 
 
 def value(suffix, model, vehicle="mk1"):
@@ -26,31 +24,7 @@ def value(suffix, model, vehicle="mk1"):
 
 
 def every_value():
-    """One value of every key that has a topic; the setup of a camera before its images."""
-    jpeg = samples.frame("png", b"as it came")
-    return [
-        value("tf", samples.edge()),
-        value("tf", samples.edge("camera/down", "pad", static=False)),
-        value("state/attitude", samples.attitude(yaw=1.0)),
-        value("state/position", samples.position()),
-        value("state/gps", samples.gps()),
-        value("state/velocity", samples.velocity()),
-        value("state/battery", samples.battery()),
-        value("state/pilot", samples.pilot()),
-        value("control/estimate", samples.estimate()),
-        value("control/output", samples.output(roll=127, limited=True)),
-        value("control/status", samples.status()),
-        value("vision/down/setup", samples.setup()),
-        value("vision/down/pose", samples.vision_pose()),
-        value("vision/down/image", samples.frame()),
-        value("vision/down/image", jpeg),
-        value("vision/down/tags", samples.tags(SQUARE)),
-        value("event/log", LogEvent(stamp=samples.STAMP, level="info", text="look")),
-        value("event/failsafe", FailsafeEvent(stamp=samples.STAMP, action="release", reason="why")),
-        value("event/mode", ModeEvent(stamp=samples.STAMP, before="free", after="leased", reason="why")),
-        value("raw/rx", samples.raw()),
-        value("raw/tx", samples.raw(purpose="echo")),
-    ]
+    return [value(suffix, model) for suffix, model in samples.EVERY]
 
 
 def read(folder):
@@ -95,20 +69,6 @@ def test_every_frame_of_a_header_is_one_that_the_table_names_and_the_tree_holds(
         if topic in frames:
             assert message.header.frame_id == frames[topic].replace("<camera>", "down").replace("<name>", "pad"), topic
             assert message.header.frame_id in {*tree, "map"}, topic
-
-
-def test_values_are_in_the_axes_and_units_of_ros_with_their_own_times(tmp_path):
-    write(every_value(), tmp_path / "bag", overwrite=False)
-    found = {topic: message for topic, _, message in read(tmp_path / "bag")[0]}
-    imu = found["/mk1/imu"]
-    assert (imu.orientation.z, imu.orientation.w) == pytest.approx((0.479425538604203, 0.8775825618903728))
-    assert (imu.header.stamp.sec, imu.header.stamp.nanosec) == (1_600_000_000, 250_000_000)
-    assert found["/mk1/battery_state"].current == -12.5
-    assert list(found["/mk1/sticks"].axes) == [0.0, 1.0, 0.0, 0.0]
-    assert found["/mk1/down/image"].data.tobytes() == bytes(range(12))
-    assert found["/mk1/down/image/compressed"].data.tobytes() == b"as it came"
-    assert list(found["/mk1/down/camera_info"].k[:3]) == [425.0, 0.0, 319.5]
-    assert found["/mk1/pose"].pose.pose.position.z == 2.0
 
 
 def test_diagnoses_come_once_a_second_of_the_recording(tmp_path):

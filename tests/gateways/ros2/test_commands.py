@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
 from mkdaemon.gateways.ros2 import commands
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, CommandStream
@@ -105,11 +105,3 @@ def test_what_has_ended_must_be_silent_before_it_counts_again():
         assert not stream.arrived(tick * 0.1), "it streams on, and stays shut"
     assert stream.arrived(4.9 + SILENCE)
     assert stream.arrived(5.0 + SILENCE)
-
-
-def test_names_are_checked():
-    assert commands.names_from([], {"a": 1, "b": 2}, "topics") == ["a", "b"]
-    with pytest.raises(ConfigError, match="topics does not know c; there is a, b"):
-        commands.names_from(["c"], {"a": 1, "b": 2}, "topics")
-    with pytest.raises(ConfigError, match=r"cmd_vel\.frame is body or pad"):
-        commands.frame_word("home", "cmd_vel.frame")

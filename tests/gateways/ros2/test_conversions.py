@@ -124,12 +124,6 @@ def test_the_heading_of_an_odometry_is_as_sure_as_the_newest_image_of_its_target
     assert made.pose.covariance[35] == pytest.approx(0.0029)
 
 
-@given(yaw=angles)
-def test_a_level_estimate_has_its_heading(yaw):
-    made = conversions.odometry(samples.estimate(yaw=yaw), scene())
-    assert conversions.yaw_of(made.pose.pose.orientation) == pytest.approx(yaw, abs=1e-9)
-
-
 def test_an_estimate_without_covariance_has_its_deviations():
     made = conversions.odometry(samples.estimate(covariance=None), scene())
     assert np.allclose(np.diag(made.pose.covariance.reshape(6, 6))[:3], [0.01, 0.04, 0.09])
@@ -245,15 +239,6 @@ def test_names_become_names_that_ros_takes(name, part):
     assert name_part(name) == part
 
 
-def test_an_orientation_of_zeros_has_no_heading():
-    made = BagTypes().new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
-    assert conversions.yaw_of(made) is None
-
-
-SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
-"""Top-left, top-right, bottom-right, bottom-left [px]."""
-
-
 def test_a_plain_image_keeps_its_pixels():
     made = through_cdr(conversions.image(samples.frame(), scene()), "sensor_msgs/msg/Image")
     assert (made.width, made.height, made.step, made.encoding) == (4, 3, 4, "mono8")
@@ -297,7 +282,7 @@ def test_every_image_has_its_calibration_with_its_own_stamp():
 
 def test_detections_have_corners_from_bottom_left_counter_clockwise():
     made = through_cdr(
-        conversions.detections(samples.tags(SQUARE), scene()), "apriltag_msgs/msg/AprilTagDetectionArray"
+        conversions.detections(samples.tags(samples.SQUARE), scene()), "apriltag_msgs/msg/AprilTagDetectionArray"
     )
     (tag,) = made.detections
     assert (tag.family, tag.id, tag.hamming, tag.decision_margin) == ("tag36h11", 0, 1, 40.0)
@@ -307,7 +292,7 @@ def test_detections_have_corners_from_bottom_left_counter_clockwise():
 
 @given(st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=4, max_size=4))
 def test_the_homography_carries_the_ideal_corners_to_those_seen(shifts):
-    corners = tuple((x + dx, y + dy) for (x, y), (dx, dy) in zip(SQUARE, shifts, strict=True))
+    corners = tuple((x + dx, y + dy) for (x, y), (dx, dy) in zip(samples.SQUARE, shifts, strict=True))
     (tag,) = samples.tags(corners).tags
     matrix = conversions.homography(tag)
     for (x, y), seen in zip(((-1, 1), (1, 1), (1, -1), (-1, -1)), reversed(corners), strict=True):
@@ -316,8 +301,8 @@ def test_the_homography_carries_the_ideal_corners_to_those_seen(shifts):
 
 
 def test_markers_outline_every_tag():
-    first, second = conversions.markers(samples.tags(SQUARE, SQUARE), scene())
+    first, second = conversions.markers(samples.tags(samples.SQUARE, samples.SQUARE), scene())
     made = through_cdr(first, "visualization_msgs/msg/ImageMarker")
     assert (made.ns, made.id, made.type) == ("tag36h11", 0, conversions.POLYGON)
-    assert [(point.x, point.y) for point in made.points] == list(SQUARE)
+    assert [(point.x, point.y) for point in made.points] == list(samples.SQUARE)
     assert second.id == 1

@@ -20,7 +20,6 @@ from mkdaemon.gateways.ros2.parameters import PARAMETERS
 from mkdaemon.gateways.ros2.rclnode import RosNode, type_of
 from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
-from mkdaemon.telemetry.event import LogEvent
 from tests.client.fake import VEHICLE, fake_daemon
 from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import store
@@ -41,37 +40,14 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # of what rclpy imports
 ]
 
-SQUARE = ((10.0, 10.0), (30.0, 10.0), (30.0, 30.0), (10.0, 30.0))
-VALUES = {
-    "tf": samples.edge(),
-    "state/position": samples.position(),
-    "state/gps": samples.gps(),
-    "state/velocity": samples.velocity(),
-    "state/attitude": samples.attitude(yaw=1.0),
-    "state/battery": samples.battery(),
-    "state/pilot": samples.pilot(),
-    "control/estimate": samples.estimate(),
-    "control/output": samples.output(roll=30),
-    "control/status": samples.status(),
-    "vision/down/setup": samples.setup(),
-    "vision/down/pose": samples.vision_pose(),
-    "vision/down/image": samples.frame(),
-    "vision/down/tags": samples.tags(SQUARE),
-    "event/log": LogEvent(stamp=samples.STAMP, level="info", text="look"),
-    "raw/rx": samples.raw(),
-    "raw/tx": samples.raw(purpose="echo"),
-}
-"""One value of every key that has a topic."""
 CHOSEN = ("--", "--ros-args", "-p", "topics:=[imu]")
-CODED = samples.frame("png", b"as it came")
 
 
 def publish_all(daemon):
     """Every value of the aircraft, measured now."""
     clock = Clock()
-    for suffix, value in VALUES.items():
+    for suffix, value in samples.EVERY:
         daemon.bus.publish(suffix, value.model_copy(update={"stamp": clock.stamp()}))
-    daemon.bus.publish("vision/down/image", CODED)
 
 
 async def test_a_node_as_in_a_tutorial_receives_every_topic_and_rosbags_reads_a_bag_of_them(tmp_path):

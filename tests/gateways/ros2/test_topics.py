@@ -21,15 +21,6 @@ def test_rows_of_one_topic_agree_about_type_and_quality():
         assert len({(row.type, row.quality) for row in TOPICS if row.name == name}) == 1
 
 
-def test_a_driver_publishes_reliably_and_latches_what_is_wanted_late():
-    assert {row.name for row in TOPICS if row.quality.is_latched} == {
-        "/tf_static",
-        "{camera}/camera_info",
-        "status",
-    }
-    assert all(row.quality.depth >= 1 for row in TOPICS)
-
-
 def test_a_camera_gives_its_topics_their_name():
     (row,) = (row for row in TOPICS if row.name == "{camera}/image")
     assert row.name_for("vision/front-left/image") == "front_left/image"
