@@ -60,8 +60,18 @@ class BagTypes:
             self.store.register(get_types_from_msg(text, name))
 
     def new(self, kind: str, **fields: Any) -> Any:
-        """Make a message."""
-        return self.store.types[kind](**fields)
+        """Make a message; a field that is not given is zero or empty, as rclpy makes it."""
+        missing = {name: self._zero(*what) for name, what in self.store.fielddefs[kind][1] if name not in fields}
+        return self.store.types[kind](**missing, **fields)
+
+    def _zero(self, node: Any, what: Any) -> Any:
+        """Nothing, in a field as rosbags describes it."""
+        if node.name == "NAME":
+            return self.new(what)
+        if node.name == "BASE":
+            return "" if what[0] == "string" else 0.0 if what[0].startswith("float") else 0
+        (inner, kind), count = what
+        return np.zeros(count, dtype=kind[0]) if inner.name == "BASE" and kind[0] != "string" else []
 
     def octets(self, raw: bytes) -> Any:
         """Make the value of a field `uint8[]`."""

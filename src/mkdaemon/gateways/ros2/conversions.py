@@ -76,8 +76,6 @@ def _fix(value: Stamped, scene: ConversionScene, status: int, place: tuple[float
         latitude=latitude,
         longitude=longitude,
         altitude=math.nan if altitude is None else float(altitude),
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
     )
 
 
@@ -93,10 +91,8 @@ def imu(value: Attitude, scene: ConversionScene) -> Any:
         "sensor_msgs/msg/Imu",
         header=header(types, value.stamp, scene.frames.body),
         orientation=quaternion(types, value.quaternion),
-        orientation_covariance=np.zeros(9),
         angular_velocity=vector(types, rates or _NOTHING),
         angular_velocity_covariance=missing if rates is None else np.eye(3).ravel() * variance,
-        linear_acceleration=vector(types, _NOTHING),
         linear_acceleration_covariance=missing,
     )
 
@@ -125,9 +121,7 @@ def turn_rates(before: Attitude | None, now: Attitude) -> tuple[tuple[float, ...
 def velocity(value: Velocity, scene: ConversionScene) -> Any:
     """TwistStamped by GPS, ENU."""
     types = scene.types
-    twist = types.new(
-        "geometry_msgs/msg/Twist", linear=vector(types, value.velocity_enu), angular=vector(types, _NOTHING)
-    )
+    twist = types.new("geometry_msgs/msg/Twist", linear=vector(types, value.velocity_enu))
     stamp = header(types, value.stamp, scene.frames.map)
     return types.new("geometry_msgs/msg/TwistStamped", header=stamp, twist=twist)
 
@@ -143,13 +137,9 @@ def battery_state(value: Battery, scene: ConversionScene) -> Any:
         current=math.nan if value.current is None else -value.current,
         **dict.fromkeys(unknown, math.nan),
         power_supply_status=2,
-        power_supply_health=0,
         power_supply_technology=3,
         present=True,
         cell_voltage=np.full(cells, np.nan, dtype=np.float32),
-        cell_temperature=np.zeros(0, dtype=np.float32),
-        location="",
-        serial_number="",
     )
 
 
@@ -202,11 +192,7 @@ def odometry(value: ControlEstimate, scene: ConversionScene) -> Any:
         ),
         twist=types.new(
             "geometry_msgs/msg/TwistWithCovariance",
-            twist=types.new(
-                "geometry_msgs/msg/Twist",
-                linear=vector(types, rotation.T @ np.asarray(value.velocity)),
-                angular=vector(types, _NOTHING),
-            ),
+            twist=types.new("geometry_msgs/msg/Twist", linear=vector(types, rotation.T @ np.asarray(value.velocity))),
             covariance=twist_spread.ravel(),
         ),
     )
@@ -300,10 +286,9 @@ def raw_frame(value: RawFrame, scene: ConversionScene) -> Any:
         f"purpose={value.purpose or ''}": int(value.purpose is not None),
     }
     dimensions = [
-        types.new("std_msgs/msg/MultiArrayDimension", label=label, size=size, stride=0)
-        for label, size in numbers.items()
+        types.new("std_msgs/msg/MultiArrayDimension", label=label, size=size) for label, size in numbers.items()
     ]
-    layout = types.new("std_msgs/msg/MultiArrayLayout", dim=dimensions, data_offset=0)
+    layout = types.new("std_msgs/msg/MultiArrayLayout", dim=dimensions)
     return types.new("std_msgs/msg/UInt8MultiArray", layout=layout, data=types.octets(value.raw))
 
 
@@ -318,9 +303,6 @@ def event(value: Stamped, scene: ConversionScene) -> Any:
         level=LEVELS.get(line.tone, INFO),
         name=name_part(scene.vehicle),
         msg=f"{line.text} {line.fix}".strip(),
-        file="",
-        function="",
-        line=0,
     )
 
 
@@ -352,7 +334,6 @@ def image(value: CameraFrame, scene: ConversionScene) -> Any | None:
         height=value.height,
         width=value.width,
         encoding="mono8",
-        is_bigendian=0,
         step=value.width,
         data=scene.types.octets(pixels),
     )
@@ -398,9 +379,6 @@ def _info(setup: CameraSetup, stamp: Stamp, scene: ConversionScene) -> Any | Non
         k=intrinsics,
         r=np.eye(3).ravel(),
         p=projection,
-        binning_x=0,
-        binning_y=0,
-        roi=types.new("sensor_msgs/msg/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
     )
 
 
@@ -413,7 +391,6 @@ def detections(value: Tags, scene: ConversionScene) -> Any:
             family=tag.family,
             id=tag.id,
             hamming=tag.hamming,
-            goodness=0.0,
             decision_margin=tag.decision_margin,
             centre=_point(scene, homography(tag)[:2, 2]),
             corners=[_point(scene, corner) for corner in reversed(tag.corners)],
@@ -454,15 +431,10 @@ def markers(value: Tags, scene: ConversionScene) -> list[Any]:
             ns=tag.family,
             id=tag.id,
             type=POLYGON,
-            action=0,
-            position=vector(types, (0.0, 0.0, 0.0), "Point"),
             scale=2.0,
             outline_color=line,
-            filled=0,
-            fill_color=line,
-            lifetime=types.new("builtin_interfaces/msg/Duration", sec=SHOWN_FOR, nanosec=0),
+            lifetime=types.new("builtin_interfaces/msg/Duration", sec=SHOWN_FOR),
             points=[vector(types, (*corner, 0.0), "Point") for corner in tag.corners],
-            outline_colors=[],
         )
         for tag in value.tags
     ]

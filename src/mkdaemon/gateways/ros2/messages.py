@@ -31,7 +31,7 @@ class Types(Protocol):
     """Makes messages, those of rclpy in the gateway and of rosbags in a bag, and fields whose types differ there."""
 
     def new(self, kind: str, **fields: Any) -> Any:
-        """Make a message, for example of `sensor_msgs/msg/Imu`."""
+        """Make a message, for example of `sensor_msgs/msg/Imu`; a field that is not given is zero or empty."""
 
     def octets(self, raw: bytes) -> Any:
         """Make the value of a field `uint8[]`."""
