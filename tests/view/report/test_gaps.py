@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.view.report.inwords import sentences
 from mkdaemon.view.report.pieces import pieces_of
 from mkdaemon.view.report.plots import plots_of
+from mkdaemon.view.report.verdict import sentences
 from tests.view.page.flights import estimate
 from tests.view.report.known import error_at, known_flight
 from tests.view.report.test_pieces import read

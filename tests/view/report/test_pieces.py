@@ -9,8 +9,8 @@ import pytest
 
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report.flight import FlightReader
-from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.pieces import Errors, pieces_of
+from mkdaemon.view.report.verdict import flown_time, sentences
 from tests.view.report.known import Tape, known_flight
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.view.report.troubles import MOST, Trouble, take_causes
+from mkdaemon.view.report.happenings import MOST_TROUBLES, Trouble, take_causes
 from mkdaemon.view.report.verdict import head_of
 from tests.view.report.known import Tape, known_flight
 from tests.view.report.test_pieces import read
@@ -84,6 +84,6 @@ def test_what_is_no_cause_is_none(strange):
 
 def test_a_recording_of_many_troubles_keeps_the_first():
     troubles: list[Trouble] = []
-    for tick in range(2 * MOST + 4):
+    for tick in range(2 * MOST_TROUBLES + 4):
         take_causes(troubles, float(tick), {"causes": [POSE] if tick % 2 else []})
-    assert len(troubles) == MOST
+    assert len(troubles) == MOST_TROUBLES

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from mkdaemon.reading import Reading
 from mkdaemon.telemetry.event import CommandEvent, LogEvent, ModeEvent
 from mkdaemon.telemetry.link import FATES
-from mkdaemon.view.top.panels import BELOW, BESIDE, COLUMNS, ROWS, RowStyle, VehicleBoard, clipped
+from mkdaemon.view.top.panels import (
+    BELOW,
+    BESIDE,
+    COLUMNS,
+    DEGREES_A_ROW,
+    ROWS,
+    RowStyle,
+    VehicleBoard,
+    clipped,
+    horizon,
+)
 from tools.top_picture import KNOWN
 
 NOW = 1000.0
@@ -139,3 +151,38 @@ def test_other_vehicles_are_named_and_a_cut_row_says_so():
         ("abcdef", RowStyle.PLAIN),
         ("g>", RowStyle.DIM),
     ]
+
+
+WIDE, HIGH = 31, 9
+
+
+def line(drawn):
+    """Row of the line in the first, middle and last column; the aircraft hides the middle's."""
+    return [next((row for row, text in enumerate(drawn) if text[column] in "-/\\"), None) for column in (0, -1)]
+
+
+def test_level_flight_has_the_line_in_the_middle():
+    drawn = horizon(0.0, 0.0, WIDE, HIGH)
+    assert [len(row) for row in drawn] == [WIDE] * HIGH
+    assert drawn[4] == "-" * 13 + "==o==" + "-" * 13
+    assert set("".join(drawn[:4])) == {" "}
+    assert set("".join(drawn[5:])) == {":"}
+
+
+@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
+def test_nose_down_moves_the_line_up_by_its_scale(rows):
+    assert line(horizon(0.0, math.radians(rows * DEGREES_A_ROW), WIDE, HIGH)) == [4 - rows, 4 - rows]
+
+
+def test_right_side_down_raises_the_right_end():
+    left, right = line(horizon(math.radians(10.0), 0.0, WIDE, HIGH))
+    # A row is twice as high as a letter is wide: 15 letters to the side are 7.5 rows.
+    assert (left, right) == (5, 3)
+    assert "/" in "".join(horizon(math.radians(40.0), 0.0, WIDE, HIGH))
+    assert "\\" in "".join(horizon(math.radians(-40.0), 0.0, WIDE, HIGH))
+
+
+def test_on_its_back_the_ground_is_above():
+    drawn = horizon(math.pi, 0.0, WIDE, HIGH)
+    assert set(drawn[0]) == {":"}
+    assert set(drawn[-1]) == {" "}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from html import unescape
 from xml.etree import ElementTree
 
@@ -15,7 +15,7 @@ from mkdaemon.cli.program import run
 from mkdaemon.client import connect
 from mkdaemon.telemetry.state import Attitude, Battery
 from mkdaemon.telemetry.vehicle import VehicleHealth
-from mkdaemon.view.top.terminalapp import TopApp
+from mkdaemon.view.top.terminalapp import FleetApp, TopApp
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
 from tests.values import made
 
@@ -157,6 +157,20 @@ async def test_another_vehicle_is_chosen_from_the_fleet():
         assert "15.2 V" not in text
         text = await until(view, lambda text: "no daemon for vehicle other" in text)
         assert "battery   not known" in text
+
+
+async def test_a_daemon_has_a_row_and_stays_as_gone_when_it_ends(monkeypatch):
+    patient(monkeypatch)
+    async with AsyncExitStack() as daemons:
+        daemon = await daemons.enter_async_context(fake_daemon())
+        view = FleetApp(lambda: connect(VEHICLE, daemon.endpoint))
+        async with view.run_test(size=(80, 24)):
+            await until(view, lambda text: "1 here" in text)
+            publish_state(daemon.bus)
+            text = await until(view, lambda text: "15.2 V" in text)
+            assert VEHICLE in text
+            await daemons.aclose()
+            await until(view, lambda text: "1 GONE" in text)
 
 
 def test_without_a_terminal_it_says_what_to_use(capsys):

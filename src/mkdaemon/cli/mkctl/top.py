@@ -35,8 +35,7 @@ async def top(
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("mkctl top needs a terminal; `mkctl status` prints once")
     with needing("mkctl top", "textual", "top", "textual"):
-        from mkdaemon.view.top.fleetapp import FleetApp
-        from mkdaemon.view.top.terminalapp import TopApp
+        from mkdaemon.view.top.terminalapp import FleetApp, TopApp
 
     if fleet:
         await FleetApp(connection.open).run_async()

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import degrees
@@ -15,19 +14,17 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ValidationError
 
-from mkdaemon.reading import EventLine, Picture, Reading, key_spec
+from mkdaemon.reading import EventLine, Picture, Reading
 from mkdaemon.reading.facts import DEAD_RECKONING
 from mkdaemon.reading.known import EACH, EVENTS
 from mkdaemon.record.entry import Entry, EntryKind, unpacked
 from mkdaemon.record.summary import Summary, Taker
 from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.view.report.happenings import MOST, happening_of, lost_line
-from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
+from mkdaemon.view.report.happenings import MOST, Trouble, happening_of, lost_line, take_causes
+from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of, value_of
 from mkdaemon.view.report.timeseries import Array, TimeSeries
-from mkdaemon.view.report.troubles import Trouble, take_causes
 
 
 class Column(NamedTuple):
@@ -251,10 +248,8 @@ class FlightReader:
             flight.began = min(0, *(one.first - self._origin for one in found)) / NANOSECONDS
             flight.ended = max(0, *(one.last - self._origin for one in found)) / NANOSECONDS
             for suffix, (at, fields) in flight.last.items():
-                spec = key_spec(suffix)
-                with suppress(ValidationError):
-                    if spec is not None and spec.carries is not None:
-                        flight.reading.take(suffix, spec.carries.model_validate(fields), at)
+                if (value := value_of(suffix, fields)) is not None:
+                    flight.reading.take(suffix, value, at)
 
     def _images(self, flight: RecordedFlight, camera: str) -> Taker:
         def take(entry: Entry, at: int) -> None:

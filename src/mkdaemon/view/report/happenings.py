@@ -1,31 +1,25 @@
-"""What happened in a flight: its events as lines of a log, and its refusals by their token."""
+"""What happened in a flight: events as lines of a log, refusals by their token, and what kept it from going on."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple
 
-from pydantic import ValidationError
-
-from mkdaemon.reading import EventLine, Sort, key_spec, line_of
+from mkdaemon.reading import EventLine, Sort, line_of
 from mkdaemon.telemetry.tone import Tone
-from mkdaemon.view.report.said import short, text_of
+from mkdaemon.view.report.said import number_of, part_of, short, text_of, value_of
 
 MOST: Final = 20_000
 """Happenings that are kept of a recording; what comes later is counted."""
+MOST_TROUBLES: Final = 1000
+"""Troubles that are kept of a recording; of the others nothing is reported here."""
 
 
 def happening_of(at: float, suffix: str, fields: Mapping[str, Any]) -> EventLine | None:
     """An event of a recording at a time [s]; None for what is none, as of another version or a damaged file."""
-    spec = key_spec(suffix)
-    if spec is None or spec.carries is None:
-        return None
-    try:
-        line = line_of(spec.carries.model_validate(fields))
-    except ValidationError:
-        return None
+    line = line_of(value_of(suffix, fields))
     return None if line is None else replace(line, at=at, text=short(line.text), fix=short(line.fix))
 
 
@@ -62,3 +56,59 @@ def refusals(happenings: Sequence[EventLine]) -> list[RefusalCount]:
         firsts.setdefault(one.token, one)
     found = [RefusalCount(token, counts[token], one.text, one.fix, one.at) for token, one in firsts.items()]
     return sorted(found, key=lambda one: -one.count)
+
+
+class Reason(NamedTuple):
+    """One link of a chain of causes.
+
+    Attributes:
+        since: when it began [s].
+        text: what it was, as reported last.
+    """
+
+    since: float
+    text: str
+
+
+@dataclass(slots=True)
+class Trouble:
+    """A time in which causes kept a flight from going on, as `control/status` reported them.
+
+    Attributes:
+        reported: when they were reported first [s].
+        ended: when they were gone, or reported last [s].
+        reasons: by kind, the effect first.
+        is_over: a later status reported none.
+    """
+
+    reported: float
+    ended: float
+    reasons: dict[str, Reason] = field(default_factory=dict)
+    is_over: bool = False
+
+
+def take_causes(troubles: list[Trouble], at: float, fields: Mapping[str, object]) -> None:
+    """Take the causes of a status into the troubles of its flight.
+
+    Args:
+        troubles: until now; the last one goes on or ends.
+        at: time of the status [s].
+        fields: of the status.
+    """
+    causes = part_of(fields, "causes")
+    reported = [cause for cause in causes if text_of(cause, "text")] if isinstance(causes, list) else []
+    trouble = troubles[-1] if troubles and not troubles[-1].is_over else None
+    if trouble is not None:
+        trouble.ended, trouble.is_over = at, not reported
+    elif reported and len(troubles) < MOST_TROUBLES:
+        trouble = Trouble(at, at)
+        troubles.append(trouble)
+    if trouble is None or not reported:
+        return
+    before, trouble.reasons = trouble.reasons, {}
+    for cause in reported:
+        kind, seconds = text_of(cause, "kind"), number_of(cause, "seconds")
+        since = before[kind].since if kind in before else at - (seconds or 0.0)
+        trouble.reasons[kind] = Reason(since, text_of(cause, "text"))
+    for kind, reason in before.items():
+        trouble.reasons.setdefault(kind, reason)

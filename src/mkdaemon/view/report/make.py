@@ -12,11 +12,10 @@ from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
 from mkdaemon.view.report.flight import FlightReader, RecordedFlight
 from mkdaemon.view.report.happenings import refusals
-from mkdaemon.view.report.inwords import flown_time, sentences
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
 from mkdaemon.view.report.pieces import Piece, Settled, pieces_of
 from mkdaemon.view.report.plots import plots_of
-from mkdaemon.view.report.verdict import head_of
+from mkdaemon.view.report.verdict import flown_time, head_of, sentences
 
 Progress = Callable[[int], None]
 _NOTHING: Final = "nothing to report: it has no value of a vehicle"

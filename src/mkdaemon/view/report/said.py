@@ -5,12 +5,25 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, Final
 
+from pydantic import ValidationError
+
+from mkdaemon.reading import key_spec
+
 LARGEST: Final = 1e12
 """A number beyond it is none of ours."""
 _NUMBERS: Final = frozenset({float, int})
 """Types of numbers, as a payload has them; what is not a number is in no range."""
 LONGEST: Final = 400
 """Of a text that is shown [characters]; ours have up to 250."""
+
+
+def value_of(suffix: str, fields: Any) -> object | None:
+    """The value of a key; None where it is none, as of another version or in a damaged file."""
+    spec = key_spec(suffix)
+    try:
+        return None if spec is None or spec.carries is None else spec.carries.model_validate(fields)
+    except ValidationError:
+        return None
 
 
 def part_of(fields: Any, path: str) -> Any:

@@ -5,6 +5,7 @@ A colour only repeats what a word says. A line that does not fit goes on below, 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
@@ -19,7 +20,6 @@ from mkdaemon.telemetry import tone
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.link import FATES
 from mkdaemon.telemetry.state import Attitude
-from mkdaemon.view.top.horizon import horizon
 
 COLUMNS: Final = 80
 ROWS: Final = 24
@@ -35,6 +35,13 @@ _SHORT: Final = 10
 """Columns of a name beside the horizon."""
 _HEADLINE: Final = 4
 """Most rows of the worst that is known."""
+DEGREES_A_ROW: Final = 6.0
+"""Scale: pitch of one row [deg]."""
+ROW_OF_COLUMNS: Final = 2.0
+"""A letter is about twice as high as wide."""
+FLAT: Final = math.radians(20.0)
+"""Up to this roll the line is drawn by `-` [rad]."""
+SKY, GROUND = " ", ":"
 BESIDE: Final = ("height", "battery", "pose", "attitude", "speed", "gps", "receiver")
 """Facts beside the horizon, one row each."""
 BELOW: Final = ("control", "manoeuvre", "hands", "flight", "link", "latency", "streams")
@@ -177,4 +184,31 @@ def clipped(row: Iterable[Part], columns: int) -> Row:
             break
         found.append((text, looks))
         room -= len(text)
+    return found
+
+
+def horizon(roll: float, pitch: float, columns: int, rows: int) -> list[str]:
+    """Draw what a pilot sees: sky is blank, ground `:`, and between them a line.
+
+    Args:
+        roll: right side down positive [rad]: the right end of the line is higher then.
+        pitch: nose down positive [rad]: the line moves up.
+        columns: width, odd.
+        rows: height, odd.
+
+    Returns:
+        Rows from the top; `==o==` in the middle is the aircraft.
+    """
+    edge = "-" if abs(math.remainder(roll, math.pi)) < FLAT else "/" if math.tan(roll) > 0 else "\\"
+    found = []
+    for row in range(rows):
+        up = rows // 2 - row
+        letters = []
+        for column in range(columns):
+            right = (column - columns // 2) / ROW_OF_COLUMNS
+            over = (up * math.cos(roll) - right * math.sin(roll)) - math.degrees(pitch) / DEGREES_A_ROW
+            letters.append(edge if abs(over) <= 0.5 else SKY if over > 0 else GROUND)
+        found.append("".join(letters))
+    middle, place = rows // 2, columns // 2 - 2
+    found[middle] = f"{found[middle][:place]}==o=={found[middle][place + 5 :]}"
     return found

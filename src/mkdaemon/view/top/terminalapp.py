@@ -1,4 +1,4 @@
-"""The program that shows the panels, and asks before it acts. Needs textual, the extra `top`."""
+"""The programs that show a vehicle, asking before they act, or a row for each. Needs textual, the extra `top`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ from rich.text import Text
 from textual import work
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical
+from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import OptionList, Static
 
+from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
 from mkdaemon.spelling import on_one_line
+from mkdaemon.view.top.fleetboard import KEYS as FLEET_KEYS
+from mkdaemon.view.top.fleetboard import FleetBoard
 from mkdaemon.view.top.panels import KEYS, Row, VehicleBoard
 
 if TYPE_CHECKING:
@@ -43,7 +46,7 @@ class QuestionScreen(ModalScreen[bool]):
         Binding("n,escape,q", "answer(False)", "no"),
     ]
     CSS = """
-    Question { align: center middle; }
+    QuestionScreen { align: center middle; }
     #question { width: 66; height: auto; padding: 1 2; border: heavy $warning; background: $surface; }
     """
 
@@ -218,6 +221,63 @@ async def _look_for_others(uav: Vehicle, board: VehicleBoard) -> None:
     while True:
         board.fleet = await uav.vehicles()
         await asyncio.sleep(FLEET_EVERY)
+
+
+class FleetApp(App[None]):
+    """Shows every vehicle of an endpoint; changes nothing."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("q", "quit", "quit")]
+    CSS = "#all { width: 80; height: auto; }"
+    ENABLE_COMMAND_PALETTE = False
+
+    def __init__(self, connect: Callable[[], AbstractAsyncContextManager[Vehicle]]) -> None:
+        """Show them.
+
+        Args:
+            connect: any client of the endpoint.
+        """
+        super().__init__()
+        self.board = FleetBoard()
+        self._connect = connect
+
+    def compose(self) -> ComposeResult:
+        """One picture of letters, as high as it must be."""
+        with VerticalScroll():
+            yield Static(id="all")
+
+    def on_mount(self) -> None:
+        """Begin."""
+        self.set_interval(REDRAW, self.draw)
+        self.watch_fleet()
+
+    def draw(self) -> None:
+        """Draw what is known now."""
+        self.query_one("#all", Static).update(letters(self.board.rows(time.monotonic(), time.time())))
+
+    @work
+    async def watch_fleet(self) -> None:
+        """Watch every vehicle, for ever; an endpoint that does not answer is tried again."""
+        while True:
+            try:
+                async with self._connect() as any_client:
+                    self.board.notice = ""
+                    await watch_vehicles(any_client, self.board)
+            except MkError as error:
+                self.board.notice = str(error)
+            await asyncio.sleep(RETRY)
+
+
+async def watch_vehicles(client: Vehicle, board: FleetBoard) -> None:
+    """Keep a board up to date with every vehicle at an endpoint, for ever."""
+    fleet = Fleet(client)
+
+    def changed() -> None:
+        board.look(fleet.vehicles, time.monotonic())
+
+    async with fleet.watch(changed, lambda *_: None), fleet.values(*FLEET_KEYS) as samples:
+        async for sample in samples:
+            name, _, suffix = sample.suffix.partition("/")
+            board.take(name, suffix, sample.known, time.monotonic())
 
 
 def letters(rows: Sequence[Row]) -> Text:
