@@ -7,8 +7,8 @@ import math
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.mavlink.handcontrol import (
-    Unusable,
     attitude_target,
     axes_of_manual,
     axes_of_override,
@@ -73,12 +73,13 @@ def test_local_targets(message, kind, fields):
     ],
 )
 def test_targets_that_cannot_be_flown(message, word):
-    found = local_target(message, ESTIMATE)
-    assert isinstance(found, Unusable) and word in found.reason
+    with pytest.raises(MkError, match=word):
+        local_target(message, ESTIMATE)
 
 
 def test_an_offset_needs_a_flight():
-    assert isinstance(local_target(target(POSITION, OFFSET), None), Unusable)
+    with pytest.raises(MkError, match="needs a flight"):
+        local_target(target(POSITION, OFFSET), None)
     assert local_target(target(VELOCITY & ~YAW, LOCAL, yaw=1.0), None).fields["yaw_rate"] == 0.0
 
 
@@ -137,4 +138,5 @@ def test_attitudes():
     ],
 )  # fmt: skip
 def test_attitudes_that_cannot_be_flown(message):
-    assert isinstance(attitude_target(message), Unusable)
+    with pytest.raises(MkError, match="an attitude target"):
+        attitude_target(message)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mkdaemon.errors import CommandRejectedError
+from mkdaemon.errors import MkError
 from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion, wrap_angle
 from mkdaemon.gateways.mavlink.dialect import UINT16_UNKNOWN, Message, mavlink
 from mkdaemon.gateways.mavlink.frames import Vector3, compass_from_yaw, frd_from_flu, ned_from_enu
@@ -79,21 +79,6 @@ class StreamedSetpoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Unusable:
-    """A setpoint that cannot be flown.
-
-    Attributes:
-        reason: why, and what can.
-    """
-
-    reason: str
-
-
-ON_THE_GLOBE: Final = Unusable("a stream of places on the globe cannot be flown: DO_REPOSITION, or LOCAL_NED")
-"""Why a SET_POSITION_TARGET_GLOBAL_INT is not flown: the NaviCtrl stores one target, it follows no stream."""
-
-
-@dataclass(frozen=True, slots=True)
 class Axes:
     """The four axes of a hand controller, each -1 to 1.
 
@@ -157,34 +142,37 @@ def speeds(axes: Axes) -> StreamedSetpoint:
     return StreamedSetpoint("velocity", {"velocity": velocity, "frame": "body", "yaw_rate": -TURN * axes.clockwise})
 
 
-def local_target(message: Message, estimate: ControlEstimate | None) -> StreamedSetpoint | Unusable:
+def local_target(message: Message, estimate: ControlEstimate | None) -> StreamedSetpoint:
     """A SET_POSITION_TARGET_LOCAL_NED; of one with position and velocity the position is flown.
 
     Args:
         message: as it came.
         estimate: estimated position of the aircraft; None while it is not flown.
+
+    Raises:
+        MkError: it cannot be flown; says what can.
     """
     mask, frame = message.type_mask, message.coordinate_frame
     if mask & mavlink.POSITION_TARGET_TYPEMASK_FORCE_SET:
-        return Unusable("forces cannot be flown: send positions or velocities")
+        raise MkError("forces cannot be flown: send positions or velocities")
     if not mask & _POSITION:
         kind, used = "position", (message.x, message.y, message.z)
     elif not mask & _VELOCITY:
         kind, used = "velocity", (message.vx, message.vy, message.vz)
     else:
-        return Unusable("accelerations alone cannot be flown: send positions or velocities, all three axes")
+        raise MkError("accelerations alone cannot be flown: send positions or velocities, all three axes")
     yaw = None if mask & _YAW else message.yaw
     rate = None if mask & _YAW_RATE else message.yaw_rate
     if not all(math.isfinite(value) for value in (*used, yaw or 0.0, rate or 0.0)):
-        return Unusable("a setpoint has NaN in a field that its mask enables")
+        raise MkError("a setpoint has NaN in a field that its mask enables")
     if frame not in _FRAMES:
-        return Unusable(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
+        raise MkError(f"frame {frame} cannot be flown: LOCAL_NED, LOCAL_OFFSET_NED, LOCAL_FRD and BODY_FRD can")
     word, turned, headed = _FRAMES[frame]
     vector, heading = turned(used), None if yaw is None else headed(yaw)
     if kind == "position":
         if frame == _OFFSET:
             if estimate is None:
-                return Unusable("an offset needs a flight by the target first: send LOCAL_NED")
+                raise MkError("an offset needs a flight by the target first: send LOCAL_NED")
             east, north, up = (a + b for a, b in zip(estimate.position, vector, strict=True))
             vector = (east, north, up)
         return StreamedSetpoint(kind, {"position": vector, "frame": word, "yaw": heading})
@@ -198,18 +186,21 @@ def _turn(rate: float) -> float:
     return min(max(rate, -math.pi), math.pi)
 
 
-def attitude_target(message: Message) -> StreamedSetpoint | Unusable:
+def attitude_target(message: Message) -> StreamedSetpoint:
     """A SET_ATTITUDE_TARGET: roll, pitch, yaw rate and thrust, of which a half carries the aircraft.
 
     The heading of its quaternion is not flown: no setpoint of the daemon has one.
+
+    Raises:
+        MkError: it cannot be flown; says why.
     """
     mask = message.type_mask
     if mask & (mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE | mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE):
-        return Unusable("an attitude target needs attitude and thrust: rates alone cannot be flown")
+        raise MkError("an attitude target needs attitude and thrust: rates alone cannot be flown")
     rate = 0.0 if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE else message.body_yaw_rate
     norm = math.hypot(*message.q)
     if not (math.isfinite(norm) and norm > 0.1 and math.isfinite(rate) and 0.0 <= message.thrust <= 1.0):
-        return Unusable("an attitude target has no quaternion, or a thrust outside 0 to 1")
+        raise MkError("an attitude target has no quaternion, or a thrust outside 0 to 1")
     roll, pitch, _ = euler_from_rotation(rotation_from_quaternion(tuple(message.q)))
     fields = {"roll": roll, "pitch": -pitch, "yaw_rate": _turn(-rate), "thrust": 2.0 * message.thrust}
     return StreamedSetpoint("attitude", fields)
@@ -239,37 +230,36 @@ class HandControl:
         """
         self._steering, self._notify, self._now = steering, notify, now
         self.takes: dict[str, Take] = {
-            "MANUAL_CONTROL": lambda by, message: self._take(by, _by_hand(axes_of_manual(message))),
-            "RC_CHANNELS_OVERRIDE": lambda by, message: self._take(by, _by_hand(axes_of_override(message))),
-            "SET_ATTITUDE_TARGET": lambda by, message: self._take_target(by, attitude_target(message)),
-            "SET_POSITION_TARGET_GLOBAL_INT": lambda by, message: self._take_target(by, ON_THE_GLOBE),
-            "SET_POSITION_TARGET_LOCAL_NED": lambda by, message: self._take_target(
-                by, local_target(message, picture.get(ControlEstimate))
+            "MANUAL_CONTROL": self._taker(lambda message: _by_hand(axes_of_manual(message))),
+            "RC_CHANNELS_OVERRIDE": self._taker(lambda message: _by_hand(axes_of_override(message))),
+            "SET_ATTITUDE_TARGET": self._taker(lambda message: {Mode.OFFBOARD: attitude_target(message)}),
+            "SET_POSITION_TARGET_GLOBAL_INT": self._taker(_on_the_globe),
+            "SET_POSITION_TARGET_LOCAL_NED": self._taker(
+                lambda message: {Mode.OFFBOARD: local_target(message, picture.get(ControlEstimate))}
             ),
         }
         self._streams: dict[tuple[By, Mode], tuple[float, StreamedSetpoint]] = {}
 
-    def _take_target(self, by: By, found: StreamedSetpoint | Unusable) -> None:
-        if isinstance(found, Unusable):
-            self._notify(by.station, found.reason)
-        else:
-            self._take(by, {Mode.OFFBOARD: found})
-
-    def _take(self, by: By, wanted: dict[Mode, StreamedSetpoint]) -> None:
+    def _taker(self, read: Callable[[Message], _Wanted]) -> Take:
         """Take what a message is in each mode: remember it, and hand it on where its program flies in that mode."""
-        order, streams = self._steering.order, self._streams
-        for mode, setpoint in wanted.items():
-            if (by, mode) not in streams and len(streams) >= _MOST:
-                del streams[min(streams, key=lambda one: streams[one][0])]
-            streams[by, mode] = (self._now(), setpoint)
-            if order is not None and order.mode is mode:
-                self._hand_on(by, setpoint)
 
-    def _hand_on(self, by: By, wanted: StreamedSetpoint) -> None:
-        try:
-            self._steering.stream(by, wanted.kind, wanted.fields)
-        except CommandRejectedError as refusal:
-            self._notify(by.station, words_of(refusal))
+        def take(by: By, message: Message) -> None:
+            try:
+                for mode, setpoint in read(message).items():
+                    self._remember((by, mode), setpoint)
+                    order = self._steering.order
+                    if order is not None and order.mode is mode:
+                        self._steering.stream(by, setpoint.kind, setpoint.fields)
+            except MkError as refusal:
+                self._notify(by.station, words_of(refusal))
+
+        return take
+
+    def _remember(self, key: tuple[By, Mode], setpoint: StreamedSetpoint) -> None:
+        streams = self._streams
+        if key not in streams and len(streams) >= _MOST:
+            del streams[min(streams, key=lambda one: streams[one][0])]
+        streams[key] = (self._now(), setpoint)
 
     def streamed(self, by: By, mode: Mode) -> str | None:
         """What a program streams that a mode would fly, as the last word of a key; None where it streams nothing.
@@ -282,6 +272,15 @@ class HandControl:
         return None if setpoint is None or self._now() - at > STREAMED else setpoint.kind
 
 
-def _by_hand(axes: Axes | None) -> dict[Mode, StreamedSetpoint]:
+_Wanted = dict[Mode, StreamedSetpoint]
+"""What a message is in each mode that flies it."""
+
+
+def _on_the_globe(_: Message) -> _Wanted:
+    """A SET_POSITION_TARGET_GLOBAL_INT, which is not flown: the NaviCtrl stores one target, it follows no stream."""
+    raise MkError("a stream of places on the globe cannot be flown: DO_REPOSITION, or LOCAL_NED")
+
+
+def _by_hand(axes: Axes | None) -> _Wanted:
     """What the axes of a hand controller are in each mode that flies them."""
     return {} if axes is None else {Mode.STABILIZED: sticks(axes), Mode.POSITION: speeds(axes)}

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mkdaemon.errors import ConfigError
+from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import By, Station
@@ -66,17 +66,16 @@ def addressed(item: Item, by: By, seq: int, *, is_old: bool) -> Message:
     return make(*by.program, seq, item.frame, item.command, item.current, item.autocontinue, *params, *last)
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """A mission that no MikroKopter can fly.
+class UnflyableError(MkError):
+    """A mission that no MikroKopter can fly: which item, why, and what to do.
 
     Attributes:
         result: of `MAV_MISSION_RESULT`.
-        reason: which item, why, and what to do.
     """
 
-    result: int
-    reason: str
+    def __init__(self, result: int, reason: str) -> None:
+        super().__init__(reason)
+        self.result = int(result)
 
 
 def autopilot_of(station: Station) -> int:
@@ -99,7 +98,7 @@ def _scaled(degrees: float) -> int:
 
 def mission_of(
     items: Sequence[Item], ground: float | None, first: int = 0, autopilot: int = table.GENERIC
-) -> tuple[Mission, tuple[str, ...]] | Refused:
+) -> tuple[Mission, tuple[str, ...]]:
     """The mission of some items.
 
     Args:
@@ -109,23 +108,25 @@ def mission_of(
         autopilot: of `MAV_AUTOPILOT`: whose reading of the items counts.
 
     Returns:
-        The mission, heights above home, with what is left out of it in words; or why there is none.
+        The mission, heights above home, with what is left out of it in words.
+
+    Raises:
+        UnflyableError: there is none.
     """
     for number, item in enumerate(items, first):
         if item.command not in table.COMMANDS:
-            result, what = mavlink.MAV_MISSION_UNSUPPORTED, _unsupported(item, number)
-            return Refused(int(result), what)
+            raise UnflyableError(mavlink.MAV_MISSION_UNSUPPORTED, _unsupported(item, number))
         if item.command in _PLACED and item.frame not in table.FRAMES:
             what = f"item {number}: frame {item.frame} cannot be flown; set heights relative to home"
-            return Refused(int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME), what)
+            raise UnflyableError(mavlink.MAV_MISSION_UNSUPPORTED_FRAME, what)
     try:
         draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first), autopilot)
         if ground is None and draft.reference is AltitudeReference.SEA_LEVEL:
             what = "heights are above sea level, and that of home is not known; set heights relative to home"
-            return Refused(int(mavlink.MAV_MISSION_INVALID), what)
+            raise UnflyableError(mavlink.MAV_MISSION_INVALID, what)
         return draft.settled("mission", start_elevation=ground), draft.notes
     except ConfigError as error:
-        return Refused(int(mavlink.MAV_MISSION_INVALID), str(error))
+        raise UnflyableError(mavlink.MAV_MISSION_INVALID, str(error)) from error
 
 
 def _unsupported(item: Item, number: int) -> str:

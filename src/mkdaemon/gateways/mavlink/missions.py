@@ -20,7 +20,7 @@ from mkdaemon.gateways.mavlink.frames import degrees_e7
 from mkdaemon.gateways.mavlink.missionitems import (
     HeldMission,
     Item,
-    Refused,
+    UnflyableError,
     addressed,
     autopilot_of,
     held_from,
@@ -292,7 +292,8 @@ class MissionServer:
 
     async def _store_now(self, upload: MissionUpload) -> None:
         try:
-            result = await self._replace(upload)
+            await self._replace(upload)
+            result = int(mavlink.MAV_MISSION_ACCEPTED)
         except MkError as error:
             self._notify(upload.by.station, f"the mission is not stored: {words_of(error)}")
             result = _result_of(error)
@@ -303,23 +304,19 @@ class MissionServer:
             self._upload = None
         self._acknowledge(upload.by, result)
 
-    async def _replace(self, upload: MissionUpload) -> int:
-        """Store the items; the result of it.
+    async def _replace(self, upload: MissionUpload) -> None:
+        """Store the items.
 
         Raises:
-            MkError: the daemon refuses, or it is not proven.
+            MkError: no MikroKopter can fly them, the daemon refuses, or it is not proven.
         """
         station = upload.by.station
         skipped = int(station.numbering is Numbering.ARDUPILOT)
         items = upload.items[skipped:]
         if not items:
             await self._empty()
-            return int(mavlink.MAV_MISSION_ACCEPTED)
-        found = mission_of(items, self._picture.ground, skipped, autopilot_of(station))
-        if isinstance(found, Refused):
-            self._notify(station, found.reason)
-            return found.result
-        mission, notes = found
+            return
+        mission, notes = mission_of(items, self._picture.ground, skipped, autopilot_of(station))
         for note in notes:
             self._notify(station, note, INFO)
         self._require_not_flown()
@@ -327,7 +324,6 @@ class MissionServer:
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
             self._held = held_from(mission.points, stored.digest, items, autopilot_of(station))
             self._on_board = stored.digest
-        return int(mavlink.MAV_MISSION_ACCEPTED)
 
     def _require_not_flown(self) -> None:
         """A list that is flown is not replaced: the aircraft would fly home until the switch is turned away and back.
@@ -366,6 +362,8 @@ class MissionServer:
 
 def _result_of(error: MkError) -> int:
     """The `MAV_MISSION_RESULT` of a refusal."""
+    if isinstance(error, UnflyableError):
+        return error.result
     if not isinstance(error, CommandRejectedError):
         return int(mavlink.MAV_MISSION_ERROR)
     return int(_RESULTS.get(error.token, mavlink.MAV_MISSION_DENIED))

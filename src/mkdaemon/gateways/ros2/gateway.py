@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import signal
 import threading
 import time
 from collections.abc import Callable, Coroutine, Sequence
@@ -58,7 +57,6 @@ STALE: Final = 0.3
 """A setpoint whose stamp was older when it came is not flown [s]; docs/safety.md."""
 MOST_CALLS: Final = 8
 """Services that may be under way at once; a further call is refused."""
-_ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _log = structlog.get_logger("gateway.ros2")
 _Result = TypeVar("_Result")
 
@@ -334,7 +332,7 @@ class Ros2Gateway:
 
 
 async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_ready: Callable[[str], None]) -> None:
-    """Be the gateway of a vehicle until a signal comes.
+    """Be the gateway of a vehicle until it is cancelled.
 
     Args:
         uav: the daemon's client.
@@ -349,22 +347,14 @@ async def run(uav: Vehicle, arguments: Sequence[str], namespace: str | None, on_
     from mkdaemon.gateways.ros2.rclnode import RosNode, RosTypes, localhost_only
 
     localhost_only()
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in _ENDS:
-        loop.add_signal_handler(number, stop.set)
     node = RosNode(f"/{name_part(namespace or uav.vehicle)}", arguments)
     try:
         gateway = Ros2Gateway(uav, node, RosTypes())
         node.start()
         on_ready(node.namespace)
-        working = asyncio.create_task(gateway.run(), name="gateway ros2")
-        stopping = asyncio.create_task(stop.wait(), name="stop")
-        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        working.cancel()
-        stopping.cancel()
-        gateway.end_calls()  # the node waits for them when it is closed
-        with suppress(asyncio.CancelledError):
-            await working
+        try:
+            await gateway.run()
+        finally:
+            gateway.end_calls()  # the node waits for them when it is closed
     finally:
         await asyncio.to_thread(node.close)

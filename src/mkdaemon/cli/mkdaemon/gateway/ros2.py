@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkctl.connection import HERE, Connection
 from mkdaemon.cli.mkdaemon.gateway.greeting import announce_serving
 from mkdaemon.cli.mkdaemon.logs import Level, configure
@@ -57,4 +58,4 @@ def ros2(
             await run(uav, ros_arguments, namespace, serving)
 
     with asyncio.Runner(loop_factory=fast_loop()) as runner:
-        runner.run(serve())
+        runner.run(run_until_asked_to_end(serve()))
