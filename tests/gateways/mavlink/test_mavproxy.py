@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from lab.rigs.gatewayprocess import gateway_process
-from lab.rigs.overtarget import VEHICLE, Setting, favour, over_target
+from lab.rigs.overtarget import VEHICLE, Setting, over_target
 from lab.rigs.waiting import wait_for
 from tests.gateways.mavlink.test_links import free_port
+from tests.gateways.programs import running
 
 pytestmark = [pytest.mark.gateways, pytest.mark.flight]
 MAVPROXY = Path(sys.executable).with_name("mavproxy.py")
@@ -23,6 +24,7 @@ WAYPOINTS = """QGC WPL 110
 1\t0\t3\t16\t2\t5\t0\t0\t53.2302184\t7.4591749\t10\t1
 2\t0\t3\t16\t0\t5\t0\t0\t53.2303184\t7.4590749\t12\t1
 """
+ENDS = ("stdin", "stdout", "stderr")
 TAKE_OFF = WAYPOINTS.replace("\t16\t2\t", "\t22\t0\t")
 
 
@@ -52,24 +54,13 @@ class Terminal:
 async def mavproxy(port, folder):
     """MAVProxy, connected."""
     first, second = os.openpty()
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, str(MAVPROXY), f"--master=tcp:127.0.0.1:{port}", f"--state-basedir={folder}"),
-        *("--default-modules=cmdlong,mode,param,rc,wp,arm,misc,fence", "--nowait"),
-        stdin=second,
-        stdout=second,
-        stderr=second,
-        cwd=folder,
-        env={**os.environ, "HOME": str(folder), "TERM": "dumb"},
-        start_new_session=True,
-    )
-    favour(process.pid)
-    terminal = Terminal(process, first)
+    arguments = (str(MAVPROXY), f"--master=tcp:127.0.0.1:{port}", f"--state-basedir={folder}", "--nowait")
+    modules, ends = "--default-modules=cmdlong,mode,param,rc,wp,arm,misc,fence", dict.fromkeys(ENDS, second)
+    environment = {**os.environ, "HOME": str(folder), "TERM": "dumb"}
     try:
-        yield terminal
+        async with running(*arguments, modules, cwd=folder, env=environment, **ends) as process:
+            yield Terminal(process, first)
     finally:
-        if process.returncode is None:
-            process.kill()
-        await process.wait()
         asyncio.get_running_loop().remove_reader(first)
         os.close(first)
         os.close(second)

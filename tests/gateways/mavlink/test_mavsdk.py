@@ -5,17 +5,16 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import sys
 import time
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 
 import pytest
 
-from lab.places import ROOT
 from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.overtarget import VEHICLE, Setting, favour, hovering, over_target
 from lab.rigs.waiting import wait_for
 from tests.gateways.mavlink.test_links import free_port
+from tests.gateways.programs import running
 
 pytestmark = [pytest.mark.gateways, pytest.mark.flight]
 RELEASED = 1.1
@@ -52,20 +51,13 @@ class Program:
 @asynccontextmanager
 async def mavsdk(port, *steps):
     """Run a program through some steps."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.gateways.mavlink.mavsdkprogram", f"tcpout://127.0.0.1:{port}", *steps),
-        stdout=asyncio.subprocess.PIPE,
-        cwd=ROOT,
-        start_new_session=True,
-    )
-    favour(process.pid)
-    program = Program(process)
-    try:
+    arguments = ("-m", "tests.gateways.mavlink.mavsdkprogram", f"tcpout://127.0.0.1:{port}", *steps)
+    async with AsyncExitStack() as stack:
+        process = await stack.enter_async_context(running(*arguments, stdout=asyncio.subprocess.PIPE))
+        program = Program(process)
+        stack.push_async_callback(program.end)
+        stack.callback(lambda: process.returncode is None and process.kill())
         yield program
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await program.end()
 
 
 @asynccontextmanager

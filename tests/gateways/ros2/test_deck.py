@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 from types import SimpleNamespace
 
 import pytest
@@ -60,22 +61,34 @@ class Uav:
     async def stop(self):
         self.stopped += 1
 
+    async def end(self):
+        """The gateway ends."""
+        self.running.cancel()
+        await asyncio.gather(self.running, return_exceptions=True)
 
-def fly(story, *refusals, newest=None, hold_for=60.0):
-    """Let a story happen on a deck; returns the aircraft's side."""
-    uav = Uav(*refusals)
 
-    async def main():
-        habits = Habits(load_mapping("xbox"), pad_facts(AXES, BUTTONS), hold_for, 1.5)
-        deck = FlightDeck(uav, habits, newest or {})
-        running = asyncio.create_task(deck.run())
-        await asyncio.sleep(0)
-        await story(deck)
-        running.cancel()
-        await asyncio.gather(running, return_exceptions=True)
+def flown(*refusals, newest=None, hold_for=60.0):
+    """Let a test happen on a deck, in virtual time; `uav` is the aircraft's side, whose `end` ends the deck."""
 
-    run_virtually(main())
-    return uav
+    def decorate(story):
+        async def main(**options):
+            uav = Uav(*refusals)
+            habits = Habits(load_mapping("xbox"), pad_facts(AXES, BUTTONS), hold_for, 1.5)
+            deck = FlightDeck(uav, habits, newest or {})
+            uav.running = asyncio.create_task(deck.run())
+            await asyncio.sleep(0)
+            await story(deck, uav, **options)
+            await uav.end()
+
+        def run(**options):
+            run_virtually(main(**options))
+
+        run.__name__, run.pytestmark = story.__name__, getattr(story, "pytestmark", [])
+        parameters = list(inspect.signature(story).parameters.values())[2:]
+        run.__signature__ = inspect.Signature(parameters)
+        return run
+
+    return decorate
 
 
 async def stream(deck, seconds, stream=None, kind="velocity", fields=None):
@@ -98,214 +111,181 @@ async def press_enable(deck, **moved):
     await hold_pad(deck, 0.5, BTN_TL=1.0, **moved)
 
 
-def test_the_lease_is_taken_with_the_first_setpoint_and_given_back_when_none_comes():
-    async def story(deck):
-        assert "no client flies" in deck.words
-        await stream(deck, 1.0)
-        assert deck.flown == "cmd_vel"
-        await asyncio.sleep(GONE + 0.1)
-        assert deck.flown == ""
-        assert "cmd_vel has been silent too long" in deck.words
-
-    uav = fly(story)
+@flown()
+async def test_the_lease_is_taken_with_the_first_setpoint_and_given_back_when_none_comes(deck, uav):
+    assert "no client flies" in deck.words
+    await stream(deck, 1.0)
+    assert deck.flown == "cmd_vel"
+    await asyncio.sleep(GONE + 0.1)
+    assert deck.flown == ""
+    assert "cmd_vel has been silent too long" in deck.words
+    await uav.end()
     assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
-    assert 18 <= len(uav.daemon.lease.streamed) <= 20
+    assert 18 <= len(uav.daemon.lease.streamed) <= 20, "nothing is repeated"
     assert uav.daemon.lease.streamed[0] == ("velocity", VELOCITY)
 
 
-def test_nothing_is_repeated_for_a_publisher_that_hangs():
-    async def story(deck):
-        await stream(deck, 0.5)
-        count = len(uav_of(deck).daemon.lease.streamed)
-        await asyncio.sleep(0.5)
-        assert len(uav_of(deck).daemon.lease.streamed) == count
-
-    fly(story)
-
-
-def uav_of(deck):
-    return deck._uav
-
-
-def test_a_lost_lease_is_not_taken_again_by_a_stream_that_goes_on():
-    async def story(deck):
-        await stream(deck, 0.5)
-        uav_of(deck).daemon.lease.lose("the pilot's switch")
-        await stream(deck, 3.0)
-        assert "the pilot's switch" in deck.note
-        await asyncio.sleep(SILENCE)
-        await stream(deck, 0.5)
-        assert deck.flown == "cmd_vel"
-
-    uav = fly(story)
+@flown()
+async def test_a_lost_lease_is_not_taken_again_by_a_stream_that_goes_on(deck, uav):
+    await stream(deck, 0.5)
+    uav.daemon.lease.lose("the pilot's switch")
+    await stream(deck, 3.0)
+    assert "the pilot's switch" in deck.note
+    await asyncio.sleep(SILENCE)
+    await stream(deck, 0.5)
+    assert deck.flown == "cmd_vel"
+    await uav.end()
     assert uav.daemon.taken == 2
 
 
-def test_a_refused_lease_is_asked_for_once():
-    held = CommandRejectedError("lease_held", "somebody flies.", "wait")
-
-    async def story(deck):
-        await stream(deck, 3.0)
-        assert deck.flown == ""
-        assert "somebody flies" in deck.note
-
-    assert fly(story, held).daemon.taken == 0
+@flown(CommandRejectedError("lease_held", "somebody flies.", "wait"))
+async def test_a_refused_lease_is_asked_for_once(deck, uav):
+    await stream(deck, 3.0)
+    assert deck.flown == ""
+    assert "somebody flies" in deck.note
+    await uav.end()
+    assert uav.daemon.taken == 0
 
 
-def test_the_topic_that_flies_is_not_disturbed_by_the_other():
-    async def story(deck):
-        await stream(deck, 0.5)
-        deck.command_arrived(deck.pose, "position", {})
-        assert deck.flown == "cmd_vel"
-        assert "setpoint_pose is left out" in deck.note
+@flown()
+async def test_the_topic_that_flies_is_not_disturbed_by_the_other(deck, uav):
+    await stream(deck, 0.5)
+    deck.command_arrived(deck.pose, "position", {})
+    assert deck.flown == "cmd_vel"
+    assert "setpoint_pose is left out" in deck.note
+    await uav.end()
+    assert {kind for kind, _ in uav.daemon.lease.streamed} == {"velocity"}
 
-    assert {kind for kind, _ in fly(story).daemon.lease.streamed} == {"velocity"}
 
-
-def test_the_enable_button_flies_and_letting_go_of_it_levels_then_releases():
-    async def story(deck):
-        await press_enable(deck, ABS_RX=1.0)
-        assert deck.flown == "joy"
-        assert uav_of(deck).daemon.lease.streamed[-1][1]["roll"] == 30.0
-        await hold_pad(deck, 0.5, ABS_RX=1.0)
-        assert uav_of(deck).daemon.lease.streamed[-1][1]["roll"] == 0.0
-        assert uav_of(deck).daemon.given_back == 0
-        await hold_pad(deck, 0.6, ABS_RX=1.0)
-        assert deck.flown == ""
-
-    uav = fly(story)
+@flown()
+async def test_the_enable_button_flies_and_letting_go_of_it_levels_then_releases(deck, uav):
+    await press_enable(deck, ABS_RX=1.0)
+    assert deck.flown == "joy"
+    assert uav.daemon.lease.streamed[-1][1]["roll"] == 30.0
+    await hold_pad(deck, 0.5, ABS_RX=1.0)
+    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0
+    assert uav.daemon.given_back == 0
+    await hold_pad(deck, 0.6, ABS_RX=1.0)
+    assert deck.flown == ""
+    await uav.end()
     assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
 
 
-def test_a_pad_that_falls_silent_is_level_after_a_quarter_of_a_second_and_released_after_0_9():
-    async def story(deck):
-        await press_enable(deck, ABS_RX=1.0)
-        await asyncio.sleep(0.3)
-        assert uav_of(deck).daemon.lease.streamed[-1][1]["roll"] == 0.0
-        await asyncio.sleep(0.65)
-        assert deck.flown == ""
-        await asyncio.sleep(3.0)
-        assert not deck._teleop.hands, "forgotten"
-
-    fly(story)
+@flown()
+async def test_a_pad_that_falls_silent_is_level_after_a_quarter_of_a_second_and_released_after_0_9(deck, uav):
+    await press_enable(deck, ABS_RX=1.0)
+    await asyncio.sleep(0.3)
+    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0
+    await asyncio.sleep(0.65)
+    assert deck.flown == ""
+    await asyncio.sleep(3.0)
+    assert not deck._teleop.hands, "forgotten"
 
 
-def test_the_state_of_a_pad_is_as_old_as_its_stamp():
-    async def story(deck):
-        await press_enable(deck)
-        for _ in range(60):
-            deck.pad_arrived(STICKS_AT_REST | {"BTN_TL": 1.0, "ABS_RX": 1.0}, 0.5)
-            await asyncio.sleep(0.02)
-        assert uav_of(deck).daemon.lease.streamed[-1][1]["roll"] == 0.0, "what arrives late does not fly"
-
-    fly(story)
+@flown()
+async def test_the_state_of_a_pad_is_as_old_as_its_stamp(deck, uav):
+    await press_enable(deck)
+    for _ in range(60):
+        deck.pad_arrived(STICKS_AT_REST | {"BTN_TL": 1.0, "ABS_RX": 1.0}, 0.5)
+        await asyncio.sleep(0.02)
+    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0, "what arrives late does not fly"
 
 
-def test_the_pad_takes_over_from_a_stream_and_from_a_verb():
-    async def story(deck):
-        await stream(deck, 0.3)
-        await press_enable(deck)
-        assert deck.flown == "joy"
-        await stream(deck, 0.1)
-        assert uav_of(deck).daemon.lease.streamed[-1][0] == "stick"
-        with pytest.raises(MkError, match="the pad of joy flies"):
-            await deck.land()
-
-    uav = fly(story)
+@flown()
+async def test_the_pad_takes_over_from_a_stream_and_from_a_verb(deck, uav):
+    await stream(deck, 0.3)
+    await press_enable(deck)
+    assert deck.flown == "joy"
+    await stream(deck, 0.1)
+    assert uav.daemon.lease.streamed[-1][0] == "stick"
+    with pytest.raises(MkError, match="the pad of joy flies"):
+        await deck.land()
+    await uav.end()
     assert uav.daemon.taken == 1, "the aircraft is not released in between"
 
 
-def test_on_the_ground_the_thrust_stick_must_be_at_its_lowest():
-    async def story(deck):
-        await press_enable(deck)
-        assert deck.flown == ""
-        assert "lowest" in deck.note
-
-    fly(story, newest={"state/flight": SimpleNamespace(is_flying=False)})
+@flown(newest={"state/flight": SimpleNamespace(is_flying=False)})
+async def test_on_the_ground_the_thrust_stick_must_be_at_its_lowest(deck, uav):
+    await press_enable(deck)
+    assert deck.flown == ""
+    assert "lowest" in deck.note
 
 
-def test_take_off_holds_then_lands_when_nobody_flies_on():
-    async def story(deck):
-        assert "at 1.5 m; holds for 5 s" in await deck.take_off()
-        assert deck.flown == "hold"
-        await asyncio.sleep(4.5)
-        assert uav_of(deck).daemon.lease.flown == ["take_off 1.5", "hold"]
-        await asyncio.sleep(2.0)
-        assert deck.flown == ""
-
-    uav = fly(story, hold_for=5.0)
+@flown(hold_for=5.0)
+async def test_take_off_holds_then_lands_when_nobody_flies_on(deck, uav):
+    assert "at 1.5 m; holds for 5 s" in await deck.take_off()
+    assert deck.flown == "hold"
+    await asyncio.sleep(4.5)
+    assert uav.daemon.lease.flown == ["take_off 1.5", "hold"]
+    await asyncio.sleep(2.0)
+    assert deck.flown == ""
+    await uav.end()
     assert uav.daemon.lease.flown == ["take_off 1.5", "hold", "land"]
     assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
 
 
-def test_a_stream_flies_on_from_a_hold_under_the_same_lease():
-    async def story(deck):
-        await deck.take_off()
-        await stream(deck, 0.5)
-        assert deck.flown == "cmd_vel"
-        assert (await deck.hold()).startswith("holds for")
-        assert "landed" in await deck.land()
-
-    uav = fly(story)
+@flown()
+async def test_a_stream_flies_on_from_a_hold_under_the_same_lease(deck, uav):
+    await deck.take_off()
+    await stream(deck, 0.5)
+    assert deck.flown == "cmd_vel"
+    assert (await deck.hold()).startswith("holds for")
+    assert "landed" in await deck.land()
+    await uav.end()
     assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
 
 
-def test_a_verb_is_interrupted_by_another_and_by_a_release_and_says_so():
-    async def story(deck):
-        taking_off = asyncio.create_task(deck.take_off())
-        await asyncio.sleep(0.3)
-        await stream(deck, 0.2)
-        assert deck.flown == "take_off", "a stream does not interrupt it"
-        landing = asyncio.create_task(deck.land())
-        with pytest.raises(MkError, match="take_off was interrupted: land was asked for"):
-            await taking_off
-        await asyncio.sleep(0.3)
-        assert "confirmed: 5 of 5" in await deck.release()
-        with pytest.raises(MkError, match="land was interrupted"):
-            await landing
-        assert deck.flown == ""
-
-    uav = fly(story)
+@flown()
+async def test_a_verb_is_interrupted_by_another_and_by_a_release_and_says_so(deck, uav):
+    taking_off = asyncio.create_task(deck.take_off())
+    await asyncio.sleep(0.3)
+    await stream(deck, 0.2)
+    assert deck.flown == "take_off", "a stream does not interrupt it"
+    landing = asyncio.create_task(deck.land())
+    with pytest.raises(MkError, match="take_off was interrupted: land was asked for"):
+        await taking_off
+    await asyncio.sleep(0.3)
+    assert "confirmed: 5 of 5" in await deck.release()
+    with pytest.raises(MkError, match="land was interrupted"):
+        await landing
+    assert deck.flown == ""
+    await uav.end()
     assert uav.released == ["asked for in ROS"]
     assert uav.daemon.given_back == 1
 
 
 @pytest.mark.parametrize(("is_engaged", "flown"), [(True, "hold"), (False, "")])
-def test_a_manoeuvre_that_fails_holds_where_it_flies_and_is_let_go_of_else(is_engaged, flown):
-    async def story(deck):
-        lease = uav_of(deck).daemon.lease
-        lease.engages = 0 if is_engaged else None
-        lease.fails["land"] = ManoeuvreError("not landed within 60 s")
-        with pytest.raises(ManoeuvreError, match="not landed"):
-            await deck.land()
-        assert deck.flown == flown
-
-    fly(story)
+@flown()
+async def test_a_manoeuvre_that_fails_holds_where_it_flies_and_is_let_go_of_else(deck, uav, is_engaged, flown):
+    lease = uav.daemon.lease
+    lease.engages = 0 if is_engaged else None
+    lease.fails["land"] = ManoeuvreError("not landed within 60 s")
+    with pytest.raises(ManoeuvreError, match="not landed"):
+        await deck.land()
+    assert deck.flown == flown
 
 
-def test_a_setpoint_that_is_refused_is_told_and_ends_nothing():
-    async def story(deck):
-        await stream(deck, 0.2)
-        uav_of(deck).daemon.lease.refuse(CommandRejectedError("no_estimate", "no target.", "look"))
-        await stream(deck, 0.2)
-        assert deck.flown == "cmd_vel"
-        assert "no target" in deck.note
-        deck.refused("joy holds a NaN or an infinity")
-        assert "NaN" in deck.words
-
-    fly(story)
+@flown()
+async def test_a_setpoint_that_is_refused_is_told_and_ends_nothing(deck, uav):
+    await stream(deck, 0.2)
+    uav.daemon.lease.refuse(CommandRejectedError("no_estimate", "no target.", "look"))
+    await stream(deck, 0.2)
+    assert deck.flown == "cmd_vel"
+    assert "no target" in deck.note
+    deck.refused("joy holds a NaN or an infinity")
+    assert "NaN" in deck.words
 
 
-def test_the_stop_button_asks_for_the_motors_to_stop():
-    async def story(deck):
-        await hold_pad(deck, 0.1, ABS_Y=1.0)
-        await hold_pad(deck, 1.5, BTN_MODE=1.0)
+@flown()
+async def test_the_stop_button_asks_for_the_motors_to_stop(deck, uav):
+    await hold_pad(deck, 0.1, ABS_Y=1.0)
+    await hold_pad(deck, 1.5, BTN_MODE=1.0)
+    await uav.end()
+    assert uav.stopped == 1
 
-    assert fly(story).stopped == 1
 
-
-def test_the_end_of_the_gateway_gives_the_lease_back():
-    async def story(deck):
-        await stream(deck, 0.5)
-
-    assert fly(story).daemon.given_back == 1
+@flown()
+async def test_the_end_of_the_gateway_gives_the_lease_back(deck, uav):
+    await stream(deck, 0.5)
+    await uav.end()
+    assert uav.daemon.given_back == 1

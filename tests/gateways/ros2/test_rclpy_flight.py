@@ -5,22 +5,21 @@ from __future__ import annotations
 import asyncio
 import math
 import signal
-import sys
 import time
-from contextlib import asynccontextmanager, suppress
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="`make check-gateways` installs it")
 
-from lab.places import ROOT
 from lab.rigs.overtarget import VEHICLE as FLOWN
 from lab.rigs.overtarget import Setting, favour, hovering
 from lab.rigs.waiting import wait_for
 from mkdaemon.gateways.ros2.rclnode import type_of
 from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
+from tests.gateways.programs import running
 from tests.gateways.ros2.rosworld import (
     domain,
     gateway,
@@ -44,27 +43,12 @@ RELEASED = 1.1
 """From there to the release [s]; docs/ros.md says 0.9."""
 
 
-@asynccontextmanager
-async def pad_program():
-    """A pad's node as a process of its own."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "tests.gateways.ros2.padprogram", FLOWN), cwd=ROOT, start_new_session=True
-    )
-    favour(process.pid)
-    try:
-        yield process
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await process.wait()
-
-
 async def test_a_pad_that_is_killed_while_it_flies_is_levelled_and_released_on_the_wire():
     with domain():
         async with (
             hovering(Setting(fps=5.0, wind="none", is_tapped=True)) as hover,
             gateway(hover.endpoint, FLOWN),
-            pad_program() as pad,
+            running("-m", "tests.gateways.ros2.padprogram", FLOWN) as pad,
         ):
             favour(hover.daemon.pid)  # what is looked at is the gateway: a busy machine says nothing of it
             await wait_for(lambda: hover.seen.is_flying and hover.seen.last["control/output"]["roll"], 60.0)
