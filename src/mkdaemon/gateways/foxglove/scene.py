@@ -175,26 +175,18 @@ class VehicleScene:
 
 def vehicle() -> dict[str, object]:
     """A quadrocopter in its own frame; its front arm is red."""
-    plate = CubePrimitive(pose=pose((0.0, 0.0, 0.0), np.eye(3)), size=Vector3(x=0.12, y=0.12, z=0.05), color=GREY)
+
+    def box(place: tuple[float, float, float], size: tuple[float, float, float], color: Color) -> CubePrimitive:
+        return CubePrimitive(pose=pose(place, np.eye(3)), size=vector(size), color=color)
+
     arms = [
-        CubePrimitive(
-            pose=pose((x / 2, y / 2, 0.0), np.eye(3)),
-            size=Vector3(x=max(abs(x), 0.025), y=max(abs(y), 0.025), z=0.02),
-            color=RED if x > 0 else GREY,
-        )
+        box((x / 2, y / 2, 0.0), (max(abs(x), 0.025), max(abs(y), 0.025), 0.02), RED if x > 0 else GREY)
         for x, y in _MOTORS
     ]
-    rotors = [
-        CylinderPrimitive(
-            pose=pose((x, y, 0.04), np.eye(3)),
-            size=Vector3(x=0.22, y=0.22, z=0.01),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=FAINT,
-        )
-        for x, y in _MOTORS
-    ]
-    return {"cubes": [plate, *arms], "cylinders": rotors}
+    whole, size = {"bottom_scale": 1.0, "top_scale": 1.0}, vector((0.22, 0.22, 0.01))
+    places = [pose((x, y, 0.04), np.eye(3)) for x, y in _MOTORS]
+    rotors = [CylinderPrimitive(pose=place, size=size, color=FAINT, **whole) for place in places]
+    return {"cubes": [box((0.0, 0.0, 0.0), (0.12, 0.12, 0.05), GREY), *arms], "cylinders": rotors}
 
 
 _MOTORS: Final = ((ARM, 0.0), (-ARM, 0.0), (0.0, ARM), (0.0, -ARM))

@@ -15,7 +15,7 @@ from mkdaemon.errors import MkError
 from mkdaemon.frames import enu_from_geodetic
 from mkdaemon.gateways.mavlink.commands import LOCAL_FRAMES, Asked, CommandAnswered, Handler, accepted, denied
 from mkdaemon.gateways.mavlink.dialect import mavlink
-from mkdaemon.gateways.mavlink.frames import compass_from_yaw, ned_from_enu
+from mkdaemon.gateways.mavlink.frames import Vector3, compass_from_yaw, ned_from_enu
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
@@ -124,10 +124,7 @@ class Actions:
             north, east, down = (asked.number(index) for index in (5, 6, 7))
             if north is None or east is None or down is None:
                 return denied("a place in a local frame needs x, y and z")
-            place = ned_from_enu((north, east, down))
-            heading = asked.number(4)
-            yaw = None if heading is None else compass_from_yaw(heading)
-            return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
+            return await self._fly_to(asked, ned_from_enu((north, east, down)), _yaw(asked.number(4)))
         if asked.number(5) is None and asked.number(6) is None:
             return await self._reposition_above(asked)
         return await self._reposition_on_globe(asked)
@@ -146,8 +143,7 @@ class Actions:
             if found is None:
                 return denied(_NO_GROUND)
             up = found
-        yaw = None if heading is None else compass_from_yaw(heading)
-        return await self._fly(asked, "position", {"position": (x, y, up), "frame": "pad", "yaw": yaw}, "")
+        return await self._fly_to(asked, (x, y, up), _yaw(heading))
 
     async def _reposition_on_globe(self, asked: Asked) -> CommandAnswered:
         if self._steering.order is not None:
@@ -228,25 +224,18 @@ class Actions:
 
     async def enter(self, asked: Asked, mode: Mode | None) -> CommandAnswered:
         """Enter a mode; see `modes.Mode` for what each is."""
-        match mode:
-            case None:
-                return denied("a MikroKopter has no such mode; AVAILABLE_MODES lists them")
-            case Mode.ALTITUDE:
-                return denied("height control is a switch of the pilot's transmitter")
-            case Mode.STABILIZED | Mode.POSITION | Mode.OFFBOARD:
-                return await self._enter_streamed(asked, mode)
-            case Mode.MISSION:
-                return await self.start_mission(asked)
-            case Mode.RETURN:
-                return await self.return_home(asked)
-            case Mode.TAKEOFF:
-                if not is_armed(self._picture):
-                    return denied(_START_MOTORS)
-                return await self._fly(asked, "takeoff", {"height": self._parameters.take_off_height}, "takes off")
-            case Mode.LAND:
-                return await self.land(asked)
-            case Mode.HOLD:
-                return await self.hold(asked)
+        if mode is None:
+            return denied("a MikroKopter has no such mode; AVAILABLE_MODES lists them")
+        if mode is Mode.ALTITUDE:
+            return denied("height control is a switch of the pilot's transmitter")
+        entered = {
+            Mode.MISSION: self.start_mission,
+            Mode.RETURN: self.return_home,
+            Mode.TAKEOFF: self.take_off,
+            Mode.LAND: self.land,
+            Mode.HOLD: self.hold,
+        }
+        return await (entered[mode](asked) if mode in entered else self._enter_streamed(asked, mode))
 
     async def _enter_streamed(self, asked: Asked, mode: Mode) -> CommandAnswered:
         """Fly what the ground station streams; its sticks in Stabilized and Position, its setpoints in Offboard."""
@@ -272,8 +261,7 @@ class Actions:
         if estimate is None or north is None or east is None:
             return denied("turning to a place needs a flight by the target in sight, and x and y")
         x, y, z = estimate.position
-        fields = {"position": (x, y, z), "frame": "pad", "yaw": math.atan2(north - y, east - x)}
-        return await self._fly(asked, "position", fields, "")
+        return await self._fly_to(asked, (x, y, z), math.atan2(north - y, east - x))
 
     async def hold_heading(self, asked: Asked) -> CommandAnswered:
         """DO_SET_ROI_NONE: keep the heading; does nothing unless the gateway flies."""
@@ -290,6 +278,9 @@ class Actions:
                 fix = REMEDIES.get(finding.token or "", finding.fix)
                 self._notify(asked.by.station, f"PreArm: {finding.name}: {finding.reason} {fix}", severity)
         return accepted("all checks before a flight passed" if report.is_ready else "")
+
+    async def _fly_to(self, asked: Asked, place: Vector3, yaw: float | None) -> CommandAnswered:
+        return await self._fly(asked, "position", {"position": place, "frame": "pad", "yaw": yaw}, "")
 
     async def _fly(self, asked: Asked, kind: str, fields: dict[str, object], words: str) -> CommandAnswered:
         await self._steering.fly(Order(asked.by, kind, fields))
@@ -308,6 +299,10 @@ _REFUSED: Final = {
     mavlink.MAV_CMD_DO_MOTOR_TEST: "motors are tested by `mkctl board motors test`, propellers off",
 }
 """Commands that are known and refused, each with what is done instead."""
+
+
+def _yaw(heading: float | None) -> float | None:
+    return None if heading is None else compass_from_yaw(heading)
 
 
 def _mode_of_flags(base: int) -> Mode | None:

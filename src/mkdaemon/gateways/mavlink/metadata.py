@@ -120,10 +120,8 @@ class Opcode(IntEnum):
     NONE = 0
     TERMINATE = 1
     RESET = 2
-    LIST = 3
     OPEN = 4
     READ = 5
-    CHECKSUM = 14
     BURST = 15
     ACK = 128
     NAK = 129
@@ -204,16 +202,11 @@ class FileServer:
             case Opcode.RESET:
                 self._open.pop(whose, None)
                 return b""
-            case Opcode.LIST:
-                entries = [f"F{name}\t{len(data)}\0".encode() for name, data in self.files.items()][asked.offset :]
-                return b"".join(entries) if entries else Error.END
-            case Opcode.OPEN | Opcode.CHECKSUM:
+            case Opcode.OPEN:
                 name = asked.data.rstrip(b"\0").decode("ascii", "replace").rpartition("/")[2]
                 found = self.files.get(name)
                 if found is None:
                     return Error.NOT_FOUND
-                if asked.opcode == Opcode.CHECKSUM:
-                    return checksum(found).to_bytes(4, "little")
                 self._open[whose] = found
                 while len(self._open) > _MOST_OPEN:
                     self._open.popitem(last=False)

@@ -30,11 +30,8 @@ _CAPABILITIES: Final = (
 _FASTEST: Final = 0.002
 """Shortest period that is kept as asked [s]; no source is that fast."""
 _HEARTBEAT: Final = int(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
-_OLD_REQUESTS: Final = {
-    int(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES): int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
-    int(mavlink.MAV_CMD_GET_HOME_POSITION): int(mavlink.MAVLINK_MSG_ID_HOME_POSITION),
-}
-"""Commands that ask for one message, by its number."""
+_VERSION: Final = int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+_HOME: Final = int(mavlink.MAVLINK_MSG_ID_HOME_POSITION)
 
 
 class Queries:
@@ -71,7 +68,8 @@ class Queries:
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
         return {
-            **dict.fromkeys(_OLD_REQUESTS, self.request_old),
+            mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda asked: self._send(asked, _VERSION),
+            mavlink.MAV_CMD_GET_HOME_POSITION: lambda asked: self._send(asked, _HOME),
             mavlink.MAV_CMD_REQUEST_MESSAGE: self.request,
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self.set_interval,
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self.get_interval,
@@ -81,11 +79,7 @@ class Queries:
         """REQUEST_MESSAGE: one message, now."""
         return self._send(asked, int(asked.number(1) or 0), int(asked.number(2) or 0))
 
-    def request_old(self, asked: Asked) -> CommandAnswered:
-        """The commands that asked for one message before REQUEST_MESSAGE."""
-        return self._send(asked, _OLD_REQUESTS[asked.command], 0)
-
-    def _send(self, asked: Asked, number: int, index: int) -> CommandAnswered:
+    def _send(self, asked: Asked, number: int, index: int = 0) -> CommandAnswered:
         station = asked.by.station
         if number == mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES:
             wanted = range(1, len(ROWS) + 1) if index == 0 else (index,)
@@ -108,7 +102,7 @@ class Queries:
         picture = self._picture
         single: dict[int, Callable[[], Message | None]] = {
             _HEARTBEAT: lambda: heartbeat(picture, self._mode(), station.numbering),
-            int(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION): lambda: autopilot_version(picture),
+            _VERSION: lambda: autopilot_version(picture),
             int(mavlink.MAVLINK_MSG_ID_CURRENT_MODE): lambda: current_mode(self._mode(), station.numbering),
             int(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT): self._mission,
             COMPONENT_METADATA: self._metadata,

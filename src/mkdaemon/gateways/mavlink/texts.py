@@ -88,9 +88,8 @@ class Texts:
             return [mavlink.MAVLink_statustext_message(severity, raw)]
         self._number = self._number % 0xFFFF + 1
         parts = [raw[at : at + PIECE] for at in range(0, len(raw), PIECE)]
-        if (
-            len(parts[-1]) == PIECE
-        ):  # it would not say that it is the last; QGroundControl shows an empty one as " ... "
+        if len(parts[-1]) == PIECE:
+            # A full one does not say that it is the last; QGroundControl shows an empty one as " ... ".
             parts.append(b" ")
         return [
             mavlink.MAVLink_statustext_message(severity, part, self._number, index) for index, part in enumerate(parts)
