@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import re
 from collections import Counter
@@ -90,17 +89,3 @@ def test_a_file_is_whole_or_not_there_and_only_replaced_by_force(tmp_path):
         write([good], path, overwrite=False)
     write([good, good], path, overwrite=True)
     assert len(messages_of(path)) > 2
-
-
-def test_a_disk_that_fills_is_one_line_and_leaves_nothing(tmp_path, monkeypatch):
-    many = [value("state/attitude", flights.attitude(n * 0.1)) for n in range(20)]
-
-    def full(*_, **__):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("mcap.writer.Writer.finish", full)
-    with pytest.raises(MkError, match=r"shown\.mcap: cannot be written \(No space left on device\)"):
-        write(many, tmp_path / "shown.mcap", overwrite=False)
-    assert list(tmp_path.iterdir()) == []
-    with pytest.raises(ConfigError, match="there is no folder"):
-        write(many, tmp_path / "no" / "shown.mcap", overwrite=False)

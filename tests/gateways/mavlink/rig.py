@@ -7,6 +7,7 @@ import inspect
 from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 from pymavlink.dialects.v20 import all as mavlink
 
@@ -169,7 +170,7 @@ class FakeVehicle:
                 return WaypointsStored(count=0, digest="none")
             case "read":
                 return WaypointList(points=self.points, digest=digest if self.points else "none")
-        return _Said(switch="turned to coming home it flies")
+        return SimpleNamespace(switch="turned to coming home it flies")
 
     @asynccontextmanager
     async def lease(self, session, **options):
@@ -203,11 +204,6 @@ class FakeVehicle:
 
     async def get_all(self, _):
         return {}
-
-
-class _Said:
-    def __init__(self, **fields):
-        self.__dict__.update(fields)
 
 
 class _Calls:

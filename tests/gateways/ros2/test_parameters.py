@@ -10,8 +10,7 @@ import pytest
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.parameters import PARAMETERS, BoardSettings, Pace, settings_of
-from mkdaemon.protocol.settings import layout_of
-from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
+from tests.gateways.mavlink.rig import FakeVehicle
 
 
 def test_a_rate_is_kept_by_the_stamps():
@@ -50,27 +49,10 @@ def test_a_wrong_parameter_is_named(name, value, words):
         settings_of(GIVEN | {name: value})
 
 
-REVISION = 106
-RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
-
-
-class Board:
-    def __init__(self, raw=RAW):
-        self.raw, self.asked, self.settings = raw, [], self
-
-    async def backup(self, slots):
-        return SettingsBackup(firmware="2.12a", active=3, sets=(StoredSet(slot=3, raw=self.raw),))
-
-    async def write(self, values, *, on_progress, **options):
-        self.asked.append((values, options))
-        return SettingsRestoration(firmware="2.12a", active=3, before=(), stored=(), written=(3,))
-
-
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    declared = {}
-    board = Board()
+    declared, board = {}, FakeVehicle()
     settings = BoardSettings(board, lambda name, value, about: declared.update({name: (value, about)}))
     return SimpleNamespace(board=board, settings=settings, declared=declared, folder=tmp_path)
 
@@ -88,7 +70,8 @@ def test_a_write_is_confirmed_and_the_set_is_saved_before(made):
     asyncio.run(made.settings.pull())
     for _ in range(2):
         asyncio.run(made.settings.write("settings.gyro_p", 81))
-    assert made.board.asked == [({"gyro_p": 81}, {"confirm": True, "slot": 3})] * 2
+    asked = [(values, options) for name, values, options in made.board.calls if name == "write"]
+    assert asked == [(({"gyro_p": 81},), {"confirm": True, "slot": 3})] * 2
     (saved,) = made.folder.rglob("before-*.toml")
     assert "gyro_p" in saved.read_text()
 
