@@ -30,29 +30,21 @@ _SHOWN_BY: Final = frozenset(PARTS.values())
 KEYS: Final = (*PICTURED, "control/preflight")
 """Keys of the values that are diagnosed."""
 
-_TIME: Final = {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-_TEXT: Final = {"type": "string"}
-_PAIR: Final = {"type": "object", "properties": {"key": _TEXT, "value": _TEXT}}
-_STATUS: Final = {
-    "type": "object",
-    "properties": {
-        "level": {"type": "integer"},
-        **dict.fromkeys(("name", "message", "hardware_id"), _TEXT),
-        "values": {"type": "array", "items": _PAIR},
-    },
-}
-_ARRAY: Final = {
-    "type": "object",
-    "properties": {
-        "header": {"type": "object", "properties": {"stamp": _TIME, "frame_id": _TEXT}},
-        "status": {"type": "array", "items": _STATUS},
-    },
-}
-
 
 def schema() -> Schema:
-    """The schema, by the name that the panels look for."""
-    return Schema(name="diagnostic_msgs/DiagnosticArray", encoding="jsonschema", data=json.dumps(_ARRAY).encode())
+    """The schema, by the name that the panels look for: the shape of a message with a line."""
+    line = Diagnosis("", DiagnosticLevel.OK, "", {"": ""})
+    shape = json.dumps(_shape(_document(Names(""), 0, [line])))
+    return Schema(name="diagnostic_msgs/DiagnosticArray", encoding="jsonschema", data=shape.encode())
+
+
+def _shape(part: object) -> dict[str, object]:
+    """The JSON Schema of a value."""
+    if isinstance(part, dict):
+        return {"type": "object", "properties": {name: _shape(value) for name, value in part.items()}}
+    if isinstance(part, list):
+        return {"type": "array", "items": _shape(part[0])}
+    return {"type": "string" if isinstance(part, str) else "integer"}
 
 
 class Diagnostics:
@@ -93,8 +85,13 @@ class Diagnostics:
 
 
 def _message(names: Names, value: Stamped, lines: Iterable[Diagnosis]) -> bytes:
-    sec, nsec = divmod(time_ns(value.stamp), NANOSECONDS)
-    shown = {
+    return to_json(_document(names, time_ns(value.stamp), lines))
+
+
+def _document(names: Names, time: int, lines: Iterable[Diagnosis]) -> dict[str, object]:
+    """A DiagnosticArray of a time [ns; Unix time]."""
+    sec, nsec = divmod(time, NANOSECONDS)
+    return {
         "header": {"stamp": {"sec": sec, "nsec": nsec}, "frame_id": names.body},
         "status": [
             {
@@ -107,7 +104,6 @@ def _message(names: Names, value: Stamped, lines: Iterable[Diagnosis]) -> bytes:
             for one in lines
         ],
     }
-    return to_json(shown)
 
 
 def _text(value: object) -> str:

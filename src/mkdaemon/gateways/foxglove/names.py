@@ -7,7 +7,7 @@ from typing import Final
 
 from foxglove.messages import Pose, Quaternion, Timestamp, Vector3
 
-from mkdaemon.client.place import Array
+from mkdaemon.client.place import HOME, Array
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.stamp import NANOSECONDS, Stamp, nanoseconds
 
@@ -45,6 +45,10 @@ class Names:
     def home(self) -> str:
         """Where the motors were started: east, north, up."""
         return f"{self.prefix}home"
+
+    def root(self, frame: str) -> str:
+        """The frame of a place: a target's, or home's."""
+        return self.home if frame == HOME else frame
 
     def camera(self, name: str) -> str:
         """A camera: right, down, forward."""

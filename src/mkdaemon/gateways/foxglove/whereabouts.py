@@ -6,7 +6,7 @@ from typing import Final
 
 from foxglove.messages import FrameTransform, FrameTransforms, PoseInFrame, Quaternion, Vector3
 
-from mkdaemon.client.place import HOME, AircraftPlace, place_of_estimate, place_of_gps, place_of_pose
+from mkdaemon.client.place import AircraftPlace, place_of_estimate, place_of_gps, place_of_pose
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.gateways.foxglove.names import Names, pose, quaternion, timestamp, vector
 from mkdaemon.telemetry.base import Stamped
@@ -84,11 +84,10 @@ class FrameTree:
             return self._mount(value)
         place, names = self._where.take(value), self._names
         if place is not None:
-            root = names.home if place.frame == HOME else place.frame
             turn = quaternion_from_rotation(place.rotation)
             return _tree(
                 value,
-                (root, names.map, NOWHERE, UNTURNED),
+                (names.root(place.frame), names.map, NOWHERE, UNTURNED),
                 (names.map, names.body, vector(place.position), quaternion(turn)),
             )
         if isinstance(value, Attitude) and self._where.place is None:
@@ -120,8 +119,7 @@ class Poses:
         place = self._where.take(value)
         if place is None:
             return None
-        frame = self._names.home if place.frame == HOME else place.frame
-        found = pose(place.position, place.rotation)
+        frame, found = self._names.root(place.frame), pose(place.position, place.rotation)
         return PoseInFrame(timestamp=timestamp(value.stamp), frame_id=frame, pose=found).encode()
 
 

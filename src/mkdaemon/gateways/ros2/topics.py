@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -70,8 +69,7 @@ class Ros2Topic:
 
     def name_for(self, suffix: str) -> str:
         """Its name for one key that its own stands for."""
-        found = re.fullmatch(re.escape(self.key).replace(r"\*", "([^/]+)"), suffix)
-        camera = found[1] if found is not None and found.groups() else ""
+        camera = suffix.split("/")[1] if "*" in self.key else ""
         return self.name.format(camera=name_part(camera))
 
     def messages(self, value: Any, scene: ConversionScene) -> Sequence[Any]:
