@@ -35,8 +35,6 @@ class LinkPicture:
         self._home: tuple[float | None, float | None] = (None, None)
         self._reading = Reading()
         self._lock = threading.Lock()
-        self._taken = 0
-        self._seen = threading.local()  # a look notes what it reads: each thread has its picture
 
     def take(self, value: object, at: float, age: float = 0.0) -> None:
         """Keep a value.
@@ -52,7 +50,6 @@ class LinkPicture:
             if stamp is not None and age == 0.0:
                 self._compare_clocks(stamp, at)
             self._reading.take(key_of(value), value, at - age)
-            self._taken += 1
             if isinstance(value, Position):
                 self._take_home(value)
 
@@ -89,13 +86,9 @@ class LinkPicture:
 
     @property
     def known(self) -> Known:
-        """What is known now."""
+        """What is known now; each look has its own, for it notes what it reads."""
         with self._lock:
-            moment = self.now, self._taken
-            if getattr(self._seen, "moment", None) != moment:
-                self._seen.moment, self._seen.known = moment, self._reading.at(self.now)
-        found: Known = self._seen.known
-        return found
+            return self._reading.at(self.now)
 
     def get(self, kind: type[_Value], *, is_old: bool = False) -> _Value | None:
         """The newest value of a kind; None where there is none, or it is too old.

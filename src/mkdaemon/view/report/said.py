@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -28,7 +27,7 @@ def value_of(suffix: str, fields: Any) -> object | None:
 
 def part_of(fields: Any, path: str) -> Any:
     """A part of a value, `echo.p50_ms` or `position.0`; None where it has none."""
-    for name in _names(path) if "." in path else (path,):
+    for name in path.split("."):
         if isinstance(fields, dict):
             fields = fields.get(name)
         elif isinstance(fields, list) and name.isdigit() and int(name) < len(fields):
@@ -36,11 +35,6 @@ def part_of(fields: Any, path: str) -> Any:
         else:
             return None
     return fields
-
-
-@cache
-def _names(path: str) -> list[str]:
-    return path.split(".")
 
 
 def number_of(fields: Any, path: str) -> float | None:
