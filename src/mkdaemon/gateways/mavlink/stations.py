@@ -134,7 +134,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True)
 class By:
-    """Who sends and is answered: a program at a station.
+    """Sender of a message, and receiver of its answer: a program at a station.
 
     Attributes:
         station: where.

@@ -255,7 +255,7 @@ class Ros2Gateway:
     # -- on the loop ------------------------------------------------------------------------------------------------
 
     def _fly(self, take: Any, name: str, message: Any) -> None:
-        """Take a message that flies; the deck is told what cannot be flown."""
+        """Take a message that flies; the deck notes what cannot be flown."""
         try:
             take(name, message)
         except MkError as error:
