@@ -120,14 +120,12 @@ class ImagePlace:
         kind: of its entry.
         key: of its entry.
         sequence: of its entry.
-        camera: that took it.
     """
 
     at: float
     kind: EntryKind
     key: str
     sequence: int
-    camera: str
 
 
 @dataclass
@@ -148,7 +146,6 @@ class RecordedFlight:
         reading: the same, as far as they are what their keys carry.
         parameters: the FlightCtrl's active parameter set, as it was read last; empty where it was not.
         model: of the aircraft that was flown on; empty where it is not known.
-        frames: good frames received.
         began: time of the first entry [s].
         ended: time of the last entry [s].
     """
@@ -234,7 +231,7 @@ class FlightReader:
         flight = self.flights.setdefault(entry.vehicle, RecordedFlight(entry.vehicle))
         pattern, camera = _pattern_of(entry.suffix)
         if entry.kind is EntryKind.IMAGE or (entry.kind is EntryKind.SAMPLE and pattern == "vision/*/image"):
-            return self._images(flight, camera or "?")
+            return self._images(flight)
         use = _take_lost_line if entry.kind is EntryKind.PORT_LOST else _USES.get((entry.kind, pattern))
         if use is None and entry.kind is EntryKind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
             use = _numbers_taker(pattern, camera)
@@ -251,10 +248,10 @@ class FlightReader:
                 if (value := value_of(suffix, fields)) is not None:
                     flight.reading.take(suffix, value, at)
 
-    def _images(self, flight: RecordedFlight, camera: str) -> Taker:
+    def _images(self, flight: RecordedFlight) -> Taker:
         def take(entry: Entry, at: int) -> None:
             taken = (at - self._origin) / NANOSECONDS
-            flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence, camera))
+            flight.images.append(ImagePlace(taken, entry.kind, entry.key, entry.sequence))
 
         return take
 

@@ -47,7 +47,6 @@ class Piece:
     Attributes:
         manoeuvre: its kind.
         stage: of it; empty where it has none.
-        phase: of authority when it began.
         begin: [s].
         end: [s].
         goal: that it flew to, from the middle of the target [m]; None where it moves or there is none.
@@ -59,7 +58,6 @@ class Piece:
 
     manoeuvre: str
     stage: str
-    phase: str
     begin: float
     end: float
     goal: Goal | None
@@ -193,7 +191,6 @@ def _piece(states: list[FlownState], track: _Track, begin: float, end: float, go
     return Piece(
         manoeuvre=first.manoeuvre,
         stage=first.stage,
-        phase=first.phase,
         begin=begin,
         end=end,
         goal=goal,
