@@ -15,6 +15,7 @@ from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.regulator.margins import gains_of
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.messages import Settings
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ControlStatus, LeaseGrant, LeaseState, Phase
@@ -44,6 +45,7 @@ class FakeDaemon:
         setpoints: every setpoint.
         preflight: what it answers about the checks before a flight.
         refuses: why setpoints that need a target are refused; None for not at all.
+        passing: what a lease is refused with, one after the other, before it is granted.
         follow: called with every setpoint that was taken.
         replies: what makes the answer to a further command, by suffix.
         intervals: of the streams it keeps as they are asked for; None where it answers with what was asked alone.
@@ -57,6 +59,7 @@ class FakeDaemon:
     clients: set = field(default_factory=set)
     holder: str | None = None
     refuses: Token | None = None
+    passing: list[CommandRejectedError] = field(default_factory=list)
     follow: Callable[[], None] = lambda: None
     replies: dict[str, Callable[[], dict]] = field(default_factory=dict)
     intervals: dict[str, float] | None = None
@@ -69,6 +72,8 @@ class FakeDaemon:
         self.asked.append((suffix, fields))
         match suffix, fields.get("action"):
             case "do/lease", "take":
+                if self.passing:
+                    raise self.passing.pop()
                 if self.holder and not fields["force"]:
                     raise refuse(Token.LEASE_HELD, holder=self.holder, left=1.0)
                 self.holder = fields["holder"]

@@ -11,7 +11,7 @@ import pytest
 from lab.rigs.waiting import wait_until
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError
 from mkdaemon.telemetry.control import Outcome, Phase
-from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import EPOCH, SECRET, connected
 
 KINDS = {"takeoff": "height", "position": "position", "land": "epoch"}
@@ -57,6 +57,19 @@ async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix(daemo
         assert daemon.asked[-1][1] == {"action": "take", "holder": "me", "force": True, "ttl": 2.0}
         await wait_until(lambda: "me" in daemon.clients)
     await wait_until(lambda: "me" not in daemon.clients)
+
+
+async def test_a_lease_that_is_refused_for_a_moment_is_asked_for_again(daemon, uav):
+    daemon.passing = [
+        refuse(Token.LINK_DOWN, state="one_way", detail=""),
+        refuse(Token.BUSY, detail="a release is under way"),
+    ]
+    async with uav.lease(holder="me"):
+        assert daemon.holder == "me" and not daemon.passing
+    daemon.passing = [refuse(Token.LINK_DOWN, state="down", detail="no board")] * 100
+    with pytest.raises(CommandRejectedError, match="no board"):
+        async with uav.lease():
+            pytest.fail("without a link nothing can be flown")
 
 
 async def test_an_exception_and_a_cancellation_release_the_aircraft(daemon, uav):

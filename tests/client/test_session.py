@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.client.session import (
-    BUSY_TRIES,
     ENGAGING,
     GRACE,
     LATEST_NEWS,
     SETTLING,
     SIGHTING,
     SILENCE,
+    TRIES,
     FlightSession,
     RepeatedSetpoint,
     SessionState,
@@ -23,6 +23,7 @@ from mkdaemon.client.session import (
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, NotEngagedError
 from mkdaemon.telemetry.control import HolderGrant, Phase
 from mkdaemon.telemetry.event import CommandEvent
+from mkdaemon.telemetry.refusals import Token
 from tests.client.sessionlease import STAMP, control_status
 
 FREE, ASKED, HELD, LOST = SessionState
@@ -129,9 +130,10 @@ def test_a_refused_lease_is_raised_as_the_daemon_refused_it_until_it_is_acknowle
     assert flight.reason == "the lease is requested"
 
 
-def test_a_busy_daemon_is_asked_again_but_not_for_ever():
-    flight = session(ASKED)
-    assert [flight.refused(BUSY) for _ in range(BUSY_TRIES + 1)] == [True] * BUSY_TRIES + [False]
+@pytest.mark.parametrize("token", [Token.BUSY, Token.LINK_DOWN, Token.DISCOVERING])
+def test_after_a_refusal_that_passes_it_is_asked_again_but_not_for_ever(token):
+    flight, refusal = session(ASKED), CommandRejectedError(token, "for the moment.", "wait")
+    assert [flight.refused(refusal) for _ in range(TRIES + 1)] == [True] * TRIES + [False]
     assert flight.state is LOST
 
 

@@ -12,6 +12,7 @@ from mkdaemon.client.asking import client_name
 from mkdaemon.client.samples import Sample, typed_value
 from mkdaemon.client.session import (
     ENGAGING,
+    PAUSE,
     RATE,
     SIGHTING,
     TTL,
@@ -21,7 +22,7 @@ from mkdaemon.client.session import (
 )
 from mkdaemon.client.setpointcalls import SetpointCalls
 from mkdaemon.client.transport import SetpointPublisher, Transport
-from mkdaemon.errors import LeaseLostError, ManoeuvreError, MkError, ProtocolError
+from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError, MkError, ProtocolError
 from mkdaemon.telemetry.refusals import Token
 
 if TYPE_CHECKING:
@@ -460,7 +461,8 @@ class Leases:
             use_remembered: confirms that a FlightCtrl that cannot be asked in flight is the one before; docs/link.md.
 
         Raises:
-            CommandRejectedError: `lease_held`, `busy`, `gate_shut`, `link_down`, ...; says what to do.
+            CommandRejectedError: `lease_held`, `gate_shut`, ...; says what to do. `busy`, `link_down` and
+                `discovering` after two seconds: until then it is asked again.
             MkError: no daemon serves this vehicle.
         """
         load_models()
@@ -468,7 +470,14 @@ class Leases:
         session.take()
         watch = self._transport.watch("control/status", "event/command", are_known=True)
         async with self._transport.token(name), watch as statuses:
-            granted = await self.take(force=force, ttl=ttl, holder=name, use_remembered=use_remembered)
+            granted = None
+            while granted is None:
+                try:
+                    granted = await self.take(force=force, ttl=ttl, holder=name, use_remembered=use_remembered)
+                except CommandRejectedError as error:
+                    if not session.refused(error):
+                        raise
+                    await asyncio.sleep(PAUSE)
             session.granted(granted, asyncio.get_running_loop().time())
             async with Lease(self._transport, name, session, statuses) as lease:
                 yield lease

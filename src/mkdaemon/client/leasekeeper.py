@@ -8,7 +8,7 @@ from contextlib import AbstractAsyncContextManager
 from typing import Any, Final
 
 from mkdaemon.client.lease import Lease
-from mkdaemon.client.session import BUSY_PAUSE, FlightSession, SessionState
+from mkdaemon.client.session import FlightSession, SessionState
 from mkdaemon.errors import MkError
 
 LOOKING: Final = 0.01
@@ -105,7 +105,6 @@ class LeaseKeeper:
                 async with self._take(self.flight) as self._lease:
                     await self._end.wait()
             except MkError as error:
-                if self.flight.refused(error):
-                    await asyncio.sleep(BUSY_PAUSE)
+                self.flight.refused(error)
             finally:
                 self._lease = None

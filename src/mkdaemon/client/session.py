@@ -49,12 +49,15 @@ SILENCE: Final = 3.0
 """A daemon that was not heard for this long is gone [s]; it publishes `control/status` once a second."""
 SETTLING: Final = 1.0
 """Longest time after the grant in which a status from before the lease may still arrive [s]."""
-BUSY_TRIES: Final = 20
-"""How often a lease that is refused as busy is asked for; a release takes up to 1.5 s."""
+TRIES: Final = 20
+"""How often a lease is asked for again after a refusal of the moment."""
 EARLY: Final = 1e-6
 """A timer of an event loop may fire this much before its time [s], by its resolution and by rounding."""
-BUSY_PAUSE: Final = 0.1
+PAUSE: Final = 0.1
 """Between two of these [s]."""
+_OF_THE_MOMENT: Final = frozenset({Token.BUSY, Token.LINK_DOWN, Token.DISCOVERING})
+"""Refusals of a lease that may pass within `TRIES`: a release takes up to 1.5 s, and a radio that loses packets in a row
+is silent for up to 0.8 s, after which link tests must be answered again, and the board asked for its release."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
 """Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
 _OF_THE_WAY: Final = frozenset({Token.SETPOINT_LATE})
@@ -211,11 +214,11 @@ class FlightSession:
         """Take note that no lease was granted.
 
         Returns:
-            Whether to ask again, after `BUSY_PAUSE`: a release was under way.
+            Whether to ask again, after `PAUSE`: the reason may have passed then.
         """
         if self.state is not SessionState.ASKED:
             return False
-        if isinstance(error, CommandRejectedError) and error.token == Token.BUSY and self._tries < BUSY_TRIES:
+        if isinstance(error, CommandRejectedError) and error.token in _OF_THE_MOMENT and self._tries < TRIES:
             self._tries += 1
             return True
         self._lose(str(error), error)

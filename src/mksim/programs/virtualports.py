@@ -16,6 +16,8 @@ from mkdaemon.bus.codec import encode
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
 from mkdaemon.bus.intake import Taker, Verifier
+from mkdaemon.client.answers import Answer
+from mkdaemon.client.session import PAUSE, FlightSession
 from mkdaemon.errors import LinkLostError
 from mkdaemon.link.ports.port import Port
 from mkdaemon.telemetry.command import CommandResult
@@ -187,13 +189,25 @@ class LocalBus:
         return await self._handlers[suffix.partition("/")[0]](suffix, msgpack.packb(fields))
 
     async def take_lease(self, holder: str = "pilot") -> None:
-        """Take the lease, as the library does."""
+        """Take the lease, as the library does.
+
+        Raises:
+            CommandRejectedError: it is refused.
+        """
         self.show_client(holder, True)
-        probe = await self.ask("do/lease", action="probe")
-        assert isinstance(probe.reply, dict)
-        granted = await self.ask("do/lease", action="take", holder=holder, echo=probe.reply["echo"])
-        assert isinstance(granted.reply, dict), granted
-        self.lease = granted.reply
+        session = FlightSession()
+        session.take()
+        while True:
+            probe = await self.ask("do/lease", action="probe")
+            assert isinstance(probe.reply, dict)
+            granted = await self.ask("do/lease", action="take", holder=holder, echo=probe.reply["echo"])
+            if isinstance(granted.reply, dict):
+                self.lease = granted.reply
+                return
+            refusal = Answer.from_fields(granted.model_dump()).refusal
+            if not session.refused(refusal):
+                raise refusal
+            await asyncio.sleep(PAUSE)
 
     def sign_next(self, kind: type[Setpoint], fields: Mapping[str, Any]) -> tuple[bytes, bytes]:
         """The next setpoint under the lease, as bytes, and its signature."""
