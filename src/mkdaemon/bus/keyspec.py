@@ -16,6 +16,9 @@ _SETPOINT_BYTES: Final = 512
 _MISSION_BYTES: Final = 1 << 17
 """Longest request with a mission [bytes]; 254 points are up to 80,000."""
 _CARRY_MISSION: Final = frozenset({"do/waypoints_upload", "do/waypoints_verify"})
+_PATH_BYTES: Final = 1 << 18
+"""Longest path [bytes]; 500 polynomials are up to 165,000."""
+_CARRY_PATH: Final = "do/path_upload"
 
 
 class Use(StrEnum):
@@ -67,4 +70,6 @@ class KeySpec:
         """Longest payload that is read from a client [bytes]."""
         if self.use is Use.SETPOINT:
             return _SETPOINT_BYTES
+        if self.suffix == _CARRY_PATH:
+            return _PATH_BYTES
         return _MISSION_BYTES if self.suffix in _CARRY_MISSION else REQUEST_BYTES

@@ -144,3 +144,19 @@ class SetpointCalls:
             CommandRejectedError: `bad_field`: a number is out of range.
         """
         self._put("land", {"target": target, "yaw": yaw}, ttl)
+
+    def path(self, *, target: str = "", path: str, run: int = 0, paused: bool = False, ttl: float = 0.3) -> None:
+        """Fly along a path that was uploaded, from its first point on.
+
+        Args:
+            target: Name of the target; empty for the one in sight, which is refused where there are two.
+            path: Its id: the answer to `do/path_upload`.
+            run: Number of this flight along it, chosen by the client: another one begins at the first point again.
+            paused: Stop on the path, and hold there; false goes on.
+            ttl: Age at which it no longer holds [s].
+
+        Raises:
+            LeaseLostError: the lease has ended; the text says why.
+            CommandRejectedError: `bad_field`: a number is out of range.
+        """
+        self._put("path", {"target": target, "path": path, "run": run, "paused": paused}, ttl)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         WaypointsStored,
     )
     from mkdaemon.telemetry.navi import NaviTarget
+    from mkdaemon.telemetry.path import PathPiece, PathPoint, PathStored
     from mkdaemon.telemetry.preflight import PreflightReport
     from mkdaemon.telemetry.procedure import Cancelled
     from mkdaemon.telemetry.settings import (
@@ -35,6 +36,24 @@ if TYPE_CHECKING:
         SettingsRestoration,
         StoredSet,
     )
+
+
+class PathsVerbs(Asking):
+    """Verbs of `uav.paths`."""
+
+    async def upload(self, points: Sequence[PathPoint] = (), pieces: Sequence[PathPiece] = ()) -> PathStored:
+        """Store a path.
+
+        It is checked, and can be flown by `setpoint/path` until the daemon restarts.
+
+        Args:
+            points: Flown through smoothly: at least two.
+            pieces: In place of points: each begins where the one before ends, at the same velocity and acceleration.
+
+        Raises:
+            MkError: refused or failed (`CommandRejectedError`: token, reason, fix), or there is no daemon.
+        """
+        return await self.ask("path_upload", "path:PathStored", {"points": points, "pieces": pieces}, 15)
 
 
 class SettingsVerbs(Asking):
@@ -403,6 +422,7 @@ class VerbCalls(KeyTree):
     def __init__(self, session: zenoh.Session, vehicle: str, endpoint: str) -> None:
         super().__init__(session, vehicle, endpoint)
         self._asking = Asking(self)
+        self.paths = PathsVerbs(self)
         self.settings = SettingsVerbs(self)
         self.waypoints = WaypointsVerbs(self)
         self.route = RouteVerbs(self)

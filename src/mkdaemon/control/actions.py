@@ -9,6 +9,7 @@ from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, StatusValue
 from mkdaemon.telemetry.navi import NaviFlight
+from mkdaemon.telemetry.path import PathProgress
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,13 @@ class PublishError:
 
 
 @dataclass(frozen=True, slots=True)
+class PublishPath:
+    """Publish `control/path`."""
+
+    value: PathProgress
+
+
+@dataclass(frozen=True, slots=True)
 class PublishNavi:
     """Publish `control/navi`."""
 
@@ -102,4 +110,6 @@ class Warn:
 
 Report = ReportMode | ReportFailsafe | ReportCommand | Warn
 """What goes into the audit trail."""
-Action = SendSticks | ReleaseAircraft | PublishEstimate | PublishError | PublishNavi | PublishStatus | Report
+Action = (
+    SendSticks | ReleaseAircraft | PublishEstimate | PublishError | PublishPath | PublishNavi | PublishStatus | Report
+)

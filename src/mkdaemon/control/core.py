@@ -37,9 +37,10 @@ from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Cause, ControlLine, Gains, LeaseState, Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
+from mkdaemon.telemetry.path import PathStored
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
-from mkdaemon.telemetry.setpoint import Setpoint
+from mkdaemon.telemetry.setpoint import PathSetpoint, Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude, Pilot
 
@@ -48,7 +49,11 @@ TROUBLE_AFTER: Final = 0.5
 
 
 class FlightCore:
-    """Holds the authority and decides the sticks. Events come in by `feed`, actions come out of `tick`."""
+    """Holds the authority and decides the sticks. Events come in by `feed`, actions come out of `tick`.
+
+    Attributes:
+        path_stored: what the newest path asks for; None before the first.
+    """
 
     def __init__(
         self,
@@ -75,6 +80,7 @@ class FlightCore:
         self._preflight = Preflight(cfg, facts)
         self._release: ReleaseOrder | None = None
         self._nameless = 0
+        self.path_stored: PathStored | None = None
         self._pacing = Pacing(cfg)
         self._line = ControlLine()
         self._handlers: Mapping[type[Event], Callable[[Any, float], Reply | None]] = {
@@ -85,6 +91,7 @@ class FlightCore:
             events.ReleaseAsked: lambda event, now: self._end(Trigger.RELEASE_REQUESTED, event.request.reason),
             events.AbortAsked: self._abort_asked,
             events.ClientGone: self._client_gone,
+            events.PathUploaded: self._path_uploaded,
             events.StateValue: self._state_received,
             events.MotorsReported: lambda event, now: facts.motors_reported(event.are_running, now),
             events.FlightctrlReported: self._flightctrl_reported,
@@ -148,6 +155,8 @@ class FlightCore:
                 self._authority.refuse_setpoint(setpoint, now, goes_on=goes_on)
             self._reports.setpoint_refused(setpoint.suffix, setpoint.__dict__, error, now, is_by_holder=is_by_holder)
             return Reply(refusal=error)
+        if isinstance(setpoint, PathSetpoint):
+            self._sight.paths.use(setpoint.path)
         if is_first:
             self._reports.first_setpoint(setpoint)
         return NOTED if self._pacing.is_by_images else DUE
@@ -211,6 +220,11 @@ class FlightCore:
     def _client_gone(self, event: events.ClientGone, now: float) -> Reply:
         self._authority.client_gone(event.name)
         return DUE
+
+    def _path_uploaded(self, event: events.PathUploaded, now: float) -> Reply:
+        """Store a path that can be flown; refused with `path_refused`."""
+        self.path_stored = self._sight.paths.upload(event.request, self._sight.model)
+        return NOTED
 
     def _state_received(self, event: events.StateValue, now: float) -> None:
         value = event.value
@@ -455,6 +469,7 @@ class FlightCore:
         )
         self._sight.sticks_made(frame.counts, self._output.lid.use, now)
         self._reports.estimate(self._sight.estimate(now), self._flown.error)
+        self._reports.path(self._flown.path, now)
         return frame
 
     def _end(self, event: Trigger, cause: str) -> Reply:

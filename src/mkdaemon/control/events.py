@@ -18,6 +18,7 @@ from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseState, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkState
+from mkdaemon.telemetry.path import PathUploadRequest
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
 
@@ -94,6 +95,13 @@ class AbortAsked(Event):
     """A client asks to stop the manoeuvre; the lease continues."""
 
     request: AbortRequest
+
+
+@dataclass(frozen=True, slots=True)
+class PathUploaded(Event):
+    """A client uploads a path."""
+
+    request: PathUploadRequest
 
 
 @dataclass(frozen=True, slots=True)

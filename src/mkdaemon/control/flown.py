@@ -20,6 +20,7 @@ from mkdaemon.control.manoeuvres.table import Make
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome, Phase
+from mkdaemon.telemetry.path import PathProgress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import Setpoint
 
@@ -34,6 +35,7 @@ class Flown:
     Attributes:
         current: it; None before the first setpoint.
         error: how far the aircraft was from its goal at the last step; None without a goal.
+        path: how far it was along its path then; None without one.
         may_touch: what is flown may touch the ground, see `Step.may_touch`.
     """
 
@@ -47,6 +49,7 @@ class Flown:
         """
         self.current: Manoeuvre | None = None
         self.error: ErrorValue | None = None
+        self.path: PathProgress | None = None
         self.may_touch = False
         self._cfg, self._sight, self._rows = cfg, sight, rows
         self._phase: Phase | None = None
@@ -114,7 +117,7 @@ class Flown:
             self._time(step, situation.now)
             if self.is_by_target:
                 step = replace(step, sticks=self._bounded(step, situation))
-        self.error, self.may_touch = step.error, step.may_touch
+        self.error, self.path, self.may_touch = step.error, step.path, step.may_touch
         self._sight.stand(is_standing=step.stands)
         is_flown = phase in IN_FLIGHT and (phase is Phase.UNANSWERED or self.is_by_target)
         self._sight.judge_answer(says_something=is_flown and not step.may_touch)

@@ -107,6 +107,7 @@ class Preflight:
             eyes=facts.eyes,
             contradicting=self._contradicting,
             target_age=sight.pose_age(now),
+            paths=sight.paths.ids,
             in_sight=sight.in_sight(now),
             entry=None,
             is_touching=flown.may_touch,

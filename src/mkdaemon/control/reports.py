@@ -9,6 +9,7 @@ from mkdaemon.control.actions import (
     PublishError,
     PublishEstimate,
     PublishNavi,
+    PublishPath,
     PublishStatus,
     ReportCommand,
     ReportFailsafe,
@@ -26,6 +27,7 @@ from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult, refused
 from mkdaemon.telemetry.control import Cause, ErrorValue, EstimateValue, Phase, ReleaseOutcome, trouble_words
+from mkdaemon.telemetry.path import PathProgress
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.selfcal import HEIGHTS_LIKELY
 from mkdaemon.telemetry.setpoint import Setpoint
@@ -66,6 +68,7 @@ class Reports:
         self._believed: EstimateValue | None = None
         self._causes: tuple[Cause, ...] = ()
         self._releases_in: float | None = None
+        self._path: tuple[str, str, bool] | None = None
         self._navi = NaviWatch(facts)
         self._facts = facts
 
@@ -120,6 +123,13 @@ class Reports:
         self._report_model(value)
         if error is not None:
             self._waiting.append(PublishError(error))
+
+    def path(self, value: PathProgress | None, now: float) -> None:
+        """Report how far a flight along a path is [s], where it stands otherwise than before, or not lately."""
+        news = None if value is None else (value.id, value.stage, value.is_paused)
+        if value is not None and (self._is_due("path", now) or news != self._path):
+            self._waiting.append(PublishPath(value))
+        self._path = news
 
     def _report_model(self, value: EstimateValue) -> None:
         """Warn when the aircraft's answer to its sticks is found to be another than its model's, or that one again."""

@@ -18,6 +18,7 @@ from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import GAS_CENTRE, StickCommand, TargetView, ThrottleUse, ViewFault, fault_of
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
+from mkdaemon.control.path.stored import StoredPaths
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.control import EstimateValue
 from mkdaemon.telemetry.link import LinkHealth
@@ -58,6 +59,7 @@ class Sight:
         attitude: as the boards reported it last.
         is_standing: what is flown knows that the aircraft stands on the ground, where nothing is estimated.
         answer: of the aircraft to its sticks.
+        paths: that can be flown along by the target.
     """
 
     def __init__(self, cfg: AutopilotConfig, hover_throttle: float) -> None:
@@ -75,6 +77,7 @@ class Sight:
         self.attitude: Attitude | None = None
         self.is_standing = False
         self.answer = AnswerWatch(self.model)
+        self.paths = StoredPaths(cfg)
         self._is_answer_judged = self._is_others = False
         self._trusted_gas: float | None = None
         self._added: float | None = None

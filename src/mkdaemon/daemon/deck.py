@@ -18,6 +18,7 @@ from mkdaemon.control.actions import (
     PublishError,
     PublishEstimate,
     PublishNavi,
+    PublishPath,
     PublishStatus,
     Report,
     SendSticks,
@@ -30,6 +31,7 @@ from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.navi import ControlNavi
+from mkdaemon.telemetry.path import ControlPath
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey, Signature
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
 
 MakeEyes = Callable[[Feed], Eyes]
 """Makes the cameras, which tell the flight core what they see."""
-Publication = PublishStatus | PublishEstimate | PublishNavi | PublishError | Report
+Publication = PublishStatus | PublishEstimate | PublishNavi | PublishPath | PublishError | Report
 """What the flight core wants published."""
 
 
@@ -175,6 +177,8 @@ class Deck:
                 bus.publish("control/estimate", ControlEstimate(stamp=stamp, **action.value.__dict__))
             case PublishNavi():
                 bus.publish("control/navi", ControlNavi(stamp=stamp, **action.value.__dict__))
+            case PublishPath():
+                bus.publish("control/path", ControlPath(stamp=stamp, **action.value.__dict__))
             case PublishError():
                 bus.publish("control/error", ControlError(stamp=stamp, **action.value.__dict__))
             case _:

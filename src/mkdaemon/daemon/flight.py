@@ -27,6 +27,7 @@ from mkdaemon.control.events import (
     LeaseAsked,
     LineChanged,
     ModelKnown,
+    PathUploaded,
     ReleaseAsked,
     Reply,
 )
@@ -39,6 +40,7 @@ from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import ReleaseResult, SetpointQueued, SetpointRefused
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
+from mkdaemon.telemetry.path import PathStored, PathUploadRequest
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.translate import aircraft_model, assumed_model, extern_control
 
@@ -152,6 +154,18 @@ class FlightControl:
     def gains(self) -> Gains:
         """Model, gains and margins of the horizontal loop."""
         return self._core.gains()
+
+    def store_path(self, request: PathUploadRequest) -> PathStored:
+        """Store a path, for any client.
+
+        Raises:
+            CommandRejectedError: `path_refused`.
+        """
+        refusal = self._deck.feed(PathUploaded(request), self._clock.now()).refusal
+        if refusal is not None:
+            raise refusal
+        assert self._core.path_stored is not None
+        return self._core.path_stored
 
     def abort(self, request: AbortRequest) -> None:
         """Stop the present manoeuvre, for any client.

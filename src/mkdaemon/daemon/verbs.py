@@ -29,6 +29,7 @@ from mkdaemon.telemetry.command import (
     ReleaseRequest,
 )
 from mkdaemon.telemetry.control import HolderGrant, LeaseGrant, LeaseProbe, ReleaseOutcome, ReleaseReport
+from mkdaemon.telemetry.path import PathUploadRequest
 from mkdaemon.telemetry.record import MarkRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.status import Status
@@ -69,6 +70,7 @@ class Verbs:
             "gains": self._gains,
             "preflight": self._preflight,
             "accept_aircraft": self._accept_aircraft,
+            "path_upload": self._path_upload,
             "mark": self._mark,
         }
 
@@ -127,6 +129,10 @@ class Verbs:
         """Answer `do/accept_aircraft`."""
         self._link.accept_aircraft()
         return CommandResult(status=Status.ACCEPTED)
+
+    async def _path_upload(self, request: PathUploadRequest) -> CommandResult:
+        """Answer `do/path_upload`."""
+        return _accepted(self._flight.store_path(request))
 
     async def _mark(self, request: MarkRequest) -> CommandResult:
         """Answer `do/mark`."""

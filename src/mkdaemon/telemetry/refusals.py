@@ -245,6 +245,16 @@ class Token(StrEnum):
         "{name} would be flown by {found}, and {detail}.",
         "Name the target in the field `target` of the setpoint.",
     )
+    PATH_REFUSED = (
+        "path_refused",
+        "the path cannot be flown: {detail}.",
+        "{remedy}",
+    )
+    NO_PATH = (
+        "no_path",
+        "no path {path!r} is stored: the daemon has restarted since it was uploaded, or {kept} others came after it.",
+        "Upload the path again (`do/path_upload`), and use the id of the answer; `lease.follow` does both.",
+    )
     NO_FRAME = (
         "no_frame",
         "{name} cannot be flown in frame {frame}: GPS has an error of 2 to 3 m and does not report its age.",

@@ -148,6 +148,20 @@ class LandSetpoint(TargetSetpoint):
     """Heading about the up axis of the target, counter-clockwise from its first axis [rad]; null to keep it."""
 
 
+class PathSetpoint(TargetSetpoint):
+    """Fly along a path that was uploaded, from its first point on: `setpoint/path`."""
+
+    suffix: ClassVar[str] = "setpoint/path"
+    about: ClassVar[str] = "Fly along a path that was uploaded"
+
+    path: str = Field(max_length=64)
+    """Its id: the answer to `do/path_upload`."""
+    run: int = Field(default=0, ge=0)
+    """Number of this flight along it, chosen by the client: another one begins at the first point again."""
+    paused: bool = False
+    """Stop on the path, and hold there; false goes on."""
+
+
 SETPOINTS: Final[tuple[type[Setpoint], ...]] = (
     StickSetpoint,
     AttitudeSetpoint,
@@ -156,5 +170,6 @@ SETPOINTS: Final[tuple[type[Setpoint], ...]] = (
     HoldSetpoint,
     TakeOffSetpoint,
     LandSetpoint,
+    PathSetpoint,
 )
 """Every kind of setpoint."""

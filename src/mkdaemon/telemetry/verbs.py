@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.described import Described
-from mkdaemon.telemetry import command, control, mission, navi, preflight, procedure, record, settings
+from mkdaemon.telemetry import command, control, mission, navi, path, preflight, procedure, record, settings
 from mkdaemon.telemetry.base import Command
 from mkdaemon.telemetry.procedure import ProcedureRequest
 
@@ -84,6 +84,13 @@ VERBS: Final[tuple[Verb, ...]] = (
         "Accept the other aircraft that is at the port since it reopened.",
         command.AcceptAircraftRequest,
         call="accept_aircraft",
+    ),
+    Verb(
+        "path_upload",
+        "Check a path, and keep it to be flown.",
+        path.PathUploadRequest,
+        path.PathStored,
+        call="paths.upload",
     ),
     Verb("rates", "Ask for a stream at a rate, or show all.", command.RatesRequest, command.Rates),
     Verb(

@@ -25,6 +25,7 @@ class Concern(StrEnum):
     HOLD = "hold"
     TAKE_OFF = "takeoff"
     LAND = "land"
+    PATH = "path"
     REQUEST = "request to a board"
     PROCEDURE = "procedure"
     UPLOAD = "upload of points"
@@ -39,7 +40,10 @@ class Concern(StrEnum):
 
 BY_HAND: Final = (Concern.STICK, Concern.ATTITUDE)
 """Manoeuvres whose sticks a client makes itself."""
-BY_TARGET: Final = (Concern.VELOCITY, Concern.POSITION, Concern.HOLD, Concern.TAKE_OFF, Concern.LAND)
+BY_TARGET: Final = (
+    *(Concern.VELOCITY, Concern.POSITION, Concern.HOLD, Concern.PATH),
+    *(Concern.TAKE_OFF, Concern.LAND),
+)
 """Manoeuvres that are flown by the estimate against the target."""
 MANOEUVRES: Final = (*BY_HAND, *BY_TARGET)
 """Every kind of manoeuvre; the value is the last word of the key of its setpoint."""
@@ -65,6 +69,10 @@ class TakeLease:
     concern: ClassVar = Concern.LEASE
 
 
+_ASKED: Final = (("frame", None), ("target", ""), ("path", ""))
+"""Fields of setpoints that admission looks at; not every kind has each."""
+
+
 @dataclass(frozen=True, slots=True)
 class NewManoeuvre:
     """A manoeuvre begins, or takes the place of the one that is flown.
@@ -73,12 +81,14 @@ class NewManoeuvre:
         concern: what begins; one of `MANOEUVRES`.
         frame: in which it is given; None for a kind that has none.
         target: name of the target it is flown by; empty for the one in sight.
+        path: id of the path that it flies along; empty for none.
         is_resumed: a flight by the target goes on with it, in the air, when the aircraft answers its sticks again.
     """
 
     concern: Concern
     frame: SetpointFrame | None = None
     target: str = ""
+    path: str = ""
     is_resumed: bool = False
 
     is_early: ClassVar = False
@@ -86,7 +96,8 @@ class NewManoeuvre:
     @classmethod
     def by(cls, setpoint: Setpoint) -> NewManoeuvre:
         """The manoeuvre that a setpoint asks for."""
-        return cls(Concern(setpoint.kind), getattr(setpoint, "frame", None), getattr(setpoint, "target", ""))
+        frame, target, path = (getattr(setpoint, name, default) for name, default in _ASKED)
+        return cls(Concern(setpoint.kind), frame, target, path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from mkdaemon.control.admission.beginnings import BY_HAND, BY_TARGET, MANOEUVRES
 from mkdaemon.control.admission.row import Rows, Rule, Verdict, passed, stands, when
 from mkdaemon.control.admission.situation import ASIDE, EntryEstimate, Situation
 from mkdaemon.control.estimator.values import GAS_CENTRE
+from mkdaemon.control.path.stored import KEPT
 from mkdaemon.telemetry.control import Obstacle
 from mkdaemon.telemetry.preflight import CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -37,6 +38,12 @@ def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
     if wanted.frame is not SetpointFrame.HOME:
         return passed()
     return stands(refuse(Token.NO_FRAME, name=f"setpoint/{wanted.concern}", frame=SetpointFrame.HOME.value))
+
+
+@NEED_ROWS.row("path", (Concern.PATH,), "no path of this id is stored", Token.NO_PATH, rule=Rule.ALWAYS)
+def stored_path(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """A path must be uploaded before it is flown."""
+    return passed() if wanted.path in now.paths else stands(refuse(Token.NO_PATH, path=wanted.path, kept=KEPT - 1))
 
 
 @NEED_ROWS.row("estimate", _IN_SIGHT, "no camera has seen a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS)

@@ -109,6 +109,7 @@ class Situation:
         eyes: what each camera last said of itself.
         contradicting: cameras whose poses contradict those of the others.
         target_age: time since the newest image of a target [s]; None where there was none.
+        paths: ids of the paths that are stored.
         in_sight: names of all targets that images have shown lately.
         entry: what the estimate says; None where there is none, or no manoeuvre can begin.
         is_touching: what is flown may touch the ground: a take-off not yet seen to fly, the end of a landing.
@@ -145,6 +146,7 @@ class Situation:
     eyes: tuple[VisionStats, ...]
     contradicting: tuple[str, ...]
     target_age: float | None
+    paths: frozenset[str]
     in_sight: tuple[str, ...]
     entry: EntryEstimate | None
     is_touching: bool

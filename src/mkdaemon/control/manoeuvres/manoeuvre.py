@@ -15,6 +15,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import ErrorValue, Outcome
+from mkdaemon.telemetry.path import PathProgress
 
 WORDS: dict[Outcome, str] = {
     Outcome.LANDED: "landed on {target}",
@@ -73,6 +74,7 @@ class Step:
         may_touch: the ground may hold the aircraft's tilt, so that no answer to its sticks says nothing.
         is_unanswered: the aircraft does not answer its sticks.
         is_level: level at hover throttle as the last resort, not on request.
+        path: how far a flight along a path is; None for all others.
     """
 
     sticks: Sticks
@@ -87,6 +89,7 @@ class Step:
     may_touch: bool = False
     is_unanswered: bool = False
     is_level: bool = False
+    path: PathProgress | None = None
 
 
 class Manoeuvre(ABC):

@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
+from mkdaemon.control.manoeuvres.follow import FollowPath
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
@@ -20,6 +21,7 @@ from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
     HoldSetpoint,
     LandSetpoint,
+    PathSetpoint,
     PositionSetpoint,
     Setpoint,
     StickSetpoint,
@@ -38,6 +40,7 @@ MANOEUVRES: Final[Mapping[type[Setpoint], Make]] = MappingProxyType(
         HoldSetpoint: lambda sight, cfg, new: Hold(sight, cfg.autopilot),
         TakeOffSetpoint: lambda sight, cfg, new: TakeOffFlight(sight, cfg.autopilot, new),
         LandSetpoint: lambda sight, cfg, new: Land(sight, cfg.autopilot, new.yaw),
+        PathSetpoint: lambda sight, cfg, new: FollowPath(sight, cfg.autopilot, new),
     }
 )
 """Every manoeuvre, by the setpoints that are streamed for it."""

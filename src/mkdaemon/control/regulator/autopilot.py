@@ -19,7 +19,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.control.regulator.horizontal import PREVIEW, STEP, HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.regulator.reference import Reference, ReferenceLimits
+from mkdaemon.control.regulator.reference import Course, Reference, ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 
@@ -67,6 +67,7 @@ class Goal:
         climb: speed of the wanted height, which is then used directly, without a reference trajectory [m/s].
         speed: largest horizontal speed on the way [m/s]; None for the autopilot's own limit.
         gas_share: throttle in place of the height's regulator [share of hover]; None for the regulator.
+        course: moves the reference in place of the position, if the speed is known; None for the position.
     """
 
     position: Array
@@ -75,6 +76,7 @@ class Goal:
     climb: float = 0.0
     speed: float | None = None
     gas_share: float | None = None
+    course: Course | None = None
 
 
 class Autopilot:
@@ -135,15 +137,32 @@ class Autopilot:
             self.reference = Reference(estimate.position[:2], estimate.velocity[:2])
             self.height = self._level_with(estimate)
             self._is_speed_known = estimator.velocity_sd <= UNKNOWN_SPEED
-        else:
+        elif goal.course is None:
             self.reference.move(goal.position[:2], limits, step)
+        if goal.course is not None and self._is_speed_known:
+            return self._along(goal, goal.course)
         if goal.climb:
             self.height = Reference(goal.position[2:], np.array([goal.climb]))
         else:
             self.height.move(goal.position[2:], self._height_limits, step)
-        rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
         jumps = self.reference.jumps_ahead(goal.position[:2], limits, STEP, PREVIEW) if self._is_speed_known else None
-        tilt = self._regulators[estimator.model.stick_filter].tilt(estimate, self.reference, jumps) / rad_per_count
+        return self._counts(goal, jumps)
+
+    def _along(self, goal: Goal, course: Course) -> StickCounts:
+        """Return the sticks that follow a course."""
+        level, height = slice(0, 2), slice(2, 3)
+        self.reference, self.height = (
+            Reference(course.position[axes], course.velocity[axes], course.acceleration[axes])
+            for axes in (level, height)
+        )
+        return self._counts(goal, course.jumps, course.gains)
+
+    def _counts(self, goal: Goal, jumps: Array | None, gains: Array | None = None) -> StickCounts:
+        """Return the sticks for the references, with what is seen ahead of them."""
+        estimator, estimate = self.estimator, self.estimate
+        rad_per_count = estimator.model.rad_per_count * estimator.stick_gain
+        regulator = self._regulators[estimator.model.stick_filter]
+        tilt = regulator.tilt(estimate, self.reference, jumps, gains) / rad_per_count
         c, s = math.cos(estimate.yaw), math.sin(estimate.yaw)
         return StickCounts(
             pitch=self._pitch.count(float(tilt[0] * c + tilt[1] * s)),

@@ -53,8 +53,8 @@ PREVIEW: Final = 30
 
 
 @lru_cache(maxsize=16)
-def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, float]:
-    """Gain (7,), preview (PREVIEW,) and spectral radius.
+def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, Array, float]:
+    """Gain (7,), previews of acceleration and of velocity (PREVIEW,), and spectral radius.
 
     An autopilot is made at every tick until a flight begins, on the same aircraft.
     """
@@ -67,13 +67,15 @@ def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, 
     closed = f - g @ gain
     # A jump j of the wanted acceleration k steps ahead changes the error's tilt by -j / g. The optimal input for it is
     # (R + g' P g)^-1 g' (F - g K)'^k P e_T j / g. Source: Tomizuka, as above.
-    row, ahead = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], []
+    # A change v of the wanted velocity changes the tilt against drag, true and believed, and the stick, by drag v / g.
+    row, ahead, dragged = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], [], []
     for _ in range(PREVIEW):
         ahead.append(float(row @ to_go[:, T]) / GRAVITY)
+        dragged.append(float(row @ to_go[:, [T, TH, US]].sum(axis=1)) * model.drag / GRAVITY)
         row = row @ closed.T
-    preview = np.array(ahead)
-    gain.flags.writeable = preview.flags.writeable = False
-    return gain[0], preview, spectral_radius(closed)
+    preview, drag_preview = np.array(ahead), np.array(dragged)
+    gain.flags.writeable = preview.flags.writeable = drag_preview.flags.writeable = False
+    return gain[0], preview, drag_preview, spectral_radius(closed)
 
 
 class HorizontalRegulator:
@@ -83,6 +85,7 @@ class HorizontalRegulator:
         gain: (7,) of position, velocity, true tilt, believed tilt, integral, rate, filtered stick.
         preview: (PREVIEW,) tilt to ask for now for a jump of the reference's acceleration at each of the next steps
             [rad s2/m].
+        drag_preview: the same for a change of its velocity [rad s/m].
         radius: spectral radius of the closed loop over `STEP`; below 1 is stable.
     """
 
@@ -94,15 +97,18 @@ class HorizontalRegulator:
         """
         self._model = model
         self._costs = costs
-        self.gain, self.preview, self.radius = _solve(model.by_line(0.0), costs)
+        self.gain, self.preview, self.drag_preview, self.radius = _solve(model.by_line(0.0), costs)
 
-    def tilt(self, estimate: Estimate, reference: Reference, jumps: Array | None = None) -> Array:
+    def tilt(
+        self, estimate: Estimate, reference: Reference, jumps: Array | None = None, gains: Array | None = None
+    ) -> Array:
         """Return the tilt to ask for, towards x and y of the local frame (2,) [rad].
 
         Args:
             estimate: at the moment when the stick will act.
             reference: position, velocity and acceleration wanted, x and y.
             jumps: of that acceleration at each of the next `PREVIEW` steps (PREVIEW, 2) [m/s2]; None where it rests.
+            gains: of its velocity at each of them (PREVIEW, 2) [m/s]; None where its way is not known.
         """
         costs, drag = self._costs, self._model.drag
         error = estimate.axes[:, :7].copy()
@@ -119,5 +125,7 @@ class HorizontalRegulator:
         wanted = held - error @ self.gain
         if jumps is not None:
             wanted = wanted + self.preview @ jumps
+        if gains is not None:
+            wanted = wanted + self.drag_preview @ gains
         size = math.hypot(*wanted.tolist())
         return wanted if size <= costs.steepest else wanted * (costs.steepest / size)

@@ -57,6 +57,25 @@ class ReferenceLimits:
         return change if size <= self.acceleration else [part * self.acceleration / size for part in change]
 
 
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A reference whose way is known, and what is seen of it ahead.
+
+    Attributes:
+        position: x, y, z (3,) [m].
+        velocity: (3,) [m/s].
+        acceleration: (3,) [m/s2].
+        jumps: changes of the horizontal acceleration at each of the next steps (count, 2) [m/s2].
+        gains: changes of the horizontal velocity at each of them (count, 2) [m/s].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    jumps: Array
+    gains: Array
+
+
 class Reference:
     """A moving reference in `n` dimensions, bounded as a vector.
 
@@ -66,10 +85,10 @@ class Reference:
         acceleration: (n,) [m/s2].
     """
 
-    def __init__(self, position: Array, velocity: Array | None = None) -> None:
+    def __init__(self, position: Array, velocity: Array | None = None, acceleration: Array | None = None) -> None:
         self.position = np.array(position, dtype=np.float64)
         self.velocity = np.zeros_like(self.position) if velocity is None else np.array(velocity, dtype=np.float64)
-        self.acceleration = np.zeros_like(self.position)
+        self.acceleration = np.zeros_like(self.position) if acceleration is None else np.array(acceleration)
 
     def move(self, goal: Array, limits: ReferenceLimits, step: float) -> None:
         """Go on towards a goal for a time.

@@ -1,0 +1,1 @@
+"""Paths that clients upload: pure curves in time, checked against what the aircraft can do."""
