@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from mkdaemon.telemetry.control import ControlStatus, HolderGrant, LeaseState, Outcome
+    from mkdaemon.telemetry.path import PathStored, PathUploadRequest
     from mkdaemon.telemetry.setpoint import Setpoint
 
 LANDING: Final = 60.0
@@ -105,6 +107,7 @@ class Lease:
         self._sender = SetpointSender(transport, session.grant)
         self._loop = asyncio.get_running_loop()
         self._following: asyncio.Task[None] | None = None
+        self._path: dict[str, Any] = {}
 
     async def __aenter__(self) -> Self:
         self._following = asyncio.create_task(self._follow(), name=f"lease {self.epoch}")
@@ -430,6 +433,63 @@ class Lease:
                 raise
             return
         raise ManoeuvreError(f"not landed within {patience:g} s")
+
+    async def follow(
+        self,
+        path: PathUploadRequest | PathStored,
+        *,
+        target: str = "",
+        patience: float = math.inf,
+        rate: float = RATE,
+    ) -> None:
+        """Fly along a path over a target in sight; returns when the aircraft is at its end.
+
+        It flies to the first point before. Meanwhile another task may call `pause_path` and `resume_path`. A path that
+        is not uploaded yet is, and that takes a moment: in flight, upload it before (`uav.paths.upload`).
+
+        Args:
+            path: points or pieces, or what `uav.paths.upload` has answered.
+            target: in whose axes the path lies; empty for the one in sight.
+            patience: longest time, pauses included [s]; without it the daemon alone ends a flight that is too slow.
+            rate: setpoints a second [Hz]; 50 unless given.
+
+        Raises:
+            LeaseLostError: as `velocity`.
+            NotEngagedError: as `velocity`.
+            ManoeuvreError: not at the end in time, or aborted.
+            CommandRejectedError: `path_refused`: this aircraft cannot fly it, and why; `no_path`: the daemon has
+                restarted since it was uploaded; else as `velocity`.
+        """
+        from mkdaemon.telemetry.path import PathStored
+
+        if not isinstance(path, PathStored):
+            fields = path.model_dump(exclude_defaults=True)
+            path = (await self._transport.command("do", "path_upload", fields)).as_a(PathStored)
+        run = self._path.get("run", 0) + 1
+        self._path = {"path": path.id, "run": run, "target": target, "paused": False}
+        await self.fly(RepeatedSetpoint("path", self._path, SIGHTING, patience, rate, is_until_done=True))
+
+    def pause_path(self) -> None:
+        """Let the aircraft stop on the path that `follow` flies, and hold there.
+
+        Raises:
+            ManoeuvreError: no path is flown.
+        """
+        self._pause(is_paused=True)
+
+    def resume_path(self) -> None:
+        """Go on along the path after `pause_path`.
+
+        Raises:
+            ManoeuvreError: no path is flown.
+        """
+        self._pause(is_paused=False)
+
+    def _pause(self, *, is_paused: bool) -> None:
+        flown = self.session.repeated
+        if flown is None or flown.fields is not self._path:
+            raise ManoeuvreError("no path is flown: call `lease.follow` in another task")
+        self._path["paused"] = is_paused  # of the setpoint that is repeated, too
 
 
 class Leases:

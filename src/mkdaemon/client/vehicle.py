@@ -36,6 +36,7 @@ class Vehicle(VerbCalls):
         waypoints: the NaviCtrl's list.
         route: that list, flown by the pilot's switch.
         navi: flights of the NaviCtrl.
+        paths: that the daemon keeps to be flown.
         mixer: of the FlightCtrl.
         motor_controllers: their configuration.
         records: recordings.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +15,8 @@ from pydantic import Field, ValidationError, model_validator
 from mkdaemon.config.base import Section
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_toml, read_text
+from mkdaemon.missions.pathcsv import read_pieces
+from mkdaemon.telemetry.path import PathPiece, PathPoint, PathUploadRequest
 
 _Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 _Speed = Annotated[float, Field(ge=-5.0, le=5.0)]
@@ -108,12 +111,73 @@ class LandStep(Section):
     """Longest time [s]."""
 
 
-Step = TakeOffStep | HoldStep | GotoStep | VelocityStep | WaitStep | LandStep
+class PathStepPoint(Section):
+    """A point of a path."""
+
+    position: tuple[_Metres, _Metres, _Metres]
+    """From the middle of the target [m]."""
+    time: float | None = None
+    """From the point before [s]."""
+    speed: float | None = None
+    """From the point before [m/s]."""
+    stop: float | None = None
+    """Stop here for this time [s]; unset flies through."""
+    yaw_deg: _Degrees | None = None
+    """Heading from the first axis of the target; unset at all points keeps it [deg]."""
+
+
+class PathStep(Section):
+    """Fly along a path, and go on when the aircraft is at its end."""
+
+    do: Literal["path"]
+    points: tuple[PathStepPoint, ...] = ()
+    """Points with times or speeds."""
+    pieces: tuple[PathPiece, ...] = ()
+    """Polynomials, in place of points."""
+    file: str = ""
+    """A CSV file of polynomials beside this one, in place of both; crazyswarm writes such files."""
+    slower: float = Field(default=1.0, ge=0.1, le=10.0)
+    """Fly it so many times slower than it says."""
+    target: str = Field(default="", max_length=100)
+    """In whose axes it lies; empty for the target in sight."""
+
+    @property
+    def request(self) -> PathUploadRequest:
+        """What is uploaded.
+
+        Raises:
+            ValidationError: it is no path.
+        """
+        slower = self.slower
+        points = tuple(
+            PathPoint(
+                position=point.position,
+                time=None if point.time is None else point.time * slower,
+                speed=None if point.speed is None else point.speed / slower,
+                stop=point.stop,
+                yaw=None if point.yaw_deg is None else math.radians(point.yaw_deg),
+            )
+            for point in self.points
+        )
+        return PathUploadRequest(points=points, pieces=tuple(_slowed(piece, slower) for piece in self.pieces))
+
+
+def _slowed(piece: PathPiece, slower: float) -> PathPiece:
+    """A polynomial that takes so many times longer."""
+    axes = {
+        name: tuple(value / slower**power for power, value in enumerate(getattr(piece, name)))
+        for name in ("x", "y", "z", "yaw")
+    }
+    return PathPiece(duration=piece.duration * slower, **axes)
+
+
+Step = TakeOffStep | HoldStep | GotoStep | VelocityStep | PathStep | WaitStep | LandStep
 STEPS: Final[Mapping[str, type[Step]]] = {
     "take_off": TakeOffStep,
     "hold": HoldStep,
     "goto": GotoStep,
     "velocity": VelocityStep,
+    "path": PathStep,
     "wait": WaitStep,
     "land": LandStep,
 }
@@ -154,11 +218,18 @@ def _read_step(path: Path, number: int, fields: Any) -> Step:
         near = difflib.get_close_matches(str(word), STEPS, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(STEPS)}"
         raise ConfigError(f"{path}: step {number}: no such step do = {word!r}; {hint}")
+    if kind is PathStep and fields.get("file"):
+        given = [name for name in ("points", "pieces") if fields.get(name)]
+        if given:
+            raise ConfigError(f"{path}: step {number} (path): it has a file and {given[0]}; keep one")
+        fields = {**fields, "pieces": read_pieces(path.parent / str(fields["file"]))}
     try:
         step: Step = kind.model_validate_json(json.dumps(fields, default=str), strict=True)
+        if isinstance(step, PathStep):
+            _ = step.request
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
+        place = ".".join(str(part) if isinstance(part, str) else str(part + 1) for part in first["loc"])
         known = [name for name in kind.model_fields if name != "do"]
         near = difflib.get_close_matches(place, known, n=1)
         hint = f"; did you mean {near[0]}?" if first["type"] == "extra_forbidden" and near else ""

@@ -79,6 +79,7 @@ GOOD = Situation(
     eyes=(eyes(),),
     contradicting=(),
     target_age=0.1,
+    paths=frozenset({"p1"}),
     in_sight=("pad",),
     entry=ENTRY,
     stamps=Match(0.01, 0.95),

@@ -17,12 +17,14 @@ from mkdaemon.missions.script import (
     GotoStep,
     HoldStep,
     LandStep,
+    PathStep,
     Step,
     TakeOffStep,
     VelocityStep,
     WaitStep,
     read_script,
 )
+from mkdaemon.telemetry.path import PathStored
 
 LOOK: Final = 0.5
 """Between two looks at a value that is waited for [s]."""
@@ -55,6 +57,12 @@ async def fly(
         connection.show({"steps": len(steps)}, f"{script}: {len(steps)} steps, nothing wrong")
         return
     async with flying(connection, force=force) as (uav, lease, shown):
+        # All paths before anything flies: one that this aircraft cannot fly is refused on the ground.
+        for number, step in enumerate(steps, 1):
+            if isinstance(step, PathStep):
+                path = await upload(uav, step)
+                if not connection.json:
+                    shown.print_line(f"step {number}: {path_words(path)}")
         for number, step in enumerate(steps, 1):
             if not connection.json:
                 shown.print_line(f"step {number} of {len(steps)}: {step.do}")
@@ -78,11 +86,30 @@ async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:
             await lease.goto(*step.position, yaw=yaw, frame=step.frame, patience=step.patience)
         case VelocityStep():
             await lease.velocity(*step.velocity, frame=step.frame, seconds=step.seconds)
+        case PathStep():
+            await lease.follow(await upload(uav, step), target=step.target)
         case WaitStep():
             await _wait(uav, lease, step)
         case LandStep():
             yaw = None if step.yaw_deg is None else math.radians(step.yaw_deg)
             await lease.land(yaw=yaw, patience=step.patience)
+
+
+async def upload(uav: Vehicle, step: PathStep) -> PathStored:
+    """Upload the path of a step; the same path again changes nothing.
+
+    Raises:
+        CommandRejectedError: `path_refused`: the aircraft cannot fly it.
+        MkError: see `Vehicle`.
+    """
+    request = step.request
+    return await uav.paths.upload(request.points, request.pieces)
+
+
+def path_words(path: PathStored) -> str:
+    """What a path asks for."""
+    size = f"{path.length:.1f} m in {path.duration:.1f} s"
+    return f"path of {size}, up to {path.speed:.2f} m/s and {path.acceleration:.2f} m/s2"
 
 
 async def _wait(uav: Vehicle, lease: Lease, step: WaitStep) -> None:
