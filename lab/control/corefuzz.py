@@ -31,6 +31,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import Event
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.land import LONGEST_WAIT, LandingLimits, LandingPhase
+from mkdaemon.control.manoeuvres.pathflight import APPROACHES, FOLLOWS
 from mkdaemon.control.manoeuvres.take_off import TakeOffLimits, TakeOffPhase
 from mkdaemon.telemetry.control import CauseKind, Outcome, Phase
 from mkdaemon.telemetry.setpoint import SETPOINTS, PositionSetpoint, StickSetpoint
@@ -140,7 +141,7 @@ def closed_sets() -> set[str]:
         *(f"event {kind.__name__}" for kind in Event.__subclasses__()),
         *(f"phase {phase}" for phase in Phase),
         *(f"manoeuvre {kind.suffix.removeprefix('setpoint/')}" for kind in SETPOINTS),
-        *(f"stage {stage}" for stage in (*LandingPhase, *TakeOffPhase, SEARCHES)),
+        *(f"stage {stage}" for stage in (*LandingPhase, *TakeOffPhase, SEARCHES, APPROACHES, FOLLOWS)),
         *(f"outcome {outcome}" for outcome in Outcome),
         *(f"cause {kind}" for kind in CauseKind),
         *(f"refusal {token}" for row in rows if row.name not in BY_DAEMON for token in row.tokens),

@@ -41,6 +41,7 @@ from mkdaemon.control.events import (
     ModelKnown,
     MotorsReported,
     MotorTestSent,
+    PathUploaded,
     PoseSeen,
     ReleaseAsked,
     Released,
@@ -55,12 +56,14 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseGrant, Obstacle, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState, RoundTripStats
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.selfcal import SelfCalibration
 from mkdaemon.telemetry.setpoint import (
     SETPOINTS,
     AttitudeSetpoint,
     LandSetpoint,
+    PathSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
@@ -333,9 +336,19 @@ class World:
             PositionSetpoint: {"position": (rng.uniform(-0.5, 0.5), 0.3, rng.uniform(0.5, 2.0)), "frame": frame},
             TakeOffSetpoint: {"height": rng.uniform(0.5, 1.5)},
         }
+        if kind is PathSetpoint:
+            fields[kind] = {"path": self.upload(rng), "run": self.sequence, "paused": rng.random() < 0.2}
         self.asks = fields.get(kind, {})
         if "target" in kind.model_fields and rng.random() < 0.15:
             self.asks = {**self.asks, "target": rng.choice(tuple(PADS))}
+
+    def upload(self, rng: random.Random) -> str:
+        """Upload a short path; its id, or that of none where it leaves the fence or is forgotten."""
+        far = rng.choice((0.2, 0.3, 20.0))
+        points = tuple(PathPoint(position=(x, 0.0, 1.0), time=time) for x, time in ((0.0, None), (far, 2.0)))
+        refusal = self.feed(PathUploaded(PathUploadRequest(points=points))).refusal
+        stored = self.core.path_stored
+        return "none" if refusal is not None or stored is None or rng.random() < 0.05 else stored.id
 
     # -- what happens ---------------------------------------------------------------------------------------------
 

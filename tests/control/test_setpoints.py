@@ -20,6 +20,7 @@ from mkdaemon.telemetry.setpoint import (
     AttitudeSetpoint,
     HoldSetpoint,
     LandSetpoint,
+    PathSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
@@ -40,6 +41,7 @@ EXAMPLES: dict[type[Setpoint], dict[str, object]] = {
     HoldSetpoint: {},
     TakeOffSetpoint: {"height": 2.0},
     LandSetpoint: {},
+    PathSetpoint: {"path": "p1"},
 }
 
 

@@ -154,7 +154,7 @@ class PathSetpoint(TargetSetpoint):
     suffix: ClassVar[str] = "setpoint/path"
     about: ClassVar[str] = "Fly along a path that was uploaded"
 
-    path: str = Field(max_length=64)
+    path: str = Field(min_length=1, max_length=64)
     """Its id: the answer to `do/path_upload`."""
     run: int = Field(default=0, ge=0)
     """Number of this flight along it, chosen by the client: another one begins at the first point again."""

@@ -118,6 +118,7 @@ CASES = [
     ("no route under way", "route_active", StartRoute(), {"flight": flags(is_flying=True, waypoint_index=2)}),
     ("switch at home", "switch_at_home", NaviGoto(2.0), {"flight": flags(is_flying=True, gps_mode=GpsMode.COME_HOME)}),
     ("position by GPS", "position_poor", NaviGoto(2.0), {"flight": FLYING}),
+    ("path", "no_path", NewManoeuvre(Concern.PATH, path="p2"), {}),
     ("estimate", "no_estimate", NewManoeuvre(Concern.HOLD), BLIND),
     ("ground contact", "not_flying", NewManoeuvre(Concern.HOLD), {"flown": Concern.TAKE_OFF, "is_touching": True}),
     ("ground contact", "not_flying", NewManoeuvre(Concern.POSITION), {"flown": Concern.LAND, "is_touching": True}),

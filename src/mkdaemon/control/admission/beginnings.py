@@ -23,9 +23,9 @@ class Concern(StrEnum):
     VELOCITY = "velocity"
     POSITION = "position"
     HOLD = "hold"
+    PATH = "path"
     TAKE_OFF = "takeoff"
     LAND = "land"
-    PATH = "path"
     REQUEST = "request to a board"
     PROCEDURE = "procedure"
     UPLOAD = "upload of points"
@@ -40,10 +40,7 @@ class Concern(StrEnum):
 
 BY_HAND: Final = (Concern.STICK, Concern.ATTITUDE)
 """Manoeuvres whose sticks a client makes itself."""
-BY_TARGET: Final = (
-    *(Concern.VELOCITY, Concern.POSITION, Concern.HOLD, Concern.PATH),
-    *(Concern.TAKE_OFF, Concern.LAND),
-)
+BY_TARGET: Final = (Concern.VELOCITY, Concern.POSITION, Concern.HOLD, Concern.PATH, Concern.TAKE_OFF, Concern.LAND)
 """Manoeuvres that are flown by the estimate against the target."""
 MANOEUVRES: Final = (*BY_HAND, *BY_TARGET)
 """Every kind of manoeuvre; the value is the last word of the key of its setpoint."""

@@ -43,7 +43,9 @@ def frame(now: Situation, wanted: NewManoeuvre) -> Verdict:
 @NEED_ROWS.row("path", (Concern.PATH,), "no path of this id is stored", Token.NO_PATH, rule=Rule.ALWAYS)
 def stored_path(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """A path must be uploaded before it is flown."""
-    return passed() if wanted.path in now.paths else stands(refuse(Token.NO_PATH, path=wanted.path, kept=KEPT - 1))
+    if not wanted.path or wanted.path in now.paths:
+        return passed()
+    return stands(refuse(Token.NO_PATH, path=wanted.path, kept=KEPT - 1))
 
 
 @NEED_ROWS.row("estimate", _IN_SIGHT, "no camera has seen a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS)

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.manoeuvres.attitude import AttitudeFlight
-from mkdaemon.control.manoeuvres.follow import FollowPath
 from mkdaemon.control.manoeuvres.goto import Goto
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre
+from mkdaemon.control.manoeuvres.pathflight import FollowPath
 from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.take_off import TakeOffFlight
 from mkdaemon.control.manoeuvres.velocity import FlyVelocity
