@@ -32,6 +32,7 @@ CAMPAIGNS: Final = (
         "demo", "lab.demo:main", "Many demonstrations: how many finish; the longest holes in attitude and pose."
     ),
     CommandEntry("room", "lab.room:main", "Flights from pad to pad over surveyed tags: where they land."),
+    CommandEntry("paths", "lab.paths:main", "Figures of eight over surveyed tags: how far the aircraft is from them."),
     CommandEntry("survey", "lab.survey:main", "Maps of tags: how far each is off, and who is named."),
     CommandEntry("hil", "lab.hil.main:main", "Genuine firmware flies the same scenes as the simulated boards."),
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),

@@ -14,6 +14,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Protocol, TypeVar
 
 from pydantic import BaseModel
@@ -24,6 +25,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.eyes import Eyes, PoseSink
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlStatus
+from mkdaemon.telemetry.path import PathUploadRequest
 from mkdaemon.telemetry.setpoint import (
     LandSetpoint,
     PositionSetpoint,
@@ -200,6 +202,7 @@ class FlightPart:
         seconds: how long; None until it is done.
         until: the time at which it ends in place of that [s].
         wind: that blows from then on; None leaves it.
+        path: that is uploaded before, and flown by a setpoint of `PathSetpoint`; None for none.
     """
 
     name: str
@@ -208,6 +211,7 @@ class FlightPart:
     seconds: float | None = None
     until: float | None = None
     wind: WindClass | None = None
+    path: PathUploadRequest | None = None
 
 
 def over_pad(name: str, east: float, seconds: float | None = None, **more: Any) -> FlightPart:
@@ -282,6 +286,7 @@ class Rehearsal:
         *,
         tagmaps: tuple[TagMap, TagMap] | None = None,
         fence: float | None = None,
+        limits: Mapping[str, float] = MappingProxyType({}),
         moved: Callable[[float], None] = lambda now: None,
         calibrated: Callable[[Intrinsics], Intrinsics] = lambda lens: lens,
     ) -> None:
@@ -294,6 +299,7 @@ class Rehearsal:
             parts: what is flown.
             tagmaps: the targets as they are, and as vision knows them; None for those of `config`, nested without any.
             fence: radius of the fence around the target [m]; None for the daemon's own.
+            limits: other values of `control.autopilot`.
             moved: called after every step of the world with the time [s].
             calibrated: the calibration that vision uses of the lens through which images are rendered.
         """
@@ -312,7 +318,7 @@ class Rehearsal:
             return eyes[0]
 
         self.clock = virtual_clock()
-        daemon = virtual_config() if fence is None else virtual_config(fence_radius=fence)
+        daemon = virtual_config(**limits) if fence is None else virtual_config(fence_radius=fence, **limits)
         line = Cable(aircraft, self._moved).open
         self._daemon = VirtualDaemon(self.bus, line, config=daemon, clock=self.clock, eyes=make_eyes)
         self._wiring = self._daemon.wiring
@@ -377,7 +383,11 @@ class Rehearsal:
             seconds = part.seconds
             if part.until is not None:
                 seconds = max(0.0, part.until - self._loop.time())
-            if not await self._stream(part.kind, part.fields, seconds):
+            fields = part.fields
+            if part.path is not None:
+                stored = await self.bus.ask("do/path_upload", **part.path.model_dump(exclude_defaults=True))
+                fields = {**fields, "path": (stored.reply or {}).get("id", stored.token)}
+            if not await self._stream(part.kind, fields, seconds):
                 return False
         return True
 
@@ -498,7 +508,12 @@ def demonstration(config: SimConfig, watcher: Watcher, tape: FlightTape | None =
 
 
 def room_demonstration(
-    config: SimConfig, watcher: Watcher, tape: FlightTape | None = None, parts: Sequence[FlightPart] = ROOM_FLIGHT
+    config: SimConfig,
+    watcher: Watcher,
+    tape: FlightTape | None = None,
+    parts: Sequence[FlightPart] = ROOM_FLIGHT,
+    *,
+    limits: Mapping[str, float] = MappingProxyType({}),
 ) -> Rehearsal:
     """A flight through a room of tags that were surveyed, from one pad to the other; needs a running loop.
 
@@ -507,11 +522,12 @@ def room_demonstration(
         watcher: sees the flight.
         tape: records it; None for no recording.
         parts: what is flown.
+        limits: values of `control.autopilot` beside its fence.
     """
     config = config.model_copy(update={"scene": config.scene.model_copy(update={"platform": PlatformConfig()})})
     world = World(config.flight, seed=config.seed, start=StartState(east=-AWAY))
     maps = room_map(), room_map(survey=config.seed)
-    make = partial(Rehearsal, parts=parts, tagmaps=maps, fence=ROOM_FENCE)
+    make = partial(Rehearsal, parts=parts, tagmaps=maps, fence=ROOM_FENCE, limits=limits)
     return _taped(make, config, Simulation(config, world), watcher, tape)
 
 

@@ -1,0 +1,159 @@
+"""Figures of eight of 2 x 1 m over surveyed tags, in virtual time: `python -m lab paths`.
+
+The figure is two circles of 1 m, flown at 1 m/s: 2 m/s2 all the time, from one side to the other in the middle. The
+limits of speed and acceleration are raised for it. How far the aircraft is from the path is read from the physics, at
+the moment for which the daemon says where it should be.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import structlog
+from pydantic import BaseModel
+
+from lab.campaign import Campaign, Ending, Row, carried_out, endings
+from lab.demo import landing_of
+from lab.room import STRAYED
+from mkdaemon.cli.arguments import AsJson
+from mkdaemon.telemetry.control import ControlError, ControlStatus
+from mkdaemon.telemetry.path import ControlPath, PathPoint, PathUploadRequest
+from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
+from mkdaemon.virtualtime import run_virtually
+from mksim.programs.rehearsal import HEIGHT, FlightPart, over_goal, room_demonstration, simulated_aircraft
+from mksim.scene.room import AWAY, GOAL
+
+RADIUS: Final = 0.5
+"""Of both circles [m]."""
+CORNERS: Final = 12
+"""Points of a circle."""
+LAPS: Final = 3
+SPEED: Final = 1.0
+"""[m/s]."""
+LIMITS: Final = {"max_speed": 1.3, "max_acceleration": 2.6, "max_tilt": 0.4}
+"""Values of `control.autopilot` for it."""
+FULL: Final = 0.99
+"""The path is flown at full speed from this rate of its clock on."""
+GOAL_RMS_CM: Final = 10.0
+"""Goal for the horizontal distance from the path, root mean square."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """One flight.
+
+    Attributes:
+        seed: of everything random, and of what the survey left wrong.
+        wind: none, indoor, light or moderate.
+        speed: along the path [m/s].
+    """
+
+    seed: int
+    wind: str
+    speed: float = SPEED
+
+
+def figure_of_eight(speed: float) -> PathUploadRequest:
+    """The figure in the middle of the room, at a speed [m/s]."""
+    places = [(-0.5 * AWAY, 0.0, HEIGHT)]
+    for _ in range(LAPS):
+        for side in (1.0, -1.0):
+            turns = 2.0 * np.pi * np.arange(1, CORNERS + 1) / CORNERS
+            circle = [(side * RADIUS * (1.0 - math.cos(turn)), RADIUS * math.sin(turn)) for turn in turns]
+            places += [(places[0][0] + east, north, HEIGHT) for east, north in circle]
+    return PathUploadRequest(
+        points=tuple(PathPoint(position=place, speed=speed if number else None) for number, place in enumerate(places))
+    )
+
+
+def fly(flight: Flight) -> Row:
+    """Fly once.
+
+    Returns:
+        How it ended and why; `touch_cm` from the middle of the pad at the end; `rms_cm` and `most_cm`, horizontal
+        distance of the true place from the one on the path; `slowed`, share of the time in which its clock was slower
+        than planned, beginning and end included.
+    """
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    reasons: list[str] = []
+    away: list[float] = []
+    rates: list[float] = []
+    parts = (
+        FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
+        FlightPart("path", PathSetpoint, {"target": GOAL}, path=figure_of_eight(flight.speed)),
+        over_goal("return", 0.0, 0.0),
+        FlightPart("land", LandSetpoint, {"target": GOAL}),
+    )
+
+    def watch(_: object, status: ControlStatus | None) -> None:
+        if status is not None and status.phase.value == "releasing" and not reasons:
+            reasons.append(status.reason)
+
+    async def flown() -> Any:
+        aircraft = simulated_aircraft(flight.seed, flight.wind, 15.0)
+        rehearsal = room_demonstration(aircraft, watch, None, parts, limits=LIMITS)
+
+        def take(suffix: str, value: BaseModel) -> None:
+            if isinstance(value, ControlPath):
+                rates.append(value.rate if 0.0 < value.progress < 1.0 else 0.0)
+            elif isinstance(value, ControlError) and value.manoeuvre == "path" and rates and rates[-1] > 0.0:
+                away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))
+
+        rehearsal.bus.followers.append(take)
+        record = await rehearsal.fly()
+        return record, rehearsal.world.truth.on_ground
+
+    record, stands = run_virtually(flown(), 0.0)
+    farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
+    row = landing_of(record, "".join(reasons), stands=stands, is_lost=farthest > STRAYED)
+    if not away:
+        return row | {"ending": Ending.HELD, "why": "no path was flown", "rms_cm": None, "most_cm": None}
+    squares = np.square(away)
+    return row | {
+        "rms_cm": round(100.0 * float(np.sqrt(squares.mean())), 1),
+        "most_cm": round(100.0 * max(away), 1),
+        "slowed": round(float(np.mean([0.0 < rate < FULL for rate in rates])), 3),
+    }
+
+
+PATHS: Final = Campaign("paths", fly, asdict, limit=900.0)
+
+
+def main(
+    *,
+    seeds: int = 10,
+    first: int = 1,
+    wind: str = "light",
+    speed: float = SPEED,
+    jobs: int = 2,
+    results: Path | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fly figures of eight with many seeds; half a minute of processor time a flight.
+
+    Args:
+        seeds: flights.
+        first: seed.
+        wind: none, indoor, light or moderate.
+        speed: along the path [m/s].
+        jobs: processes.
+        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
+    """
+    rows = PATHS.rows([Flight(seed, wind, speed) for seed in range(first, first + seeds)], jobs, results)
+    found: dict[str, Any] = endings(rows)
+    for name in ("rms_cm", "most_cm", "touch_cm"):
+        values = [row[name] for row in carried_out(rows) if row.get(name) is not None]
+        found[name] = {str(q): round(float(np.quantile(values, q)), 2) for q in (0.5, 0.9, 1.0)} if values else {}
+    if as_json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f"{name:<12} {value}")
+    is_near = found["rms_cm"].get("1.0", math.inf) <= GOAL_RMS_CM
+    return 0 if is_near and all(row["ending"] == Ending.FINISHED for row in rows) else 1
