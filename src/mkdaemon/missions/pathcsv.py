@@ -2,13 +2,14 @@
 
 33 columns: duration, then eight coefficients each of x, y, z and yaw, from the constant on. Source: USC-ACTLab,
 crazyswarm, `uav_trajectory.py`, `Trajectory.loadcsv`; its lines may end with a comma, and its first line names columns.
+Where yaw is zero in all of them, the aircraft keeps its heading.
 """
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.foreignfiles import LONGEST_SETTINGS, read_text
@@ -19,7 +20,7 @@ COLUMNS: Final = 1 + 4 * COEFFICIENTS
 """Duration, and the coefficients of x, y, z and yaw."""
 
 
-def read_pieces(path: Path) -> list[dict[str, object]]:
+def read_pieces(path: Path) -> list[dict[str, Any]]:
     """Read the pieces of a path as fields of `PathPiece`.
 
     Raises:
@@ -33,7 +34,8 @@ def read_pieces(path: Path) -> list[dict[str, object]]:
     pieces = [_piece(FilePlace(str(path), number), line) for number, line in enumerate(lines, 1) if _is_piece(line)]
     if not 1 <= len(pieces) <= MOST_PIECES:
         raise ConfigError(f"{path}: {len(pieces)} pieces: give 1 to {MOST_PIECES} lines of {COLUMNS} numbers")
-    return pieces
+    turns = any(any(piece["yaw"]) for piece in pieces)
+    return [piece if turns else {**piece, "yaw": []} for piece in pieces]
 
 
 def _is_piece(line: str) -> bool:
@@ -41,7 +43,7 @@ def _is_piece(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().lower().startswith(("duration", "#"))
 
 
-def _piece(place: FilePlace, line: str) -> dict[str, object]:
+def _piece(place: FilePlace, line: str) -> dict[str, Any]:
     """Read one line.
 
     Raises:
