@@ -27,8 +27,8 @@ class PathPoint(Command):
     time: _Seconds | None = None
     """From the point before to this one [s]; give this or `speed`, the first point needs neither."""
     speed: Annotated[float, Field(ge=0.02, le=5.0)] | None = None
-    """From the point before, as if along the straight line between them [m/s]; less near a point at which the aircraft
-    stops, because it speeds up and slows down there."""
+    """From the point before, as if along the straight line between them [m/s]: a mean, from which the curve differs at
+    corners and next to a stop. The ways from a stop and to a stop take longer, to speed up and to slow down."""
     stop: Annotated[float, Field(ge=0.0, le=600.0)] | None = None
     """Stop here for this time [s]; null to fly through. The aircraft always stops at the first and the last point."""
     yaw: _Angle | None = None

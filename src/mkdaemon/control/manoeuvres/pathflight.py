@@ -93,7 +93,7 @@ class PathClock:
             rates.append(rates[-1] + slopes[-1] * STEP)
         ends, rate, slope_of = np.array(times), np.array(rates)[:, None], np.array(slopes)[:, None]
         at = self._curve.at(ends)
-        between = self._curve.at(ends - 0.5 * rate[:, 0] * STEP)
+        between = self._curve.at(np.where(ends < self._curve.duration, ends - 0.5 * rate[:, 0] * STEP, ends))
         velocity = at.velocity * rate
         acceleration = between.acceleration * rate**2 + between.velocity * slope_of
         return Course(
@@ -108,6 +108,11 @@ class PathClock:
 def _towards(wanted: float, rate: float, quickest: float, step: float) -> float:
     """Change of a rate towards a wanted one in a step [1/s]."""
     return min(max((wanted - rate) / step, -quickest), quickest)
+
+
+def rate_behind(away: float) -> float:
+    """How fast the clock of a path is to run, with the aircraft so far away from where it should be [m]."""
+    return min(max((STOPS - away) / (STOPS - BEHIND), 0.0), 1.0)
 
 
 class FollowPath(ByTarget):
@@ -188,10 +193,10 @@ class FollowPath(ByTarget):
         return Goal(position=self._inside_fence(place[:3]), yaw=yaw)
 
     def _rate(self, estimate: Estimate, away: float) -> float:
-        """How fast the clock is to run, with the aircraft so far away from where it should be [m]."""
+        """How fast the clock is to run; `away` is the distance from where the aircraft should be [m]."""
         if self._wanted.paused or estimate.age > self._cfg.freeze_after:
             return 0.0
-        return min(max((STOPS - away) / (STOPS - BEHIND), 0.0), 1.0)
+        return rate_behind(away)
 
     def _stage(self, *, is_on_path: bool) -> tuple[str, float]:
         """Where it stands, and how long it may stand there [s]."""

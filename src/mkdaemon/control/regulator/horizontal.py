@@ -12,7 +12,7 @@ Control 20 (1975).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -52,66 +52,30 @@ PREVIEW: Final = 30
 """Steps of the reference that are seen ahead: after 0.6 s a jump of its acceleration asks for nothing yet."""
 
 
-EAGER: Final = 0.1
-"""Share of the stick's cost with which a course is foreseen: its position counts more than quiet sticks."""
-
-
 @lru_cache(maxsize=16)
-def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, float]:
-    """Gain (7,), preview (PREVIEW,) and spectral radius.
+def _solve(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, Array, float]:
+    """Gain (7,), previews of acceleration and of velocity (PREVIEW,), and spectral radius.
 
     An autopilot is made at every tick until a flight begins, on the same aircraft.
     """
-    f, g, gain, to_go = _optimum(model, costs)
-    closed = f - g @ gain
-    # A jump j of the wanted acceleration k steps ahead changes the error's tilt by -j / g. The optimal input for it is
-    # (R + g' P g)^-1 g' (F - g K)'^k P e_T j / g. Source: Tomizuka, as above.
-    row, ahead = np.linalg.solve(costs.stick * STEP + g.T @ to_go @ g, g.T)[0], []
-    for _ in range(PREVIEW):
-        ahead.append(float(row @ to_go[:, T]) / GRAVITY)
-        row = row @ closed.T
-    preview = np.array(ahead)
-    gain.flags.writeable = preview.flags.writeable = False
-    return gain[0], preview, spectral_radius(closed)
-
-
-def _optimum(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array, Array, Array]:
-    """Transition (7, 7) and input (7, 1) of an axis, and the gain (1, 7) and cost to go (7, 7) of its regulator."""
     f, g = model.horizontal(STEP)
     f, g = f[:7, :7], g[:7, None]
     weights = np.zeros(7)
     weights[[P, V, W]] = costs.position, costs.velocity, costs.rate
-    gain, to_go = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, np.array([[costs.stick * STEP]]))
-    return f, g, gain, to_go
-
-
-@lru_cache(maxsize=16)
-def _foresee(model: AircraftModel, costs: HorizontalCosts) -> tuple[Array, Array]:
-    """Tilt to ask for now for changes of a course's acceleration and velocity at the next steps, (PREVIEW,) each.
-
-    A model of the aircraft follows the course by preview with an eager regulator, and the aircraft follows the model by
-    its own: u = u_model - K (x - x_model). Both are linear, so what is added for a change in k steps is what they do
-    k steps before a single one.
-    """
-    gain = _optimum(model, costs)[2][0]
-    eager = replace(costs, stick=EAGER * costs.stick)
-    f, g, eager_gain, to_go = _optimum(model, eager)
-    closed = f - g @ eager_gain
-    row = np.linalg.solve(eager.stick * STEP + g.T @ to_go @ g, g.T)[0]
-    tilts = np.zeros((7, 2))
-    tilts[T, 0] = -1.0 / GRAVITY
-    tilts[[T, TH, US], 1] = -model.drag / GRAVITY  # what drag needs of a velocity: of all three
-    seen = []
+    stick_cost = np.array([[costs.stick * STEP]])
+    gain, to_go = regulator_gain(f, g, np.diag(weights + 1e-9) * STEP, stick_cost)
+    closed = f - g @ gain
+    # A jump j of the wanted acceleration k steps ahead changes the error's tilt by -j / g. The optimal input for it is
+    # (R + g' P g)^-1 g' (F - g K)'^k P e_T j / g. Source: Tomizuka, as above.
+    # A change v of the wanted velocity changes the tilt against drag, true and believed, and the stick, by drag v / g.
+    row, ahead, dragged = np.linalg.solve(stick_cost + g.T @ to_go @ g, g.T)[0], [], []
     for _ in range(PREVIEW):
-        seen.append(-row @ to_go @ tilts)
+        ahead.append(float(row @ to_go[:, T]) / GRAVITY)
+        dragged.append(float(row @ to_go[:, [T, TH, US]].sum(axis=1)) * model.drag / GRAVITY)
         row = row @ closed.T
-    ahead, away = np.zeros((PREVIEW, 2)), np.zeros((7, 2))
-    for k in range(PREVIEW - 1, -1, -1):
-        asked = seen[k] - eager_gain[0] @ away
-        ahead[k] = asked + gain @ away
-        away = f @ away + g * asked
-    ahead.flags.writeable = False
-    return ahead[:, 0], ahead[:, 1]
+    preview, drag_preview = np.array(ahead), np.array(dragged)
+    gain.flags.writeable = preview.flags.writeable = drag_preview.flags.writeable = False
+    return gain[0], preview, drag_preview, spectral_radius(closed)
 
 
 class HorizontalRegulator:
@@ -121,6 +85,7 @@ class HorizontalRegulator:
         gain: (7,) of position, velocity, true tilt, believed tilt, integral, rate, filtered stick.
         preview: (PREVIEW,) tilt to ask for now for a jump of the reference's acceleration at each of the next steps
             [rad s2/m].
+        drag_preview: the same for a change of its velocity [rad s/m].
         radius: spectral radius of the closed loop over `STEP`; below 1 is stable.
     """
 
@@ -132,7 +97,7 @@ class HorizontalRegulator:
         """
         self._model = model
         self._costs = costs
-        self.gain, self.preview, self.radius = _solve(model.by_line(0.0), costs)
+        self.gain, self.preview, self.drag_preview, self.radius = _solve(model.by_line(0.0), costs)
 
     def tilt(
         self, estimate: Estimate, reference: Reference, jumps: Array | None = None, gains: Array | None = None
@@ -143,7 +108,7 @@ class HorizontalRegulator:
             estimate: at the moment when the stick will act.
             reference: position, velocity and acceleration wanted, x and y.
             jumps: of that acceleration at each of the next `PREVIEW` steps (PREVIEW, 2) [m/s2]; None where it rests.
-            gains: of its velocity at each of them (PREVIEW, 2) [m/s], where it is a course; None where it is not.
+            gains: of its velocity at each of them (PREVIEW, 2) [m/s]; None where its way is not known.
         """
         costs, drag = self._costs, self._model.drag
         error = estimate.axes[:, :7].copy()
@@ -158,10 +123,9 @@ class HorizontalRegulator:
         error[:, TH] -= held
         error[:, US] -= held
         wanted = held - error @ self.gain
-        if jumps is not None and gains is not None:
-            by_acceleration, by_velocity = _foresee(self._model.by_line(0.0), costs)
-            wanted = wanted + by_acceleration @ jumps + by_velocity @ gains
-        elif jumps is not None:
+        if jumps is not None:
             wanted = wanted + self.preview @ jumps
+        if gains is not None:
+            wanted = wanted + self.drag_preview @ gains
         size = math.hypot(*wanted.tolist())
         return wanted if size <= costs.steepest else wanted * (costs.steepest / size)

@@ -1,0 +1,226 @@
+"""Flights along a path: its clock, and the whole core that flies by it, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lab.control.camera import CameraModel
+from lab.control.corerig import CoreRig
+from lab.control.flights import Flight
+from mkdaemon.control.actions import PublishError, PublishPath, PublishStatus, ReleaseAircraft
+from mkdaemon.control.events import AbortAsked, PathUploaded, SetpointAccepted
+from mkdaemon.control.manoeuvres.by_target import SEARCHES
+from mkdaemon.control.manoeuvres.pathflight import APPROACHES, ENDED, FOLLOWS, PAUSES, PathClock, rate_behind
+from mkdaemon.control.path.curve import Curve
+from mkdaemon.control.regulator.horizontal import PREVIEW, STEP
+from mkdaemon.telemetry.command import AbortRequest
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
+from mkdaemon.telemetry.setpoint import HoldSetpoint, PathSetpoint
+from mksim.config import WindClass
+from tests.control.events import Driver
+
+CIRCLE = PathUploadRequest(
+    points=tuple(
+        PathPoint(position=(0.4 * math.cos(turn), 0.4 * math.sin(turn), 2.0), speed=0.4 if turn else None)
+        for turn in np.linspace(0.0, math.tau, 13)
+    )
+)
+LENGTH = Curve.of(CIRCLE).duration
+BEGINS = 8.0
+"""The path is asked for from then on; before, the aircraft holds its place [s]."""
+CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=BEGINS + 5.5 + LENGTH)
+
+
+class PathRig(CoreRig):
+    """Holds, then flies along the circle.
+
+    Attributes:
+        changes: fields of the setpoint from a time on [s].
+        abort_at: [s].
+        away: distance of the true place from that on the path, at each stick frame that follows it [m].
+    """
+
+    def __init__(self, flight, *changes, abort_at=math.inf):
+        super().__init__(flight)
+        self.changes, self.abort_at, self.away = changes, abort_at, []
+        assert self.core.feed(PathUploaded(CIRCLE), 0.0).refusal is None
+        self.id = self.core.path_stored.id
+        self._looked = 0
+
+    def _setpoint(self, goal, at):
+        stream = {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3}
+        if at < BEGINS:
+            return HoldSetpoint(**stream)
+        fields = {}
+        for since, change in self.changes:
+            fields |= change if at >= since else {}
+        return PathSetpoint(**stream, path=self.id, **fields)
+
+    def _control(self, at):
+        if at >= self.abort_at:
+            self.abort_at = math.inf
+            self.core.feed(AbortAsked(AbortRequest(reason="the operator saw something")), at)
+        super()._control(at)
+        for _, action in self.actions[self._looked :]:
+            if isinstance(action, PublishError) and self.stage == FOLLOWS:
+                self.away.append(math.dist(self._world.truth.position_enu[:2], action.value.goal[:2]))
+        self._looked = len(self.actions)
+
+    def published(self, kind):
+        return [(at, action) for at, action in self.actions if isinstance(action, kind)]
+
+    @property
+    def stage(self):
+        shown = self.published(PublishStatus)
+        return shown[-1][1].stage if shown else ""
+
+    @property
+    def stages(self):
+        """Each stage of the path in its order, once."""
+        shown = [action.stage for _, action in self.published(PublishStatus) if action.manoeuvre == "path"]
+        return [stage for before, stage in pairwise(["", *shown]) if stage != before]
+
+    @property
+    def rms(self):
+        return float(np.sqrt(np.mean(np.square(self.away))))
+
+
+def test_a_path_is_followed_to_its_end_and_shown():
+    rig = PathRig(CALM)
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.stages == [APPROACHES, FOLLOWS, ENDED]
+    assert rig.rms < 0.08
+    assert record.positions[-1] == pytest.approx([0.4, 0.0, 2.0], abs=0.15)
+    assert rig.published(PublishStatus)[-1][1].is_done
+    shown = [action.value for _, action in rig.published(PublishPath)]
+    assert {(value.id, value.target, value.is_paused) for value in shown} == {(rig.id, "pad", False)}
+    assert all(len(value.points) == 100 and value.points[0] == (0.4, 0.0, 2.0) for value in shown)
+    progress = [value.progress for value in shown]
+    assert progress == sorted(progress)
+    assert (progress[0], progress[-1], shown[-1].left) == (0.0, 1.0, 0.0)
+    assert {value.stage for value in shown} == set(rig.stages)
+    assert shown[len(shown) // 2].left == pytest.approx(LENGTH * (1.0 - shown[len(shown) // 2].progress))
+
+
+def test_a_pause_stops_smoothly_and_the_flight_goes_on_from_there():
+    rig = PathRig(replace(CALM, seconds=24.0), (13.0, {"paused": True}), (18.0, {"paused": False}))
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.stages == [APPROACHES, FOLLOWS, PAUSES, FOLLOWS, ENDED]
+    paused = [(at, action.value) for at, action in rig.published(PublishPath) if action.value.is_paused]
+    standing = {round(value.progress, 6) for at, value in paused if at > 15.0}
+    assert len(standing) == 1 and 0.1 < next(iter(standing)) < 0.9
+    assert {value.rate for at, value in paused if at > 15.0} == {0.0}
+    goals = [(at, action.value.goal) for at, action in rig.published(PublishError) if 12.5 < at < 15.0]
+    steps = [math.dist(before, after) / (until - since) for (since, before), (until, after) in pairwise(goals)]
+    assert max(steps) < 0.5 and steps[-1] == 0.0
+    # What should be braked is braked in time: never harder than the reference of any other flight.
+    assert max(abs(one - other) for one, other in pairwise(steps)) < 0.05
+
+
+def test_another_run_begins_at_the_first_point_again_and_an_abort_holds():
+    again = BEGINS + 5.5 + LENGTH
+    rig = PathRig(replace(CALM, seconds=again + 8.0), (again, {"run": 1}), abort_at=again + 4.0)
+    record = rig.fly()
+    assert record.lost == ""
+    assert rig.stages == [APPROACHES, FOLLOWS, ENDED, APPROACHES, FOLLOWS]
+    assert rig.core.phase is Phase.ABORTED
+    assert rig.published(PublishStatus)[-1][1].manoeuvre == "hold"
+    last = rig.published(PublishPath)[-1]
+    assert last[0] < again + 4.1 and 0.0 < last[1].value.progress < 0.9
+
+
+def test_a_target_out_of_sight_stops_the_clock_and_after_the_search_the_flight_goes_on():
+    rig = PathRig(replace(CALM, seconds=31.0, camera=CameraModel(gone=((13.0, 14.8),))))
+    record = rig.fly()
+    assert record.lost == ""
+    assert not rig.published(ReleaseAircraft)
+    assert rig.stages == [APPROACHES, FOLLOWS, SEARCHES, APPROACHES, FOLLOWS, ENDED]
+    progress = [action.value.progress for _, action in rig.published(PublishPath)]
+    assert progress == sorted(progress), "it never begins again"
+    assert record.positions[-1] == pytest.approx([0.4, 0.0, 2.0], abs=0.2)
+
+
+def test_an_id_that_this_daemon_has_not_is_refused_with_what_to_do():
+    """As after a restart, with the id of a path that the daemon before had."""
+    drive = Driver()
+    setpoint = PathSetpoint(epoch=drive.take(), sequence=1, ttl=0.3, path="0123456789abcdef")
+    refusal = drive.core.feed(SetpointAccepted(setpoint, setpoint.epoch), drive.now).refusal
+    assert refusal is not None
+    assert refusal.token == "no_path"
+    assert "the daemon has restarted since it was uploaded" in refusal.reason
+    assert "Upload the path again" in refusal.fix
+
+
+def test_a_path_that_cannot_be_flown_is_refused_by_the_core_and_not_kept():
+    drive = Driver()
+    points = (PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(position=(4.0, 0.0, 2.0), time=2.0))
+    refusal = drive.core.feed(PathUploaded(PathUploadRequest(points=points)), 0.0).refusal
+    assert refusal is not None and refusal.token == "path_refused"
+    assert drive.core.path_stored is None
+    assert drive.core.situation(0.0).paths == frozenset()
+
+
+@pytest.mark.parametrize(("away", "rate"), [(0.0, 1.0), (0.25, 1.0), (0.425, 0.5), (0.6, 0.0), (3.0, 0.0)])
+def test_the_clock_slows_down_for_an_aircraft_that_falls_behind(away, rate):
+    assert rate_behind(away) == pytest.approx(rate)
+
+
+ACCELERATION = 0.9
+BOUND = 1.02 * ACCELERATION
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.3, 1.0, 1.0]), st.floats(0.005, 0.05)), min_size=5, max_size=60))
+def test_the_clock_never_jumps_never_runs_back_and_brakes_gently(asked):
+    curve = Curve.of(CIRCLE)
+    clock = PathClock(curve, ACCELERATION)
+    for _ in range(100):
+        clock.move(1.0, 0.02)
+    for wanted, step in asked:
+        at, rate = clock.at, clock.rate
+        course = clock.move(wanted, step)
+        assert 0.0 <= clock.rate <= 1.0
+        assert at <= clock.at <= at + max(rate, clock.rate) * step + 1e-9
+        speed = np.linalg.norm(curve.at(np.array([at])).velocity[0, :3])
+        assert abs(clock.rate - rate) * speed <= BOUND * step
+        place = curve.at(np.array([clock.at]))
+        assert course.position == pytest.approx(place.position[0, :3])
+        assert course.velocity == pytest.approx(place.velocity[0, :3] * clock.rate)
+
+
+@given(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0]))
+def test_what_is_seen_ahead_is_what_comes(share, wanted):
+    """The jumps add up to the accelerations, and the gains to the velocities, that the clock then has."""
+    clock = PathClock(Curve.of(CIRCLE), ACCELERATION)
+    while clock.at < share * LENGTH:
+        clock.move(1.0, STEP)
+    seen = clock.move(wanted, STEP)
+    then = [clock.move(wanted, STEP) for _ in range(10)]
+    velocity = seen.velocity[:2] + np.cumsum(seen.gains, axis=0)
+    acceleration = seen.acceleration[:2] + np.cumsum(seen.jumps, axis=0)
+    assert seen.jumps.shape == seen.gains.shape == (PREVIEW, 2)
+    for k, course in enumerate(then):
+        assert velocity[k] == pytest.approx(course.velocity[:2], abs=0.02)
+        assert acceleration[k] == pytest.approx(course.acceleration[:2], abs=0.1)
+
+
+def test_at_the_end_the_clock_stands():
+    curve = Curve.of(CIRCLE)
+    clock = PathClock(curve, ACCELERATION)
+    while not clock.has_ended:
+        course = clock.move(1.0, STEP)
+    assert clock.at == curve.duration
+    course = clock.move(1.0, STEP)
+    assert not course.velocity.any() and not course.acceleration.any() and not course.jumps.any()
+    assert course.position == pytest.approx((0.4, 0.0, 2.0))
+    clock.stop()
+    assert clock.rate == 0.0

@@ -1,0 +1,1 @@
+"""Paths: curves in time, and what they are checked against."""
