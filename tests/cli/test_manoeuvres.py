@@ -250,6 +250,52 @@ def end_after(daemon, count):
         daemon.lose("landed on pad", outcome=Outcome.LANDED)
 
 
+PATHS = """
+[[step]]
+do = "path"
+target = "pad"
+
+[[step.points]]
+position = [0, 0, 2]
+
+[[step.points]]
+position = [1, 0, 2]
+time = 4
+yaw_deg = 0
+
+[[step]]
+do = "land"
+"""
+STORED = {"id": "p1", "pieces": 1, "duration": 4.0, "length": 1.0, "speed": 0.47, "acceleration": 0.36, "climb": 0.0}
+
+
+async def test_the_paths_of_a_script_are_uploaded_before_anything_flies(tmp_path, capsys):
+    path = tmp_path / "flight.toml"
+    path.write_text(PATHS.replace("yaw_deg = 0\n", ""))
+    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        before = []
+
+        def follow():
+            if "path" in daemon.setpoints[-1]:
+                daemon.say(Phase.FLYING, "flies", manoeuvre="path", is_done=True)
+            else:
+                daemon.lose("landed on pad", outcome=Outcome.LANDED)
+
+        def store():
+            before.append(len(daemon.setpoints))
+            return STORED
+
+        daemon.follow, daemon.replies = follow, {"do/path_upload": store}
+        await script.fly(path, connection=here)
+        uploads = [fields for suffix, fields in daemon.asked if suffix == "do/path_upload"]
+        first, second = uploads[0]["points"]
+        assert before == [0] and len(uploads) == 1
+        assert (first["position"], second["position"], second["time"]) == ([0.0, 0.0, 2.0], [1.0, 0.0, 2.0], 4.0)
+        flown = [setpoint for setpoint in daemon.setpoints if "path" in setpoint]
+        assert {(each["path"], each["target"], each["paused"]) for each in flown} == {("p1", "pad", False)}
+    assert "step 1 of 2: path: 1.0 m in 4.0 s, up to 0.47 m/s and 0.36 m/s2" in capsys.readouterr().out
+
+
 class OneTerminal(io.StringIO):
     """A terminal that shows standard output and standard error."""
 

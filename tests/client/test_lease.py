@@ -11,6 +11,7 @@ import pytest
 from lab.rigs.waiting import wait_until
 from mkdaemon.errors import CommandRejectedError, LeaseLostError, ManoeuvreError
 from mkdaemon.telemetry.control import Outcome, Phase
+from mkdaemon.telemetry.path import PathPoint, PathStored, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import EPOCH, SECRET, connected
 
@@ -212,6 +213,46 @@ async def test_the_context_of_a_flight_takes_off_and_lands(daemon, uav):
     assert "height" not in daemon.setpoints[-1]
     assert lease.outcome is Outcome.LANDED
     assert RELEASE not in daemon.asked
+
+
+PATH = PathUploadRequest(points=(PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(position=(1.0, 0.0, 2.0), speed=0.5)))
+STORED = PathStored(id="p1", pieces=1, duration=4.0, length=1.0, speed=0.5, acceleration=0.4, climb=0.0)
+
+
+async def test_a_path_is_uploaded_flown_paused_and_flown_on(daemon, uav):
+    daemon.replies["do/path_upload"] = lambda: dict(STORED)
+    daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="path", stage="follows the path")
+    async with uav.lease() as lease:
+        with pytest.raises(ManoeuvreError, match="no path is flown"):
+            lease.pause_path()
+        flight = asyncio.create_task(lease.follow(PATH, target="pad"))
+        await wait_until(lambda: lease.is_engaged)
+        lease.pause_path()
+        await wait_until(lambda: daemon.setpoints[-1]["paused"])
+        lease.resume_path()
+        await wait_until(lambda: not daemon.setpoints[-1]["paused"])
+        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="path", is_done=True)
+        await flight
+        (uploaded,) = (fields for suffix, fields in daemon.asked if suffix == "do/path_upload")
+        assert uploaded == {"points": [{"position": [0.0, 0.0, 2.0]}, {"position": [1.0, 0.0, 2.0], "speed": 0.5}]}
+        await lease.follow(STORED)
+        assert len([suffix for suffix, _ in daemon.asked if suffix == "do/path_upload"]) == 1
+        flown = {(each["path"], each["run"], each["target"]) for each in daemon.setpoints}
+        assert flown == {("p1", 1, "pad"), ("p1", 2, "")}
+        with pytest.raises(ManoeuvreError, match="no path is flown"):
+            lease.resume_path()
+
+
+async def test_a_path_that_the_aircraft_cannot_fly_is_refused_and_nothing_is_streamed(daemon, uav):
+    def refuse_it():
+        raise refuse(Token.PATH_REFUSED, detail="piece 1 of 1, at 2.0 s, asks for 3 m/s", remedy="Slow it down by 3.")
+
+    daemon.replies["do/path_upload"] = refuse_it
+    async with uav.lease() as lease:
+        with pytest.raises(CommandRejectedError, match="asks for 3 m/s") as refused:
+            await lease.follow(PATH)
+    assert (refused.value.token, refused.value.fix) == ("path_refused", "Slow it down by 3.")
+    assert daemon.setpoints == []
 
 
 async def test_a_flight_that_fails_inside_is_given_back_and_not_landed(daemon, uav):

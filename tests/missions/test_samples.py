@@ -11,8 +11,19 @@ from lab.control.flights import Flight
 from lab.places import ROOT
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
+from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.events import MotorsReported
-from mkdaemon.missions.script import GotoStep, HoldStep, LandStep, TakeOffStep, VelocityStep, WaitStep, read_script
+from mkdaemon.control.path.stored import StoredPaths
+from mkdaemon.missions.script import (
+    GotoStep,
+    HoldStep,
+    LandStep,
+    PathStep,
+    TakeOffStep,
+    VelocityStep,
+    WaitStep,
+    read_script,
+)
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
     LandSetpoint,
@@ -84,6 +95,10 @@ def test_a_sample_is_read_and_stays_inside_the_fence(path):
     steps = read_script(path)
     assert isinstance(steps[-1], LandStep)
     places = [step.position for step in steps if isinstance(step, GotoStep) and step.frame == "pad"]
+    for step in steps:
+        if isinstance(step, PathStep):
+            stored = StoredPaths(FENCE)
+            places += stored.find(stored.upload(step.request, AircraftModel()).id).drawn
     assert places
     assert all(math.hypot(*place[:2]) < FENCE.fence_radius / 2 for place in places)
     assert all(FENCE.fence_floor < place[2] < FENCE.fence_height for place in places)

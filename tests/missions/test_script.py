@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 
 import pytest
 
 from lab.places import ROOT
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.script import GotoStep, LandStep, TakeOffStep, WaitStep, read_script
+from mkdaemon.missions.script import (
+    GotoStep,
+    LandStep,
+    PathStep,
+    PathStepPoint,
+    TakeOffStep,
+    WaitStep,
+    read_script,
+)
 
 GOOD = """
 [[step]]
@@ -29,6 +38,10 @@ yaw_deg = 90
 [[step]]
 do = "land"
 """
+
+
+POINTS = '[[step]]\ndo = "path"\n[[step.points]]\nposition = [0, 0, 2]\n[[step.points]]\n'
+"""A path whose second point is to be written."""
 
 
 def script(tmp_path, text):
@@ -68,6 +81,14 @@ def test_the_script_of_the_manual_is_one(tmp_path):
         ('[[step]]\ndo = "wait"\nkey = "a"\nfield = "b"', "give one of above, below and equals"),
         ('[[step]]\ndo = "land"\n[[step]]\ndo = "hold"\nseconds = 1', "step 1: land must be the last step"),
         ('[[step]]\ndo = "hold"\nseconds = 1\n[[step]]\ndo = "take_off"\nheight = 2', "take_off must be the first"),
+        ('[[step]]\ndo = "path"', "step 1 (path): give points or pieces"),
+        (POINTS + "position = [1, 0, 2]", "step 1 (path): point 2: give time or speed"),
+        (POINTS + "position = [1, 0, 2]\nspeed = 50", "step 1 (path): points.2.speed: Input should be less than"),
+        (POINTS + 'position = [1, 0, "far"]\nspeed = 1', "step 1 (path): points.2.position.3: Input should be a valid"),
+        (POINTS + "position = [1, 0, 2]\nsped = 1", "step 1 (path): points.2.sped: Extra inputs are not permitted"),
+        ('[[step]]\ndo = "path"\nfile = "no.csv"', "no.csv: cannot be read"),
+        ('[[step]]\ndo = "path"\nfile = "no.csv"\npoints = [{position = [0, 0, 1]}]', "a file and points; keep one"),
+        ('[[step]]\ndo = "path"\nslower = 0', "slower: Input should be greater than or equal to 0.1"),
         ("steps = 3", "a list of [[step]], not steps"),
         ("", "a list of [[step]]"),
         ("[[step]", "not valid TOML"),
@@ -77,6 +98,35 @@ def test_what_is_wrong_is_said_with_its_step(tmp_path, text, words):
     with pytest.raises(ConfigError) as wrong:
         read_script(script(tmp_path, text))
     assert words in str(wrong.value)
+
+
+def test_a_path_has_points_with_headings_and_can_be_flown_slower(tmp_path):
+    text = POINTS + "position = [1, 0, 2]\nspeed = 0.5\n[[step.points]]\nposition = [1, 1, 2]\ntime = 3\nstop = 2\n"
+    (step,) = read_script(script(tmp_path, text))
+    assert [(point.time, point.speed, point.stop) for point in step.request.points] == [
+        (None, None, None),
+        (None, 0.5, None),
+        (3.0, None, 2.0),
+    ]
+    slower = step.model_copy(update={"slower": 2.0}).request.points
+    assert [(point.time, point.speed, point.stop) for point in slower] == [
+        (None, None, None),
+        (None, 0.25, None),
+        (6.0, None, 2.0),
+    ]
+    turned = PathStepPoint(position=(0.0, 0.0, 2.0), yaw_deg=90.0)
+    points = PathStep(do="path", points=(turned, turned.model_copy(update={"time": 1.0}))).request.points
+    assert points[1].yaw == pytest.approx(math.pi / 2)
+
+
+def test_a_path_takes_polynomials_of_the_file_beside_it_and_slows_them_down(tmp_path):
+    row = [2.0, *range(8), *(0.0,) * 7, 1.0, 2.0, *(0.0,) * 7, *(0.0,) * 8]
+    (tmp_path / "way.csv").write_text("duration,x^0\n" + ",".join(map(str, row)) + ",\n\n")
+    (step,) = read_script(script(tmp_path, '[[step]]\ndo = "path"\nfile = "way.csv"\nslower = 2'))
+    (piece,) = step.request.pieces
+    assert (piece.duration, piece.yaw) == (4.0, ())
+    assert piece.x == pytest.approx([k / 2**k for k in range(8)])
+    assert (piece.y[7], piece.z[0]) == (pytest.approx(1.0 / 2**7), 2.0)
 
 
 def test_a_file_that_is_not_there_is_said(tmp_path):

@@ -116,11 +116,11 @@ class PathStepPoint(Section):
 
     position: tuple[_Metres, _Metres, _Metres]
     """From the middle of the target [m]."""
-    time: float | None = None
+    time: Annotated[float, Field(ge=0.02, le=600.0)] | None = None
     """From the point before [s]."""
-    speed: float | None = None
+    speed: Annotated[float, Field(ge=0.02, le=5.0)] | None = None
     """From the point before [m/s]."""
-    stop: float | None = None
+    stop: Annotated[float, Field(ge=0.0, le=600.0)] | None = None
     """Stop here for this time [s]; unset flies through."""
     yaw_deg: _Degrees | None = None
     """Heading from the first axis of the target; unset at all points keeps it [deg]."""

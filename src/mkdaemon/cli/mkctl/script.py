@@ -58,20 +58,17 @@ async def fly(
         return
     async with flying(connection, force=force) as (uav, lease, shown):
         # All paths before anything flies: one that this aircraft cannot fly is refused on the ground.
-        for number, step in enumerate(steps, 1):
-            if isinstance(step, PathStep):
-                path = await upload(uav, step)
-                if not connection.json:
-                    shown.print_line(f"step {number}: {path_words(path)}")
+        paths = {number: await upload(uav, step) for number, step in enumerate(steps, 1) if isinstance(step, PathStep)}
         for number, step in enumerate(steps, 1):
             if not connection.json:
-                shown.print_line(f"step {number} of {len(steps)}: {step.do}")
-            await fly_step(uav, lease, step)
+                path = f": {path_words(paths[number])}" if number in paths else ""
+                shown.print_line(f"step {number} of {len(steps)}: {step.do}{path}")
+            await fly_step(uav, lease, step, paths.get(number))
     connection.show({"steps": len(steps), "position": shown.position}, f"done; now at {metres(shown.position)}")
 
 
-async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:
-    """Fly one step to its end.
+async def fly_step(uav: Vehicle, lease: Lease, step: Step, path: PathStored | None = None) -> None:
+    """Fly one step to its end; `path` is that of the step, if it is uploaded already.
 
     Raises:
         MkError: see the methods of `Lease`.
@@ -87,7 +84,7 @@ async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:
         case VelocityStep():
             await lease.velocity(*step.velocity, frame=step.frame, seconds=step.seconds)
         case PathStep():
-            await lease.follow(await upload(uav, step), target=step.target)
+            await lease.follow(path or step.request, target=step.target)
         case WaitStep():
             await _wait(uav, lease, step)
         case LandStep():
@@ -96,7 +93,7 @@ async def fly_step(uav: Vehicle, lease: Lease, step: Step) -> None:
 
 
 async def upload(uav: Vehicle, step: PathStep) -> PathStored:
-    """Upload the path of a step; the same path again changes nothing.
+    """Upload the path of a step.
 
     Raises:
         CommandRejectedError: `path_refused`: the aircraft cannot fly it.
@@ -109,7 +106,7 @@ async def upload(uav: Vehicle, step: PathStep) -> PathStored:
 def path_words(path: PathStored) -> str:
     """What a path asks for."""
     size = f"{path.length:.1f} m in {path.duration:.1f} s"
-    return f"path of {size}, up to {path.speed:.2f} m/s and {path.acceleration:.2f} m/s2"
+    return f"{size}, up to {path.speed:.2f} m/s and {path.acceleration:.2f} m/s2"
 
 
 async def _wait(uav: Vehicle, lease: Lease, step: WaitStep) -> None:
