@@ -137,7 +137,7 @@ class PathStep(Section):
     file: str = ""
     """A CSV file of polynomials beside this one, in place of both; crazyswarm writes such files."""
     slower: float = Field(default=1.0, ge=0.1, le=10.0)
-    """Fly it so many times slower than it says."""
+    """Factor on its times: 2 flies it at half the speed."""
     target: str = Field(default="", max_length=100)
     """In whose axes it lies; empty for the target in sight."""
 
@@ -163,7 +163,7 @@ class PathStep(Section):
 
 
 def _slowed(piece: PathPiece, slower: float) -> PathPiece:
-    """A polynomial that takes so many times longer."""
+    """A polynomial that takes `slower` times longer."""
     axes = {
         name: tuple(value / slower**power for power, value in enumerate(getattr(piece, name)))
         for name in ("x", "y", "z", "yaw")
