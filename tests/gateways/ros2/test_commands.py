@@ -54,6 +54,51 @@ def test_age_is_by_the_stamp_and_never_negative():
     assert not commands.newer(stamp(1, 2), (1, 2))
 
 
+def ros_path(*poses):
+    """A path by place, stamp [s] and orientation (w, x, y, z)."""
+    stamped = [
+        SimpleNamespace(
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=int(at), nanosec=round(at % 1.0 * 1e9))),
+            pose=pose(TYPES, place, wxyz),
+        )
+        for place, at, wxyz in poses
+    ]
+    return SimpleNamespace(poses=stamped)
+
+
+STILL, TURNED = (0.0, 0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
+
+
+def test_a_path_has_the_times_of_its_stamps_or_a_speed():
+    timed = ros_path(((0.0, 0.0, 2.0), 5.0, STILL), ((1.0, 0.0, 2.0), 7.5, STILL), ((1.0, 1.0, 2.0), 8.0, STILL))
+    points = commands.path_request(timed, 0.5).points
+    assert [(point.position, point.time, point.speed, point.yaw) for point in points] == [
+        ((0.0, 0.0, 2.0), None, None, None),
+        ((1.0, 0.0, 2.0), 2.5, None, None),
+        ((1.0, 1.0, 2.0), 0.5, None, None),
+    ]
+    plain = ros_path(((0.0, 0.0, 2.0), 0.0, TURNED), ((1.0, 0.0, 2.0), 0.0, TURNED))
+    points = commands.path_request(plain, 0.4).points
+    assert [(point.time, point.speed) for point in points] == [(None, None), (None, 0.4)]
+    assert points[0].yaw == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("poses", "words"),
+    [
+        ([], "path: give points or pieces"),
+        ([((0.0, 0.0, 2.0), 0.0, STILL)], "path: give at least two points"),
+        ([((0.0, 0.0, 2.0), 0.0, STILL), ((math.nan, 0.0, 2.0), 0.0, STILL)], "path: position.0: "),
+        ([((0.0, 0.0, 2.0), 3.0, STILL), ((1.0, 0.0, 2.0), 2.0, STILL)], "path: time: Input should be greater"),
+        ([((0.0, 0.0, 2.0), 0.0, STILL)] * 501, "path: points: Tuple should have at most 500 items"),
+    ],
+)
+def test_what_is_no_path_is_refused(poses, words):
+    with pytest.raises(MkError) as refused:
+        commands.path_request(ros_path(*poses), 0.5)
+    assert words in str(refused.value)
+
+
 @given(st.tuples(finite, finite, finite), finite)
 def test_a_twist_is_a_velocity_in_its_frame(linear, turn):
     fields = commands.velocity_fields(twist(linear, turn), "body")

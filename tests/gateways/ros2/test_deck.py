@@ -12,6 +12,7 @@ from mkdaemon.config.gamepadfiles import load_mapping
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.gateways.ros2.commands import AXES, BUTTONS, GONE, SILENCE, pad_facts
 from mkdaemon.gateways.ros2.deck import FlightDeck, Habits
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
 from tests.client.sessionlease import SessionLease
@@ -40,6 +41,9 @@ class Lease(SessionLease):
 
     async def land(self):
         await self._fly("land", 1.0)
+
+    async def follow(self, path):
+        await self._fly(f"path of {len(path.points)}", 3.0)
 
     async def hold(self, *, seconds):
         await self._fly("hold", seconds)
@@ -155,6 +159,32 @@ async def test_the_topic_that_flies_is_not_disturbed_by_the_other(deck, uav):
     assert "setpoint_pose is left out" in deck.note
     await uav.end()
     assert {kind for kind, _ in uav.daemon.lease.streamed} == {"velocity"}
+
+
+PATH = PathUploadRequest(points=(PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(position=(1.0, 0.0, 2.0), time=4.0)))
+
+
+@flown()
+async def test_a_path_is_flown_once_then_the_place_is_held_and_a_new_one_takes_its_place(deck, uav):
+    deck.path_arrived(PATH)
+    await asyncio.sleep(1.0)
+    assert deck.flown == "path"
+    deck.path_arrived(PATH)
+    await asyncio.sleep(2.5)
+    assert (deck.flown, deck.note) == ("path", "path was interrupted: path was asked for")
+    await asyncio.sleep(1.0)
+    assert deck.flown == "hold"
+    assert deck.note.startswith("at the end of the path; holds for 60 s")
+    assert uav.daemon.lease.flown == ["path of 2", "path of 2", "hold"]
+
+
+@flown()
+async def test_a_path_that_is_refused_is_noted_and_what_was_flown_is_held(deck, uav):
+    refused = CommandRejectedError("path_refused", "the path cannot be flown: piece 1.", "Slow it down.")
+    uav.daemon.lease.fails["path of 2"] = refused
+    deck.path_arrived(PATH)
+    await asyncio.sleep(3.5)
+    assert "piece 1" in deck.note
 
 
 @flown()

@@ -181,6 +181,11 @@ async def test_what_cannot_be_flown_is_told():
     async with running(node) as run:
         node.subscribed["setpoint_pose"](old)
         await wait_for(lambda: "setpoint_pose was" in run.gateway.deck.note)
+        of_body = SimpleNamespace(header=SimpleNamespace(frame_id="base_link"), poses=[])
+        node.subscribed["path"](of_body)
+        await wait_for(lambda: "a path lies in the frame of a target" in run.gateway.deck.note)
+        node.subscribed["path"](SimpleNamespace(header=SimpleNamespace(frame_id=""), poses=[]))
+        await wait_for(lambda: "path: give points or pieces" in run.gateway.deck.note)
         node.subscribed["joy"](SimpleNamespace(header=header, axes=[0.0], buttons=[]))
         await wait_for(lambda: "another pad?" in run.gateway.deck.note)
         assert run.daemon.holder is None

@@ -39,6 +39,8 @@ def test_the_defaults_of_the_parameters_fly():
         ("topics", ["imus"], "topics does not know imus"),
         ("cmd_vel.frame", "home", "cmd_vel.frame is body or pad"),
         ("take_off.height", 0.1, "take_off.height"),
+        ("path.speed", 0.0, "path.speed"),
+        ("path.speed", 6.0, "path.speed"),
         ("hold.seconds", float("inf"), "hold.seconds"),
         ("joy.mapping", "nopad", "there is 8bitdo"),
         ("joy.mapping", "no/such.toml", "no such configuration file"),

@@ -1,17 +1,21 @@
-"""What ROS sends to fly: messages of `joy`, `cmd_vel` and `setpoint_pose` as sticks and setpoints; pure."""
+"""What ROS sends to fly: messages of `joy`, `cmd_vel`, `setpoint_pose` and `path` as what the daemon flies; pure."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
+
+from pydantic import ValidationError
 
 from mkdaemon.client.teleop.inputs import AxisRange, PadFacts
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.conversions import yaw_of
 from mkdaemon.gateways.ros2.messages import TARGET, Frames
 from mkdaemon.stamp import NANOSECONDS
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 
 AXES: Final = ("ABS_X", "ABS_Y", "ABS_Z", "ABS_RX", "ABS_RY", "ABS_RZ", "ABS_HAT0X", "ABS_HAT0Y")
 """The kernel's names of the axes of a Joy, in its order, as `joy` has an Xbox pad: ascending codes, then the hat."""
@@ -134,6 +138,36 @@ def position_fields(pose: Any, frame: str) -> dict[str, Any]:
     turned = pose.orientation
     _require_numbers("setpoint_pose", *place, turned.x, turned.y, turned.z, turned.w)
     return {"position": place, "frame": frame, "yaw": yaw_of(turned)}
+
+
+def path_request(path: Any, speed: float) -> PathUploadRequest:
+    """A path through the poses of a message, at the times of their stamps, or at a speed where no stamp counts up.
+
+    Args:
+        path: a `nav_msgs/Path`.
+        speed: [m/s].
+
+    Raises:
+        MkError: it has too few or too many poses, a number is none, or its stamps do not count up.
+    """
+    times = [pose.header.stamp.sec + pose.header.stamp.nanosec / NANOSECONDS for pose in path.poses]
+    is_timed = bool(times) and max(times) > min(times)
+    steps = [None, *(later - before for before, later in pairwise(times))] if is_timed else [None] * len(times)
+    try:
+        points = [
+            PathPoint(
+                position=(float(at.pose.position.x), float(at.pose.position.y), float(at.pose.position.z)),
+                yaw=yaw_of(at.pose.orientation),
+                time=step,
+                speed=speed if number and not is_timed else None,
+            )
+            for number, (at, step) in enumerate(zip(path.poses, steps, strict=True))
+        ]
+        return PathUploadRequest(points=tuple(points))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise MkError(f"path: {place + ': ' if place else ''}{first['msg'].removeprefix('Value error, ')}") from error
 
 
 def setpoint_frame(frame_id: str, frames: Frames, default: str) -> str:

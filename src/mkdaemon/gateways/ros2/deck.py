@@ -17,6 +17,7 @@ from mkdaemon.client.teleop.teleop import Teleop, TeleopOutput
 from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.commands import CommandStream
+from mkdaemon.telemetry.path import PathUploadRequest
 
 PERIOD: Final = 0.02
 """Between two looks while something is flown, or a pad is there [s]."""
@@ -67,6 +68,7 @@ class FlightDeck:
         self._pad_at = 0.0
         self._verb: asyncio.Task[None] | None = None
         self._stopping: asyncio.Task[None] | None = None
+        self._paths: set[asyncio.Task[None]] = set()
         self._news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
 
@@ -219,6 +221,19 @@ class FlightDeck:
         """
         await self._fly(HOLD, lambda lease: lease.hold(seconds=PROOF))
         return self._begin_hold()
+
+    def path_arrived(self, path: PathUploadRequest) -> None:
+        """Fly along a path of the topic `path`, in place of the one before, and hold at its end."""
+        flying = asyncio.create_task(self._follow(path), name="ros2 path")
+        self._paths.add(flying)
+        flying.add_done_callback(self._paths.discard)
+
+    async def _follow(self, path: PathUploadRequest) -> None:
+        try:
+            await self._fly("path", lambda lease: lease.follow(path))
+            self._write_note(f"at the end of the path; {self._begin_hold()}")
+        except MkError as error:
+            self._write_note(str(error))
 
     async def land(self) -> str:
         """Land on the target in sight.

@@ -29,6 +29,7 @@ from mkdaemon.gateways.ros2.commands import (
     newer,
     other_type,
     pad_state,
+    path_request,
     position_fields,
     setpoint_frame,
     velocity_fields,
@@ -201,6 +202,7 @@ class Ros2Gateway:
             "cmd_vel": (TWIST_STAMPED if settings.is_stamped else TWIST, velocity),
             "cmd_vel_stamped": (TWIST_STAMPED, velocity),
             "setpoint_pose": ("geometry_msgs/msg/PoseStamped", pose),
+            "path": ("nav_msgs/msg/Path", self._path),
         }
         for name, (kind, take) in flying.items() if settings.commands else ():
             self._node.subscribe(name, kind, partial(self._hand_over, take, name))
@@ -267,6 +269,17 @@ class Ros2Gateway:
             self._pad_stamp = (stamp.sec, stamp.nanosec)
             state = pad_state(message, self._settings.axes, self._settings.buttons)
             self.deck.pad_arrived(state, age_of(stamp, time.time()))
+
+    def _path(self, name: str, message: Any) -> None:
+        """Take a path.
+
+        Raises:
+            MkError: it is in another frame than a target's, or holds what is no number.
+        """
+        frames = self._settings.frames
+        if setpoint_frame(message.header.frame_id, frames, "pad") != "pad":
+            raise MkError(f"a {name} lies in the frame of a target: give it in {frames.target('NAME')}")
+        self.deck.path_arrived(path_request(message, self._settings.path_speed))
 
     def _setpoint(
         self, stream: CommandStream, kind: str, fields: Callable[..., Any], frame: str, name: str, message: Any

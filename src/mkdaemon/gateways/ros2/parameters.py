@@ -43,10 +43,11 @@ class NodeParameter:
 PARAMETERS: Final = (
     NodeParameter("topics", [ALL], "Names of the topics that are published, as in rates; all for every one."),
     NodeParameter("frame_prefix", "", "Before every frame, for several aircraft in one tree: mk1/."),
-    NodeParameter("commands", True, "Whether joy, cmd_vel, setpoint_pose and the verbs that fly are there."),
+    NodeParameter("commands", True, "Whether joy, cmd_vel, setpoint_pose, path and the verbs that fly are there."),
     NodeParameter("cmd_vel.frame", "body", "Axes of cmd_vel: body, forward and left, or pad, those of the target."),
     NodeParameter("cmd_vel.stamped", False, "Whether cmd_vel is a TwistStamped, as Nav2 publishes it since Kilted."),
     NodeParameter("setpoint_pose.frame", "pad", "Frame of a setpoint_pose whose header names none: pad or body."),
+    NodeParameter("path.speed", 0.5, "Speed along a path whose poses have no stamps that count up [m/s]."),
     NodeParameter("take_off.height", 1.5, "Height of the service take_off above the target [m]."),
     NodeParameter("hold.seconds", 60.0, "Time for which it holds its place without a new command before it lands [s]."),
     NodeParameter("joy.mapping", "xbox", "Mapping of the pad: a name of configs/gamepads, or a file."),
@@ -71,6 +72,7 @@ class NodeSettings:
         velocity_frame: of `cmd_vel`.
         is_stamped: `cmd_vel` is a TwistStamped.
         pose_frame: of `setpoint_pose` without a frame.
+        path_speed: along a `path` without times [m/s].
         axes: the kernel's names, in the order of `joy`.
         buttons: the same.
         habits: how it flies.
@@ -82,6 +84,7 @@ class NodeSettings:
     velocity_frame: str
     is_stamped: bool
     pose_frame: str
+    path_speed: float
     axes: tuple[str, ...]
     buttons: tuple[str, ...]
     habits: Habits
@@ -101,6 +104,9 @@ def settings_of(given: Mapping[str, Any]) -> NodeSettings:
     height, seconds = float(given["take_off.height"]), float(given["hold.seconds"])
     if not 0.5 <= height <= 10.0:
         raise ConfigError(f"take_off.height is 0.5 to 10 m, not {height:g}")
+    speed = float(given["path.speed"])
+    if not 0.02 <= speed <= 5.0:
+        raise ConfigError(f"path.speed is 0.02 to 5 m/s, not {speed:g}")
     if not 0.0 <= seconds < float("inf"):
         raise ConfigError(f"hold.seconds is a time [s], not {seconds:g}")
     return NodeSettings(
@@ -110,6 +116,7 @@ def settings_of(given: Mapping[str, Any]) -> NodeSettings:
         velocity_frame=frame_word(given["cmd_vel.frame"], "cmd_vel.frame"),
         is_stamped=bool(given["cmd_vel.stamped"]),
         pose_frame=frame_word(given["setpoint_pose.frame"], "setpoint_pose.frame"),
+        path_speed=speed,
         axes=axes,
         buttons=buttons,
         habits=Habits(load_mapping(given["joy.mapping"]), pad_facts(axes, buttons), seconds, height),
