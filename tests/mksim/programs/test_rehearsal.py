@@ -8,9 +8,21 @@ import math
 import pytest
 
 from lab.rigs.waiting import running
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
+from mkdaemon.telemetry.setpoint import PathSetpoint
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.flightrecord import Moment, Rehearsed
-from mksim.programs.rehearsal import ROOM_FLIGHT, demonstration, room_demonstration, simulated_aircraft
+from mksim.programs.rehearsal import (
+    ROOM_FLIGHT,
+    FlightPart,
+    Rehearsal,
+    demonstration,
+    room_demonstration,
+    simulated_aircraft,
+    take_off,
+)
+from mksim.scene.camera import landing_world
+from mksim.simulation import Simulation
 
 
 def test_the_aircraft_lifts_off_seen_by_the_real_eyes_and_over_the_real_link():
@@ -54,6 +66,64 @@ def test_a_flight_lands_on_the_pad_that_its_take_off_names_on_the_other_side_of_
     assert record.posed > 0.95 * record.images
     assert published["vision/down/pose"].target in ("room", "pad-a", "pad-b")
     assert {target.name for target in published["vision/down/setup"].targets} == {"room", "pad-a", "pad-b"}
+
+
+PATH = PathUploadRequest(
+    points=tuple(
+        PathPoint(position=place, speed=0.4 if number else None)
+        for number, place in enumerate(((0.3, 0.0, 2.0), (0.0, 0.3, 2.0), (-0.3, 0.0, 2.0), (0.0, -0.3, 2.0)))
+    )
+)
+TOO_FAST = {"points": [{"position": [0.0, 0.0, 2.0]}, {"position": [3.0, 0.0, 2.0], "time": 2.0}]}
+
+
+def test_the_whole_daemon_checks_a_path_flies_it_and_shows_it():
+    parts = (
+        FlightPart("stale", PathSetpoint, {"path": "of the daemon before"}, 0.3),
+        take_off(),
+        FlightPart("path", PathSetpoint, {"run": 1}, path=PATH),
+    )
+    shown, refused = [], []
+
+    def follow(suffix, value):
+        if suffix == "control/path":
+            shown.append(value)
+        elif suffix == "event/command" and value.token is not None:
+            refused.append((value.key, value.token))
+
+    async def fly():
+        config = simulated_aircraft(1, "indoor", 6.0)
+        rehearsal = Rehearsal(config, Simulation(config, landing_world(config)), lambda moment, status: None, parts)
+        rehearsal.bus.followers.append(follow)
+        too_fast = await rehearsal.bus.ask("do/path_upload", **TOO_FAST)
+        return await rehearsal.fly(), too_fast, rehearsal.bus.values
+
+    record, too_fast, published = run_virtually(fly())
+    assert (too_fast.status, too_fast.token) == ("denied", "path_refused")
+    assert "piece 1 of 1" in too_fast.reason and "Slow the path down by" in too_fast.fix
+    assert refused[:2] == [("do/path_upload", "path_refused"), ("setpoint/path", "no_path")]
+    assert {token for key, token in refused if key == "setpoint/path"} == {"no_path"}
+    assert shown[0].stage == "flies to the path"
+    assert shown[-1].stage == "at the end of the path"
+    assert (shown[-1].progress, shown[-1].left, shown[-1].target) == (1.0, 0.0, "pad")
+    assert shown[0].points[0] == (0.3, 0.0, 2.0) and shown[0].points[-1] == (0.0, -0.3, 2.0)
+    begins, ends = (next(value.stamp.monotonic for value in shown if test(value)) for test in (is_moving, is_at_end))
+    away = [
+        math.dist(moment.position[:2], moment.goal[:2])
+        for moment in record.moments
+        if moment.goal is not None and begins <= moment.at <= ends
+    ]
+    assert len(away) > 50
+    assert math.sqrt(sum(each * each for each in away) / len(away)) < 0.1
+    assert published["control/status"].manoeuvre in (None, "path")
+
+
+def is_moving(value):
+    return value.rate > 0.0
+
+
+def is_at_end(value):
+    return value.progress == 1.0
 
 
 def moments(part, begin, places, goal=(0.0, 0.0, 2.0)):

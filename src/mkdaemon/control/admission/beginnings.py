@@ -66,10 +66,6 @@ class TakeLease:
     concern: ClassVar = Concern.LEASE
 
 
-_ASKED: Final = (("frame", None), ("target", ""), ("path", ""))
-"""Fields of setpoints that admission looks at; not every kind has each."""
-
-
 @dataclass(frozen=True, slots=True)
 class NewManoeuvre:
     """A manoeuvre begins, or takes the place of the one that is flown.
@@ -93,8 +89,12 @@ class NewManoeuvre:
     @classmethod
     def by(cls, setpoint: Setpoint) -> NewManoeuvre:
         """The manoeuvre that a setpoint asks for."""
-        frame, target, path = (getattr(setpoint, name, default) for name, default in _ASKED)
-        return cls(Concern(setpoint.kind), frame, target, path)
+        return cls(
+            Concern(setpoint.kind),
+            frame=getattr(setpoint, "frame", None),
+            target=getattr(setpoint, "target", ""),
+            path=getattr(setpoint, "path", ""),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
