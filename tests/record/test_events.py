@@ -29,6 +29,7 @@ from mkdaemon.control.events import (
     ListChanged,
     ModelKnown,
     MotorTestSent,
+    PathUploaded,
     PoseSeen,
     ReleaseAsked,
     Released,
@@ -45,6 +46,7 @@ from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseGrant, Obstacle, ReleaseOutcome
 from mkdaemon.telemetry.link import LinkHealth, LinkState
+from mkdaemon.telemetry.path import PathPiece, PathPoint, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import PositionSetpoint, StickSetpoint
 from mkdaemon.telemetry.vision import PoseRefused, VisionPose, VisionStats
@@ -67,6 +69,9 @@ REFUSED = {"camera": "down", "sequence": 7, "stamped_by": "driver", "target": "p
 REFUSED |= {"decode_age": 0.4, "has_attitude": False}
 
 
+PATH = (PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(position=(1.0, 0.0, 2.0), speed=0.5, stop=1.0))
+
+
 def events():
     asked = LeaseRequest(action="take", holder="pilot")
     found = KnownSet(Gate(GateKind.CHANNEL, 251, 7), "Sport", emergency_throttle=None)
@@ -78,6 +83,8 @@ def events():
         LeaseAsked(asked, "", found),
         ReleaseAsked(ReleaseRequest(reason="enough")),
         AbortAsked(AbortRequest(reason="enough")),
+        PathUploaded(PathUploadRequest(points=PATH)),
+        PathUploaded(PathUploadRequest(pieces=(PathPiece(duration=2.0, x=(0.0, 0.1), y=(1.0,), z=(2.0,)),))),
         CellsKnown(4),
         ClientGone("pilot"),
         MotorTestSent(),
