@@ -122,6 +122,7 @@ RULES: Final[tuple[ToleranceRule, ...]] = (
     ToleranceRule("tf", "*", _EYES, "as above"),
     ToleranceRule("control/estimate", "*", _ESTIMATE, "sums of a filter, in another order"),
     ToleranceRule("control/error", "*", _ESTIMATE, "as above"),
+    ToleranceRule("control/path", "*", _ESTIMATE, "as above: its clock waits for the aircraft"),
     ToleranceRule("*", "*", _FLOAT, "sines, roots and sums of another processor or library"),
 )
 

@@ -25,7 +25,7 @@ WATCHED: Final = {
     **dict.fromkeys(("state/*", "link/health", "control/error", "control/output"), CURVES),
     **dict.fromkeys(("control/estimate", "vision/*/pose"), TRAIL),
     "event/*": EVER,
-    **dict.fromkeys(("link/state", "control/status", "control/fence", "health", "record/status"), 0.0),
+    **dict.fromkeys(("link/state", "control/status", "control/fence", "control/path", "health", "record/status"), 0.0),
     **{f"vision/*/{what}": 0.0 for what in ("image", "setup", "stats", "tags", "refused")},
 }
 """What is looked at, nothing of the line's frames, which are most of what is published; and how much of what came

@@ -20,6 +20,7 @@ from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlFence, ControlOutput
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth
+from mkdaemon.telemetry.path import ControlPath
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Position
 from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
@@ -281,6 +282,8 @@ class VehiclePicture:
             }
         if error is not None:
             scene["goal"] = list(error.goal)
+        if (path := known.fresh("control/path", ControlPath)) is not None:
+            scene["path"] = [list(point) for point in path.points]
         return scene
 
     def _camera(self, known: Picture, name: str, place: AircraftPlace | None) -> dict[str, Any]:

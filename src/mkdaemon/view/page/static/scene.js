@@ -66,7 +66,7 @@ export class Scene {
 
   /**
    * Draw everything.
-   * @param {object} scene aircraft, goal, fence, as the server says
+   * @param {object} scene aircraft, goal, path, fence, as the server says
    * @param {object[]} tags of the target
    * @param {number[][]} trail points: time, x, y, z
    * @param {object[]} cameras with frustum, and `canvas` where an image came
@@ -99,6 +99,8 @@ export class Scene {
       segment(thin, [x, y, z], [x, y, 0], paint("--soft", 0.7 * fade), 1);
       if (aircraft.spread) ball(glass, aircraft.position, aircraft.spread, paint("--spread", 0.35 * fade));
     }
+    const way = scene.path || [];
+    for (let k = 1; k < way.length; k++) segment(thin, way[k - 1], way[k], paint("--goal", 0.45), 1.5);
     path(thin, trail, paint("--trail"));
     if (scene.goal) {
       diamond(solid, scene.goal, 0.07, paint("--goal"));
