@@ -23,7 +23,7 @@ from lab.demo import landing_of
 from lab.room import STRAYED
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlError, ControlStatus
-from mkdaemon.telemetry.path import ControlPath, PathPoint, PathUploadRequest
+from mkdaemon.telemetry.path import PathFlown, PathPoint, PathUploadRequest
 from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.rehearsal import HEIGHT, FlightPart, over_goal, room_demonstration, simulated_aircraft
@@ -100,7 +100,7 @@ def fly(flight: Flight) -> Row:
         rehearsal = room_demonstration(aircraft, watch, None, parts, limits=LIMITS)
 
         def take(suffix: str, value: BaseModel) -> None:
-            if isinstance(value, ControlPath):
+            if isinstance(value, PathFlown):
                 rates.append(value.rate if 0.0 < value.progress < 1.0 else 0.0)
             elif isinstance(value, ControlError) and value.manoeuvre == "path" and rates and rates[-1] > 0.0:
                 away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))

@@ -24,7 +24,7 @@ from mkdaemon.telemetry.joy import Joy
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi
-from mkdaemon.telemetry.path import ControlPath
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.preflight import ControlPreflight
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
@@ -118,7 +118,7 @@ KEYS: Final[tuple[KeySpec, ...]] = (
         "control/error", _P, ControlError, "every autonomous stick frame", "How far it is from its goal.", fresh=_FLOWN
     ),
     KeySpec(
-        *("control/path", _P, ControlPath, "1 Hz and on change while one is flown"),
+        *("control/path", _P, PathFlown, "1 Hz and on change while one is flown"),
         "The path that is flown, and how far.",
         fresh=_SLOW,
     ),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
     from mkdaemon.telemetry.mission import MissionEvent
     from mkdaemon.telemetry.navi import ControlNavi
-    from mkdaemon.telemetry.path import ControlPath
+    from mkdaemon.telemetry.path import PathFlown
     from mkdaemon.telemetry.preflight import ControlPreflight
     from mkdaemon.telemetry.procedure import ProcedureProgress
     from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
@@ -88,7 +88,7 @@ class ControlKeys:
         """`control/preflight`, when asked for: What was found before a flight, with fixes."""
         self.error: Stream[ControlError] = Stream(transport, "control/error", "control:ControlError")
         """`control/error`, every autonomous stick frame: How far it is from its goal."""
-        self.path: Stream[ControlPath] = Stream(transport, "control/path", "path:ControlPath")
+        self.path: Stream[PathFlown] = Stream(transport, "control/path", "path:PathFlown")
         """`control/path`, 1 Hz and on change while one is flown: The path that is flown, and how far."""
         self.output: Stream[ControlOutput] = Stream(transport, "control/output", "control:ControlOutput")
         """`control/output`, every stick frame handed over: Sticks for the line, after the limiter."""

@@ -31,7 +31,7 @@ from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
 from mkdaemon.telemetry.navi import ControlNavi
-from mkdaemon.telemetry.path import ControlPath
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.preflight import ControlPreflight, PreflightReport
 from mkdaemon.telemetry.setpoint import Setpoint
 from mkdaemon.telemetry.signature import HolderKey, Signature
@@ -178,7 +178,7 @@ class Deck:
             case PublishNavi():
                 bus.publish("control/navi", ControlNavi(stamp=stamp, **action.value.__dict__))
             case PublishPath():
-                bus.publish("control/path", ControlPath(stamp=stamp, **action.value.__dict__))
+                bus.publish("control/path", PathFlown(stamp=stamp, **action.value.__dict__))
             case PublishError():
                 bus.publish("control/error", ControlError(stamp=stamp, **action.value.__dict__))
             case _:

@@ -114,5 +114,5 @@ class PathProgress(Telemetry):
     """The whole path for drawing, at equal times, from the middle of the target [m]."""
 
 
-class ControlPath(Stamped, PathProgress):
+class PathFlown(Stamped, PathProgress):
     """The path that is flown: `control/path`."""

@@ -18,7 +18,7 @@ from mkdaemon.control.actions import PublishError, PublishPath, PublishStatus, R
 from mkdaemon.control.events import AbortAsked, PathUploaded, SetpointAccepted
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.pathflight import APPROACHES, ENDED, FOLLOWS, PAUSES, PathClock, rate_behind
-from mkdaemon.control.path.curve import Curve
+from mkdaemon.control.path.curve import PathCurve
 from mkdaemon.control.regulator.horizontal import PREVIEW, STEP
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
@@ -33,7 +33,7 @@ CIRCLE = PathUploadRequest(
         for turn in np.linspace(0.0, math.tau, 13)
     )
 )
-LENGTH = Curve.of(CIRCLE).duration
+LENGTH = PathCurve.of(CIRCLE).duration
 BEGINS = 8.0
 """The path is asked for from then on; before, the aircraft holds its place [s]."""
 CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=BEGINS + 5.5 + LENGTH)
@@ -181,7 +181,7 @@ BOUND = 1.02 * ACCELERATION
 
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.3, 1.0, 1.0]), st.floats(0.005, 0.05)), min_size=5, max_size=60))
 def test_the_clock_never_jumps_never_runs_back_and_brakes_gently(asked):
-    curve = Curve.of(CIRCLE)
+    curve = PathCurve.of(CIRCLE)
     clock = PathClock(curve, ACCELERATION)
     for _ in range(100):
         clock.move(1.0, 0.02)
@@ -200,7 +200,7 @@ def test_the_clock_never_jumps_never_runs_back_and_brakes_gently(asked):
 @given(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0]))
 def test_what_is_seen_ahead_is_what_comes(share, wanted):
     """The jumps add up to the accelerations, and the gains to the velocities, that the clock then has."""
-    clock = PathClock(Curve.of(CIRCLE), ACCELERATION)
+    clock = PathClock(PathCurve.of(CIRCLE), ACCELERATION)
     while clock.at < share * LENGTH:
         clock.move(1.0, STEP)
     seen = clock.move(wanted, STEP)
@@ -214,7 +214,7 @@ def test_what_is_seen_ahead_is_what_comes(share, wanted):
 
 
 def test_at_the_end_the_clock_stands():
-    curve = Curve.of(CIRCLE)
+    curve = PathCurve.of(CIRCLE)
     clock = PathClock(curve, ACCELERATION)
     while not clock.has_ended:
         course = clock.move(1.0, STEP)

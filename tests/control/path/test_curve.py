@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from mkdaemon.control.path.curve import GENTLE, Curve
+from mkdaemon.control.path.curve import GENTLE, PathCurve
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.path import PathPiece, PathPoint, PathUploadRequest
 
@@ -40,7 +40,7 @@ def at(curve, time):
 
 @given(points_of_paths)
 def test_it_is_smooth_passes_its_points_and_rests_at_its_stops(points):
-    curve = Curve.of(path(*points))
+    curve = PathCurve.of(path(*points))
     time = 0.0
     for number, (place, spent, stop) in enumerate(points):
         time += spent if number else 0.0
@@ -60,7 +60,7 @@ def test_it_is_smooth_passes_its_points_and_rests_at_its_stops(points):
 
 @given(points_of_paths)
 def test_velocity_and_acceleration_are_the_derivatives(points):
-    curve = Curve.of(path(*points))
+    curve = PathCurve.of(path(*points))
     times = np.linspace(0.0, curve.duration, 40)[1:-1]
     low, here, high = (curve.at(times + shift) for shift in (-EPS, 0.0, EPS))
     size = 1.0 + np.abs(here.acceleration).max()
@@ -70,14 +70,14 @@ def test_velocity_and_acceleration_are_the_derivatives(points):
 
 def test_from_rest_to_rest_it_is_the_way_of_least_jerk():
     """Flash and Hogan, equation 3: 10 s^3 - 15 s^4 + 6 s^5."""
-    curve = Curve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
+    curve = PathCurve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
     for share in (0.1, 0.25, 0.5, 0.9):
         done = 10 * share**3 - 15 * share**4 + 6 * share**5
         assert at(curve, 4.0 * share)[0][:3] == pytest.approx((2.0 * done, -done, 1.0))
 
 
 def test_before_and_after_it_rests_at_its_ends():
-    curve = Curve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
+    curve = PathCurve.of(path(((0.0, 0.0, 1.0), 0.0), ((2.0, -1.0, 1.0), 4.0)))
     for time, place in ((-1.0, (0.0, 0.0, 1.0)), (5.0, (2.0, -1.0, 1.0))):
         position, velocity, acceleration = at(curve, time)
         assert position[:3] == pytest.approx(place)
@@ -87,7 +87,7 @@ def test_before_and_after_it_rests_at_its_ends():
 @pytest.mark.parametrize("speed", [0.2, 0.5, 1.0])
 def test_a_speed_is_flown_at_and_stops_are_left_gently(speed):
     points = [PathPoint(position=(0.3 * k, 0.0, 1.0), speed=speed if k else None) for k in range(41)]
-    curve = Curve.of(PathUploadRequest(points=tuple(points)))
+    curve = PathCurve.of(PathUploadRequest(points=tuple(points)))
     motion = curve.at(np.linspace(0.0, curve.duration, 2000))
     assert at(curve, curve.duration / 2)[1][0] == pytest.approx(speed, rel=0.01)
     # Next to a stop the curve is faster for a moment, if the first way is long for its speed.
@@ -105,7 +105,7 @@ def test_a_heading_turns_the_shorter_way():
             for (place, time), yaw in zip(points, yaws, strict=True)
         )
     )
-    curve = Curve.of(request)
+    curve = PathCurve.of(request)
     assert curve.turns
     assert at(curve, 20.0)[0][3] == pytest.approx(math.pi)
 
@@ -115,7 +115,7 @@ def test_polynomials_are_flown_as_they_are():
         PathPiece(duration=2.0, x=(0.0, 0.0, 1.0), y=(1.0,), z=(2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)),
         PathPiece(duration=1.0, x=(4.0, 4.0), y=(1.0,), z=(2.0,)),
     )
-    curve = Curve.of(PathUploadRequest(pieces=pieces))
+    curve = PathCurve.of(PathUploadRequest(pieces=pieces))
     assert not curve.turns
     position, velocity, acceleration = at(curve, 1.5)
     assert position == pytest.approx((2.25, 1.0, 2.0 + 0.5 * 1.5**7, 0.0))
@@ -135,7 +135,7 @@ def test_polynomials_are_flown_as_they_are():
 def test_points_that_make_no_path_are_named(points, words):
     request = PathUploadRequest(points=tuple(PathPoint(position=(0.0, 0.0, 2.0), **more) for more in points))
     with pytest.raises(CommandRejectedError, match=words) as refused:
-        Curve.of(request)
+        PathCurve.of(request)
     assert refused.value.token == "path_refused"
     assert refused.value.fix.startswith("Give")
 

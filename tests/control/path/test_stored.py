@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.model import GRAVITY, AircraftModel
-from mkdaemon.control.path.curve import Curve
+from mkdaemon.control.path.curve import PathCurve
 from mkdaemon.control.path.stored import KEPT, TILTED, StoredPaths
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.path import PathPiece, PathPoint, PathUploadRequest
@@ -147,7 +147,7 @@ places = st.tuples(st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.floats(0.5, 5.
 @given(st.lists(st.tuples(places, st.floats(0.2, 20.0)), min_size=2, max_size=6))
 def test_what_is_taken_stays_within_every_limit_and_what_is_refused_is_beyond_one(points):
     request = path(*((place, time if number else None) for number, (place, time) in enumerate(points)))
-    curve = Curve.of(request)
+    curve = PathCurve.of(request)
     motion = curve.at(np.linspace(0.0, curve.duration, 500))
     level = [np.hypot(*each[:, :2].T).max() for each in (motion.position, motion.velocity, motion.acceleration)]
     tilt = np.hypot(*(motion.acceleration + MODEL.drag * motion.velocity)[:, :2].T).max() / GRAVITY

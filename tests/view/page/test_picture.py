@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.reading import Reading
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.path import ControlPath
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Position
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
@@ -58,7 +58,7 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
 def test_a_path_is_shown_while_it_is_flown():
     points = ((0.0, 0.0, 2.0), (1.0, 0.5, 2.0))
     fields = {"id": "p1", "target": "pad", "stage": "follows the path", "is_paused": False, "points": points}
-    value = ControlPath(stamp=flights.stamp(1000.0), progress=0.5, left=3.0, rate=1.0, **fields)
+    value = PathFlown(stamp=flights.stamp(1000.0), progress=0.5, left=3.0, rate=1.0, **fields)
     picture = picture_of([*flights.hovering(1000.0), ("control/path", value)])
     assert picture.show(NOW)["scene"]["path"] == [[0.0, 0.0, 2.0], [1.0, 0.5, 2.0]]
     assert "path" not in picture.show(NOW + 5.0)["scene"]

@@ -17,10 +17,10 @@ from mkdaemon.control.estimator.values import Estimate
 from mkdaemon.control.manoeuvres.by_target import ByTarget, error_value, floating
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.manoeuvre import Manoeuvre, Step
-from mkdaemon.control.path.curve import Curve
+from mkdaemon.control.path.curve import PathCurve
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
 from mkdaemon.control.regulator.horizontal import PREVIEW, STEP
-from mkdaemon.control.regulator.reference import BRAKING, Course
+from mkdaemon.control.regulator.reference import BRAKING, KnownCourse
 from mkdaemon.control.sight import Sight, triple
 from mkdaemon.telemetry.path import PathProgress
 from mkdaemon.telemetry.setpoint import PathSetpoint
@@ -53,7 +53,7 @@ class PathClock:
         rate: how fast it runs.
     """
 
-    def __init__(self, curve: Curve, acceleration: float) -> None:
+    def __init__(self, curve: PathCurve, acceleration: float) -> None:
         """Stand at the beginning; a change of rate changes the speed by at most `acceleration` [m/s2]."""
         self.at = self.rate = self._slope = 0.0
         self._curve, self._acceleration = curve, acceleration
@@ -67,7 +67,7 @@ class PathClock:
         """Stand where it is, at once: the aircraft is not on the path."""
         self.rate = self._slope = 0.0
 
-    def move(self, wanted: float, step: float) -> Course:
+    def move(self, wanted: float, step: float) -> KnownCourse:
         """Go on for a time [s] towards a wanted rate.
 
         Returns:
@@ -81,7 +81,7 @@ class PathClock:
         self.rate += self._slope * step
         return self._course(wanted, quickest, before)
 
-    def _course(self, wanted: float, quickest: float, slope: float) -> Course:
+    def _course(self, wanted: float, quickest: float, slope: float) -> KnownCourse:
         """What is seen from here.
 
         Accelerations are those of the steps before each of the next boundaries, as those of `Reference.jumps_ahead`.
@@ -96,7 +96,7 @@ class PathClock:
         between = self._curve.at(np.where(ends < self._curve.duration, ends - 0.5 * rate[:, 0] * STEP, ends))
         velocity = at.velocity * rate
         acceleration = between.acceleration * rate**2 + between.velocity * slope_of
-        return Course(
+        return KnownCourse(
             at.position[0, :3],
             velocity[0, :3],
             acceleration[0, :3],
@@ -208,7 +208,7 @@ class FollowPath(ByTarget):
             return PAUSES, math.inf
         return FOLLOWS, SLOWEST * self._path.curve.duration + APPROACH
 
-    def _progress(self, stage: str, curve: Curve) -> PathProgress:
+    def _progress(self, stage: str, curve: PathCurve) -> PathProgress:
         return PathProgress(
             id=self._path.answer.id,
             target=self._sight.target,

@@ -29,7 +29,7 @@ NO_WAY: Final = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class CurveMotion:
     """Where a curve is at some times, and how it moves.
 
     Attributes:
@@ -43,7 +43,7 @@ class Motion:
     acceleration: Array
 
 
-class Curve:
+class PathCurve:
     """A path as a function of time.
 
     Attributes:
@@ -63,7 +63,7 @@ class Curve:
         self._acceleration = self._velocity[:, :, 1:] * powers[:-1]
 
     @classmethod
-    def of(cls, request: PathUploadRequest) -> Curve:
+    def of(cls, request: PathUploadRequest) -> PathCurve:
         """Make the curve that was asked for.
 
         Raises:
@@ -71,23 +71,23 @@ class Curve:
         """
         return _of_pieces(request.pieces) if request.pieces else _through(request.points)
 
-    def at(self, times: Array) -> Motion:
+    def at(self, times: Array) -> CurveMotion:
         """Where it is at times since its beginning (m,) [s]; before it and after it, it rests at its ends."""
         inside = np.clip(times, 0.0, self.duration)
         pieces = np.searchsorted(self.starts, inside, side="right") - 1
         local = (inside - self.starts[pieces])[:, None]
         moves = ((times >= 0.0) & (times < self.duration))[:, None]
-        return Motion(
+        return CurveMotion(
             _value(self._coefficients[pieces], local),
             np.where(moves, _value(self._velocity[pieces], local), 0.0),
             np.where(moves, _value(self._acceleration[pieces], local), 0.0),
         )
 
-    def pieces_at(self, shares: Array) -> Motion:
+    def pieces_at(self, shares: Array) -> CurveMotion:
         """Every piece at shares of its duration (k,): arrays of (n, k, 4)."""
         local = (self.durations[:, None] * shares)[:, :, None]
         of_all = (each[:, None] for each in (self._coefficients, self._velocity, self._acceleration))
-        return Motion(*(_value(each, local) for each in of_all))
+        return CurveMotion(*(_value(each, local) for each in of_all))
 
 
 def _value(coefficients: Array, times: Array) -> Array:
@@ -98,17 +98,17 @@ def _value(coefficients: Array, times: Array) -> Array:
     return value
 
 
-def _of_pieces(pieces: Sequence[PathPiece]) -> Curve:
+def _of_pieces(pieces: Sequence[PathPiece]) -> PathCurve:
     """Take polynomials as they are."""
     coefficients = np.zeros((len(pieces), AXES, COEFFICIENTS))
     turns = _all_or_none([bool(piece.yaw) for piece in pieces], "piece")
     for place, piece in zip(coefficients, pieces, strict=True):
         for axis, given in zip(place, (piece.x, piece.y, piece.z, piece.yaw), strict=True):
             axis[: len(given)] = given
-    return Curve(np.array([piece.duration for piece in pieces]), coefficients, turns=turns)
+    return PathCurve(np.array([piece.duration for piece in pieces]), coefficients, turns=turns)
 
 
-def _through(points: Sequence[PathPoint]) -> Curve:
+def _through(points: Sequence[PathPoint]) -> PathCurve:
     """Fly through points, and stop where they say so."""
     turns = _all_or_none([point.yaw is not None for point in points], "point")
     places = np.zeros((len(points), AXES))
@@ -128,7 +128,7 @@ def _through(points: Sequence[PathPoint]) -> Curve:
             standing[0, :, 0] = places[end]
             durations.append(np.array([rest]))
             coefficients.append(standing)
-    return Curve(np.concatenate(durations), np.concatenate(coefficients), turns=turns)
+    return PathCurve(np.concatenate(durations), np.concatenate(coefficients), turns=turns)
 
 
 def _times(points: Sequence[PathPoint], places: Array, begin: int, end: int) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.model import GRAVITY, AircraftModel
 from mkdaemon.control.linear import Array
-from mkdaemon.control.path.curve import AXES, Curve, Motion
+from mkdaemon.control.path.curve import AXES, CurveMotion, PathCurve
 from mkdaemon.telemetry.path import ID_LENGTH, PathStored, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 
@@ -47,7 +47,7 @@ class StoredPath:
         answer: for who uploaded it.
     """
 
-    curve: Curve
+    curve: PathCurve
     drawn: tuple[tuple[float, float, float], ...]
     answer: PathStored
 
@@ -76,7 +76,7 @@ class StoredPaths:
         Raises:
             CommandRejectedError: `path_refused`: which piece asks for what, and when.
         """
-        curve = Curve.of(request)
+        curve = PathCurve.of(request)
         looks = curve.pieces_at(LOOKS)
         _check_whole(curve, looks)
         _check_limits(curve, looks, self._cfg, model)
@@ -98,7 +98,7 @@ class StoredPaths:
         return self._paths[path]
 
 
-def _stored(name: str, curve: Curve, looks: Motion) -> StoredPath:
+def _stored(name: str, curve: PathCurve, looks: CurveMotion) -> StoredPath:
     """Measure a path."""
     ways = np.diff(looks.position[:, :, :3], axis=1)
     drawn = curve.at(np.linspace(0.0, curve.duration, DRAWN)).position[:, :3]
@@ -119,7 +119,7 @@ def _level(vectors: Array) -> Array:
     return np.hypot(vectors[:, :, 0], vectors[:, :, 1])
 
 
-def _check_whole(curve: Curve, looks: Motion) -> None:
+def _check_whole(curve: PathCurve, looks: CurveMotion) -> None:
     """Refuse a path that jumps, or that does not rest at its ends.
 
     Raises:
@@ -140,7 +140,7 @@ def _check_whole(curve: Curve, looks: Motion) -> None:
             raise refuse(Token.PATH_REFUSED, detail=detail, remedy=remedy)
 
 
-def _check_limits(curve: Curve, looks: Motion, cfg: AutopilotConfig, model: AircraftModel) -> None:
+def _check_limits(curve: PathCurve, looks: CurveMotion, cfg: AutopilotConfig, model: AircraftModel) -> None:
     """Refuse a path that asks for more than the aircraft can do, or leaves the fence.
 
     Raises:
@@ -178,13 +178,13 @@ def _check_limits(curve: Curve, looks: Motion, cfg: AutopilotConfig, model: Airc
             raise refuse(Token.PATH_REFUSED, detail=detail, remedy=remedy)
 
 
-def _worst(curve: Curve, found: Array) -> tuple[str, float]:
+def _worst(curve: PathCurve, found: Array) -> tuple[str, float]:
     """Where the largest of (n, k) values is, in words, and the value."""
     piece, look = np.unravel_index(int(found.argmax()), found.shape)
     return _place(curve, int(piece), float(LOOKS[look])), float(found.max())
 
 
-def _place(curve: Curve, piece: int, share: float) -> str:
+def _place(curve: PathCurve, piece: int, share: float) -> str:
     """A place of a path in words."""
     at = curve.starts[piece] + share * curve.durations[piece]
     return f"piece {piece + 1} of {len(curve.durations)}, at {at:.1f} s,"

@@ -19,7 +19,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
 from mkdaemon.control.regulator.horizontal import PREVIEW, STEP, HorizontalCosts, HorizontalRegulator
-from mkdaemon.control.regulator.reference import Course, Reference, ReferenceLimits
+from mkdaemon.control.regulator.reference import KnownCourse, Reference, ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 
 
@@ -76,7 +76,7 @@ class Goal:
     climb: float = 0.0
     speed: float | None = None
     gas_share: float | None = None
-    course: Course | None = None
+    course: KnownCourse | None = None
 
 
 class Autopilot:
@@ -148,7 +148,7 @@ class Autopilot:
         jumps = self.reference.jumps_ahead(goal.position[:2], limits, STEP, PREVIEW) if self._is_speed_known else None
         return self._counts(goal, jumps)
 
-    def _along(self, goal: Goal, course: Course) -> StickCounts:
+    def _along(self, goal: Goal, course: KnownCourse) -> StickCounts:
         """Return the sticks that follow a course."""
         level, height = slice(0, 2), slice(2, 3)
         self.reference, self.height = (

@@ -58,7 +58,7 @@ class ReferenceLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class KnownCourse:
     """A reference whose way is known, and what is seen of it ahead.
 
     Attributes:

@@ -20,7 +20,7 @@ from mkdaemon.telemetry.base import Stamped
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlFence, ControlOutput
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.link import LinkHealth
-from mkdaemon.telemetry.path import ControlPath
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Altitude, Attitude, Position
 from mkdaemon.telemetry.vision import CameraSetup, Tags, VisionPose, VisionStats
@@ -282,7 +282,7 @@ class VehiclePicture:
             }
         if error is not None:
             scene["goal"] = list(error.goal)
-        if (path := known.fresh("control/path", ControlPath)) is not None:
+        if (path := known.fresh("control/path", PathFlown)) is not None:
             scene["path"] = [list(point) for point in path.points]
         return scene
 
