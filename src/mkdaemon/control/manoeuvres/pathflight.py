@@ -111,7 +111,7 @@ def _towards(wanted: float, rate: float, quickest: float, step: float) -> float:
 
 
 def rate_behind(away: float) -> float:
-    """How fast the clock of a path is to run, with the aircraft so far away from where it should be [m]."""
+    """How fast the clock of a path is to run; `away` is the distance from where the aircraft should be [m]."""
     return min(max((STOPS - away) / (STOPS - BEHIND), 0.0), 1.0)
 
 
@@ -193,7 +193,7 @@ class FollowPath(ByTarget):
         return Goal(position=self._inside_fence(place[:3]), yaw=yaw)
 
     def _rate(self, estimate: Estimate, away: float) -> float:
-        """How fast the clock is to run; `away` is the distance from where the aircraft should be [m]."""
+        """How fast the clock is to run, at a distance from where the aircraft should be [m]."""
         if self._wanted.paused or estimate.age > self._cfg.freeze_after:
             return 0.0
         return rate_behind(away)
