@@ -138,7 +138,7 @@ class FollowPath(ByTarget):
 
     @property
     def flight(self) -> tuple[str, int]:
-        """What is another flight, where it is another one."""
+        """Path and run: another flight has others."""
         return self._wanted.path, self._wanted.run
 
     def follow(self, setpoint: PathSetpoint) -> None:
