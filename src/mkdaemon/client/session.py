@@ -56,8 +56,8 @@ EARLY: Final = 1e-6
 PAUSE: Final = 0.1
 """Between two of these [s]."""
 _OF_THE_MOMENT: Final = frozenset({Token.BUSY, Token.LINK_DOWN, Token.DISCOVERING})
-"""Refusals of a lease that may pass within `TRIES`: a release takes up to 1.5 s, and a radio that loses packets in a row
-is silent for up to 0.8 s, after which link tests must be answered again, and the board asked for its release."""
+"""Refusals of a lease that may pass within `TRIES`: a release takes up to 1.5 s, and a radio that loses packets in a
+row is silent for up to 0.8 s, after which link tests must be answered again, and the board asked for its release."""
 _OF_STRANGERS: Final = frozenset({Token.NOT_HOLDER, Token.BAD_FIELD, Token.MALFORMED})
 """Refusals that no setpoint from here can meet: signed and checked as they are, others send those under our epoch."""
 _OF_THE_WAY: Final = frozenset({Token.SETPOINT_LATE})
