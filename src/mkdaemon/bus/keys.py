@@ -25,6 +25,7 @@ from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
 from mkdaemon.telemetry.mission import MissionEvent
 from mkdaemon.telemetry.navi import ControlNavi
 from mkdaemon.telemetry.path import PathFlown
+from mkdaemon.telemetry.position import PositionHealth, PositionReport
 from mkdaemon.telemetry.preflight import ControlPreflight
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
@@ -192,6 +193,16 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/pose", Use.CLIENT, ScenePose, "as sent", "Another simulator's pose, for `mkdaemon sim --scene-only`."),
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays.", fresh=_SLOW),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
+    KeySpec(
+        *("positions/<name>", Use.CLIENT, PositionReport, "as measured, up to 300 Hz"),
+        "Pose of the vehicle by a source of `[[positions]]`; with a secret below a private key, docs/positions.md.",
+        fresh=_FLOWN,
+    ),
+    KeySpec(
+        *("positions/<name>/health", Use.CLIENT, PositionHealth, "1 Hz"),
+        "What the sender of a source says of itself: `mkdaemon gateway mocap`.",
+        fresh=_SLOW,
+    ),
     KeySpec("joy/<pad>", Use.CLIENT, Joy, "50 Hz and on change", "A gamepad of another machine: `mkctl teleop --joy`."),
     KeySpec(
         *("sim/start", _Q, None, "", "The simulated pilot begins now, or once more after a landing; no payload."),

@@ -12,6 +12,7 @@ from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.config.positions import Positions
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.vehicle import VehicleConfig
 from mkdaemon.config.vision import VisionSection
@@ -32,6 +33,8 @@ class DaemonSections(Section):
     """Authority, limiter, control rate."""
     cameras: tuple[CameraSection, ...] = ()
     """Cameras, each a `[[cameras]]` table; none: the daemon does not look."""
+    positions: Positions = ()
+    """Sources of poses, each a `[[positions]]` table; none: the aircraft is flown by its cameras."""
     vision: VisionSection = VisionSection()
     """Detector and tracker of all cameras."""
     record: RecordConfig = RecordConfig()

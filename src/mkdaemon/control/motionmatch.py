@@ -75,9 +75,13 @@ class MotionMatch:
         depth = -float(position_flu[2])
         if depth <= 0.0:
             return
+        forward, right = float(position_flu[0]), -float(position_flu[1])
+        self.tilt_seen(target, at, math.atan2(forward, depth), math.atan2(right, depth), camera)
+
+    def tilt_seen(self, target: str, at: float, pitch: float, roll: float, camera: str) -> None:
+        """Take a tilt that a source of poses measured; signs and units as those of the boards, the rest as above."""
         self._seen = {view: seen for view, seen in self._seen.items() if seen[-1][0] >= at - WINDOW}
-        angles = math.atan2(float(position_flu[0]), depth), math.atan2(-float(position_flu[1]), depth)
-        self._seen.setdefault((target, camera), deque(maxlen=KEPT)).append((at, *angles))
+        self._seen.setdefault((target, camera), deque(maxlen=KEPT)).append((at, pitch, roll))
 
     def match(self, now: float, target: str) -> Match | None:
         """Compare the last seconds by one target; None where there was too little to see, or nothing moved.

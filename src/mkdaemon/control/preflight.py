@@ -15,6 +15,7 @@ from mkdaemon.control.regulator.margins import gains_of, loop_refusal
 from mkdaemon.control.sight import Sight
 from mkdaemon.control.vehicle import VehicleFacts
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.frames import euler_from_rotation, rotation_from_quaternion
 from mkdaemon.telemetry.control import ControlLine, Gains, LeaseState, Phase
 from mkdaemon.telemetry.state import Battery, Flight, Gps, Pilot, Position
 from mkdaemon.telemetry.vision import VisionPose
@@ -54,7 +55,11 @@ class Preflight:
 
     def pose_received(self, pose: VisionPose, followed: str, contradicting: tuple[str, ...]) -> None:
         """Take a pose, the target that is followed, and the cameras whose poses contradict those of others."""
-        self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
+        if pose.is_placed:
+            roll, pitch, _ = euler_from_rotation(rotation_from_quaternion(pose.quaternion_target_from_flu))
+            self.motion.tilt_seen(pose.target, pose.stamp.monotonic, pitch, roll, pose.camera)
+        else:
+            self.motion.target_seen(pose.target, pose.stamp.monotonic, pose.position_flu, pose.camera)
         self._followed, self._contradicting = followed, contradicting
 
     def model_known(self, model: AircraftModel, unknown: ModelUnknown | None) -> None:

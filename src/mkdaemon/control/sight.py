@@ -210,7 +210,7 @@ class Sight:
         if self._last_view is None or view.at >= self._last_view.at:
             self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
             self._last_view = view
-            is_low = -float(view.position_flu[2]) <= self._cfg.stand_height + FEET
+            is_low = view.height <= self._cfg.stand_height + FEET
             if lifted is not None:
                 self._high_since = -math.inf
             else:
@@ -251,7 +251,7 @@ class Sight:
         """Whether the target of a view is the one that is named; where none is, it must not lie aside of who stands."""
         if self.named:
             return target == self.named
-        return not self.is_standing or math.hypot(*view.position_flu[:2].tolist()) <= ASIDE
+        return not self.is_standing or view.aside <= ASIDE
 
     def in_sight(self, now: float) -> tuple[str, ...]:
         """Names of all targets that images have shown lately."""
@@ -355,6 +355,7 @@ def view_of(pose: VisionPose) -> TargetView:
         np.array(pose.covariance).reshape(6, 6),
         pose.camera,
         pose.calibration_sd,
+        pose.is_placed,
     )
 
 
@@ -369,6 +370,8 @@ def velocity_between(before: TargetView | None, view: TargetView) -> Array | Non
     step = math.inf if before is None else view.at - before.at
     if before is None or before.camera != view.camera or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
         return None
+    if view.is_placed:
+        return (view.place - before.place) / step
     return turned((before.position_flu - view.position_flu) / step, view.heading)
 
 

@@ -93,6 +93,9 @@ class VisionPose(Seen):
     """From the middle of the exposure until the camera had delivered the image [s]."""
     latency: float
     """From the middle of the exposure to this value [s]."""
+    is_placed: bool = False
+    """A source of poses measured where the vehicle is in the target frame, whatever its attitude; what only an image
+    has is empty. A camera measures where the target lies in the body frame."""
 
 
 class PoseRefusal(StrEnum):
@@ -124,6 +127,18 @@ class PoseRefusal(StrEnum):
     """A tag of the target was decoded in another place."""
     NOT_DECODED = "not_decoded"
     """None of its tags was decoded for too long."""
+    MALFORMED = "malformed"
+    """A report of a source of poses cannot be read, or is no pose."""
+    UNSIGNED = "unsigned"
+    """The owner of the source's secret did not sign it."""
+    LATE = "late"
+    """It is older than `max_age` of the source."""
+    OUT_OF_ORDER = "out_of_order"
+    """A newer one came before."""
+    REPEATED = "repeated"
+    """It has the very numbers of the one before: nothing was measured."""
+    MOTION = "motion"
+    """The source shows another motion than the boards."""
 
 
 class PoseRefused(Seen):
@@ -197,6 +212,11 @@ class EyeState(ToneEnum):
     """The thread that looks has ended."""
     OPENING = "opening", "opening", Tone.WARN
     SILENT = "silent", "no image arrives", Tone.BAD
+    MISSING = "missing", "no report arrives", Tone.BAD
+    """A source of poses sends none."""
+    REFUSED = "refused", "its reports are refused", Tone.BAD
+    CONTRADICTED = "contradicted", "the boards contradict it", Tone.BAD
+    """A source of poses shows another motion than the boards, or jumped."""
     GONE = "gone", "unplugged", Tone.BAD
     ENDED = "ended", "its images have ended", Tone.WARN
 
@@ -269,6 +289,9 @@ class VisionStats(Stamped):
     """Self-calibration against camera file and target files, one for each target seen."""
     exposure: Exposure | None = None
     """Exposure and gain that we choose (`exposure_ms = "target"`); none where the camera or its driver does."""
+    trusted_for: tuple[str, ...] | None = None
+    """Of a source of poses (`[[positions]]`), what may be flown by it: `takeoff`, `flight`, `landing`. None: a camera.
+    A source has reports where a camera has images."""
 
 
 class TagShape(Telemetry):

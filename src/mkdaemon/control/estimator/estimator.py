@@ -237,9 +237,9 @@ class Estimator:
         """Return the filters of both horizontal axes and of the vertical one, begun with the first view."""
         tuning = self._tuning
         level, upright = np.zeros((2, LEVEL_STATES)), np.zeros((1, 4))
-        level[:, P] = -(self._turn_matrix(view.at) @ view.position_flu)[:2]
+        level[:, P] = view.place[:2] if view.is_placed else -(self._turn_matrix(view.at) @ view.position_flu)[:2]
         level[:, V] = velocity[:2]
-        upright[0, [H, S, F]] = -view.position_flu[2], velocity[2], thrust
+        upright[0, [H, S, F]] = view.height, velocity[2], thrust
         spread = np.diag(tuning.first_upright_spread) ** 2
         f, g, counted = self.model.counted(STEP)
         return (
@@ -387,8 +387,11 @@ class Estimator:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
-        seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
-        common = turn @ view.calibration_covariance @ turn.T
+        if view.is_placed:
+            seen, spread, common = -view.place, view.covariance[:3, :3], view.calibration_covariance
+        else:
+            seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
+            common = turn @ view.calibration_covariance @ turn.T
         if is_trusted:
             self._calibration = common.diagonal() / shared_by
         # What all images of one camera have in common is no noise, and where there is another, it has its own.
@@ -399,16 +402,19 @@ class Estimator:
         self._see_height(view, seen, spread, bias, is_trusted=is_trusted)
 
     def _see_place(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
-        """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,)."""
+        """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,).
+
+        What was measured in the target frame depends on no tilt.
+        """
         tuning = self._tuning
         speed = max(map(abs, self._level.states[:, V].tolist()))
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
-        row[P], row[T] = 1.0, seen[2]
+        row[P], row[T] = 1.0, 0.0 if view.is_placed else seen[2]
         variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # a contradicting camera is compared, not used
-        place = _leant(self._level.states_at(view.at)[:, T], seen) - seen[:2]
+        place = (0.0 if view.is_placed else _leant(self._level.states_at(view.at)[:, T], seen)) - seen[:2]
         ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
         if ratio is not None:
             is_refused = max(map(abs, ratio.tolist())) > GATE
@@ -432,13 +438,14 @@ class Estimator:
 
     def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the height: the place (3,) of the target, as if level [m], along the normal of the estimated tilt."""
-        tuning, tilt = self._tuning, self._level.states_at(view.at)[:, T]
+        tuning, tilt = self._tuning, np.zeros(2) if view.is_placed else self._level.states_at(view.at)[:, T]
         # Height over the target's plane: h = -n . r, with r the target from the aircraft and n the plane's normal, both
         # in axes turned level by heading alone. var(h) = n' S n + x^2 var(tilt x) + y^2 var(tilt y) + floor^2.
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
-        leaning = float(seen[:2] ** 2 @ self._level.covariances[:, T, T])  # a wrong tilt turns the far target upright
+        # A wrong tilt turns the far target upright.
+        leaning = 0.0 if view.is_placed else float(seen[:2] ** 2 @ self._level.covariances[:, T, T])
         variance = max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
         doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0

@@ -89,6 +89,8 @@ class TargetView:
         camera: whose image it was.
         calibration_sd: what of that covariance all images of this camera have in common: standard deviations along the
             line of sight [m], across it [m], of the angle [rad].
+        is_placed: the vehicle's place in the target frame was measured, whatever its attitude: by motion capture. A
+            camera measures where the target lies in the body frame.
     """
 
     at: float
@@ -97,11 +99,28 @@ class TargetView:
     covariance: Array
     camera: str = ""
     calibration_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_placed: bool = False
 
     @property
     def heading(self) -> float:
         """Heading of the forward axis in the target frame, counter-clockwise from x [rad]."""
         return math.atan2(self.target_from_flu[1, 0], self.target_from_flu[0, 0])
+
+    @cached_property
+    def place(self) -> Array:
+        """The vehicle in the target frame (3,) [m]."""
+        place: Array = -self.target_from_flu @ self.position_flu
+        return place
+
+    @property
+    def height(self) -> float:
+        """Of the vehicle above the target; by a camera as if the vehicle were level [m]."""
+        return float(self.place[2]) if self.is_placed else -float(self.position_flu[2])
+
+    @property
+    def aside(self) -> float:
+        """Distance from the middle of the target over ground; by a camera as if the vehicle were level [m]."""
+        return math.hypot(*(self.place if self.is_placed else self.position_flu)[:2].tolist())
 
     @cached_property
     def sight_covariance(self) -> Array:
@@ -141,7 +160,8 @@ class TargetView:
             return ViewFault.NO_ROTATION
         if np.abs(covariance - covariance.T).max() > SKEWED * widest or not _is_positive(covariance):
             return ViewFault.NO_COVARIANCE
-        is_too_wide = self.calibration_covariance.trace() > (1.0 + SKEWED) * self.sight_covariance.trace()
+        whole = covariance[:3, :3] if self.is_placed else self.sight_covariance
+        is_too_wide = self.calibration_covariance.trace() > (1.0 + SKEWED) * whole.trace()
         return ViewFault.CALIBRATION if is_too_wide else None
 
 

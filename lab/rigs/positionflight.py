@@ -1,0 +1,157 @@
+"""A flight by motion capture alone, through the flight core, in virtual time: take-off, hold, a step, landing.
+
+No tag is in the world. The simulated system measures the truth and plays its faults; what it reports passes the checks
+of the product (`PositionEye`), and the core decides every stick frame. After a release the safety pilot has the aircraft.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from lab.control.corerig import CoreRig, stamp
+from lab.control.flights import Flight
+from mkdaemon.config.positions import PositionSource
+from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
+from mkdaemon.control.events import EyeStats, MotorsReported, PoseSeen, Released, SightRefused
+from mkdaemon.control.modes import IN_FLIGHT
+from mkdaemon.control.regulator.autopilot import Goal
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.control import ReleaseOutcome
+from mkdaemon.telemetry.setpoint import LandSetpoint, PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
+from mkdaemon.telemetry.vision import EyeState, PoseRefused, VisionPose, VisionStats
+from mkdaemon.vision.positioneye import PositionEye
+from mksim.config import WindClass
+from mksim.physics.hand_flight import HandFlight
+from mksim.physics.mocap import RATE, Measured, MotionCapture
+from mksim.physics.world import StickInput
+
+HEIGHT: Final = 1.5
+"""Flown [m]."""
+HOLD_FROM, STEP_FROM, BACK_FROM, LAND_AT = 12.0, 24.0, 30.0, 35.0
+"""Parts of the flight begin then [s]; the first is the take-off."""
+LENGTH: Final = 52.0
+"""Longest flight [s]."""
+LOOK: Final = 0.1
+"""Between two looks at the state of a source [s]."""
+SOURCE: Final = "mocap"
+
+
+class PositionFlight(CoreRig):
+    """One flight.
+
+    Attributes:
+        capture: the motion capture system.
+        eye: the source of poses, as the daemon has it.
+        named: states of the source other than `ok` after its fault began, with the time of each [s] and its reason.
+        used: poses that reached the core after the fault began, with their times [s].
+        released: when and why the core let go.
+    """
+
+    def __init__(self, seed: int, wind: WindClass, fault: str = "", at: float = 0.0, **source: Any) -> None:
+        """Prepare.
+
+        Args:
+            seed: of everything random.
+            wind: class.
+            fault: of the motion capture system; empty for none.
+            at: when it begins [s].
+            source: keys of its section.
+        """
+        flight = Flight(seed=seed, seconds=LENGTH, start=0.0, place=(0.05, -0.04), wind=wind, land_at=LAND_AT)
+        super().__init__(replace(flight, goal=self._goal_at))
+        self.capture = MotionCapture(seed)
+        self.eye = PositionEye(PositionSource(**{"name": SOURCE, "target": "pad"} | source))
+        self.named: list[tuple[float, EyeState, str]] = []
+        self.used: list[float] = []
+        self.released: list[tuple[float, str]] = []
+        self._fault, self._fault_at, self._count, self._has_flown = fault, at, 0, False
+        self._reports = 0
+        self._at(0.005, self._look)
+
+    def _goal_at(self, t: float) -> Goal:
+        import numpy as np
+
+        return Goal(position=np.array([0.5 if STEP_FROM <= t < BACK_FROM else 0.0, 0.0, HEIGHT]), yaw=None)
+
+    def _expose(self, at: float) -> None:
+        """Measure at the rate of the system; its poses take the place of a camera's."""
+        self._at(at + 1.0 / RATE, self._expose)
+        self.capture.fault = self._fault if at >= self._fault_at else ""
+        measured = self.capture.measure(at, self._world.truth)
+        if measured is not None:
+            self._reports += 1
+            self._at(at + measured.latency, self._arrive(measured, self._reports))
+
+    def _arrive(self, measured: Measured, sequence: int) -> Any:
+        report = measured.report(1, sequence)
+        return lambda now: self._take(self.eye.take(report, now, now, stamp(now)), now)
+
+    def _take(self, values: list[tuple[str, Telemetry]], now: float) -> None:
+        for _, value in values:
+            if isinstance(value, VisionPose):
+                self.core.feed(PoseSeen(value), now)
+                if self._fault and now >= self._fault_at:
+                    self.used.append(now)
+            elif isinstance(value, PoseRefused):
+                self.core.feed(SightRefused(value), now)
+
+    def _look(self, at: float) -> None:
+        self._at(at + LOOK, self._look)
+        stats: VisionStats = self.eye.stats(at, stamp(at))
+        self.core.feed(EyeStats(stats), at)
+        if self._fault and at >= self._fault_at and stats.state is not EyeState.OK:
+            self.named.append((at, stats.state, stats.reason))
+
+    def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
+        self.eye.attitude_received(at, pitch, roll)
+        super()._hear(pitch, roll, yaw, at)
+
+    def _tell_pilot(self, event: Any) -> None:
+        """The pilot sees the aircraft itself."""
+
+    def _control(self, at: float) -> None:
+        self.core.feed(MotorsReported(are_running=True), at)
+        before = len(self.actions)
+        super()._control(at)
+        for _, action in self.actions[before:]:
+            if isinstance(action, ReleaseAircraft):
+                self.released.append((at, action.reason))
+                self.core.feed(Released(ReleaseOutcome.CONFIRMED), at)
+                self.is_silent = True
+        if self.core.phase in IN_FLIGHT:
+            self._has_flown = True
+        elif self._has_flown and self._world.pilot.program is None and not self._world.truth.on_ground:
+            self._world.pilot.program = HandFlight(height=self._world.truth.position_enu[2] - 0.1, flying=True)
+
+    def _sticks(self) -> StickInput:
+        """What the FlightCtrl gets: ours, or after a release those of the pilot."""
+        if self._world.pilot.program is None or self.core.phase in IN_FLIGHT:
+            return super()._sticks()
+        pilot = self._world.pilot
+        return StickInput(pilot.pitch, pilot.roll, pilot.yaw, pilot.gas + 127.0, motors_running=True)
+
+    def _setpoint(self, goal: Goal, at: float) -> Setpoint:
+        fields: dict[str, Any] = {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3}
+        if at < HOLD_FROM:
+            return TakeOffSetpoint(**fields, height=HEIGHT)
+        if at >= LAND_AT:
+            return LandSetpoint(**fields)
+        x, y, z = (float(part) for part in goal.position)
+        return PositionSetpoint(**fields, position=(x, y, z), frame=SetpointFrame.PAD)
+
+    def statuses(self) -> list[tuple[float, str, str]]:
+        """Manoeuvre and stage with the time, without repetitions."""
+        found: list[tuple[float, str, str]] = []
+        for at, action in self.actions:
+            if isinstance(action, PublishStatus):
+                shown = (action.manoeuvre or "", f"{action.phase.value} {action.stage}")
+                if not found or found[-1][1:] != shown:
+                    found.append((at, *shown))
+        return found
+
+    def hold_rms(self, start: float, end: float) -> float:
+        """Horizontal RMS of the true place against the goal between two times [m]."""
+        squares = [e[0] ** 2 + e[1] ** 2 for t, e in zip(self.record.times, self.record.errors, strict=True) if start <= t < end]
+        return math.sqrt(sum(squares) / len(squares)) if squares else math.nan

@@ -1,0 +1,81 @@
+"""Configuration of sources of poses: motion capture, or any other localisation on the bus."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from mkdaemon.config.base import Section
+from mkdaemon.config.camera import CameraName, read_image_secret
+from mkdaemon.config.vision import Metres3, Name, PlaceSection
+
+Use = Literal["takeoff", "flight", "landing"]
+Degrees3 = tuple[float, float, float]
+
+
+class PositionSource(Section):
+    """A source of poses that a program puts to `positions/<name>`: `[[positions]]`. Used as a camera is."""
+
+    name: CameraName = "mocap"
+    """Name on the bus; no camera or other source has it."""
+    target: Name = "map"
+    """Target or map in whose frame its poses count; a flight names it as a target.
+
+    If a camera sees the same target, both are compared: use its name."""
+    position: Metres3 = (0.0, 0.0, 0.0)
+    """Origin of the source's frame in the frame of `target` [m].
+
+    An error shifts every position by as much; with two sources they contradict each other."""
+    rpy_deg: Degrees3 = (0.0, 0.0, 0.0)
+    """Rotation of the source's frame in the frame of `target`: roll, pitch, yaw [deg]. (90, 0, 0) for axes with y up.
+
+    With a wrong up, or mirrored axes, the boards contradict the source, and nothing is flown by it."""
+    body_position: Metres3 = (0.0, 0.0, 0.0)
+    """Origin of the tracked body in the body frame of the aircraft: forward, left, up [m].
+
+    An error of 1 cm shifts every position by 1 cm."""
+    body_rpy_deg: Degrees3 = (0.0, 0.0, 0.0)
+    """Rotation of the tracked body in the body frame of the aircraft: roll, pitch, yaw [deg].
+
+    With an error above 8 degrees the boards contradict the source."""
+    position_sd: float = Field(default=0.002, gt=0, le=1.0)
+    """Standard deviation of a position, for reports without a covariance [m].
+
+    Smaller than the true one makes the aircraft follow the noise; larger holds the place less accurately."""
+    angle_sd_deg: float = Field(default=0.5, gt=0, le=20.0)
+    """Standard deviation of an angle, how the body was defined included [deg].
+
+    Smaller than the true one lets a body that was defined crooked tilt the estimate."""
+    frame_sd: float = Field(default=0.01, ge=0, le=1.0)
+    """Standard deviation of `position`: what all its reports have in common [m].
+
+    Smaller than the true one makes it contradict a camera that is right."""
+    max_age: float = Field(default=0.15, gt=0, le=0.5)
+    """Oldest pose that is taken [s], by the clock of its sender.
+
+    Longer flies by late poses, which oscillates above 0.2 s; shorter loses poses on a network that stalls."""
+    trusted_for: tuple[Use, ...] = ("takeoff", "flight", "landing")
+    """What may be flown by this source alone. Without `flight` it is only published, to compare cameras with."""
+    places: tuple[PlaceSection, ...] = ()
+    """Named places in the frame of `target` to take off from, fly to and land on; each with its `position`."""
+    secret_file: Path | None = None
+    """File with the secret that its sender signs with, 16 characters or more; unset: reports of any program are used.
+
+    If unset, any program on the bus can steer the aircraft with its reports."""
+
+    def secret(self) -> str | None:
+        """Read the secret; see `read_image_secret`."""
+        return None if self.secret_file is None else read_image_secret(self.secret_file)
+
+    @model_validator(mode="after")
+    def _places_lie_somewhere(self) -> Self:
+        for place in self.places:
+            if place.position is None:
+                msg = f"places: {place.name}: a source of poses knows no tags: give its position"
+                raise ValueError(msg)
+        return self
+
+
+Positions = Annotated[tuple[PositionSource, ...], Field(max_length=8)]

@@ -1,0 +1,220 @@
+"""Does a source of poses show the motion of this aircraft? Pure.
+
+A source from outside can be wrong in ways that no single pose shows: its axes are mirrored, it follows another body, its
+stamps hide a delay, it repeats its last pose. What contradicts it is the aircraft itself. Its boards report the tilt,
+and tilt is acceleration: a = g tan(tilt). Three tests follow, each on the motion of the last seconds and not on single
+values: the tilt of the source less that of the boards, the acceleration of its positions less that of the boards' tilt,
+and steps that no aircraft flies. Limits: docs/lab/positions.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.frames import Matrix, Vector
+from mkdaemon.telemetry.vision import PoseRefusal
+
+GRAVITY: Final = 9.81
+"""[m/s2]."""
+GRID: Final = 0.03
+"""Motion is compared on this grid [s]."""
+WINDOW: Final = 1.8
+"""Length of the compared motion [s]."""
+COMPARED: Final = 0.1
+"""Time between two comparisons [s]."""
+LAGS: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
+"""Ages of the boards' attitudes that are tried [s]: by cable 0.03, by a slow radio 0.12."""
+SPREAD: Final = 0.18
+"""An acceleration is the second difference of positions so far apart [s]."""
+LEANT: Final = math.radians(8.0)
+"""Largest mean difference of the tilts [rad]: crooked bodies are within it, a wrong up is not."""
+TILT_LEAST, MOTION_LEAST = math.radians(0.7), math.radians(1.2)
+"""Tilts that move less say nothing, root mean square [rad]."""
+TILT_UNLIKE: Final = 0.7
+"""Power of the difference over that of the boards' tilt from which on they are different motions: 0.1 where they are
+one; 1 of a body that stands, 2 of another aircraft, 4 of a mirrored axis."""
+MOTION_UNLIKE: Final = 2.2
+"""The same of the accelerations: wind that is leant against has 1."""
+ALIKE: Final = 0.35
+"""Below this of both, a source that was contradicted is right again."""
+JUMP: Final = 0.06
+"""A pose this far from where the last ones lead is still one of them [m]."""
+ACCELERATION: Final = 8.0
+"""No aircraft accelerates more [m/s2]."""
+STRAYED: Final = 0.5
+"""Farther from there than `JUMP` and this, no pose belongs to the ones before half a second [m]."""
+DRIFT: Final = 1.0
+"""In a longer silence it may have gone so fast [m/s]."""
+LED: Final = 0.3
+"""The velocity of the last poses leads no farther [s]."""
+RESTART: Final = 5.0
+"""After that time without a pose that belongs to the ones before, others are taken [s]: flights end after 3 s."""
+FASTEST: Final = 3.0
+"""Of an aircraft whose velocity is not known [m/s]."""
+KEPT: Final = 400
+"""Attitudes that are kept: two seconds at 200 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """How far source and boards differ.
+
+    Attributes:
+        leant: largest mean difference of the tilts [rad].
+        tilt: power of the difference of the tilts over that of the boards', the worse axis; None where too little moved.
+        motion: the same of the accelerations.
+    """
+
+    leant: float
+    tilt: float | None
+    motion: float | None
+
+    @property
+    def words(self) -> str:
+        """What contradicts, with what to do; empty where nothing does."""
+        if self.leant > LEANT:
+            return (
+                f"it leans by {math.degrees(self.leant):.0f} degrees against the boards: correct its up, or the body's "
+                "rotation (rpy_deg, body_rpy_deg)"
+            )
+        if self.tilt is not None and self.tilt > TILT_UNLIKE:
+            return (
+                "it does not tilt as the boards do: mirrored axes, another body, or late by more than it says; then tilt "
+                "the aircraft by hand until this ends"
+            )
+        if self.motion is not None and self.motion > MOTION_UNLIKE:
+            return (
+                "it does not move the way the aircraft tilts: mirrored or swapped axes; then carry the aircraft to and "
+                "fro by hand until this ends"
+            )
+        return ""
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether the tilts, and what else moved enough, are those of one aircraft."""
+        is_moved = self.tilt is not None and self.tilt < ALIKE
+        return self.leant <= LEANT and is_moved and (self.motion is None or self.motion < MOTION_UNLIKE)
+
+
+class MotionJudge:
+    """Judges the poses of one source, in the order of their times.
+
+    Attributes:
+        contradiction: why the source is not used, with what to do; empty where nothing contradicts it.
+    """
+
+    def __init__(self) -> None:
+        self.contradiction = ""
+        self._boards: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
+        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(WINDOW / GRID))
+        self._track: deque[tuple[float, Vector]] = deque()
+        self._strayed = False
+        self._compared_at = -math.inf
+        self._last: tuple[Vector, Matrix] | None = None
+
+    def attitude_received(self, at: float, pitch: float, roll: float) -> None:
+        """Take an attitude of the boards that arrived at a time [s]; nose down and right side down positive [rad]."""
+        if math.isfinite(at + pitch + roll):
+            self._boards.append((at, pitch, roll))
+
+    def take(self, at: float, place: Vector, rotation: Matrix) -> PoseRefusal | None:
+        """Take a pose; why it is not to be used, None where it may be.
+
+        Args:
+            at: when it was measured [s].
+            place: of the vehicle in the target frame (3,) [m].
+            rotation: target from FLU (3, 3).
+        """
+        last, self._last = self._last, (place, rotation)
+        if last is not None and np.array_equal(last[0], place) and np.array_equal(last[1], rotation):
+            return PoseRefusal.REPEATED
+        if not self._continues(at, place):
+            self._strayed = True
+            return PoseRefusal.OFF_COURSE
+        if self._motion and at - self._motion[-1][0] > 3 * GRID:
+            self._motion.clear()
+        if not self._motion or at - self._motion[-1][0] >= GRID - 0.002:
+            c, s = rotation[0, 0], rotation[1, 0]
+            pitch, roll = math.asin(-max(-1.0, min(1.0, rotation[2, 0]))), math.atan2(rotation[2, 1], rotation[2, 2])
+            self._motion.append((at, pitch, roll, math.atan2(s, c), float(place[0]), float(place[1])))
+        if at - self._compared_at >= COMPARED:
+            self._compared_at = at
+            found = self.compare()
+            if found is not None:
+                self.contradiction = found.words or ("" if found.is_alike else self.contradiction)
+        return PoseRefusal.MOTION if self.contradiction else None
+
+    @property
+    def has_strayed(self) -> bool:
+        """Whether the newest pose that is none of the ones before was the newest of all."""
+        return self._strayed
+
+    def _continues(self, at: float, place: Vector) -> bool:
+        """Whether a pose goes on from the ones before; then it is one of them."""
+        track = self._track
+        if track and at - track[-1][0] > RESTART:
+            track.clear()
+        if track:
+            gap = at - track[-1][0]
+            begun = track[0]
+            span = track[-1][0] - begun[0]
+            is_moving = span >= GRID
+            velocity = (track[-1][1] - begun[1]) / span if is_moving else np.zeros(3)
+            led = track[-1][1] + velocity * min(gap, LED)
+            most = JUMP + min(0.5 * ACCELERATION * gap**2, STRAYED) + (0.0 if is_moving else FASTEST * min(gap, LED))
+            most += 0.0 if self._strayed else DRIFT * max(0.0, gap - LED)
+            if float(np.linalg.norm(place - led)) > most:
+                return False
+        while track and at - track[0][0] > 4 * GRID:
+            track.popleft()
+        track.append((at, place))
+        self._strayed = False
+        return True
+
+    def compare(self) -> Comparison | None:
+        """Compare the motion of the last seconds with that of the boards; None where it is not whole."""
+        if len(self._motion) < round(0.6 * WINDOW / GRID) or len(self._boards) < 10:
+            return None
+        boards, motion = np.array(self._boards), np.array(self._motion)
+        motion = motion[motion[:, 0] <= boards[-1, 0] - LAGS[-1]]
+        if len(motion) < round(0.5 * WINDOW / GRID) or boards[0, 0] > motion[0, 0]:
+            return None
+        grid = np.arange(motion[0, 0], motion[-1, 0], GRID)
+        tilts = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (1, 2)])
+        tried = [np.array([np.interp(grid + lag, boards[:, 0], boards[:, k]) for k in (1, 2)]) for lag in LAGS]
+        reported = min(tried, key=lambda each: float(((tilts - each) ** 2).sum()))
+        leant = float(np.hypot(*(tilts - reported).mean(axis=1)))
+        return Comparison(leant, unlike(tilts, reported, TILT_LEAST), self._unlike_motion(grid, motion, reported))
+
+    def _unlike_motion(self, grid: Vector, motion: Matrix, reported: Matrix) -> float | None:
+        """Compare accelerations of the positions with those of the boards' tilt (2, n), both in the target's axes."""
+        n = round(SPREAD / GRID)
+        if len(grid) < 4 * n:
+            return None
+        yaw = np.interp(grid, motion[:, 0], np.unwrap(motion[:, 3]))
+        c, s = np.cos(yaw), np.sin(yaw)
+        pitch, roll = reported
+        # The second difference of positions is the acceleration under a triangle of that width.
+        triangle = np.convolve(np.ones(n), np.ones(n)) / n**2
+        pushed = [np.convolve(GRAVITY * each, triangle, "valid") for each in (pitch * c + roll * s, pitch * s - roll * c)]
+        places = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (4, 5)])
+        moved = (places[:, 2 * n :] - 2.0 * places[:, n:-n] + places[:, : -2 * n]) / (n * GRID) ** 2
+        width = min(moved.shape[1], len(pushed[0]))
+        return unlike(moved[:, :width], np.array(pushed)[:, 1 : width + 1], GRAVITY * MOTION_LEAST)
+
+
+def unlike(shown: Matrix, true: Matrix, least: float) -> float | None:
+    """Power of the difference of two motions (2, n) over that of the second, the worse axis, each less its mean.
+
+    None where no axis of the second moves more than `least`, root mean square.
+    """
+    difference, motion = shown - true, true - true.mean(axis=1, keepdims=True)
+    difference = difference - difference.mean(axis=1, keepdims=True)
+    powers = (motion**2).mean(axis=1)
+    found = [float((each**2).mean() / power) for each, power in zip(difference, powers, strict=True) if power > least**2]
+    return max(found, default=None)

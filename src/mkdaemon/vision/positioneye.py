@@ -1,0 +1,236 @@
+"""A source of poses as an eye: from reports to poses of the vehicle against a target. Pure.
+
+Each report is judged when it comes (`MotionJudge`); a pose goes on to the flight core about thirty times a second, as
+those of a camera do, for which the estimator is tuned: the error of a faster source is the same in the next report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from mkdaemon.config.positions import PositionSource
+from mkdaemon.frames import (
+    Matrix,
+    Vector,
+    quaternion_from_rotation,
+    rotation_from_euler,
+    rotation_from_quaternion,
+)
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.base import Telemetry
+from mkdaemon.telemetry.position import SUFFIX, PositionReport
+from mkdaemon.telemetry.vision import EyeState, PoseRefusal, PoseRefused, VisionPose, VisionStats
+from mkdaemon.vision.motionjudge import MotionJudge
+
+PERIOD: Final = 0.03
+"""Between two poses that go on [s]."""
+EARLY: Final = 0.002
+"""One that is this early is on time [s]."""
+SILENT: Final = 0.5
+"""A source without a report for longer is missing [s]."""
+JUDGED: Final = 0.5
+"""A source of which everything was refused for so long is not usable [s]."""
+MEASURED: Final = 1.0
+"""Rates and ages are those of the last second [s]."""
+REMEDIES: Final = {
+    PoseRefusal.MALFORMED: "they are no poses; docs/keys.md has the fields of PositionReport",
+    PoseRefusal.UNSIGNED: "they are not signed with the secret of `secret_file`; give the sender the same one",
+    PoseRefusal.LATE: "they are older than max_age; look for a slow network, or a queue in the sender",
+    PoseRefusal.OUT_OF_ORDER: "older than the ones before; two programs send under this name, or a sender's clock is off",
+    PoseRefusal.REPEATED: "the same numbers come again and again; its system does not measure",
+    PoseRefusal.OFF_COURSE: "they jumped; another body's pose, or another frame",
+    PoseRefusal.MOTION: "",
+}
+"""What is wrong with refused reports, and what to do; of its motion the judge says it."""
+
+
+class _Spot(NamedTuple):
+    """A target that poses are published against: origin (3,) [m] and axes (3, 3) in the frame of the source's target."""
+
+    name: str
+    origin: Vector
+    axes: Matrix
+
+
+def _turned(rpy_deg: tuple[float, float, float]) -> Matrix:
+    return rotation_from_euler(*(math.radians(angle) for angle in rpy_deg))
+
+
+class PositionEye:
+    """One source of poses.
+
+    Attributes:
+        cfg: its section.
+    """
+
+    def __init__(self, cfg: PositionSource) -> None:
+        """Prepare; nothing was reported."""
+        self.cfg = cfg
+        self._judge = MotionJudge()
+        self._axes, self._origin = _turned(cfg.rpy_deg), np.array(cfg.position)
+        self._body_from_flu, self._body = _turned(cfg.body_rpy_deg).T, np.array(cfg.body_position)
+        spots = [_Spot(cfg.target, np.zeros(3), np.eye(3))]
+        for place in cfg.places:
+            yaw = math.radians(place.yaw_deg)
+            spots.append(_Spot(place.name, np.array(place.position), rotation_from_euler(0.0, 0.0, yaw)))
+        self._spots = tuple(spots)
+        self._refused: Counter[str] = Counter()
+        self._newest = (-1, -1)
+        self._heard_at = self._used_at = self._passed_at = self._taken_at = -math.inf
+        self._recent: deque[tuple[float, float, bool]] = deque()
+        self._processed = 0
+        self._why = PoseRefusal.MALFORMED
+        self._has_attitude = False
+
+    def attitude_received(self, at: float, pitch: float, roll: float) -> None:
+        """Take an attitude of the boards; see `MotionJudge`."""
+        self._has_attitude = True
+        self._judge.attitude_received(at, pitch, roll)
+
+    def refused(self, why: PoseRefusal, now: float) -> None:
+        """Count a report that is refused before it is read, at a time [s]."""
+        self._heard_at = now
+        self._refuse(why)
+
+    def _refuse(self, why: PoseRefusal) -> None:
+        self._refused[why.value] += 1
+        self._why = why
+
+    def take(self, report: PositionReport, sent: float, now: float, stamp: Stamp) -> list[tuple[str, Telemetry]]:
+        """Take a report; return the keys and values that follow from it.
+
+        Args:
+            report: as it came.
+            sent: when, by our clock, or when it arrived where it does not say [s].
+            now: [s].
+            stamp: the time to publish with, of `now`.
+        """
+        self._heard_at = now
+        at = sent - report.age
+        late = now - at
+        order = (report.epoch, report.sequence)
+        why: PoseRefusal | None = None
+        if order <= self._newest or at <= self._taken_at:
+            why = PoseRefusal.OUT_OF_ORDER
+        elif late > self.cfg.max_age:
+            why = PoseRefusal.LATE
+        if why is None:
+            self._newest, self._taken_at = order, at
+            place, rotation = self._pose(report)
+            why = self._judge.take(at, place, rotation)
+        self._processed += 1
+        self._recent.append((now, late, why is None))
+        while self._recent[0][0] < now - MEASURED:
+            self._recent.popleft()
+        measured = stamp.model_copy(update={"monotonic": at, "wall": stamp.wall - late})
+        seen = {"camera": self.cfg.name, "sequence": report.sequence, "stamp": measured, "stamped_by": "header"}
+        if why is not None:
+            self._refuse(why)
+            if now - self._passed_at < PERIOD - EARLY:
+                return []
+            self._passed_at = now
+            refused = PoseRefused(
+                **seen, target=self.cfg.target, refusal=why, decode_age=None, has_attitude=self._has_attitude
+            )
+            return [(f"vision/{self.cfg.name}/refused", refused)]
+        self._used_at = now
+        if at - self._passed_at < PERIOD - EARLY:
+            return []
+        self._passed_at = at
+        covariance = self._covariance(report)
+        return [
+            (f"vision/{self.cfg.name}/pose", self._published(spot, place, rotation, covariance, late, seen))
+            for spot in self._spots
+        ]
+
+    def _pose(self, report: PositionReport) -> tuple[Vector, Matrix]:
+        """Where the vehicle is in the target frame (3,) [m], and target from FLU (3, 3)."""
+        rotation = self._axes @ rotation_from_quaternion(report.quaternion) @ self._body_from_flu
+        return self._origin + self._axes @ np.array(report.position) - rotation @ self._body, rotation
+
+    def _covariance(self, report: PositionReport) -> Matrix:
+        """Of the vehicle's pose in the target frame (6, 6), the frame's own error included."""
+        covariance = np.diag([self.cfg.position_sd**2] * 3 + [math.radians(self.cfg.angle_sd_deg) ** 2] * 3)
+        if report.covariance is not None:
+            axes = np.kron(np.eye(2), self._axes)
+            covariance = axes @ np.array(report.covariance).reshape(6, 6) @ axes.T
+        covariance[:3, :3] += self.cfg.frame_sd**2 * np.eye(3)
+        return covariance
+
+    def _published(
+        self, spot: _Spot, place: Vector, rotation: Matrix, covariance: Matrix, late: float, seen: dict[str, object]
+    ) -> VisionPose:
+        """The pose against one target."""
+        back = spot.axes.T
+        here, turned, both = back @ (place - spot.origin), back @ rotation, np.kron(np.eye(2), back)
+        return VisionPose(
+            **seen,
+            target=spot.name,
+            position_target=here.tolist(),
+            quaternion_target_from_flu=quaternion_from_rotation(turned),
+            position_flu=(-turned.T @ here).tolist(),
+            quaternion_flu_from_target=quaternion_from_rotation(turned.T),
+            covariance=(both @ covariance @ both.T).ravel().tolist(),
+            calibration_sd=(self.cfg.frame_sd, self.cfg.frame_sd, 0.0),
+            position_cam=(0.0, 0.0, 0.0),
+            quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
+            source="report",
+            mode="report",
+            points=0,
+            rms_px=0.0,
+            ambiguity=None,
+            decided_by="",
+            decode_age=0.0,
+            delivered=late,
+            latency=late,
+            is_placed=True,
+        )
+
+    def stats(self, now: float, stamp: Stamp) -> VisionStats:
+        """State and figures at a time [s], to publish with a stamp."""
+        state, reason = self._state(now)
+        recent = [each for each in self._recent if each[0] > now - MEASURED]
+        late = 1000.0 * np.array([each[1] for each in recent] or [0.0])
+        return VisionStats(
+            stamp=stamp,
+            camera=self.cfg.name,
+            state=state,
+            reason=reason,
+            alarms={},
+            source=f"{SUFFIX}{self.cfg.name}",
+            width=0,
+            height=0,
+            fps=len(recent) / MEASURED,
+            processed=self._processed,
+            dropped=0,
+            lost=0,
+            damaged=self._refused[PoseRefusal.MALFORMED.value],
+            reopened=0,
+            faults=0,
+            restarts=0,
+            posed=sum(each[2] for each in recent) / max(len(recent), 1),
+            refused=dict(self._refused),
+            detect_p50_ms=0.0,
+            detect_p99_ms=0.0,
+            latency_p50_ms=float(np.median(late)),
+            latency_p99_ms=float(np.quantile(late, 0.99)),
+            settings_refused=(),
+            trusted_for=self.cfg.trusted_for,
+        )
+
+    def _state(self, now: float) -> tuple[EyeState, str]:
+        """Whether the aircraft can be flown by it, and what is in the way if not."""
+        silent = now - self._heard_at
+        if silent > SILENT:
+            last = "no report yet" if math.isinf(silent) else f"the last report is {silent:.0f} s old"
+            return EyeState.MISSING, f"{last}: start its sender (mkdaemon gateway mocap), show it the body"
+        if self._judge.contradiction:
+            return EyeState.CONTRADICTED, self._judge.contradiction
+        if now - self._used_at <= JUDGED and not self._judge.has_strayed:
+            return EyeState.OK, ""
+        state = EyeState.CONTRADICTED if self._why is PoseRefusal.OFF_COURSE else EyeState.REFUSED
+        return state, REMEDIES[self._why]

@@ -1,0 +1,123 @@
+"""A motion capture system around the simulated aircraft: poses at a fixed rate, late, with noise and named faults."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mkdaemon.frames import Matrix, Vector, quaternion_from_rotation, rotation_from_euler
+from mkdaemon.telemetry.position import PositionReport
+from mksim.physics.truth import Truth
+
+RATE: Final = 100.0
+"""Of its cameras [Hz]."""
+LATENCY: Final = 0.003
+"""From the exposure of its cameras to the report [s]."""
+PLACE_SD: Final = 0.0005
+"""Noise of a position, each axis [m]."""
+ANGLE_SD: Final = math.radians(0.1)
+"""Noise of an angle, each axis [rad]."""
+DROP_OUT: Final = 0.01
+"""Share of measurements without the body: markers are hidden."""
+OTHER: Final = (1.1, -0.6, 0.9)
+"""Where another tracked body is carried about [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What the system makes of one exposure.
+
+    Attributes:
+        position: of the body (3,) [m].
+        rotation: of the body (3, 3).
+        latency: until it is reported [s].
+        said: what of that the report admits [s].
+    """
+
+    position: Vector
+    rotation: Matrix
+    latency: float = LATENCY
+    said: float = LATENCY
+
+    def report(self, epoch: int, sequence: int) -> PositionReport:
+        """The report of it."""
+        x, y, z = self.position.tolist()
+        quaternion = quaternion_from_rotation(self.rotation)
+        return PositionReport(
+            epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=quaternion
+        )
+
+
+class MotionCapture:
+    """Measures one body.
+
+    Attributes:
+        fault: name of the fault that it plays, one of `FAULTS`; empty for none.
+    """
+
+    def __init__(self, seed: int) -> None:
+        """Start without a fault; `seed` of everything random."""
+        self.fault = ""
+        self._rng = random.Random(f"{seed} motion capture")
+        self._last: Measured | None = None
+
+    def measure(self, at: float, truth: Truth) -> Measured | None:
+        """Expose at a time [s]; None where the body is not seen."""
+        gauss = self._rng.gauss
+        noise = np.array([gauss(0.0, PLACE_SD) for _ in range(3)])
+        turned = rotation_from_euler(*(gauss(0.0, ANGLE_SD) for _ in range(3)))
+        measured = Measured(truth.position_enu + noise, truth.enu_from_flu @ turned)
+        if self._rng.random() < DROP_OUT:
+            return None
+        found = FAULTS[self.fault](self, measured, at) if self.fault else measured
+        if self.fault != "frozen":
+            self._last = measured
+        return found
+
+    def _frozen(self, measured: Measured, at: float) -> Measured | None:
+        del at
+        return self._last or measured
+
+
+def _off(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    return Measured(measured.position + (0.3, 0.0, 0.0), measured.rotation)
+
+
+def _other(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    way = np.array([0.2 * math.sin(1.1 * at), 0.2 * math.cos(0.9 * at), 0.1 * math.sin(0.7 * at)])
+    noise = measured.position - np.round(measured.position, 2)
+    return Measured(np.array(OTHER) + way + 0.05 * noise, rotation_from_euler(0.02 * math.sin(3.0 * at), 0.0, 1.0))
+
+
+def _mirrored(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    flip = np.diag([1.0, -1.0, 1.0])
+    return Measured(flip @ measured.position, flip @ measured.rotation @ flip)
+
+
+def _crossed(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    return Measured(measured.position * (1.0, -1.0, 1.0), measured.rotation)
+
+
+def _wrong_up(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    turn = rotation_from_euler(math.radians(90.0), 0.0, 0.0)
+    return Measured(turn @ measured.position, turn @ measured.rotation)
+
+
+FAULTS: Final[dict[str, Callable[[MotionCapture, Measured, float], Measured | None]]] = {
+    "off": _off,
+    "silent": lambda capture, measured, at: None,
+    "late": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.5),
+    "secretly late": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.0),
+    "mirrored": _mirrored,
+    "mirrored place": _crossed,
+    "wrong up": _wrong_up,
+    "other body": _other,
+    "frozen": MotionCapture._frozen,  # noqa: SLF001  # the same class
+}
+"""Faults by name: 0.3 m off; silent; 0.5 s late, and the same unsaid; left-handed axes of the whole pose, or of the place
+alone; y for up; another body's pose under this one's name; the last pose again and again."""
