@@ -35,6 +35,8 @@ LENGTH: Final = 52.0
 """Longest flight [s]."""
 LOOK: Final = 0.1
 """Between two looks at the state of a source [s]."""
+SETTLED: Final = 0.5
+"""A source that has just begun may be missing until then [s]."""
 SOURCE: Final = "mocap"
 
 
@@ -86,7 +88,7 @@ class PositionFlight(CoreRig):
 
     def _arrive(self, measured: Measured, sequence: int) -> Any:
         report = measured.report(1, sequence)
-        return lambda now: self._take(self.eye.take(report, now, now, stamp(now)), now)
+        return lambda now: self._take(self.eye.take(report, now, now, stamp(now), is_flown=self.core.is_in_air), now)
 
     def _take(self, values: list[tuple[str, Telemetry]], now: float) -> None:
         for _, value in values:
@@ -101,7 +103,7 @@ class PositionFlight(CoreRig):
         self._at(at + LOOK, self._look)
         stats: VisionStats = self.eye.stats(at, stamp(at))
         self.core.feed(EyeStats(stats), at)
-        if self._fault and at >= self._fault_at and stats.state is not EyeState.OK:
+        if self._fault and at >= max(self._fault_at, SETTLED) and stats.state is not EyeState.OK:
             self.named.append((at, stats.state, stats.reason))
 
     def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:

@@ -50,6 +50,9 @@ class Bus:
     def receive(self, suffix, take, verify):
         pass
 
+    def receive_reports(self, suffix, take, verify, secret):
+        pass
+
     def counts(self):
         return {}
 
@@ -254,7 +257,7 @@ def with_daemon(monkeypatch, error):
             raise error
 
     @asynccontextmanager
-    async def opened(cfg, vehicle, recorder, *, takes_images, private_images):
+    async def opened(cfg, vehicle, recorder, *, takes_images, private_images, positions):
         yield Bus()
 
     monkeypatch.setattr(program, "Daemon", Failing)

@@ -12,6 +12,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Final
 
 from mkdaemon.bus.keyspec import REQUEST_BYTES
@@ -24,6 +25,9 @@ PLAIN_RATE: Final = 50.0
 """Setpoints at the plain keys, which no client may use, that are passed on from each connection [Hz]: enough for a
 look of 0.05 s to find one and refuse it. While any client subscribes to `mk/**`, the whole flood leaves its sender;
 routed on to `mkctl log record` it cost the lease in 6 of 6 flights on two cores."""
+POSITION_RATE: Final = 300.0
+"""Reports at the plain key of a source of poses without a secret that are passed on from each connection [Hz]: the
+fastest systems measure as often."""
 UNSTAMPED_RATE: Final = 200.0
 """Setpoints of the holder that do not say when they were sent [Hz]: while more come than that, none is taken."""
 LONGEST_SETPOINT: Final = 1 << 16
@@ -50,7 +54,12 @@ REPORT_PERIOD: Final = 1.0
 
 
 def flood_settings(
-    vehicle: str, kinds: tuple[str, ...], published: tuple[str, ...], *, takes_images: bool = False
+    vehicle: str,
+    kinds: tuple[str, ...],
+    published: tuple[str, ...],
+    positions: Mapping[str, float] = MappingProxyType({}),
+    *,
+    takes_images: bool = False,
 ) -> dict[str, object]:
     """Zenoh's own limits for the daemon's session; see DEFAULT_CONFIG.json5 of Zenoh 1.10.
 
@@ -58,10 +67,11 @@ def flood_settings(
         vehicle: its name.
         kinds: suffixes to which setpoints are put.
         published: first chunks of the keys to which the daemon alone puts.
+        positions: largest rates at the plain keys of sources of poses [Hz].
         takes_images: whether a camera brings its images over the bus.
     """
     keys = [key(vehicle, kind) for kind in kinds]
-    limits = {f"{PLAIN_ROOT}/*": PLAIN_RATE, **{f"{root}/**": 0.0 for root in published}}
+    limits = {f"{PLAIN_ROOT}/*": PLAIN_RATE, **{f"{root}/**": 0.0 for root in published}, **positions}
     return {
         "low_pass_filter": [
             {

@@ -22,7 +22,7 @@ from mkdaemon.bus.callbacks import direct
 from mkdaemon.bus.codec import MEDIA_TYPE, encoding_of
 from mkdaemon.bus.commandserver import CommandServer, Handler
 from mkdaemon.bus.exposure import check_exposure
-from mkdaemon.bus.floods import ShedCounter, flood_settings
+from mkdaemon.bus.floods import PLAIN_RATE, POSITION_RATE, ShedCounter, flood_settings
 from mkdaemon.bus.intake import Arrived, SetpointIntake, Taker, Verifier, read_payload, read_signature
 from mkdaemon.bus.keys import Use, find, of_use, roots
 from mkdaemon.bus.names import key, received_suffix
@@ -31,8 +31,9 @@ from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.senderclock import SenderClock
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.bus.setpointroot import NEIGHBOURS, PLAIN_ROOT, below, extend_access, new_setpoint_root
+from mkdaemon.bus.setpointroot import NEIGHBOURS, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
+from mkdaemon.telemetry.signature import private_key
 
 _JSON: Final = "application/schema+json"
 LOOK: Final = 0.05
@@ -93,6 +94,7 @@ class Bus:
         *,
         takes_images: bool = False,
         private_images: Mapping[str, str] = MappingProxyType({}),
+        positions: Mapping[str, str | None] = MappingProxyType({}),
         clock: Callable[[], float] = time.monotonic,
     ) -> AsyncIterator[Self]:
         """Open a session, answer last-value and schema queries; close all on leaving. `announce` makes it known.
@@ -103,6 +105,7 @@ class Bus:
             recorder: receives everything published and asked; none by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
             private_images: keys that only a camera's sender knows, by the plain ones.
+            positions: secrets of sources of poses, by the keys of their reports without `mk/<vehicle>/`; None: no secret.
             clock: what a second is, for messages that are too many in it [s].
 
         Raises:
@@ -111,7 +114,8 @@ class Bus:
         """
         root = new_setpoint_root(cfg.connect)
         plain = tuple(spec.suffix for spec in of_use(Use.SETPOINT))
-        kinds = (*plain, *(below(root, suffix) for suffix in plain))
+        kinds = (*plain, *(below(root, suffix) for suffix in plain), *(f"{suffix}/**" for suffix in positions))
+        rates = {suffix: POSITION_RATE if secret is None else PLAIN_RATE for suffix, secret in positions.items()}
         config = session_config(
             "peer",
             listen=cfg.listen,
@@ -119,11 +123,16 @@ class Bus:
             zenoh_file=cfg.zenoh_file,
             lease=cfg.lease,
             more={
-                **flood_settings(vehicle, kinds, roots(Use.PUBLISHED), takes_images=takes_images),
+                **flood_settings(vehicle, kinds, roots(Use.PUBLISHED), rates, takes_images=takes_images),
                 "gateway": NEIGHBOURS,
             },
         )
-        extend_access(config, vehicle, root, private_images)
+        private_reports = {
+            plain: private_key(secret, plain)
+            for plain, secret in ((key(vehicle, suffix), secret) for suffix, secret in positions.items())
+            if secret is not None
+        }
+        extend_access(config, vehicle, root, {**private_images, **private_reports})
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
@@ -220,31 +229,63 @@ class Bus:
             if arrived.signed_for is not None and isinstance(arrived.payload, bytes):
                 publisher.put(arrived.payload, attachment=arrived.proof, source_info=arrived.source)
 
-        shed = partial(self._shed.add, f"setpoints to {suffix}")
-        intake = SetpointIntake(self._loop, take_and_show, verify, shed, self._clock, self._sender)
+        self._take_in(suffix, key(self.vehicle, below(self.setpoint_root, suffix)), take_and_show, verify, self._sender)
+        self._uninvited[suffix] = recorded
+
+    def receive_reports(self, suffix: str, take: Taker, verify: Verifier, secret: str | None) -> None:
+        """Hand the reports of a source of poses to `take`, as setpoints are: the newest alone, verified on the way.
+
+        They are not recorded here: what follows from them is.
+
+        Args:
+            suffix: plain key without `mk/<vehicle>/`.
+            take: called on the loop.
+            verify: tells those of the source from others; called on Zenoh's threads. What it returns names the clock of
+                their stamps.
+            secret: of the source: its reports come below the key that only its owner can name, and what others put to
+                the plain key is refused. None: they come at the plain key, from any program.
+        """
+
+        def take_arrived(arrived: Arrived) -> None:
+            take(arrived.at if arrived.sent is None else arrived.sent, arrived.payload, arrived.signed_for)
+
+        plain = key(self.vehicle, suffix)
+        whole = plain if secret is None else private_key(secret, plain)
+        self._take_in(suffix, whole, take_arrived, verify, SenderClock())
+        if secret is not None:
+            self._uninvited[suffix] = take_arrived
+
+    def _take_in(
+        self, suffix: str, whole: str, take: Callable[[Arrived], None], verify: Verifier, sender: SenderClock
+    ) -> None:
+        """Hand what is put to a whole key to `take`, through an intake of its own."""
+        shed = partial(self._shed.add, f"samples to {suffix}")
+        intake = SetpointIntake(self._loop, take, verify, shed, self._clock, sender)
 
         def on_sample(sample: zenoh.Sample) -> None:
             payload = read_payload(sample.payload, suffix)
             intake.arrived(payload, read_signature(sample.attachment), sample.source_info)
 
-        whole = key(self.vehicle, below(self.setpoint_root, suffix))
         self._session.declare_subscriber(whole, direct(on_sample, shed))
-        self._uninvited[suffix] = recorded
 
     async def refuse_uninvited(self) -> None:
-        """Look for setpoints at the plain keys for a moment, and have the newest refused; none is allowed there.
+        """Look at the plain keys for a moment, and have the newest samples refused; none is allowed there.
 
         Only for a moment: while this program subscribes, everything put there is sent to this computer.
         """
         places, remote = len(self._uninvited), zenoh.Locality.REMOTE
-        looks = self._session.declare_subscriber(
-            key(self.vehicle, f"{PLAIN_ROOT}/*"), zenoh.handlers.RingChannel(places), allowed_origin=remote
-        )
+        looks = [
+            self._session.declare_subscriber(
+                key(self.vehicle, f"{root}/*"), zenoh.handlers.RingChannel(places), allowed_origin=remote
+            )
+            for root in dict.fromkeys(suffix.partition("/")[0] for suffix in self._uninvited)
+        ]
         try:
             await asyncio.sleep(LOOK)
-            found = [sample for _ in range(places) if (sample := looks.handler.try_recv()) is not None]
+            found = [one for look in looks for _ in range(places) if (one := look.handler.try_recv()) is not None]
         finally:
-            looks.undeclare()  # type: ignore[no-untyped-call]
+            for look in looks:
+                look.undeclare()  # type: ignore[no-untyped-call]
         for sample in found:
             suffix = received_suffix(self.vehicle, str(sample.key_expr))
             take = None if suffix is None else self._uninvited.get(suffix)

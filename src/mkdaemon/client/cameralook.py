@@ -140,7 +140,8 @@ async def find_camera(uav: Vehicle, name: str = "") -> str:
     Raises:
         MkError: there is none, no such one, or several.
     """
-    known = sorted(key.split("/")[1] for key in await uav.get_all("vision/*/stats"))
+    last = await uav.get_all("vision/*/stats")
+    known = sorted(key.split("/")[1] for key, stats in last.items() if stats.fields.get("trusted_for") is None)
     if name in known:
         return name
     if not known:

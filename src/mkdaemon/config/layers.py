@@ -127,7 +127,7 @@ def _from_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, tup
             except ConfigError as error:
                 msg = f"environment {name}: {error}"
                 raise ConfigError(msg) from error
-            if key.dotted != dotted or key.section.startswith("cameras"):
+            if key.dotted != dotted or key.section.startswith(("cameras", "positions")):
                 msg = f"environment {name}: {dotted} is no single key; write it into the file"
                 raise ConfigError(msg)
             yield dotted, (name, _value_in(text, key))

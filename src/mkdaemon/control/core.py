@@ -43,6 +43,7 @@ from mkdaemon.telemetry.refusals import TOKENS, Token, refuse
 from mkdaemon.telemetry.setpoint import PathSetpoint, Setpoint
 from mkdaemon.telemetry.signature import HolderKey
 from mkdaemon.telemetry.state import Attitude, Pilot
+from mkdaemon.telemetry.vision import PoseRefusal
 
 TROUBLE_AFTER: Final = 0.5
 """A flight by the target without a pose for longer is in trouble [s]: ordinary flights have no longer hole."""
@@ -98,7 +99,7 @@ class FlightCore:
             events.MotorTestSent: lambda event, now: facts.motor_test_sent(now),
             events.ListChanged: lambda event, now: facts.list_changed(now),
             events.PoseSeen: self._pose_seen,
-            events.SightRefused: lambda event, now: facts.sight_refused(event.refused),
+            events.SightRefused: self._sight_refused,
             events.EyeStats: self._eye_reported,
             events.CellsKnown: lambda event, now: facts.cells_known(event.cells),
             events.FreeDisk: lambda event, now: facts.disk_measured(event.free),
@@ -260,6 +261,11 @@ class FlightCore:
         is_ours = pose.target == sight.target
         return DUE if self._pacing.image_taken(pose.stamp.monotonic, is_ours=is_ours) else NOTED
 
+    def _sight_refused(self, event: events.SightRefused, now: float) -> Reply:
+        self._facts.sight_refused(event.refused)
+        is_poisoned = event.refused.refusal is PoseRefusal.MOTION and self._sight.discredit(event.refused.camera)
+        return DUE if is_poisoned else NOTED
+
     def _eye_reported(self, event: events.EyeStats, now: float) -> None:
         self._facts.eye_reported(event.stats)
         self._reports.eyes_reported()
@@ -322,6 +328,11 @@ class FlightCore:
     def phase(self) -> Phase:
         """Phase of control."""
         return self._authority.phase
+
+    @property
+    def is_in_air(self) -> bool:
+        """Whether it is flown by the target, and nothing says that it may touch the ground."""
+        return self.phase in IN_FLIGHT and self._flown.is_by_target and not self._flown.may_touch
 
     @property
     def vehicle(self) -> VehicleFacts:

@@ -217,6 +217,16 @@ class Sight:
                 self._high_since = math.inf if is_low else min(self._high_since, view.at)
         return before if is_other else ""
 
+    def discredit(self, camera: str) -> bool:
+        """Drop an estimate that stands on a source alone which the boards contradict; return whether there was one.
+
+        It cannot be flown on by dead reckoning, as after a silence: what was estimated is wrong too.
+        """
+        is_dropped = self.estimator is not None and self.estimator.stands_on(camera)
+        if is_dropped:
+            self.estimator = None
+        return is_dropped
+
     def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
         """Take note of a stick frame that goes out now [s], and of what becomes of its throttle."""
         command = StickCommand(now, counts.pitch, counts.roll, counts.yaw, counts.throttle + GAS_CENTRE, use)

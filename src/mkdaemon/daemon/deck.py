@@ -7,12 +7,13 @@ published is stamped with the time of its tick.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mkdaemon.bus.codec import Payload, check_command, decode_map
 from mkdaemon.clock import Clock
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.config.positions import PositionSource
 from mkdaemon.control.actions import (
     Action,
     PublishError,
@@ -27,6 +28,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.events import Event, Feed, Reply, SetpointAccepted, SetpointUnreadable, SetpointUnsigned
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.daemon.eyes import Eyes
+from mkdaemon.daemon.positions import PositionSources
 from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlOutput, ControlStatus
@@ -80,6 +82,7 @@ class Deck:
         core: decides.
         audit: publishes events.
         eyes: the cameras.
+        positions: sources of poses.
         sink: receives what the line reports.
         news: set when a tick is due at once.
         holder_key: identifies setpoints of the lease's holder; replaced as a whole, so any thread may read it.
@@ -93,6 +96,7 @@ class Deck:
         *,
         first_epoch: int,
         make_eyes: MakeEyes = no_eyes,
+        positions: Sequence[PositionSource] = (),
         tap: Tap | None = None,
         core: FlightCore | None = None,
     ) -> None:
@@ -104,6 +108,7 @@ class Deck:
             clock: stamps.
             first_epoch: of the leases.
             make_eyes: makes the cameras.
+            positions: sources of poses.
             tap: records the core's events.
             core: another one than the product's.
         """
@@ -118,7 +123,9 @@ class Deck:
         self.holder_key: HolderKey | None = None
         self.audit = Audit(bus, clock)
         self.eyes = make_eyes(self.feed)
-        self.sink = BusSink(bus, self.feed, self.core.vehicle, self.audit, self.eyes, clock)
+        self.positions = PositionSources(positions, self.core, self.feed, self.audit, bus, clock)
+        tilted = self.positions.attitude_received
+        self.sink = BusSink(bus, self.feed, self.core.vehicle, self.audit, self.eyes, clock, tilted)
 
     def setpoint_arrived(
         self, kind: type[Setpoint], arrived: float, payload: Payload, signed_for: int | None

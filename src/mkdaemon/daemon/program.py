@@ -34,6 +34,7 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
+from mkdaemon.telemetry.position import SUFFIX
 from mkdaemon.telemetry.signature import private_key
 
 RECORDING: Final = "replay:"
@@ -78,6 +79,7 @@ async def run(
         *(cfg.bus, cfg.vehicle.name, black_box.bus_recorder),
         takes_images=takes_images,
         private_images=private_images(cfg.cameras),
+        positions={f"{SUFFIX}{source.name}": source.secret() for source in cfg.positions},
     )
     async with black_box.run(), opening as bus:
         daemon = Daemon(cfg, bus, clock, black_box, last_word, reloading)
@@ -157,6 +159,10 @@ class Daemon:
         for camera in cfg.cameras:
             if camera.source.startswith(OVER_BUS) and camera.secret_file is None:
                 text = f"camera {camera.name}: any program can put images to {camera.source}; set secret_file"
+                self._audit.log("warning", text)
+        for source in cfg.positions:
+            if source.secret_file is None:
+                text = f"source {source.name}: any program can put poses to {SUFFIX}{source.name}; set secret_file"
                 self._audit.log("warning", text)
         report = take_report(self._report)
         if report is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -32,8 +33,10 @@ def mistakes(cfg: Config, *, needs_port: bool = True) -> Iterator[ConfigError]:
     ]
     if cfg.bus.local_group is not None:
         checks.append(partial(check_group, cfg.bus.local_group))
-    if cfg.cameras:
+    if cfg.cameras or cfg.positions:
         checks.append(partial(require_safe_loop, cfg.control))
+    checks += [source.secret for source in cfg.positions]
+    checks.append(partial(_check_names, cfg))
     for check in checks:
         try:
             check()
@@ -57,6 +60,14 @@ def _check_bus(cfg: Config) -> None:
     bus = cfg.bus
     config = session_config("peer", listen=bus.listen, connect=bus.connect, zenoh_file=bus.zenoh_file)
     check_exposure(config, allow_open=bus.allow_open)
+
+
+def _check_names(cfg: Config) -> None:
+    """Refuse a source of poses whose name a camera or another source has."""
+    names = Counter([*(camera.name for camera in cfg.cameras), *(source.name for source in cfg.positions)])
+    for source in cfg.positions:
+        if names[source.name] > 1:
+            raise ConfigError(f"positions: two sources or cameras are called '{source.name}'; rename one")
 
 
 def _camera_mistakes(cfg: Config) -> Iterator[ConfigError]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from pydantic import BaseModel
@@ -48,6 +49,7 @@ class BusSink:
         audit: Audit,
         eyes: Eyes,
         clock: Clock,
+        tilted: Callable[[Attitude], None] = lambda attitude: None,
     ) -> None:
         """Hand everything on.
 
@@ -58,12 +60,13 @@ class BusSink:
             audit: hears of a new condition of the line.
             eyes: hear how the vehicle lies.
             clock: stamps.
+            tilted: hears, like the eyes, how the vehicle lies.
         """
         self._bus = bus
         self._feed, self._facts = feed, facts
         self._audit = audit
         self._eyes = eyes
-        self._clock = clock
+        self._clock, self._tilted = clock, tilted
         self._translator = StateTranslator()
         self._counts = {"rx": 0, "tx": 0}
 
@@ -97,6 +100,7 @@ class BusSink:
             self._feed(StateValue(value), at)
             if isinstance(value, Attitude):
                 self._eyes.attitude_received(value)
+                self._tilted(value)
             elif isinstance(value, Altitude):
                 self._eyes.altitude_received(value)
         return states

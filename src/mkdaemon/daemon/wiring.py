@@ -62,6 +62,9 @@ class BusStation(Outlet, Protocol):
     def receive(self, suffix: str, take: Taker, verify: Verifier) -> None:
         """Hand every setpoint of a key to `take`; see `Bus.receive`."""
 
+    def receive_reports(self, suffix: str, take: Taker, verify: Verifier, secret: str | None) -> None:
+        """Hand the reports of a source of poses to `take`; see `Bus.receive_reports`."""
+
     def watch_client(self, name: str | None, watcher: Watcher) -> None:
         """Hear when a client comes or goes; see `Bus.watch_client`."""
 
@@ -114,11 +117,17 @@ class Wiring:
         """
         build_models()
         self._cfg, self._bus, self._clock = cfg, bus, clock
-        if cfg.cameras:
+        if cfg.cameras or cfg.positions:
             require_safe_loop(cfg.control)
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         first_epoch = int(clock.stamp().wall * 1000)
-        deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, make_eyes=make_eyes, tap=tap)
+        deck = self._deck = Deck(
+            *(cfg.control, bus, clock),
+            first_epoch=first_epoch,
+            make_eyes=make_eyes,
+            positions=cfg.positions,
+            tap=tap,
+        )
         self.core, facts = deck.core, deck.core.vehicle
         self.facts = facts
         audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
@@ -159,6 +168,7 @@ class Wiring:
         bus.serve("do", self.answer_verb)
         for kind in SETPOINTS:
             bus.receive(kind.suffix, partial(deck.setpoint_arrived, kind), partial(deck.signed_for, kind))
+        deck.positions.receive_from(bus)
 
     async def run_line(self) -> None:
         """Keep the line; see `Link.run`."""
@@ -172,6 +182,7 @@ class Wiring:
             tasks.create_task(self._publish_health(), name="health"),
             tasks.create_task(self._publish_fence(), name="fence"),
             tasks.create_task(self._watch_system_clock(), name="clock"),
+            *([tasks.create_task(self._deck.positions.run(), name="positions")] if self._cfg.positions else []),
         ]
 
     def health(self) -> VehicleHealth:

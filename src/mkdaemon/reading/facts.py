@@ -381,7 +381,9 @@ def _recording(status: RecordStatus, known: Knowledge) -> Wording:
 def _eye(stats: VisionStats, known: Knowledge) -> Wording:
     if stats.state is not EyeState.OK:
         return Wording(because(stats.state.words.upper(), stats.reason), stats.state.tone)
-    words = [f"{stats.fps:.0f} images/s, {100 * stats.posed:.0f} % posed, {stats.latency_p50_ms:.0f} ms"]
+    seen, used = ("images", "posed") if stats.trusted_for is None else ("reports", "used")
+    words = [f"{stats.fps:.0f} {seen}/s, {100 * stats.posed:.0f} % {used}, {stats.latency_p50_ms:.0f} ms"]
+    words += [f"{sum(stats.refused.values())} refused"] if stats.trusted_for is not None and stats.refused else []
     words += [f"{alarm.replace('_', ' ').upper()}: {text}" for alarm, text in stats.alarms.items()]
     return Wording("; ".join(words), Tone.WARN if stats.alarms else Tone.OK, stats.fps, "Hz")
 

@@ -31,7 +31,8 @@ def has_every_image(recorded: Recorded, cfg: Config) -> bool:
         for entry in recorded.of(EntryKind.SAMPLE)
         if entry.suffix.startswith("vision/") and entry.suffix.endswith("/stats")
     }
-    return bool(cfg.cameras) and len(recorded.of(EntryKind.IMAGE)) >= max(sum(looked.values()), 1)
+    is_whole = bool(cfg.cameras) and not cfg.positions  # what sources of poses report is not recorded as it came
+    return is_whole and len(recorded.of(EntryKind.IMAGE)) >= max(sum(looked.values()), 1)
 
 
 def look_again(recorded: Recorded, cfg: Config, clock: Clock) -> Iterator[tuple[float, str, Telemetry]]:

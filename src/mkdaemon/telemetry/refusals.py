@@ -237,8 +237,8 @@ class Token(StrEnum):
     )
     NO_ESTIMATE = (
         "no_estimate",
-        "{name} needs the position of the aircraft, and no camera has seen a target yet.",
-        "`mkctl watch 'vision/**'` shows what the cameras see; [[cameras]] in the configuration needs one, calibrated.",
+        "{name} needs the position of the aircraft, and no camera or source of poses has shown it yet.",
+        "`mkctl watch 'vision/**'` shows what they see; the configuration needs [[cameras]], calibrated, or [[positions]].",
     )
     TARGET_UNCLEAR = (
         "target_unclear",
@@ -367,15 +367,20 @@ class Token(StrEnum):
     )
     CAMERA_UNFIT = (
         "camera_unfit",
-        "no camera delivers usable images: {detail}.",
+        "no camera or source of poses can be flown by: {detail}.",
         "Silent or gone: check its cable and power, and that no other program has opened it. `mkctl watch 'vision/**'` "
-        "shows it; docs/cameras.md.",
+        "shows it; docs/cameras.md, docs/positions.md.",
     )
     CAMERA_OPENING = (
         "camera_opening",
         "no camera delivers yet: {detail}.",
         "Wait some seconds, then repeat; `mkctl watch 'vision/**'` shows when images arrive.",
         Status.BUSY,
+    )
+    SOURCE_UNTRUSTED = (
+        "source_untrusted",
+        "{name} would be flown by {sources} alone, which the configuration does not trust for it.",
+        "Add `{word}` to `trusted_for` of the source, or fly where a camera sees the target; docs/positions.md.",
     )
     CAMERAS_CONTRADICT = (
         "cameras_contradict",

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
 import numpy as np
@@ -35,19 +36,27 @@ LEANT: Final = math.radians(8.0)
 """Largest mean difference of the tilts [rad]: crooked bodies are within it, a wrong up is not."""
 TILT_LEAST, MOTION_LEAST = math.radians(0.7), math.radians(1.2)
 """Tilts that move less say nothing, root mean square [rad]."""
+TILT_DIFFERS: Final = math.radians(0.7)
+"""Boards and a right source differ by as much, root mean square [rad]: accelerations mislead the boards."""
+WIND: Final = 0.35
+"""Acceleration that no tilt explains [m/s2], root mean square: gusts, and the lift-off into the wind."""
 TILT_UNLIKE: Final = 0.7
 """Power of the difference over that of the boards' tilt from which on they are different motions: 0.1 where they are
 one; 1 of a body that stands, 2 of another aircraft, 4 of a mirrored axis."""
 MOTION_UNLIKE: Final = 2.2
 """The same of the accelerations: wind that is leant against has 1."""
 ALIKE: Final = 0.35
-"""Below this of both, a source that was contradicted is right again."""
+"""Below this, on both axes, the tilts of a source that was contradicted are right again."""
+LASTING: Final = 3
+"""Comparisons one after the other that find the same contradiction: a gust at the lift-off is in one or two."""
 JUMP: Final = 0.06
 """A pose this far from where the last ones lead is still one of them [m]."""
 ACCELERATION: Final = 8.0
 """No aircraft accelerates more [m/s2]."""
 STRAYED: Final = 0.5
-"""Farther from there than `JUMP` and this, no pose belongs to the ones before half a second [m]."""
+"""Farther from there than `JUMP` and this, none belongs to the ones before a silence of `LED` [m]."""
+REJOINS: Final = 0.15
+"""The same after a jump: what jumped is elsewhere [m]."""
 DRIFT: Final = 1.0
 """In a longer silence it may have gone so fast [m/s]."""
 LED: Final = 0.3
@@ -60,76 +69,87 @@ KEPT: Final = 400
 """Attitudes that are kept: two seconds at 200 Hz."""
 
 
+class Contradiction(Enum):
+    """What the boards contradict; the value says it, and what to do."""
+
+    LEANT = "it leans against the boards: correct which axis is up (rpy_deg), or how the body is defined (body_rpy_deg)"
+    TILT = (
+        "it does not tilt as the boards do: mirrored axes, another body, or late by more than it says; correct that, and "
+        "start its sender again or tilt the aircraft by hand"
+    )
+    MOTION = (
+        "it does not move the way the aircraft tilts: mirrored or swapped axes; correct that, and start its sender again"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """How far source and boards differ.
 
     Attributes:
-        leant: largest mean difference of the tilts [rad].
+        leant: mean difference of the tilts [rad].
         tilt: power of the difference of the tilts over that of the boards', the worse axis; None where too little moved.
-        motion: the same of the accelerations.
+        motion: the same of the accelerations; None also where the aircraft is not flown: a hand needs no tilt.
+        is_alike: both axes tilted enough to tell, and the tilts are those of one aircraft.
     """
 
     leant: float
     tilt: float | None
     motion: float | None
+    is_alike: bool
 
     @property
-    def words(self) -> str:
-        """What contradicts, with what to do; empty where nothing does."""
+    def contradiction(self) -> Contradiction | None:
+        """What contradicts; None where nothing does."""
         if self.leant > LEANT:
-            return (
-                f"it leans by {math.degrees(self.leant):.0f} degrees against the boards: correct its up, or the body's "
-                "rotation (rpy_deg, body_rpy_deg)"
-            )
+            return Contradiction.LEANT
         if self.tilt is not None and self.tilt > TILT_UNLIKE:
-            return (
-                "it does not tilt as the boards do: mirrored axes, another body, or late by more than it says; then tilt "
-                "the aircraft by hand until this ends"
-            )
+            return Contradiction.TILT
         if self.motion is not None and self.motion > MOTION_UNLIKE:
-            return (
-                "it does not move the way the aircraft tilts: mirrored or swapped axes; then carry the aircraft to and "
-                "fro by hand until this ends"
-            )
-        return ""
-
-    @property
-    def is_alike(self) -> bool:
-        """Whether the tilts, and what else moved enough, are those of one aircraft."""
-        is_moved = self.tilt is not None and self.tilt < ALIKE
-        return self.leant <= LEANT and is_moved and (self.motion is None or self.motion < MOTION_UNLIKE)
+            return Contradiction.MOTION
+        return None
 
 
 class MotionJudge:
     """Judges the poses of one source, in the order of their times.
 
     Attributes:
-        contradiction: why the source is not used, with what to do; empty where nothing contradicts it.
+        contradiction: why the source is not used; None where nothing contradicts it.
     """
 
     def __init__(self) -> None:
-        self.contradiction = ""
+        self.contradiction: Contradiction | None = None
+        self._suspected: Contradiction | None = None
+        self._lasted = 0
         self._boards: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
         self._motion: deque[tuple[float, ...]] = deque(maxlen=round(WINDOW / GRID))
         self._track: deque[tuple[float, Vector]] = deque()
         self._strayed = False
         self._compared_at = -math.inf
+        self._flown_from = math.inf
         self._last: tuple[Vector, Matrix] | None = None
+
+    def restarted(self) -> MotionJudge:
+        """A judge of the same source, whose sender has started again: nothing of it is known."""
+        judge = MotionJudge()
+        judge._boards = self._boards
+        return judge
 
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards that arrived at a time [s]; nose down and right side down positive [rad]."""
         if math.isfinite(at + pitch + roll):
             self._boards.append((at, pitch, roll))
 
-    def take(self, at: float, place: Vector, rotation: Matrix) -> PoseRefusal | None:
+    def take(self, at: float, place: Vector, rotation: Matrix, *, is_flown: bool) -> PoseRefusal | None:
         """Take a pose; why it is not to be used, None where it may be.
 
         Args:
             at: when it was measured [s].
             place: of the vehicle in the target frame (3,) [m].
             rotation: target from FLU (3, 3).
+            is_flown: the aircraft is flown, off the ground: neither a hand nor the ground moves it.
         """
+        self._flown_from = min(self._flown_from, at) if is_flown else math.inf
         last, self._last = self._last, (place, rotation)
         if last is not None and np.array_equal(last[0], place) and np.array_equal(last[1], rotation):
             return PoseRefusal.REPEATED
@@ -146,8 +166,19 @@ class MotionJudge:
             self._compared_at = at
             found = self.compare()
             if found is not None:
-                self.contradiction = found.words or ("" if found.is_alike else self.contradiction)
+                self._conclude(found)
         return PoseRefusal.MOTION if self.contradiction else None
+
+    def _conclude(self, found: Comparison) -> None:
+        """Contradict the source when the same contradiction has lasted; believe it again when that is refuted."""
+        self._lasted = self._lasted + 1 if found.contradiction is self._suspected else 1
+        self._suspected = found.contradiction
+        if self._lasted < LASTING:
+            return
+        if self._suspected is not None:
+            self.contradiction = self._suspected
+        elif self.contradiction is Contradiction.LEANT or (found.is_alike and self.contradiction is Contradiction.TILT):
+            self.contradiction = None
 
     @property
     def has_strayed(self) -> bool:
@@ -166,8 +197,8 @@ class MotionJudge:
             is_moving = span >= GRID
             velocity = (track[-1][1] - begun[1]) / span if is_moving else np.zeros(3)
             led = track[-1][1] + velocity * min(gap, LED)
-            most = JUMP + min(0.5 * ACCELERATION * gap**2, STRAYED) + (0.0 if is_moving else FASTEST * min(gap, LED))
-            most += 0.0 if self._strayed else DRIFT * max(0.0, gap - LED)
+            farthest = REJOINS if self._strayed else STRAYED + DRIFT * max(0.0, gap - LED)
+            most = JUMP + min(0.5 * ACCELERATION * gap**2, farthest) + (0.0 if is_moving else FASTEST * min(gap, LED))
             if float(np.linalg.norm(place - led)) > most:
                 return False
         while track and at - track[0][0] > 4 * GRID:
@@ -189,32 +220,45 @@ class MotionJudge:
         tried = [np.array([np.interp(grid + lag, boards[:, 0], boards[:, k]) for k in (1, 2)]) for lag in LAGS]
         reported = min(tried, key=lambda each: float(((tilts - each) ** 2).sum()))
         leant = float(np.hypot(*(tilts - reported).mean(axis=1)))
-        return Comparison(leant, unlike(tilts, reported, TILT_LEAST), self._unlike_motion(grid, motion, reported))
-
-    def _unlike_motion(self, grid: Vector, motion: Matrix, reported: Matrix) -> float | None:
-        """Compare accelerations of the positions with those of the boards' tilt (2, n), both in the target's axes."""
-        n = round(SPREAD / GRID)
-        if len(grid) < 4 * n:
-            return None
-        yaw = np.interp(grid, motion[:, 0], np.unwrap(motion[:, 3]))
-        c, s = np.cos(yaw), np.sin(yaw)
-        pitch, roll = reported
-        # The second difference of positions is the acceleration under a triangle of that width.
-        triangle = np.convolve(np.ones(n), np.ones(n)) / n**2
-        pushed = [np.convolve(GRAVITY * each, triangle, "valid") for each in (pitch * c + roll * s, pitch * s - roll * c)]
-        places = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (4, 5)])
-        moved = (places[:, 2 * n :] - 2.0 * places[:, n:-n] + places[:, : -2 * n]) / (n * GRID) ** 2
-        width = min(moved.shape[1], len(pushed[0]))
-        return unlike(moved[:, :width], np.array(pushed)[:, 1 : width + 1], GRAVITY * MOTION_LEAST)
+        unlikes = unlike(tilts, reported, TILT_LEAST, 0.0)
+        is_alike = len(unlikes) == 2 and max(unlikes) < ALIKE
+        flown = grid >= self._flown_from
+        accelerations = _unlike_accelerations(grid[flown], motion, reported[:, flown])
+        worst = max(unlike(tilts, reported, TILT_LEAST, TILT_DIFFERS), default=None)
+        return Comparison(leant, worst, max(accelerations, default=None), is_alike)
 
 
-def unlike(shown: Matrix, true: Matrix, least: float) -> float | None:
-    """Power of the difference of two motions (2, n) over that of the second, the worse axis, each less its mean.
+def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> list[float]:
+    """Compare accelerations of the positions with those of the boards' tilt (2, n), both in the target's axes."""
+    n = round(SPREAD / GRID)
+    if len(grid) < 4 * n:
+        return []
+    yaw = np.interp(grid, motion[:, 0], np.unwrap(motion[:, 3]))
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch, roll = reported
+    # The second difference of positions is the acceleration under a triangle of that width.
+    triangle = np.convolve(np.ones(n), np.ones(n)) / n**2
+    pushed = [np.convolve(GRAVITY * each, triangle, "valid") for each in (pitch * c + roll * s, pitch * s - roll * c)]
+    places = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (4, 5)])
+    moved = (places[:, 2 * n :] - 2.0 * places[:, n:-n] + places[:, : -2 * n]) / (n * GRID) ** 2
+    width = min(moved.shape[1], len(pushed[0]))
+    return unlike(moved[:, :width], np.array(pushed)[:, 1 : width + 1], GRAVITY * MOTION_LEAST, WIND)
 
-    None where no axis of the second moves more than `least`, root mean square.
+
+def unlike(shown: Matrix, true: Matrix, least: float, noise: float) -> list[float]:
+    """Power of the difference of two motions (2, n) over that of the second, each less its mean.
+
+    Args:
+        shown: one.
+        true: the other.
+        least: an axis of the second that moves less says nothing, root mean square.
+        noise: so much they differ where they are one motion, root mean square.
+
+    Returns:
+        One for each axis that moves enough.
     """
     difference, motion = shown - true, true - true.mean(axis=1, keepdims=True)
     difference = difference - difference.mean(axis=1, keepdims=True)
     powers = (motion**2).mean(axis=1)
-    found = [float((each**2).mean() / power) for each, power in zip(difference, powers, strict=True) if power > least**2]
-    return max(found, default=None)
+    excess = np.maximum((difference**2).mean(axis=1) - noise**2, 0.0)
+    return [float(each / power) for each, power in zip(excess, powers, strict=True) if power > least**2]

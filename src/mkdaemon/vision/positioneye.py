@@ -100,7 +100,9 @@ class PositionEye:
         self._refused[why.value] += 1
         self._why = why
 
-    def take(self, report: PositionReport, sent: float, now: float, stamp: Stamp) -> list[tuple[str, Telemetry]]:
+    def take(
+        self, report: PositionReport, sent: float, now: float, stamp: Stamp, *, is_flown: bool
+    ) -> list[tuple[str, Telemetry]]:
         """Take a report; return the keys and values that follow from it.
 
         Args:
@@ -108,6 +110,7 @@ class PositionEye:
             sent: when, by our clock, or when it arrived where it does not say [s].
             now: [s].
             stamp: the time to publish with, of `now`.
+            is_flown: the aircraft flies.
         """
         self._heard_at = now
         at = sent - report.age
@@ -119,9 +122,11 @@ class PositionEye:
         elif late > self.cfg.max_age:
             why = PoseRefusal.LATE
         if why is None:
+            if report.epoch != self._newest[0]:
+                self._judge = self._judge.restarted()
             self._newest, self._taken_at = order, at
             place, rotation = self._pose(report)
-            why = self._judge.take(at, place, rotation)
+            why = self._judge.take(at, place, rotation, is_flown=is_flown)
         self._processed += 1
         self._recent.append((now, late, why is None))
         while self._recent[0][0] < now - MEASURED:
@@ -228,8 +233,8 @@ class PositionEye:
         if silent > SILENT:
             last = "no report yet" if math.isinf(silent) else f"the last report is {silent:.0f} s old"
             return EyeState.MISSING, f"{last}: start its sender (mkdaemon gateway mocap), show it the body"
-        if self._judge.contradiction:
-            return EyeState.CONTRADICTED, self._judge.contradiction
+        if self._judge.contradiction is not None:
+            return EyeState.CONTRADICTED, self._judge.contradiction.value
         if now - self._used_at <= JUDGED and not self._judge.has_strayed:
             return EyeState.OK, ""
         state = EyeState.CONTRADICTED if self._why is PoseRefusal.OFF_COURSE else EyeState.REFUSED

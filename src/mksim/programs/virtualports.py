@@ -173,6 +173,11 @@ class LocalBus:
         """Take setpoints."""
         self.takers[suffix] = take, verify
 
+    def receive_reports(self, suffix: str, take: Taker, verify: Verifier, secret: str | None) -> None:
+        """Take reports of a source of poses."""
+        del secret
+        self.takers[suffix] = take, verify
+
     def watch_client(self, name: str | None, watcher: Watcher) -> None:
         """Tell of a client."""
         self._watched = None if name is None else (name, watcher)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mkdaemon.control.admission.beginnings import BY_TARGET
+from mkdaemon.control.admission.beginnings import BY_TARGET, Concern, NewManoeuvre
 from mkdaemon.control.admission.row import Rows, Verdict, passed, stands, unknown
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.heights import heights_found
@@ -22,6 +22,9 @@ LATEST_IMAGES: Final = 500.0
 """Median age of images that have been looked at, with which a flight may begin [ms]: take-offs were flown by images
 0.6 s old; of 0.9 s, which the estimator's history no longer holds, they climbed to 12 m."""
 _UNFIT: Final = (Alarm.UNCALIBRATED, Alarm.WRONG_SIZE, Alarm.TARGET_MISMATCH)
+
+_TRUSTED: Final = {Concern.TAKE_OFF: "takeoff", Concern.LAND: "landing"}
+"""Words of `trusted_for` of a source of poses; `flight` decides whether the core hears of it at all."""
 
 SIGHT_ROWS: Final = Rows()
 """What prevents a manoeuvre by the target: what its cameras show."""
@@ -56,6 +59,22 @@ def _unfit(stats: VisionStats, now: float) -> str:
         if alarm in stats.alarms:
             return stats.alarms[alarm]
     return "" if stats.state is EyeState.OK else f"{stats.state.value}: {stats.reason}"
+
+
+@SIGHT_ROWS.row(
+    "trusted source",
+    tuple(_TRUSTED),
+    "only sources of poses can be flown by, and `trusted_for` of none allows it",
+    Token.SOURCE_UNTRUSTED,
+)
+def trusted(now: Situation, wanted: NewManoeuvre) -> Verdict:
+    """Take off and land by a source of poses only where its section allows that."""
+    word = _TRUSTED[wanted.concern]
+    fit = [stats for stats in now.eyes if not _unfit(stats, now.now)]
+    if not fit or any(stats.trusted_for is None or word in stats.trusted_for for stats in fit):
+        return passed()
+    sources = ", ".join(stats.camera for stats in fit)
+    return stands(refuse(Token.SOURCE_UNTRUSTED, name=f"setpoint/{wanted.concern}", sources=sources, word=word))
 
 
 @SIGHT_ROWS.check("agreement of cameras", BY_TARGET, "a camera contradicts the others", Token.CAMERAS_CONTRADICT)

@@ -117,6 +117,11 @@ class Cameras:
         if any(each.refused < self._patience for each in others):
             record.is_wrong = record.refused >= self._patience or (record.is_wrong and is_refused)
 
+    def is_alone(self, camera: str) -> bool:
+        """Whether no other camera has shown the target lately."""
+        newest = max((each.at for each in self._records.values()), default=0.0)
+        return all(name == camera or newest - each.at > TOGETHER for name, each in self._records.items())
+
     def expect_change(self) -> None:
         """Treat the next image of every camera as if too many had been refused before it."""
         for record in self._records.values():
@@ -280,6 +285,10 @@ class Estimator:
     def contradicting(self) -> tuple[str, ...]:
         """Cameras whose images contradict those of others and are not used."""
         return tuple(sorted({*self._cameras.contradicting, *self._heights.contradicting}))
+
+    def stands_on(self, camera: str) -> bool:
+        """Whether the images of this camera alone have made the estimate lately."""
+        return self._cameras.is_alone(camera)
 
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
