@@ -29,9 +29,9 @@ from mksim.physics.world import StickInput
 
 HEIGHT: Final = 1.5
 """Flown [m]."""
-HOLD_FROM, STEP_FROM, BACK_FROM, LAND_AT = 12.0, 24.0, 30.0, 35.0
+HOLD_FROM, STEP_FROM, BACK_FROM, LAND_AT = 14.0, 26.0, 32.0, 37.0
 """Parts of the flight begin then [s]; the first is the take-off."""
-LENGTH: Final = 52.0
+LENGTH: Final = 54.0
 """Longest flight [s]."""
 LOOK: Final = 0.1
 """Between two looks at the state of a source [s]."""
@@ -50,6 +50,8 @@ class PositionFlight(CoreRig):
         used: poses that reached the core after the fault began, with their times [s].
         released: when and why the core let go.
     """
+
+    handover = 3.0
 
     def __init__(self, seed: int, wind: WindClass, fault: str = "", at: float = 0.0, **source: Any) -> None:
         """Prepare.

@@ -74,14 +74,14 @@ class MotionCapture:
         measured = Measured(truth.position_enu + noise, truth.enu_from_flu @ turned)
         if self._rng.random() < DROP_OUT:
             return None
-        found = FAULTS[self.fault](self, measured, at) if self.fault else measured
-        if self.fault != "frozen":
+        if self.fault != "frozen" or self._last is None:
             self._last = measured
-        return found
+        return FAULTS[self.fault](self, measured, at) if self.fault else measured
 
-    def _frozen(self, measured: Measured, at: float) -> Measured | None:
-        del at
-        return self._last or measured
+    def _repeat(self, measured: Measured, at: float) -> Measured | None:
+        """Return the last measurement again."""
+        del measured, at
+        return self._last
 
 
 def _off(capture: MotionCapture, measured: Measured, at: float) -> Measured:
@@ -90,8 +90,12 @@ def _off(capture: MotionCapture, measured: Measured, at: float) -> Measured:
 
 def _other(capture: MotionCapture, measured: Measured, at: float) -> Measured:
     way = np.array([0.2 * math.sin(1.1 * at), 0.2 * math.cos(0.9 * at), 0.1 * math.sin(0.7 * at)])
-    noise = measured.position - np.round(measured.position, 2)
-    return Measured(np.array(OTHER) + way + 0.05 * noise, rotation_from_euler(0.02 * math.sin(3.0 * at), 0.0, 1.0))
+    return Measured(np.array(OTHER) + way, rotation_from_euler(0.02 * math.sin(3.0 * at), 0.0, 1.0))
+
+
+def _neighbour(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    noise = 1e-4 * math.sin(1e4 * at)
+    return Measured(np.array([0.3, 0.2, 0.1 + noise]), rotation_from_euler(noise, 0.0, 0.5))
 
 
 def _mirrored(capture: MotionCapture, measured: Measured, at: float) -> Measured:
@@ -117,7 +121,8 @@ FAULTS: Final[dict[str, Callable[[MotionCapture, Measured, float], Measured | No
     "mirrored place": _crossed,
     "wrong up": _wrong_up,
     "other body": _other,
-    "frozen": MotionCapture._frozen,  # noqa: SLF001  # the same class
+    "neighbour": _neighbour,
+    "frozen": MotionCapture._repeat,  # noqa: SLF001  # the same class
 }
 """Faults by name: 0.3 m off; silent; 0.5 s late, and the same unsaid; left-handed axes of the whole pose, or of the place
-alone; y for up; another body's pose under this one's name; the last pose again and again."""
+alone; y for up; the pose of another body, which is carried, or which stands beside; the last pose again and again."""

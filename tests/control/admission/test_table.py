@@ -132,6 +132,13 @@ CASES = [
     ),
     ("frame", "no_frame", NewManoeuvre(Concern.POSITION, SetpointFrame.HOME), {}),
     ("take-off from the ground", "not_on_ground", NewManoeuvre(Concern.TAKE_OFF), {"flown": Concern.STICK}),
+    ("trusted source", "source_untrusted", NewManoeuvre(Concern.TAKE_OFF), {"eyes": (eyes(trusted_for=("flight",)),)}),
+    (
+        "trusted source",
+        "source_untrusted",
+        NewManoeuvre(Concern.LAND),
+        {"eyes": (eyes(trusted_for=("flight", "takeoff")),), "flown": Concern.HOLD},
+    ),
 ]
 """Row, token, what is to begin, and what is put in place of what is well. The checks are in `test_flightrows`."""
 

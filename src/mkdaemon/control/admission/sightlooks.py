@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from mkdaemon.control.admission.beginnings import BY_TARGET, Concern, NewManoeuvre
-from mkdaemon.control.admission.row import Rows, Verdict, passed, stands, unknown
+from mkdaemon.control.admission.row import Rows, Rule, Verdict, passed, stands, unknown
 from mkdaemon.control.admission.situation import Situation
 from mkdaemon.control.heights import heights_found
 from mkdaemon.control.motionmatch import ALIKE
@@ -66,9 +66,12 @@ def _unfit(stats: VisionStats, now: float) -> str:
     tuple(_TRUSTED),
     "only sources of poses can be flown by, and `trusted_for` of none allows it",
     Token.SOURCE_UNTRUSTED,
+    rule=Rule.ALWAYS,
 )
 def trusted(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Take off and land by a source of poses only where its section allows that."""
+    if now.flown is wanted.concern:
+        return passed()
     word = _TRUSTED[wanted.concern]
     fit = [stats for stats in now.eyes if not _unfit(stats, now.now)]
     if not fit or any(stats.trusted_for is None or word in stats.trusted_for for stats in fit):

@@ -1,4 +1,4 @@
-"""`mkdaemon gateway`: MAVLink, ROS 2 and Foxglove for a MikroKopter, each in a separate process."""
+"""`mkdaemon gateway`: MAVLink, ROS 2, Foxglove, motion capture for a MikroKopter, each in a separate process."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ GATEWAYS: Final[tuple[CommandEntry, ...]] = (
         "mkdaemon.cli.mkdaemon.gateway.mavlink:mavlink",
         "MAVLink 2: QGroundControl, MAVSDK, MAVProxy.",
     ),
+    CommandEntry("mocap", "mkdaemon.cli.mkdaemon.gateway.mocap:mocap", "Motion capture reports where vehicles are."),
 )
 """Every gateway; a further one is one line here and its module."""
 

@@ -1,0 +1,1 @@
+"""Gateway to motion capture systems, through the library `motioncapture`."""
