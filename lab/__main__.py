@@ -41,6 +41,7 @@ CAMPAIGNS: Final = (
     CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon."),
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("compare", "lab.compare:main", "Two results, or two trees, flight by flight."),
+    CommandEntry("positions", "lab.positions:main", "Flights by motion capture, and with its faults."),
     CommandEntry("figures", "lab.figures:main", "The picture of docs/figures that is rendered."),
 )
 

@@ -10,7 +10,7 @@ from mkdaemon.cli.mkdaemon.security.roles import DAEMON, zenoh_file
 FOLDER: Final = "/etc/mkdaemon/certificates"
 _ABOUT: Final = """\
 Made by `python -m tools.docs`. `mkdaemon security new-ca` makes such a file with certificates in it: docs/security.md.
-With an authority of your own: certificates with the common names daemon, pilot, observer and recorder.
+With an authority of your own: certificates with the common names daemon, pilot, observer, recorder and source.
 """
 
 

@@ -10,6 +10,8 @@ import math
 from dataclasses import replace
 from typing import Any, Final
 
+import numpy as np
+
 from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.positions import PositionSource
@@ -25,6 +27,7 @@ from mkdaemon.vision.positioneye import PositionEye
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
 from mksim.physics.mocap import RATE, Measured, MotionCapture
+from mksim.physics.truth import Truth
 from mksim.physics.world import StickInput
 
 HEIGHT: Final = 1.5
@@ -47,7 +50,7 @@ class PositionFlight(CoreRig):
         capture: the motion capture system.
         eye: the source of poses, as the daemon has it.
         named: states of the source other than `ok` after its fault began, with the time of each [s] and its reason.
-        used: poses that reached the core after the fault began, with their times [s].
+        used: times at which a pose reached the core in flight after the fault began [s].
         released: when and why the core let go.
     """
 
@@ -75,8 +78,6 @@ class PositionFlight(CoreRig):
         self._at(0.005, self._look)
 
     def _goal_at(self, t: float) -> Goal:
-        import numpy as np
-
         return Goal(position=np.array([0.5 if STEP_FROM <= t < BACK_FROM else 0.0, 0.0, HEIGHT]), yaw=None)
 
     def _expose(self, at: float) -> None:
@@ -90,13 +91,18 @@ class PositionFlight(CoreRig):
 
     def _arrive(self, measured: Measured, sequence: int) -> Any:
         report = measured.report(1, sequence)
-        return lambda now: self._take(self.eye.take(report, now, now, stamp(now), is_flown=self.core.is_in_air), now)
+
+
+        def take(now: float) -> None:
+            self._take(self.eye.take(report, now, now, stamp(now), is_flown=self.core.is_in_air), now)
+
+        return take
 
     def _take(self, values: list[tuple[str, Telemetry]], now: float) -> None:
         for _, value in values:
             if isinstance(value, VisionPose):
                 self.core.feed(PoseSeen(value), now)
-                if self._fault and now >= self._fault_at:
+                if self._fault and now >= self._fault_at and self.core.phase in IN_FLIGHT:
                     self.used.append(now)
             elif isinstance(value, PoseRefused):
                 self.core.feed(SightRefused(value), now)
@@ -145,17 +151,19 @@ class PositionFlight(CoreRig):
         x, y, z = (float(part) for part in goal.position)
         return PositionSetpoint(**fields, position=(x, y, z), frame=SetpointFrame.PAD)
 
-    def statuses(self) -> list[tuple[float, str, str]]:
-        """Manoeuvre and stage with the time, without repetitions."""
-        found: list[tuple[float, str, str]] = []
-        for at, action in self.actions:
-            if isinstance(action, PublishStatus):
-                shown = (action.manoeuvre or "", f"{action.phase.value} {action.stage}")
-                if not found or found[-1][1:] != shown:
-                    found.append((at, *shown))
-        return found
+    @property
+    def world_truth(self) -> Truth:
+        """The physics."""
+        return self._world.truth
+
+    @property
+    def waited_for(self) -> str:
+        """What the take-off waits for in the end; empty where it flies."""
+        shown = [action for _, action in self.actions if isinstance(action, PublishStatus)]
+        return shown[-1].reason if shown and not self._has_flown else ""
 
     def hold_rms(self, start: float, end: float) -> float:
         """Horizontal RMS of the true place against the goal between two times [m]."""
-        squares = [e[0] ** 2 + e[1] ** 2 for t, e in zip(self.record.times, self.record.errors, strict=True) if start <= t < end]
+        moments = zip(self.record.times, self.record.errors, strict=True)
+        squares = [error[0] ** 2 + error[1] ** 2 for at, error in moments if start <= at < end]
         return math.sqrt(sum(squares) / len(squares)) if squares else math.nan

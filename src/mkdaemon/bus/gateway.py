@@ -258,7 +258,7 @@ class Bus:
     def _take_in(
         self, suffix: str, whole: str, take: Callable[[Arrived], None], verify: Verifier, sender: SenderClock
     ) -> None:
-        """Hand what is put to a whole key to `take`, through an intake of its own."""
+        """Hand what is put to a whole key to `take`, through a separate intake."""
         shed = partial(self._shed.add, f"samples to {suffix}")
         intake = SetpointIntake(self._loop, take, verify, shed, self._clock, sender)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from mkdaemon.telemetry.mission import MissionEvent
     from mkdaemon.telemetry.navi import ControlNavi
     from mkdaemon.telemetry.path import PathFlown
+    from mkdaemon.telemetry.position import PositionHealth, PositionReport
     from mkdaemon.telemetry.preflight import ControlPreflight
     from mkdaemon.telemetry.procedure import ProcedureProgress
     from mkdaemon.telemetry.record import BusCounts, MarkEvent, RecordStatus
@@ -158,6 +159,16 @@ class SimKeys:
         return Stream(self._transport, f"sim/camera/{part_of_key(name)}", "image:CameraFrame")
 
 
+class PositionsNameKeys:
+    """Streams of `positions/<name>/...`."""
+
+    def __init__(self, transport: Transport, name: str) -> None:
+        self.health: Stream[PositionHealth] = Stream(
+            transport, f"positions/{part_of_key(name)}/health", "position:PositionHealth"
+        )
+        """`positions/<name>/health`, 1 Hz: What the sender of a source says of itself: `mkdaemon gateway mocap`."""
+
+
 class RecordKeys:
     """Streams of `record/...`."""
 
@@ -211,6 +222,11 @@ class KeyTree(Transport):
     def vision(self, camera: str) -> VisionCameraKeys:
         """Streams of `vision/<camera>/...`."""
         return VisionCameraKeys(self, camera)
+
+    def positions(self, name: str) -> Stream[PositionReport]:
+        """`positions/<name>`, as measured, up to 300 Hz: Pose of the vehicle by a source of `[[positions]]`; with a
+        secret below a private key, docs/positions.md."""
+        return Stream(self, f"positions/{part_of_key(name)}", "position:PositionReport")
 
     def joy(self, pad: str) -> Stream[Joy]:
         """`joy/<pad>`, 50 Hz and on change: A gamepad of another machine: `mkctl teleop --joy`."""

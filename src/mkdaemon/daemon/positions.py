@@ -109,7 +109,7 @@ class PositionSources:
     def _show(self, name: str, eye: PositionEye, now: float) -> None:
         stats, shown = eye.stats(now, self._clock.stamp(now)), self._shown.get(name)
         is_new = shown is None or shown.state is not stats.state
-        if shown is not None and not is_new and now - shown.at < PERIOD:
+        if shown is not None and not is_new and now - shown.at < PERIOD - LOOK / 2.0:
             return
         self._shown[name] = _Shown(stats.state, now)
         if "flight" in eye.cfg.trusted_for:

@@ -60,7 +60,7 @@ class BusSink:
             audit: hears of a new condition of the line.
             eyes: hear how the vehicle lies.
             clock: stamps.
-            tilted: hears, like the eyes, how the vehicle lies.
+            tilted: hears the attitude of the vehicle.
         """
         self._bus = bus
         self._feed, self._facts = feed, facts

@@ -31,7 +31,7 @@ COMPARED: Final = 0.1
 LAGS: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 """Ages of the boards' attitudes that are tried [s]: by cable 0.03, by a slow radio 0.12."""
 SPREAD: Final = 0.18
-"""An acceleration is the second difference of positions so far apart [s]."""
+"""Distance in time of the positions whose second difference is an acceleration [s]."""
 LEANT: Final = math.radians(8.0)
 """Largest mean difference of the tilts [rad]: crooked bodies are within it, a wrong up is not."""
 TILT_LEAST, MOTION_LEAST = math.radians(0.7), math.radians(1.2)
@@ -58,7 +58,7 @@ STRAYED: Final = 0.5
 REJOINS: Final = 0.15
 """The same after a jump: what jumped is elsewhere [m]."""
 DRIFT: Final = 1.0
-"""In a longer silence it may have gone so fast [m/s]."""
+"""Speed that is added for a longer silence [m/s]."""
 LED: Final = 0.3
 """The velocity of the last poses leads no farther [s]."""
 RESTART: Final = 5.0
@@ -252,7 +252,7 @@ def unlike(shown: Matrix, true: Matrix, least: float, noise: float) -> list[floa
         shown: one.
         true: the other.
         least: an axis of the second that moves less says nothing, root mean square.
-        noise: so much they differ where they are one motion, root mean square.
+        noise: difference of two measurements of one motion, root mean square.
 
     Returns:
         One for each axis that moves enough.

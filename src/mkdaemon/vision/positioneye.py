@@ -33,7 +33,7 @@ EARLY: Final = 0.002
 SILENT: Final = 0.5
 """A source without a report for longer is missing [s]."""
 JUDGED: Final = 0.5
-"""A source of which everything was refused for so long is not usable [s]."""
+"""After this time without a usable report a source counts as refused [s]."""
 MEASURED: Final = 1.0
 """Rates and ages are those of the last second [s]."""
 REMEDIES: Final = {

@@ -21,7 +21,7 @@ HEALTH: Final = 1.0
 RETRIES: Final = (0.5, 1.0, 2.0, 5.0)
 """Times between two attempts to connect; the last is repeated [s]."""
 UNKNOWN_AFTER: Final = 3.0
-"""A body that no measurement has shown for so long is named, with those that are seen [s]."""
+"""A body that no measurement shows for longer is named, with those that are seen [s]."""
 
 Show = Callable[[str], None]
 """Prints a line of progress."""
@@ -126,7 +126,7 @@ class MocapGateway:
         return f"body {body.name!r} is not seen; bodies that are: {seen}"
 
     async def run(self) -> None:
-        """Read in a thread of its own, and say how it goes once a second, until it is cancelled.
+        """Read in a separate thread, and say how it goes once a second, until it is cancelled.
 
         Raises:
             ConfigError: the library does not know the kind of system.

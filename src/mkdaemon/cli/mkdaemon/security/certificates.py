@@ -57,7 +57,7 @@ class Certified(NamedTuple):
     """What a certificate says.
 
     Attributes:
-        role: daemon, pilot, observer, recorder; of an authority its name.
+        role: daemon, pilot, observer, recorder, source; of an authority its name.
         name: whose it is.
         hosts: names and addresses that a daemon or a router is reached at.
         until: when it ends.

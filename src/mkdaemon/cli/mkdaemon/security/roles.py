@@ -55,6 +55,8 @@ FLY: Final = AccessRule(
     ),
 )
 MARK: Final = AccessRule("mark", _BOTH, ("query", "reply"), ("mk/*/do/mark",))
+REPORT: Final = AccessRule("report", _BOTH, ("put",), ("mk/*/positions/**",))
+"""Of a motion capture system, and of whom flies. The daemon adds the secret keys of its sources."""
 SUBSCRIBE: Final = AccessRule("subscribe", _BOTH, ("declare_subscriber", "declare_liveliness_subscriber"), ("mk/**",))
 """Rules for `put` decide what a subscriber gets, so every client may subscribe to everything."""
 SERVE: Final = AccessRule("serve", ("egress",), ("declare_queryable",), ("mk/**",))
@@ -88,12 +90,17 @@ class Role(NamedTuple):
 
 
 ROLES: Final = (
-    Role("pilot", "fly, command, and everything that the other roles may", (LOOK, HEAR, FLY, SUBSCRIBE, SERVE)),
+    Role("pilot", "fly, command, and everything that the other roles may", (LOOK, HEAR, FLY, REPORT, SUBSCRIBE, SERVE)),
     Role("observer", "look at everything, and neither command nor fly", (LOOK, HEAR, SUBSCRIBE, SERVE)),
     Role(
         "recorder",
         "look at everything and set marks, and neither command nor fly",
         (LOOK, HEAR, MARK, SUBSCRIBE, SERVE),
+    ),
+    Role(
+        "source",
+        "look at everything and report positions, and neither command nor fly",
+        (LOOK, HEAR, REPORT, SUBSCRIBE, SERVE),
     ),
 )
 """Every role of a client."""

@@ -29,7 +29,7 @@ from mkdaemon.cli.terminal import on_one_line
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.files import refuse_existing, save
 
-RoleName = Literal["pilot", "observer", "recorder", "daemon", "router"]
+RoleName = Literal["pilot", "observer", "recorder", "source", "daemon", "router"]
 DAYS: Final = 825
 """How long a certificate counts [days]."""
 HERE: Final = ("localhost", "127.0.0.1")
@@ -51,7 +51,7 @@ def new_ca(
     days: Count = DAYS,
     force: bool = False,
 ) -> None:
-    """Make an authority, and a file each for a daemon, a pilot, an observer and a recorder; it is all that they need.
+    """Make an authority, and a file each for a daemon, a pilot, an observer, a recorder and a source; it is all that they need.
 
     Example: mkdaemon security new-ca security ground.example 192.168.7.1
 

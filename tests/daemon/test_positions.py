@@ -1,0 +1,153 @@
+"""Sources of poses in the daemon: from the key to the flight core, and their state on the bus. In virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+import pytest
+
+from lab.rigs.linkrig import virtually
+from mkdaemon.bus.codec import TooLate, encode
+from mkdaemon.config.control import ControlConfig
+from mkdaemon.config.positions import PositionSource
+from mkdaemon.config.root import Config
+from mkdaemon.control.core import FlightCore
+from mkdaemon.control.events import EyeStats, PoseSeen, SightRefused
+from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.positions import PositionSources, clock_of
+from mkdaemon.daemon.runnable import mistakes
+from mkdaemon.telemetry.position import PositionReport
+from mkdaemon.telemetry.signature import sign, stamped_proof
+from mkdaemon.telemetry.vision import EyeState
+from mksim.programs.virtualdaemon import virtual_clock
+from mksim.programs.virtualports import LocalBus
+
+SECRET = "0123456789abcdef"
+SUFFIX = "positions/mocap"
+
+
+def payload(sequence=1, z=1.0, epoch=1):
+    fields = {"epoch": epoch, "sequence": sequence, "age": 0.003}
+    return encode(PositionReport(**fields, position=(0.0, 0.0, z), quaternion=(1.0, 0.0, 0.0, 0.0)))
+
+
+@dataclass
+class Desk:
+    sources: PositionSources
+    bus: LocalBus
+    events: list
+
+
+def desk(tmp_path, **fields):
+    clock, bus, events = virtual_clock(), LocalBus(), []
+    if fields.pop("is_signed", True):
+        file = tmp_path / "secret"
+        file.write_text(SECRET)
+        fields["secret_file"] = file
+    source = PositionSource(**{"name": "mocap", "target": "map"} | fields)
+    core = FlightCore(ControlConfig(), first_epoch=1)
+    made = PositionSources((source,), core, lambda event, now: events.append(event), Audit(bus, clock), bus, clock)
+    made.receive_from(bus)
+    return Desk(made, bus, events)
+
+
+def put(bus, data, proof, at=0.0):
+    arrive, verify = bus.takers[SUFFIX]
+    return arrive(at, data, verify(data, proof))
+
+
+@virtually
+async def test_a_signed_report_is_a_pose_for_the_core_and_then_for_the_bus(tmp_path):
+    found = desk(tmp_path)
+    data = payload()
+    assert put(found.bus, data, stamped_proof(SECRET, SUFFIX, data, 5.0)) is None
+    (event,) = found.events
+    assert isinstance(event, PoseSeen)
+    assert found.bus.values["vision/mocap/pose"] is event.pose
+
+
+@virtually
+async def test_what_is_unsigned_late_or_unreadable_is_counted_by_its_name_and_reaches_no_core(tmp_path):
+    found = desk(tmp_path)
+    data = payload()
+    put(found.bus, data, b"")
+    put(found.bus, data, stamped_proof("another secret!!", SUFFIX, data, 5.0))
+    put(found.bus, data, stamped_proof(SECRET, "positions/other", data, 5.0))
+    garbage = b"\xc1 no msgpack"
+    assert put(found.bus, garbage, sign(SECRET, SUFFIX, garbage)).token == "malformed"
+    arrive, _ = found.bus.takers[SUFFIX]
+    assert arrive(0.0, TooLate(100, 0.9, 0.3), 1).token == "setpoint_late"
+    assert found.events == []
+    shown = asyncio.create_task(found.sources.run())
+    await asyncio.sleep(0.01)
+    shown.cancel()
+    stats = found.bus.values["vision/mocap/stats"]
+    assert stats.refused == {"unsigned": 3, "malformed": 1, "late": 1}
+    assert stats.state is EyeState.REFUSED
+
+
+@virtually
+async def test_without_a_secret_every_program_may_report(tmp_path):
+    found = desk(tmp_path, is_signed=False)
+    assert put(found.bus, payload(), b"") is None
+    assert isinstance(found.events[0], PoseSeen)
+
+
+@virtually
+async def test_a_source_that_is_not_trusted_for_flight_is_shown_and_not_flown_by(tmp_path):
+    found = desk(tmp_path, trusted_for=())
+    data = payload()
+    put(found.bus, data, sign(SECRET, SUFFIX, data))
+    assert found.events == []
+    assert "vision/mocap/pose" in found.bus.values
+
+
+@virtually
+async def test_a_refused_pose_is_told_to_the_core(tmp_path):
+    found = desk(tmp_path)
+    for sequence, z in ((1, 1.0), (2, 3.0)):
+        await asyncio.sleep(0.05)
+        data = payload(sequence, z)
+        put(found.bus, data, sign(SECRET, SUFFIX, data), at=asyncio.get_running_loop().time())
+    assert [type(event) for event in found.events] == [PoseSeen, SightRefused]
+    assert found.bus.values["vision/mocap/refused"].refusal == "off_course"
+
+
+@virtually
+async def test_the_state_is_published_once_a_second_and_when_it_changes(tmp_path):
+    found, published = desk(tmp_path), []
+    found.bus.followers.append(lambda suffix, value: published.append((suffix, value)))
+    running = asyncio.create_task(found.sources.run())
+    await asyncio.sleep(2.05)
+    data = payload()
+    put(found.bus, data, sign(SECRET, SUFFIX, data), at=asyncio.get_running_loop().time())
+    await asyncio.sleep(0.1)
+    running.cancel()
+    states = [value.state for suffix, value in published if suffix == "vision/mocap/stats"]
+    assert states == [EyeState.MISSING] * 3 + [EyeState.OK]
+    assert [event.stats.state for event in found.events if isinstance(event, EyeStats)] == states
+    texts = [value.text for suffix, value in published if suffix == "event/log"]
+    assert texts[0].startswith("source mocap: no report arrives: no report yet: start its sender")
+    assert texts[1] == "source mocap: works"
+
+
+def test_the_clock_of_a_report_is_that_of_its_epoch():
+    data = payload(epoch=77)
+    assert clock_of(SUFFIX, SECRET, data, sign(SECRET, SUFFIX, data)) == 77
+    assert clock_of(SUFFIX, SECRET, data, b"") is None
+    assert clock_of(SUFFIX, None, data, b"") == 77
+    assert clock_of(SUFFIX, None, b"\xc1", b"") == 0
+    assert clock_of(SUFFIX, None, TooLate(1, 1.0, 0.3), b"") is None
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"positions": ({"name": "a"}, {"name": "a"})}, "two sources or cameras are called 'a'"),
+        ({"positions": ({"name": "a", "secret_file": "/nowhere"},)}, "secret_file /nowhere"),
+    ],
+)
+def test_a_configuration_that_cannot_work_is_refused(fields, words):
+    found = [str(error) for error in mistakes(Config.model_validate(fields), needs_port=False)]
+    assert any(words in error for error in found)
