@@ -1,7 +1,7 @@
 """A flight by motion capture alone, through the flight core, in virtual time: take-off, hold, a step, landing.
 
-No tag is in the world. The simulated system measures the truth and plays its faults; what it reports passes the checks
-of the product (`PositionEye`), and the core decides every stick frame. After a release the safety pilot has the aircraft.
+No tag is in the world. The simulated system measures the truth and plays its faults. What it reports passes the checks
+of the product (`PositionEye`), and the core decides each stick frame. After a release the safety pilot flies.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ LOOK: Final = 0.1
 """Between two looks at the state of a source [s]."""
 SETTLED: Final = 0.5
 """A source that has just begun may be missing until then [s]."""
+AFTERWARDS: Final = 6.0
+"""Time after a release in which the safety pilot must be able to fly it [s]."""
 SOURCE: Final = "mocap"
 
 
@@ -92,7 +94,6 @@ class PositionFlight(CoreRig):
     def _arrive(self, measured: Measured, sequence: int) -> Any:
         report = measured.report(1, sequence)
 
-
         def take(now: float) -> None:
             self._take(self.eye.take(report, now, now, stamp(now), is_flown=self.core.is_in_air), now)
 
@@ -141,6 +142,11 @@ class PositionFlight(CoreRig):
             return super()._sticks()
         pilot = self._world.pilot
         return StickInput(pilot.pitch, pilot.roll, pilot.yaw, pilot.gas + 127.0, motors_running=True)
+
+    def _is_over(self, at: float) -> bool:
+        """Whether the pilot has had the aircraft for a while, or it does not take off."""
+        is_grounded = at > HOLD_FROM and not self._has_flown
+        return super()._is_over(at) or is_grounded or bool(self.released and at > self.released[0][0] + AFTERWARDS)
 
     def _setpoint(self, goal: Goal, at: float) -> Setpoint:
         fields: dict[str, Any] = {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3}

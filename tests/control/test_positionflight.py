@@ -22,11 +22,11 @@ ON_GROUND = {
     "late": "older than max_age",
     "secretly late": "it does not tilt as the boards do",
     "mirrored": "it does not tilt as the boards do",
-    "mirrored place": "it does not move the way the aircraft tilts",
+    "mirrored place": "it does not move as the aircraft tilts",
     "wrong up": "it leans against the boards",
-    "other body": "an aircraft on the ground: its feet are",
+    "other body": "waiting for",
     "neighbour": "it does not tilt as the boards do",
-    "frozen": "the same numbers again and again",
+    "frozen": "the same numbers come again and again",
 }
 """What names a fault that is there from the start: the state of the source, or what the take-off waits for."""
 IN_THE_AIR = {

@@ -24,7 +24,7 @@ from mksim.programs.virtualdaemon import virtual_clock
 from mksim.programs.virtualports import LocalBus
 
 SECRET = "0123456789abcdef"
-SUFFIX = "positions/mocap"
+SUFFIX = "positions/mocap/report"
 
 
 def payload(sequence=1, z=1.0, epoch=1):
@@ -73,7 +73,7 @@ async def test_what_is_unsigned_late_or_unreadable_is_counted_by_its_name_and_re
     data = payload()
     put(found.bus, data, b"")
     put(found.bus, data, stamped_proof("another secret!!", SUFFIX, data, 5.0))
-    put(found.bus, data, stamped_proof(SECRET, "positions/other", data, 5.0))
+    put(found.bus, data, stamped_proof(SECRET, "positions/other/report", data, 5.0))
     garbage = b"\xc1 no msgpack"
     assert put(found.bus, garbage, sign(SECRET, SUFFIX, garbage)).token == "malformed"
     arrive, _ = found.bus.takers[SUFFIX]

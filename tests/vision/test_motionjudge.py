@@ -125,18 +125,22 @@ def jumps(by, start=2.0, end=math.inf):
 
 
 def test_what_jumps_is_refused_until_it_is_back_or_for_five_seconds():
-    judge, refusals = fly(seconds=3.0, shown=jumps((0.3, 0.0, 0.0), end=2.3))
+    _, refusals = fly(seconds=3.0, shown=jumps((0.3, 0.0, 0.0), end=2.3))
     assert [refusal for t, refusal in refusals if 2.0 <= t < 2.3] == [PoseRefusal.OFF_COURSE] * 30
     assert {refusal for t, refusal in refusals if t > 2.31} == {None}
-    judge, refusals = fly(seconds=8.0, shown=jumps((0.0, 2.0, 0.0)))
+    _, refusals = fly(seconds=8.0, shown=jumps((0.0, 2.0, 0.0)))
     back = next(t for t, refusal in refusals if t > 2.0 and refusal is None)
     assert back == pytest.approx(7.0, abs=0.05)
 
 
 def test_after_a_silence_it_may_be_farther_away_but_not_anywhere():
-    _, refusals = fly(seconds=3.0, shown=lambda p, r, t: None if 1.0 < t < 1.5 else jumps((0.4, 0.0, 0.0), 1.5)(p, r, t))
+    _, refusals = fly(
+        seconds=3.0, shown=lambda p, r, t: None if 1.0 < t < 1.5 else jumps((0.4, 0.0, 0.0), 1.5)(p, r, t)
+    )
     assert why(refusals) == set()
-    _, refusals = fly(seconds=3.0, shown=lambda p, r, t: None if 1.0 < t < 1.5 else jumps((2.0, 0.0, 0.0), 1.5)(p, r, t))
+    _, refusals = fly(
+        seconds=3.0, shown=lambda p, r, t: None if 1.0 < t < 1.5 else jumps((2.0, 0.0, 0.0), 1.5)(p, r, t)
+    )
     assert refusals[-1][1] is PoseRefusal.OFF_COURSE
 
 

@@ -20,9 +20,7 @@ LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
 def report(sequence, position=(0.0, 0.0, 1.0), quaternion=LEVEL, *, epoch=1, age=0.003, **more):
-    return PositionReport(
-        epoch=epoch, sequence=sequence, age=age, position=position, quaternion=quaternion, **more
-    )
+    return PositionReport(epoch=epoch, sequence=sequence, age=age, position=position, quaternion=quaternion, **more)
 
 
 def eye(**fields):
@@ -49,7 +47,9 @@ def test_a_report_is_a_pose_that_the_estimator_takes_at_its_own_time():
 
 
 def test_the_frame_of_the_source_and_the_body_are_turned_into_those_of_the_target_and_the_aircraft():
-    made = eye(position=(1.0, 2.0, 0.0), rpy_deg=(90.0, 0.0, 0.0), body_position=(0.1, 0.0, 0.0), body_rpy_deg=(0, 0, 90))
+    made = eye(
+        position=(1.0, 2.0, 0.0), rpy_deg=(90.0, 0.0, 0.0), body_position=(0.1, 0.0, 0.0), body_rpy_deg=(0, 0, 90)
+    )
     target_from_flu = rotation_from_euler(0.05, -0.1, 0.7)
     place = np.array([1.4, 2.3, 0.9])
     source_from_target = rotation_from_euler(math.pi / 2, 0.0, 0.0).T
@@ -72,12 +72,16 @@ def test_places_are_targets_with_their_own_origin_and_axes():
 
 def test_a_covariance_counts_as_it_is_reported_with_that_of_the_frame():
     own = np.diag([1e-4, 4e-4, 9e-4, 1e-3, 1e-3, 2e-3])
-    (pose,) = take(eye(frame_sd=0.02, rpy_deg=(0.0, 0.0, 90.0)), report(1, covariance=tuple(own.ravel().tolist())), 10.0)
+    (pose,) = take(
+        eye(frame_sd=0.02, rpy_deg=(0.0, 0.0, 90.0)), report(1, covariance=tuple(own.ravel().tolist())), 10.0
+    )
     found = np.array(pose.covariance).reshape(6, 6)
     assert np.diag(found) == pytest.approx([8e-4, 5e-4, 13e-4, 1e-3, 1e-3, 2e-3])
     assert pose.calibration_sd == (0.02, 0.02, 0.0)
     (pose,) = take(eye(frame_sd=0.0, position_sd=0.003, angle_sd_deg=1.0), report(1), 10.0)
-    assert np.sqrt(np.array(pose.covariance).reshape(6, 6).diagonal())[[0, 5]] == pytest.approx([0.003, math.radians(1)])
+    assert np.sqrt(np.array(pose.covariance).reshape(6, 6).diagonal())[[0, 5]] == pytest.approx(
+        [0.003, math.radians(1)]
+    )
 
 
 def test_of_a_hundred_reports_a_second_about_thirty_go_on():

@@ -31,7 +31,7 @@ from mkdaemon.bus.recording import BusRecorder, NoRecorder, recorded_taker
 from mkdaemon.bus.schema import schema_json, schema_names
 from mkdaemon.bus.senderclock import SenderClock
 from mkdaemon.bus.session import close_session, open_session, session_config
-from mkdaemon.bus.setpointroot import NEIGHBOURS, below, extend_access, new_setpoint_root
+from mkdaemon.bus.setpointroot import NEIGHBOURS, PLAIN_ROOT, below, extend_access, new_setpoint_root
 from mkdaemon.config.bus import BusConfig
 from mkdaemon.telemetry.signature import private_key
 
@@ -80,6 +80,7 @@ class Bus:
         self._sender = SenderClock()
         self._watched: zenoh.Subscriber[Any] | None = None
         self._uninvited: dict[str, Callable[[Arrived], None]] = {}
+        self._secret_reports: list[str] = []
         self._commands = CommandServer(session, vehicle, recorder, self._shed, cfg.max_queries, clock)
         # A separate one: a client that does not read last values does not delay answers to commands.
         self._lookups = AnswerThread("bus.lookups", limit=4 * cfg.max_queries, limit_per_key=cfg.max_queries)
@@ -105,7 +106,8 @@ class Bus:
             recorder: receives everything published and asked; none by default.
             takes_images: whether a camera brings its images over the bus: only then are long messages received.
             private_images: keys that only a camera's sender knows, by the plain ones.
-            positions: secrets of sources of poses, by the keys of their reports without `mk/<vehicle>/`; None: no secret.
+            positions: secrets of sources of poses, by the keys of their reports without `mk/<vehicle>/`; None for
+                no secret.
             clock: what a second is, for messages that are too many in it [s].
 
         Raises:
@@ -254,6 +256,7 @@ class Bus:
         self._take_in(suffix, whole, take_arrived, verify, SenderClock())
         if secret is not None:
             self._uninvited[suffix] = take_arrived
+            self._secret_reports.append(suffix)
 
     def _take_in(
         self, suffix: str, whole: str, take: Callable[[Arrived], None], verify: Verifier, sender: SenderClock
@@ -276,9 +279,9 @@ class Bus:
         places, remote = len(self._uninvited), zenoh.Locality.REMOTE
         looks = [
             self._session.declare_subscriber(
-                key(self.vehicle, f"{root}/*"), zenoh.handlers.RingChannel(places), allowed_origin=remote
+                key(self.vehicle, pattern), zenoh.handlers.RingChannel(places), allowed_origin=remote
             )
-            for root in dict.fromkeys(suffix.partition("/")[0] for suffix in self._uninvited)
+            for pattern in (f"{PLAIN_ROOT}/*", *self._secret_reports)
         ]
         try:
             await asyncio.sleep(LOOK)

@@ -194,13 +194,13 @@ KEYS: Final[tuple[KeySpec, ...]] = (
     KeySpec("sim/faults", Use.CLIENT, SimFaults, "1 Hz and on change", "Faults the simulator plays.", fresh=_SLOW),
     KeySpec("sim/camera/<name>", Use.CLIENT, CameraFrame, "30 Hz, where it is on", "What the simulated camera sees."),
     KeySpec(
-        *("positions/<name>", Use.CLIENT, PositionReport, "as measured, up to 300 Hz"),
-        "Pose of the vehicle by a source of `[[positions]]`; with a secret below a private key, docs/positions.md.",
+        *("positions/<name>/report", Use.CLIENT, PositionReport, "as measured, up to 300 Hz"),
+        "Pose of the vehicle by a source of `[[positions]]`; docs/positions.md.",
         fresh=_FLOWN,
     ),
     KeySpec(
         *("positions/<name>/health", Use.CLIENT, PositionHealth, "1 Hz"),
-        "What the sender of a source says of itself: `mkdaemon gateway mocap`.",
+        "What `mkdaemon gateway mocap` says of itself.",
         fresh=_SLOW,
     ),
     KeySpec("joy/<pad>", Use.CLIENT, Joy, "50 Hz and on change", "A gamepad of another machine: `mkctl teleop --joy`."),

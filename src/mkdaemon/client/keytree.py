@@ -163,10 +163,15 @@ class PositionsNameKeys:
     """Streams of `positions/<name>/...`."""
 
     def __init__(self, transport: Transport, name: str) -> None:
+        self.report: Stream[PositionReport] = Stream(
+            transport, f"positions/{part_of_key(name)}/report", "position:PositionReport"
+        )
+        """`positions/<name>/report`, as measured, up to 300 Hz: Pose of the vehicle by a source of `[[positions]]`;
+        docs/positions.md."""
         self.health: Stream[PositionHealth] = Stream(
             transport, f"positions/{part_of_key(name)}/health", "position:PositionHealth"
         )
-        """`positions/<name>/health`, 1 Hz: What the sender of a source says of itself: `mkdaemon gateway mocap`."""
+        """`positions/<name>/health`, 1 Hz: What `mkdaemon gateway mocap` says of itself."""
 
 
 class RecordKeys:
@@ -223,10 +228,9 @@ class KeyTree(Transport):
         """Streams of `vision/<camera>/...`."""
         return VisionCameraKeys(self, camera)
 
-    def positions(self, name: str) -> Stream[PositionReport]:
-        """`positions/<name>`, as measured, up to 300 Hz: Pose of the vehicle by a source of `[[positions]]`; with a
-        secret below a private key, docs/positions.md."""
-        return Stream(self, f"positions/{part_of_key(name)}", "position:PositionReport")
+    def positions(self, name: str) -> PositionsNameKeys:
+        """Streams of `positions/<name>/...`."""
+        return PositionsNameKeys(self, name)
 
     def joy(self, pad: str) -> Stream[Joy]:
         """`joy/<pad>`, 50 Hz and on change: A gamepad of another machine: `mkctl teleop --joy`."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.bus.names import key
 from mkdaemon.client.transport import Transport
-from mkdaemon.telemetry.position import SUFFIX, PositionHealth, PositionReport
+from mkdaemon.telemetry.position import PositionHealth, PositionReport, report_key
 from mkdaemon.telemetry.signature import private_key, stamped_proof
 
 if TYPE_CHECKING:
@@ -41,13 +41,13 @@ class PositionSender:
             clock: of the stamps [s]; it is never set.
             epoch: number of this start, larger than that of the last; Unix time [ms] if None.
         """
-        self._suffix, self._secret, self._clock = f"{SUFFIX}{name}", secret, clock
+        self._suffix, self._secret, self._clock = report_key(name), secret, clock
         self._epoch = int(time.time() * 1000) if epoch is None else epoch
         self._encoding = encoding_of(PositionReport)
         whole = key(transport.vehicle, self._suffix)
         place = whole if secret is None else private_key(secret, whole)
         self._reports: SetpointPublisher = transport.stream(place.removeprefix(key(transport.vehicle, "")))
-        self._health: SetpointPublisher = transport.stream(f"{self._suffix}/health")
+        self._health: SetpointPublisher = transport.stream(f"positions/{name}/health")
         self.sequence = 0
 
     def send(
@@ -74,8 +74,8 @@ class PositionSender:
             epoch=self._epoch,
             sequence=self.sequence,
             age=age,
-            position=tuple(map(float, position)),  # type: ignore[arg-type]  # its length is checked there
-            quaternion=tuple(map(float, quaternion)),  # type: ignore[arg-type]
+            position=tuple(map(float, position)),
+            quaternion=tuple(map(float, quaternion)),
             covariance=None if covariance is None else tuple(map(float, covariance)),
         )
         payload = encode(report)

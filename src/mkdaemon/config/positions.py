@@ -16,7 +16,7 @@ Degrees3 = tuple[float, float, float]
 
 
 class PositionSource(Section):
-    """A source of poses that a program puts to `positions/<name>`: `[[positions]]`. Used as a camera is."""
+    """A source of poses that a program puts to `positions/<name>/report`: `[[positions]]`. Used as a camera is."""
 
     name: CameraName = "mocap"
     """Name on the bus; no camera or other source has it."""

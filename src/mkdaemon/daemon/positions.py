@@ -15,7 +15,7 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.events import EyeStats, Feed, PoseSeen, SightRefused
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.position import SUFFIX, PositionReport
+from mkdaemon.telemetry.position import PositionReport, report_key
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.tone import Tone
@@ -69,7 +69,7 @@ class PositionSources:
             ConfigError: a secret cannot be read.
         """
         for name, eye in self._eyes.items():
-            secret, suffix = eye.cfg.secret(), f"{SUFFIX}{name}"
+            secret, suffix = eye.cfg.secret(), report_key(name)
             bus.receive_reports(suffix, partial(self.arrived, name), partial(clock_of, suffix, secret), secret)
 
     def attitude_received(self, attitude: Attitude) -> None:

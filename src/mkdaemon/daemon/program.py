@@ -34,7 +34,7 @@ from mkdaemon.daemon.watchdog import Notifier, feed_watchdog
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.link.ports.port import open_port
-from mkdaemon.telemetry.position import SUFFIX
+from mkdaemon.telemetry.position import report_key
 from mkdaemon.telemetry.signature import private_key
 
 RECORDING: Final = "replay:"
@@ -79,7 +79,7 @@ async def run(
         *(cfg.bus, cfg.vehicle.name, black_box.bus_recorder),
         takes_images=takes_images,
         private_images=private_images(cfg.cameras),
-        positions={f"{SUFFIX}{source.name}": source.secret() for source in cfg.positions},
+        positions={report_key(source.name): source.secret() for source in cfg.positions},
     )
     async with black_box.run(), opening as bus:
         daemon = Daemon(cfg, bus, clock, black_box, last_word, reloading)
@@ -162,7 +162,7 @@ class Daemon:
                 self._audit.log("warning", text)
         for source in cfg.positions:
             if source.secret_file is None:
-                text = f"source {source.name}: any program can put poses to {SUFFIX}{source.name}; set secret_file"
+                text = f"source {source.name}: any program can put poses to {report_key(source.name)}; set secret_file"
                 self._audit.log("warning", text)
         report = take_report(self._report)
         if report is not None:

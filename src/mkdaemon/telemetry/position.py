@@ -9,12 +9,15 @@ from mkdaemon.telemetry.base import Command, Stamped
 
 _Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 _Share = Annotated[float, Field(ge=-1.5, le=1.5)]
-SUFFIX = "positions/"
-"""Keys of reports begin so; the name of the source follows."""
+
+
+def report_key(name: str) -> str:
+    """Key of the reports of a source, without `mk/<vehicle>/`."""
+    return f"positions/{name}/report"
 
 
 class PositionReport(Command):
-    """Where a source of poses measured the vehicle: `positions/<name>`, newest wins.
+    """Where a source of poses measured the vehicle: `positions/<name>/report`, newest wins.
 
     A source that does not see the body sends nothing: a pose is never sent twice.
     """

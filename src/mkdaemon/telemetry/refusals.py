@@ -238,7 +238,8 @@ class Token(StrEnum):
     NO_ESTIMATE = (
         "no_estimate",
         "{name} needs the position of the aircraft, and no camera or source of poses has shown it yet.",
-        "`mkctl watch 'vision/**'` shows what they see; the configuration needs [[cameras]], calibrated, or [[positions]].",
+        "`mkctl watch 'vision/**'` shows what they see; [[cameras]] in the configuration needs one, calibrated, or "
+        "[[positions]] a source.",
     )
     TARGET_UNCLEAR = (
         "target_unclear",

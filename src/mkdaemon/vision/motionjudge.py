@@ -1,10 +1,10 @@
 """Does a source of poses show the motion of this aircraft? Pure.
 
-A source from outside can be wrong in ways that no single pose shows: its axes are mirrored, it follows another body, its
-stamps hide a delay, it repeats its last pose. What contradicts it is the aircraft itself. Its boards report the tilt,
-and tilt is acceleration: a = g tan(tilt). Three tests follow, each on the motion of the last seconds and not on single
-values: the tilt of the source less that of the boards, the acceleration of its positions less that of the boards' tilt,
-and steps that no aircraft flies. Limits: docs/lab/positions.md.
+A source from outside can be wrong in ways that no single pose shows: its axes are mirrored, it follows another body,
+its stamps hide a delay, it repeats its last pose. The aircraft itself contradicts it: its boards report the tilt, and
+tilt is acceleration, a = g tan(tilt). Two tests compare the motion of the last seconds: the tilt of the source less
+that of the boards, and the acceleration of its positions less that of the boards' tilt. A third one finds steps that
+no aircraft flies. Sources of the limits: docs/lab/positions.md.
 """
 
 from __future__ import annotations
@@ -74,11 +74,11 @@ class Contradiction(Enum):
 
     LEANT = "it leans against the boards: correct which axis is up (rpy_deg), or how the body is defined (body_rpy_deg)"
     TILT = (
-        "it does not tilt as the boards do: mirrored axes, another body, or late by more than it says; correct that, and "
-        "start its sender again or tilt the aircraft by hand"
+        "it does not tilt as the boards do: mirrored axes, another body, or late by more than it says; correct that, "
+        "then start its sender again or tilt the aircraft by hand"
     )
     MOTION = (
-        "it does not move the way the aircraft tilts: mirrored or swapped axes; correct that, and start its sender again"
+        "it does not move as the aircraft tilts: mirrored or swapped axes; correct that, then start its sender again"
     )
 
 
@@ -88,7 +88,7 @@ class Comparison:
 
     Attributes:
         leant: mean difference of the tilts [rad].
-        tilt: power of the difference of the tilts over that of the boards', the worse axis; None where too little moved.
+        tilt: power of the difference of the tilts over that of the boards', the worse axis; None without motion.
         motion: the same of the accelerations; None also where the aircraft is not flown: a hand needs no tilt.
         is_alike: both axes tilted enough to tell, and the tilts are those of one aircraft.
     """

@@ -22,7 +22,7 @@ from mkdaemon.frames import (
 )
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.position import SUFFIX, PositionReport
+from mkdaemon.telemetry.position import PositionReport, report_key
 from mkdaemon.telemetry.vision import EyeState, PoseRefusal, PoseRefused, VisionPose, VisionStats
 from mkdaemon.vision.motionjudge import MotionJudge
 
@@ -40,7 +40,7 @@ REMEDIES: Final = {
     PoseRefusal.MALFORMED: "they are no poses; docs/keys.md has the fields of PositionReport",
     PoseRefusal.UNSIGNED: "they are not signed with the secret of `secret_file`; give the sender the same one",
     PoseRefusal.LATE: "they are older than max_age; look for a slow network, or a queue in the sender",
-    PoseRefusal.OUT_OF_ORDER: "older than the ones before; two programs send under this name, or a sender's clock is off",
+    PoseRefusal.OUT_OF_ORDER: "older than the ones before; two programs send under this name, or one's clock is set",
     PoseRefusal.REPEATED: "the same numbers come again and again; its system does not measure",
     PoseRefusal.OFF_COURSE: "they jumped; another body's pose, or another frame",
     PoseRefusal.MOTION: "",
@@ -49,7 +49,7 @@ REMEDIES: Final = {
 
 
 class _Spot(NamedTuple):
-    """A target that poses are published against: origin (3,) [m] and axes (3, 3) in the frame of the source's target."""
+    """A target that poses are published against: origin (3,) [m] and axes (3, 3), in the frame of `target`."""
 
     name: str
     origin: Vector
@@ -206,7 +206,7 @@ class PositionEye:
             state=state,
             reason=reason,
             alarms={},
-            source=f"{SUFFIX}{self.cfg.name}",
+            source=report_key(self.cfg.name),
             width=0,
             height=0,
             fps=len(recent) / MEASURED,

@@ -48,9 +48,7 @@ class Measured:
         """The report of it."""
         x, y, z = self.position.tolist()
         quaternion = quaternion_from_rotation(self.rotation)
-        return PositionReport(
-            epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=quaternion
-        )
+        return PositionReport(epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=quaternion)
 
 
 class MotionCapture:
@@ -85,7 +83,7 @@ class MotionCapture:
 
 
 def _off(capture: MotionCapture, measured: Measured, at: float) -> Measured:
-    return Measured(measured.position + (0.3, 0.0, 0.0), measured.rotation)
+    return Measured(measured.position + np.array([0.3, 0.0, 0.0]), measured.rotation)
 
 
 def _other(capture: MotionCapture, measured: Measured, at: float) -> Measured:
@@ -124,5 +122,5 @@ FAULTS: Final[dict[str, Callable[[MotionCapture, Measured, float], Measured | No
     "neighbour": _neighbour,
     "frozen": MotionCapture._repeat,  # noqa: SLF001  # the same class
 }
-"""Faults by name: 0.3 m off; silent; 0.5 s late, and the same unsaid; left-handed axes of the whole pose, or of the place
-alone; y for up; the pose of another body, which is carried, or which stands beside; the last pose again and again."""
+"""Faults by name: 0.3 m off; silent; 0.5 s late, and the same unsaid; left-handed axes of the whole pose, or of the
+place alone; y for up; the pose of another body that is carried, or that stands beside; the last pose repeated."""

@@ -141,7 +141,12 @@ def body(*position, w=1.0):
 
 
 def test_bodies_are_read_and_hidden_ones_left_out():
-    seen = {"a": body(1.0, 2.0, 0.5), "nan": body(math.nan, 0.0, 0.0), "zero": body(0.0, 0.0, 0.0), "none": body(1, 1, 1, w=0.0)}
+    seen = {
+        "a": body(1.0, 2.0, 0.5),
+        "nan": body(math.nan, 0.0, 0.0),
+        "zero": body(0.0, 0.0, 0.0),
+        "none": body(1, 1, 1, w=0.0),
+    }
     library = Library(seen)
     frames = frames_of(library, find_system("vicon"), "there")
     assert next(frames) == {"a": HERE}

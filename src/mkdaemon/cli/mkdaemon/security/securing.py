@@ -51,7 +51,7 @@ def new_ca(
     days: Count = DAYS,
     force: bool = False,
 ) -> None:
-    """Make an authority, and a file each for a daemon, a pilot, an observer, a recorder and a source; it is all that they need.
+    """Make an authority, and a file each for a daemon, a pilot, an observer, a recorder and a source: all they need.
 
     Example: mkdaemon security new-ca security ground.example 192.168.7.1
 
