@@ -345,6 +345,17 @@ class SceneConfig(Section):
     """Also write all images to this v4l2loopback device, for other programs."""
 
 
+class MocapConfig(Section):
+    """A simulated motion capture system: the sender of a source of `[[positions]]`."""
+
+    enabled: bool = False
+    """Whether it reports the aircraft, 100 times a second."""
+    name: CameraName = "mocap"
+    """Name of the source."""
+    secret_file: Path | None = None
+    """File with the secret that signs its reports, as `secret_file` of the source; unset signs none."""
+
+
 _LAST_PORT: Final = 65535
 
 
@@ -412,6 +423,8 @@ class SimConfig(Section):
     """The way between host and board."""
     scene: SceneConfig = SceneConfig()
     """The on-board camera and what it sees."""
+    mocap: MocapConfig = MocapConfig()
+    """A motion capture system around it."""
     listen: str | None = Field(default=None, pattern=r"^[^:]+:\d{1,5}$")
     """Also offer the port over TCP, `host:port`; it carries one client at a time."""
     connect: tuple[str, ...] = ("tcp/127.0.0.1:7447",)

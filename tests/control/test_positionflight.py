@@ -20,11 +20,11 @@ def test_it_takes_off_holds_steps_and_lands_by_motion_capture_alone():
 ON_GROUND = {
     "silent": "no report yet",
     "late": "older than max_age",
-    "secretly late": "it does not tilt as the boards do",
+    "late_unsaid": "it does not tilt as the boards do",
     "mirrored": "it does not tilt as the boards do",
-    "mirrored place": "it does not move as the aircraft tilts",
-    "wrong up": "it leans against the boards",
-    "other body": "waiting for",
+    "mirrored_place": "it does not move as the aircraft tilts",
+    "wrong_up": "it leans against the boards",
+    "other_body": "waiting for",
     "neighbour": "it does not tilt as the boards do",
     "frozen": "the same numbers come again and again",
 }
@@ -33,8 +33,8 @@ IN_THE_AIR = {
     **ON_GROUND,
     "off": "they jumped",
     "silent": "the last report is",
-    "wrong up": "they jumped",
-    "other body": "they jumped",
+    "wrong_up": "they jumped",
+    "other_body": "they jumped",
     "neighbour": "they jumped",
 }
 

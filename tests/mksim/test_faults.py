@@ -28,6 +28,7 @@ NAMES = (
     "gps_lost",
     "compass_bias",
     "imu_bias",
+    "mocap",
 )
 
 

@@ -116,7 +116,7 @@ class Bus:
         """
         root = new_setpoint_root(cfg.connect)
         plain = tuple(spec.suffix for spec in of_use(Use.SETPOINT))
-        kinds = (*plain, *(below(root, suffix) for suffix in plain), *(f"{suffix}/**" for suffix in positions))
+        kinds = (*plain, *(below(root, suffix) for suffix in plain), *positions)
         rates = {suffix: POSITION_RATE if secret is None else PLAIN_RATE for suffix, secret in positions.items()}
         config = session_config(
             "peer",
@@ -129,12 +129,7 @@ class Bus:
                 "gateway": NEIGHBOURS,
             },
         )
-        private_reports = {
-            plain: private_key(secret, plain)
-            for plain, secret in ((key(vehicle, suffix), secret) for suffix, secret in positions.items())
-            if secret is not None
-        }
-        extend_access(config, vehicle, root, {**private_images, **private_reports})
+        extend_access(config, vehicle, root, {**private_images, **_private_keys(vehicle, positions)})
         reachable = check_exposure(config, allow_open=cfg.allow_open)
         session = await open_session(config, listen=cfg.listen)
         try:
@@ -347,3 +342,9 @@ class Bus:
             whole = key(self.vehicle, f"schema/{name}")
             if query.key_expr.intersects(whole) and (schema := schema_json(name)) is not None:
                 query.reply(whole, schema, encoding=_JSON)
+
+
+def _private_keys(vehicle: str, secrets: Mapping[str, str | None]) -> dict[str, str]:
+    """Private keys by the plain ones, of suffixes that have a secret."""
+    plain = {key(vehicle, suffix): secret for suffix, secret in secrets.items()}
+    return {each: private_key(secret, each) for each, secret in plain.items() if secret is not None}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from mkdaemon.bus.commandserver import Handler
 from mkdaemon.bus.gateway import Watcher
@@ -121,15 +121,9 @@ class Wiring:
             require_safe_loop(cfg.control)
         # Milliseconds since 1970: above every epoch of an earlier run, whatever a client still streams.
         first_epoch = int(clock.stamp().wall * 1000)
-        deck = self._deck = Deck(
-            *(cfg.control, bus, clock),
-            first_epoch=first_epoch,
-            make_eyes=make_eyes,
-            positions=cfg.positions,
-            tap=tap,
-        )
-        self.core, facts = deck.core, deck.core.vehicle
-        self.facts = facts
+        eyes: dict[str, Any] = {"make_eyes": make_eyes, "positions": cfg.positions}
+        deck = self._deck = Deck(cfg.control, bus, clock, first_epoch=first_epoch, tap=tap, **eyes)
+        self.core, self.facts = deck.core, (facts := deck.core.vehicle)
         audit, self.audit, self.eyes = deck.audit, deck.audit, deck.eyes
         link = self.link = make_link(
             cfg.link, deck.sink, opener=opener, clock=clock, motors_running=facts.motors_running, guard=guard, tap=tap

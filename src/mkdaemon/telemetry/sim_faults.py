@@ -63,6 +63,11 @@ def _number(default: float, low: float, high: float, unit: str, help_: str) -> F
     return FaultNumber(default, low, high, unit, help_)
 
 
+MOCAP_KINDS: Final = (
+    *("silent", "off", "late", "late_unsaid", "mirrored", "mirrored_place", "wrong_up", "other_body", "neighbour"),
+    "frozen",
+)
+"""What a motion capture system may do: see `mksim.physics.mocap`."""
 FAULTS: Final[dict[str, FaultSpec]] = {
     "motor_weak": FaultSpec(
         Reader.WORLD,
@@ -106,6 +111,11 @@ FAULTS: Final[dict[str, FaultSpec]] = {
             "rate_deg": _number(1.0, -30.0, 30.0, "deg/s", "added to the pitch and roll gyros"),
             "lean_deg": _number(2.0, -20.0, 20.0, "deg", "added to the accelerometer's pitch and roll"),
         },
+    ),
+    "mocap": FaultSpec(
+        Reader.SCENE,
+        "The motion capture system is wrong.",
+        {"kind": FaultChoice("silent", MOCAP_KINDS, "what is wrong with its poses")},
     ),
     "link_cut": FaultSpec(
         Reader.RADIO,

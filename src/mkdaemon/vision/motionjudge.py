@@ -83,7 +83,7 @@ class Contradiction(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class MotionDifference:
     """How far source and boards differ.
 
     Attributes:
@@ -169,7 +169,7 @@ class MotionJudge:
                 self._conclude(found)
         return PoseRefusal.MOTION if self.contradiction else None
 
-    def _conclude(self, found: Comparison) -> None:
+    def _conclude(self, found: MotionDifference) -> None:
         """Contradict the source when the same contradiction has lasted; believe it again when that is refuted."""
         self._lasted = self._lasted + 1 if found.contradiction is self._suspected else 1
         self._suspected = found.contradiction
@@ -207,7 +207,7 @@ class MotionJudge:
         self._strayed = False
         return True
 
-    def compare(self) -> Comparison | None:
+    def compare(self) -> MotionDifference | None:
         """Compare the motion of the last seconds with that of the boards; None where it is not whole."""
         if len(self._motion) < round(0.6 * WINDOW / GRID) or len(self._boards) < 10:
             return None
@@ -225,7 +225,7 @@ class MotionJudge:
         flown = grid >= self._flown_from
         accelerations = _unlike_accelerations(grid[flown], motion, reported[:, flown])
         worst = max(unlike(tilts, reported, TILT_LEAST, TILT_DIFFERS), default=None)
-        return Comparison(leant, worst, max(accelerations, default=None), is_alike)
+        return MotionDifference(leant, worst, max(accelerations, default=None), is_alike)
 
 
 def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> list[float]:

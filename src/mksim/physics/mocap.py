@@ -44,11 +44,17 @@ class Measured:
     latency: float = LATENCY
     said: float = LATENCY
 
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """The rotation (w, x, y, z)."""
+        return quaternion_from_rotation(self.rotation)
+
     def report(self, epoch: int, sequence: int) -> PositionReport:
         """The report of it."""
         x, y, z = self.position.tolist()
-        quaternion = quaternion_from_rotation(self.rotation)
-        return PositionReport(epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=quaternion)
+        return PositionReport(
+            epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=self.quaternion
+        )
 
 
 class MotionCapture:
@@ -114,11 +120,11 @@ FAULTS: Final[dict[str, Callable[[MotionCapture, Measured, float], Measured | No
     "off": _off,
     "silent": lambda capture, measured, at: None,
     "late": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.5),
-    "secretly late": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.0),
+    "late_unsaid": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.0),
     "mirrored": _mirrored,
-    "mirrored place": _crossed,
-    "wrong up": _wrong_up,
-    "other body": _other,
+    "mirrored_place": _crossed,
+    "wrong_up": _wrong_up,
+    "other_body": _other,
     "neighbour": _neighbour,
     "frozen": MotionCapture._repeat,  # noqa: SLF001  # the same class
 }

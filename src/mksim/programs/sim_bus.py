@@ -26,6 +26,7 @@ from mkdaemon.telemetry.sim import FaultAction, FaultRequest, RunningFault, SimF
 from mkdaemon.telemetry.status import Status
 from mksim.config import SimConfig
 from mksim.programs.sim_camera import CameraPublisher
+from mksim.programs.sim_mocap import report_positions
 from mksim.programs.simsession import check_endpoints, stay_connected
 from mksim.runtime import running
 from mksim.simulation import Simulation
@@ -197,7 +198,10 @@ async def sim_on_bus(
 
     async def serve(session: zenoh.Session) -> None:
         with publisher.open(session) if publisher is not None else contextlib.nullcontext():
-            await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
+            async with asyncio.TaskGroup() as tasks:
+                if config.mocap.enabled:
+                    tasks.create_task(report_positions(session, simulation, config, vehicle), name="motion capture")
+                await SimBus(session, simulation, vehicle, port).publish(config.truth_rate_hz)
 
     async with running(stay_connected(config.connect, serve), "simulator on the bus"):
         yield

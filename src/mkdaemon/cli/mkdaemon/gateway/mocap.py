@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -20,6 +21,9 @@ from mkdaemon.client import connect as connect_client
 from mkdaemon.client.connection import DEFAULT_ENDPOINT, DEFAULT_VEHICLE
 from mkdaemon.config.camera import read_image_secret
 from mkdaemon.errors import ConfigError
+
+if TYPE_CHECKING:
+    from mkdaemon.gateways.mocap.gateway import Body
 
 
 def mocap(
@@ -67,17 +71,13 @@ def mocap(
     with needing("mkdaemon gateway mocap", "motioncapture", "mocap", "motioncapture"):
         library = import_module("motioncapture")
 
+    where, frames = f"{chosen.word} at {host}", partial(frames_of, library, chosen, host)
+
     async def serve() -> None:
-        from mkdaemon.client.positions import PositionSender
-        from mkdaemon.gateways.mocap.gateway import Body, MocapGateway
+        from mkdaemon.gateways.mocap.gateway import MocapGateway
 
         async with AsyncExitStack() as stack:
-            bodies = []
-            for name, vehicle, source in wanted:
-                uav = await stack.enter_async_context(connect_client(vehicle, connect, zenoh_file=zenoh_file))
-                bodies.append(Body(name, source, PositionSender(uav, source, secret)))
-            frames = partial(frames_of, library, chosen, host)
-            where = f"{chosen.word} at {host}"
+            bodies = [await stack.enter_async_context(_reported(*each, connect, zenoh_file, secret)) for each in wanted]
             say = partial(print, file=sys.stderr, flush=True)
             gateway = MocapGateway(where, frames, bodies, latency_ms / 1000.0, say)
             favour_threads()
@@ -86,6 +86,18 @@ def mocap(
 
     with asyncio.Runner(loop_factory=fast_loop()) as runner:
         runner.run(run_until_asked_to_end(serve()))
+
+
+@asynccontextmanager
+async def _reported(
+    name: str, vehicle: str, source: str, endpoint: str, zenoh_file: Path | None, secret: str | None
+) -> AsyncIterator[Body]:
+    """A body and its vehicle, which is connected while the context lasts."""
+    from mkdaemon.client.positions import PositionSender
+    from mkdaemon.gateways.mocap.gateway import Body
+
+    async with connect_client(vehicle, endpoint, zenoh_file=zenoh_file) as uav:
+        yield Body(name, source, PositionSender(uav, source, secret))
 
 
 def _body_of(text: str) -> tuple[str, str, str]:
