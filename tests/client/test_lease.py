@@ -144,7 +144,7 @@ async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemo
     monkeypatch.setattr("mkdaemon.client.session.GRACE", 0.2)
     async with uav.lease() as lease:
         daemon.refuses = Token.NO_ESTIMATE
-        with pytest.raises(CommandRejectedError, match="no camera has seen a target yet") as refused:
+        with pytest.raises(CommandRejectedError, match="no camera or source of poses has shown it yet") as refused:
             await lease.goto(0, 0, 2, seconds=1)
         assert refused.value.token == "no_estimate"
         assert "mkctl watch" in refused.value.fix

@@ -345,4 +345,4 @@ def test_entry_waits_for_a_fresh_image_and_a_certain_position():
     assert "agree with the model" in fresh.obstacle
     old = flying.step(position(), 1.6)
     assert "a fresh image" in old.obstacle
-    assert "no camera has seen a target yet" in Flying().step(position(), 0.0).obstacle
+    assert "no camera or source of poses has shown it yet" in Flying().step(position(), 0.0).obstacle

@@ -1,0 +1,96 @@
+"""A place that was measured in the target frame: it counts as it is, whatever the tilt and the attitude say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mkdaemon.control.estimator.estimator import Estimator
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.estimator.values import TargetView
+from mkdaemon.control.sight import velocity_between
+from mkdaemon.frames import rotation_from_euler
+
+SD = 0.002
+
+
+def view(at, place, *, tilt=0.0, camera="mocap", is_placed=True, shared=0.0):
+    rotation = rotation_from_euler(0.0, tilt, 0.3)
+    covariance = np.diag([SD**2 + shared**2] * 3 + [0.01**2] * 3)
+    seen = -rotation.T @ np.array(place)
+    return TargetView(at, seen, rotation, covariance, camera, (shared, shared, 0.0), is_placed)
+
+
+def follow(place, *, seconds=2.0, tilt=0.0, camera="mocap", **more):
+    """An estimate that stands, with level boards, after views of one place."""
+    estimator = Estimator(AircraftModel(), view(0.0, place, tilt=tilt, camera=camera, **more), 118.0, compass=0.3)
+    for k in range(1, round(seconds / 0.03)):
+        estimator.attitude_received(0.03 * k - 0.01, 0.0, 0.0, 0.3)
+        estimator.target_seen(view(0.03 * k, place, tilt=tilt, camera=camera, **more), 0.03 * k)
+    return estimator
+
+
+def test_a_crooked_body_moves_no_place():
+    place = (4.0, -3.0, 1.5)
+    found = follow(place, tilt=math.radians(2.0)).estimate(2.0)
+    assert found.position == pytest.approx(place, abs=0.005)
+
+
+def test_the_first_view_places_the_estimate_exactly():
+    estimator = Estimator(AircraftModel(), view(0.0, (4.0, -3.0, 1.5), tilt=0.1), 118.0)
+    assert estimator.estimate(0.0).position == pytest.approx((4.0, -3.0, 1.5), abs=1e-6)
+
+
+def test_height_and_distance_are_those_of_the_place():
+    found = view(0.0, (4.0, -3.0, 1.5), tilt=0.2)
+    assert (found.height, found.aside) == (pytest.approx(1.5), pytest.approx(5.0))
+    seen = view(0.0, (4.0, -3.0, 1.5), tilt=0.2, is_placed=False)
+    assert seen.height == -float(seen.position_flu[2])
+
+
+def test_a_velocity_is_the_difference_of_two_places():
+    before, after = view(0.0, (4.0, -3.0, 1.5), tilt=0.1), view(0.1, (4.05, -3.0, 1.5), tilt=-0.1)
+    assert velocity_between(before, after) == pytest.approx((0.5, 0.0, 0.0), abs=1e-9)
+
+
+def test_what_its_reports_have_in_common_stays_in_the_deviation():
+    sure, vague = (follow((0.0, 0.0, 1.5), shared=shared).estimate(2.0).position_sd for shared in (0.0, 0.05))
+    assert sure.max() < 0.01
+    assert vague.min() == pytest.approx(0.05, abs=0.005)
+
+
+def test_a_calibration_less_certain_than_the_pose_is_a_fault():
+    wrong = TargetView(0.0, np.zeros(3), np.eye(3), np.eye(6) * 1e-6, "mocap", (0.1, 0.1, 0.0), is_placed=True)
+    assert wrong.fault is not None
+
+
+def test_of_two_sources_the_one_that_is_off_is_named_and_not_used():
+    place, off = (0.0, 0.0, 1.5), (0.3, 0.0, 1.5)
+    estimator = Estimator(AircraftModel(), view(0.0, place, shared=0.01), 118.0, compass=0.3)
+    for k in range(1, 80):
+        t = 0.03 * k
+        estimator.attitude_received(t - 0.02, 0.0, 0.0, 0.3)
+        estimator.target_seen(view(t - 0.015, off, camera="uwb", shared=0.01), t - 0.015)
+        estimator.target_seen(view(t, place, shared=0.01), t)
+    assert estimator.contradicting == ("uwb",)
+    assert estimator.estimate(2.4).position == pytest.approx(place, abs=0.02)
+    assert not estimator.stands_on("mocap")
+
+
+def test_two_that_agree_within_their_frames_are_both_used():
+    place, near = (0.0, 0.0, 1.5), (0.015, 0.0, 1.5)
+    estimator = Estimator(AircraftModel(), view(0.0, place, shared=0.01), 118.0, compass=0.3)
+    for k in range(1, 80):
+        t = 0.03 * k
+        estimator.attitude_received(t - 0.02, 0.0, 0.0, 0.3)
+        estimator.target_seen(view(t - 0.015, near, camera="uwb", shared=0.01), t - 0.015)
+        estimator.target_seen(view(t, place, shared=0.01), t)
+    assert estimator.contradicting == ()
+
+
+def test_an_estimate_stands_on_one_source_when_others_are_silent():
+    estimator = follow((0.0, 0.0, 1.5))
+    assert estimator.stands_on("mocap")
+    assert not estimator.stands_on("down")
