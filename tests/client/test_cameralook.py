@@ -11,7 +11,9 @@ import pytest
 
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
-from mkdaemon.client.cameralook import advise
+from mkdaemon.client import connect
+from mkdaemon.client.cameralook import advise, find_camera
+from mkdaemon.errors import MkError
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Exposure, EyeState, PoseRefusal, Tags, TagSighting, VisionStats
 from mkdaemon.vision.camera.imagecodec import encode_jpeg
@@ -137,3 +139,12 @@ def test_a_camera_that_cannot_be_shown_is_named(monkeypatch, tmp_path, capsys):
 def test_figures_of_another_version_are_read_with_reasons_this_one_does_not_know():
     recorded = stats().model_dump(mode="json") | {"refused": {"bits": 3, "range_jump": 2}}
     assert VisionStats.model_validate(recorded).refused == {PoseRefusal.BITS: 3, "range_jump": 2}
+
+
+async def test_a_source_of_poses_is_no_camera():
+    async with fake_daemon() as daemon, connect(VEHICLE, daemon.endpoint) as uav:
+        daemon.bus.publish("vision/mocap/stats", stats(camera="mocap", trusted_for=("flight",)))
+        with pytest.raises(MkError, match="has no camera"):
+            await find_camera(uav)
+        daemon.bus.publish("vision/down/stats", stats(camera="down"))
+        assert await find_camera(uav) == "down"

@@ -237,3 +237,14 @@ def test_no_source_fills_the_memory(motion):
         motion.attitude_received(0.001 * k, 0.0, 0.0)
         motion.target_seen("pad", 0.001 * k, (0.0, 0.0, -1.0))
     assert [len(motion._reported), *map(len, motion._seen.values())] == [1000, 1000]
+
+
+def test_the_tilt_of_a_source_of_poses_is_compared_as_it_is(motion):
+    for k in range(450):
+        t = k / 50
+        pitch, roll = 0.06 * math.sin(7.0 * t), 0.05 * math.cos(9.0 * t)
+        motion.attitude_received(t, pitch, roll)
+        motion.tilt_seen("room", t + 0.03, pitch, roll, "mocap")
+    found = motion.match(9.0, "room")
+    assert found.lag == pytest.approx(0.03, abs=0.0015)
+    assert found.likeness > 0.97

@@ -425,3 +425,17 @@ def test_how_sure_it_is_published_to_be_is_told_of_each_axis():
     east, north, up = sight.estimate(10.2).covariance
     assert len({east, north, up}) == 3
     assert np.array([east, north, up]) == pytest.approx(sight.estimator.motion_covariance)
+
+
+def test_an_estimate_that_stands_on_a_contradicted_source_alone_is_dropped(sight):
+    assert not sight.discredit("mocap")
+    assert sight.estimator is not None
+    assert sight.discredit("down")
+    assert sight.estimator is None
+    assert not sight.discredit("down")
+
+
+def test_an_estimate_on_which_another_camera_agrees_is_kept(sight):
+    see(sight, view(10.02, camera="mocap"))
+    assert not sight.discredit("mocap")
+    assert sight.estimator is not None

@@ -54,6 +54,14 @@ def picture_of(changes=(), *, ages=(), now=NOW, left=None):
             *("vision/down/stats", {"alarms": {"dark": "more light"}}, "eye-down"),
             *("30 images/s, 94 % posed, 38 ms; DARK: more light", "warn"),
         ),
+        (
+            *("vision/down/stats", {"trusted_for": ("flight",), "refused": {"late": 3, "unsigned": 2}}, "eye-down"),
+            *("30 reports/s, 94 % used, 38 ms; 5 refused", "ok"),
+        ),
+        (
+            *("vision/down/stats", {"trusted_for": (), "state": "contradicted", "reason": "it leans"}, "eye-down"),
+            *("THE BOARDS CONTRADICT IT: it leans", "bad"),
+        ),
         ("control/status", {"trouble": "NO POSE"}, "control", "ann flies; external control v2", "bad"),
         ("control/status", {"external_control": None}, "control", "ann flies; external control not possible", "ok"),
         ("control/status", {"pilots_throttle": -20.0}, "hands", "the pilot holds hover", "bad"),
