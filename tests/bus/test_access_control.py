@@ -23,12 +23,14 @@ from mkdaemon.errors import MkError
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.event import LogEvent
+from mkdaemon.telemetry.signature import private_key
 from mkdaemon.telemetry.status import Status
 from tests.bus.support import PATIENCE, ask, bus_config, free_endpoint, sticks_of
 from tests.places import CONFIGS
 
 HELLO = LogEvent(stamp=Stamp(monotonic=1.0, wall=2.0), level="info", text="hello")
-LOOKING = ("observer", "recorder")
+LOOKING = ("observer", "recorder", "source")
+SECRET, REPORTS = "0123456789abcdef", "positions/mocap/report"
 
 
 @pytest.fixture(scope="module")
@@ -51,9 +53,10 @@ async def guarded(certificates):
         return CommandResult(status=Status.ACCEPTED)
 
     cfg = bus_config(endpoint, zenoh_file=certificates / "ours" / "daemon.json5")
-    async with Bus.open(cfg, "t1") as bus:
+    async with Bus.open(cfg, "t1", positions={REPORTS: SECRET}) as bus:
         bus.announce()
         bus.serve("do", handler)
+        bus.receive_reports(REPORTS, lambda at, raw, by: commanded.append(raw), lambda raw, proof: 1, SECRET)
         bus.receive("setpoint/stick", lambda stamp, raw, proof: commanded.append(raw))
         bus.publish("event/log", HELLO)
         yield bus, endpoint, commanded
@@ -104,6 +107,18 @@ async def test_an_observer_and_a_recorder_look_and_cannot_command_or_fly(guarded
     assert commanded == [b"mine"]
     marked = [result["status"] for _, result, _ in await asyncio.to_thread(ask, watcher, "mk/t1/do/mark", None, 1.0)]
     assert marked == (["accepted"] if who == "recorder" else [])
+
+
+@pytest.mark.parametrize(("who", "is_taken"), [("source", True), ("pilot", True), ("observer", False)])
+async def test_a_source_and_a_pilot_report_positions_and_no_observer_does(guarded, connect, who, is_taken):
+    _, endpoint, commanded = guarded
+    sender = await asyncio.to_thread(connect, who, endpoint)
+    pilot = await asyncio.to_thread(connect, "pilot", endpoint)
+    sender.put(private_key(SECRET, f"mk/t1/{REPORTS}"), b"pose")
+    await asyncio.to_thread(ask, sender, "mk/t1/event/log")
+    pilot.put(sticks_of(guarded[0]), b"mine")
+    await wait_until(lambda: b"mine" in commanded)
+    assert (b"pose" in commanded) is is_taken
 
 
 async def test_nobody_forges_telemetry(guarded, connect):

@@ -78,7 +78,7 @@ def test_one_more_is_issued_and_shown(folder, security):
     )
     code, out, _ = security("show", folder)
     lines = {line.partition(":")[0].rpartition("/")[2]: line for line in out.splitlines()}
-    assert (code, len(lines)) == (0, 7)
+    assert (code, len(lines)) == (0, 8)
     assert "observer alice, until" in lines["alice.json5"]
     assert "(825 days)" in lines["alice.json5"] or "(824 days)" in lines["alice.json5"]
     assert "daemon second at localhost, 127.0.0.1, 10.0.0.2" in lines["d2.json5"]
