@@ -40,7 +40,7 @@ TILT_DIFFERS: Final = math.radians(0.7)
 """Boards and a right source differ by as much, root mean square [rad]: accelerations mislead the boards."""
 WIND: Final = 0.35
 """Acceleration that no tilt explains [m/s2], root mean square: gusts, and the lift-off into the wind."""
-TILT_UNLIKE: Final = 0.7
+TILT_UNLIKE: Final = 0.8
 """Power of the difference over that of the boards' tilt from which on they are different motions: 0.1 where they are
 one; 1 of a body that stands, 2 of another aircraft, 4 of a mirrored axis."""
 MOTION_UNLIKE: Final = 2.2
@@ -246,7 +246,9 @@ def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> lis
 
 
 def unlike(shown: Matrix, true: Matrix, least: float, noise: float) -> list[float]:
-    """Power of the difference of two motions (2, n) over that of the second, each less its mean.
+    """Power of the difference of two motions (2, n) over that of the second, each less its trend.
+
+    A straight line is left out: after a strong acceleration the boards' tilt is off by degrees, and returns slowly.
 
     Args:
         shown: one.
@@ -257,8 +259,15 @@ def unlike(shown: Matrix, true: Matrix, least: float, noise: float) -> list[floa
     Returns:
         One for each axis that moves enough.
     """
-    difference, motion = shown - true, true - true.mean(axis=1, keepdims=True)
-    difference = difference - difference.mean(axis=1, keepdims=True)
+    difference, motion = _less_trend(shown - true), _less_trend(true)
     powers = (motion**2).mean(axis=1)
     excess = np.maximum((difference**2).mean(axis=1) - noise**2, 0.0)
     return [float(each / power) for each, power in zip(excess, powers, strict=True) if power > least**2]
+
+
+def _less_trend(values: Matrix) -> Matrix:
+    """Rows (2, n) less the straight line through each."""
+    line = np.linspace(-1.0, 1.0, values.shape[1])
+    line /= np.linalg.norm(line)
+    rest: Matrix = values - values.mean(axis=1, keepdims=True)
+    return rest - np.outer(rest @ line, line)
