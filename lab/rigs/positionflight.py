@@ -19,11 +19,11 @@ from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
 from mkdaemon.control.events import EyeStats, MotorsReported, PoseSeen, Released, SightRefused
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.control.regulator.autopilot import Goal
+from mkdaemon.positions.positioneye import PositionEye
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.control import ReleaseOutcome
 from mkdaemon.telemetry.setpoint import LandSetpoint, PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
 from mkdaemon.telemetry.vision import EyeState, PoseRefused, VisionPose, VisionStats
-from mkdaemon.vision.positioneye import PositionEye
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
 from mksim.physics.mocap import RATE, Measured, MotionCapture

@@ -47,7 +47,8 @@ def test_a_new_file_with_all_keys_is_right_when_every_comment_is_taken_away(conf
     lines = [line for line in bare if line.startswith("[") or (line.partition(" = ")[0] in names and "..." not in line)]
     path.write_text("\n".join(lines).replace("[[cameras]]", '[[cameras]]\nsource = "/dev/video0"'), encoding="utf-8")
     cfg = load(path)
-    assert cfg.model_copy(update={"cameras": ()}) == load(None)
+    assert cfg.model_copy(update={"cameras": (), "positions": ()}) == load(None)
+    assert cfg.positions[0].trusted_for == ("takeoff", "flight", "landing")
     assert cfg.cameras[0].fps is None
 
 

@@ -82,6 +82,6 @@ class PositionSender:
         proof = stamped_proof(self._secret or "", self._suffix, payload, self._clock())
         self._reports.put(payload, encoding=self._encoding, attachment=proof)
 
-    def tell(self, health: PositionHealth) -> None:
+    def publish_health(self, health: PositionHealth) -> None:
         """Put what the sender says of itself."""
         self._health.put(encode(health), encoding=encoding_of(PositionHealth))

@@ -3,23 +3,42 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from mkdaemon.config.base import Section
 from mkdaemon.config.camera import CameraName, read_image_secret
-from mkdaemon.config.vision import Metres3, Name, PlaceSection
+from mkdaemon.config.vision import Metres3, Name
 
 Use = Literal["takeoff", "flight", "landing"]
 Degrees3 = tuple[float, float, float]
+
+
+class PositionPlace(Section):
+    """A named place in the frame of a source's target; a flight names it as it names a target."""
+
+    name: Name = "pad"
+    """Name in results and on the bus; no target or other place has it.
+
+    With the name of another place, flights go by both at once."""
+    position: Metres3 = (0.0, 0.0, 0.0)
+    """Origin of the place in the frame of `target` [m].
+
+    An error moves the landing by as much."""
+    yaw_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
+    """Turn of its axes about the up axis of `target` [deg].
+
+    An error turns every direction that is given from this place."""
 
 
 class PositionSource(Section):
     """A source of poses that a program puts to `positions/<name>/report`: `[[positions]]`. Used as a camera is."""
 
     name: CameraName = "mocap"
-    """Name on the bus; no camera or other source has it."""
+    """Name on the bus; no camera or other source has it.
+
+    A name that a camera has is refused."""
     target: Name = "map"
     """Target or map in whose frame its poses count; a flight names it as a target.
 
@@ -57,9 +76,11 @@ class PositionSource(Section):
 
     Longer flies by late poses, which oscillates above 0.2 s; shorter loses poses on a network that stalls."""
     trusted_for: tuple[Use, ...] = ("takeoff", "flight", "landing")
-    """What may be flown by this source alone. Without `flight` it is only published, to compare cameras with."""
-    places: tuple[PlaceSection, ...] = ()
-    """Named places in the frame of `target` to take off from, fly to and land on; each with its `position`."""
+    """What may be flown by this source alone; without `flight` it is only published, to compare cameras with.
+
+    With too much, the aircraft lands by a source that is too inaccurate for it."""
+    places: tuple[PositionPlace, ...] = ()
+    """Named places in the frame of `target` to take off from, fly to and land on."""
     secret_file: Path | None = None
     """File with the secret that its sender signs with, 16 characters or more; unset: reports of any program are used.
 
@@ -68,14 +89,6 @@ class PositionSource(Section):
     def secret(self) -> str | None:
         """Read the secret; see `read_image_secret`."""
         return None if self.secret_file is None else read_image_secret(self.secret_file)
-
-    @model_validator(mode="after")
-    def _places_lie_somewhere(self) -> Self:
-        for place in self.places:
-            if place.position is None:
-                msg = f"places: {place.name}: a source of poses knows no tags: give its position"
-                raise ValueError(msg)
-        return self
 
 
 Positions = Annotated[tuple[PositionSource, ...], Field(max_length=8)]

@@ -15,12 +15,12 @@ from mkdaemon.control.core import FlightCore
 from mkdaemon.control.events import EyeStats, Feed, PoseSeen, SightRefused
 from mkdaemon.daemon.audit import Audit, Outlet
 from mkdaemon.errors import CommandRejectedError
+from mkdaemon.positions.positioneye import PositionEye
 from mkdaemon.telemetry.position import PositionReport, report_key
 from mkdaemon.telemetry.signature import Signature
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import EyeState, PoseRefusal, PoseRefused, VisionPose
-from mkdaemon.vision.positioneye import PositionEye
 
 LOOK: Final = 0.1
 """Between two looks at the state of a source [s]."""

@@ -105,6 +105,7 @@ RULES: Final[tuple[ToleranceRule, ...]] = (
     ToleranceRule("record/status", "*", _OUT, "of the recorder and its disk"),
     ToleranceRule("bus/counts", "*", _OUT, "of the bus, which a replay has not"),
     ToleranceRule("vision/*/stats", "*", _OUT, "rates, latencies and counts of camera threads: load of the machine"),
+    ToleranceRule("core/EyeStats", "event.stats.trusted_for", _OUT, "recordings before sources of poses lack it"),
     ToleranceRule("vision/*/setup", "*", _OUT, "from the files of the recorded machine"),
     ToleranceRule("control/fence", "*", _OUT, "from the configuration, by a timer"),
     ToleranceRule("vision/*/image", "*", _OUT, "a picture for viewing, coded by another release of a library"),

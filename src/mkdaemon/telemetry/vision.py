@@ -52,6 +52,10 @@ class Tags(Seen):
     """The tags."""
 
 
+REPORTED = "report"
+"""`source` of a pose that a source of poses measured."""
+
+
 class VisionPose(Seen):
     """Pose of the vehicle relative to a target: `vision/<camera>/pose`, one value a target and image."""
 
@@ -76,7 +80,7 @@ class VisionPose(Seen):
     quaternion_cam_from_target: Quaternion
     """Target's rotation as the camera measured it (w, x, y, z)."""
     source: str
-    """How it was measured: `corners`, `edges`, `photometric`."""
+    """How it was measured: `corners`, `edges`, `photometric`; `report`: by a source of poses."""
     mode: str
     """How it was found: `predicted`, `flow`, `roi`, `search`."""
     points: int
@@ -93,9 +97,14 @@ class VisionPose(Seen):
     """From the middle of the exposure until the camera had delivered the image [s]."""
     latency: float
     """From the middle of the exposure to this value [s]."""
-    is_placed: bool = False
-    """A source of poses measured where the vehicle is in the target frame, whatever its attitude; what only an image
-    has is empty. A camera measures where the target lies in the body frame."""
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether a source of poses measured the place of the vehicle in the target frame, whatever its attitude.
+
+        A camera measures where the target lies in the body frame. What only an image has is empty then.
+        """
+        return self.source == REPORTED
 
 
 class PoseRefusal(StrEnum):

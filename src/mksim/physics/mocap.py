@@ -36,13 +36,13 @@ class Measured:
         position: of the body (3,) [m].
         rotation: of the body (3, 3).
         latency: until it is reported [s].
-        said: what of that the report admits [s].
+        stated: what of that the report admits [s].
     """
 
     position: Vector
     rotation: Matrix
     latency: float = LATENCY
-    said: float = LATENCY
+    stated: float = LATENCY
 
     @property
     def quaternion(self) -> tuple[float, float, float, float]:
@@ -53,7 +53,7 @@ class Measured:
         """The report of it."""
         x, y, z = self.position.tolist()
         return PositionReport(
-            epoch=epoch, sequence=sequence, age=self.said, position=(x, y, z), quaternion=self.quaternion
+            epoch=epoch, sequence=sequence, age=self.stated, position=(x, y, z), quaternion=self.quaternion
         )
 
 

@@ -33,7 +33,7 @@ async def report_positions(session: zenoh.Session, simulation: Simulation, confi
 
     def report(measured: Measured) -> None:
         x, y, z = measured.position.tolist()
-        sender.send((x, y, z), measured.quaternion, age=measured.said)
+        sender.send((x, y, z), measured.quaternion, age=measured.stated)
 
     while True:
         capture.fault = faults.word("mocap", "kind") if faults.is_active("mocap") else ""

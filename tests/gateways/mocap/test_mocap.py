@@ -28,7 +28,7 @@ class Sender:
     def send(self, position, quaternion, *, age):
         self.sent.append((position, quaternion, age))
 
-    def tell(self, health):
+    def publish_health(self, health):
         self.told.append(health)
 
 

@@ -30,7 +30,7 @@ def test_it_measures_the_truth_with_its_noise_and_loses_the_body_now_and_then():
     assert errors.std() == pytest.approx(PLACE_SD, rel=0.1)
     turned = np.array([(Truth.enu_from_flu.T @ one.rotation)[[2, 0, 1], [1, 2, 0]] for one in seen])
     assert turned.std() == pytest.approx(ANGLE_SD, rel=0.1)
-    assert {(one.latency, one.said) for one in seen} == {(LATENCY, LATENCY)}
+    assert {(one.latency, one.stated) for one in seen} == {(LATENCY, LATENCY)}
 
 
 def test_the_same_seed_measures_the_same():
@@ -50,8 +50,8 @@ def test_faults_do_what_their_names_say():
     x, y, z = Truth.position_enu
     assert all(near(measured("off", 50), (x + 0.3, y, z)))
     assert measured("silent", 50) == [None] * 50
-    assert {(one.latency, one.said) for one in measured("late", 50) if one} == {(0.5, 0.5)}
-    assert {(one.latency, one.said) for one in measured("late_unsaid", 50) if one} == {(0.5, 0.0)}
+    assert {(one.latency, one.stated) for one in measured("late", 50) if one} == {(0.5, 0.5)}
+    assert {(one.latency, one.stated) for one in measured("late_unsaid", 50) if one} == {(0.5, 0.0)}
     for fault in ("mirrored", "mirrored_place"):
         assert all(near(measured(fault, 50), (x, -y, z)))
     assert all(np.linalg.det(one.rotation) == pytest.approx(1.0) for one in measured("mirrored", 50) if one)

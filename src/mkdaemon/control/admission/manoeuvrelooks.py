@@ -48,7 +48,9 @@ def stored_path(now: Situation, wanted: NewManoeuvre) -> Verdict:
     return stands(refuse(Token.NO_PATH, path=wanted.path, kept=KEPT - 1))
 
 
-@NEED_ROWS.row("estimate", _IN_SIGHT, "no camera or source of poses has shown a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS)
+@NEED_ROWS.row(
+    "estimate", _IN_SIGHT, "no camera or source of poses has shown a target yet", Token.NO_ESTIMATE, rule=Rule.ALWAYS
+)
 def estimate(now: Situation, wanted: NewManoeuvre) -> Verdict:
     """Without an estimate no manoeuvre by the target; a landing that stands has none, and continues."""
     if now.flown is wanted.concern or now.entry is not None:

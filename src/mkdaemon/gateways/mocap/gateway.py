@@ -139,7 +139,7 @@ class MocapGateway:
                 await asyncio.sleep(HEALTH)
                 for body in self._bodies:
                     health = self.health_of(body, clock)
-                    body.sender.tell(health)
+                    body.sender.publish_health(health)
                     self._complain(body.name, health.reason)
                 if self._mistake is not None:
                     raise self._mistake

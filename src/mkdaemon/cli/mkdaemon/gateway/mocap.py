@@ -78,8 +78,8 @@ def mocap(
 
         async with AsyncExitStack() as stack:
             bodies = [await stack.enter_async_context(_reported(*each, connect, zenoh_file, secret)) for each in wanted]
-            say = partial(print, file=sys.stderr, flush=True)
-            gateway = MocapGateway(where, frames, bodies, latency_ms / 1000.0, say)
+            show = partial(print, file=sys.stderr, flush=True)
+            gateway = MocapGateway(where, frames, bodies, latency_ms / 1000.0, show)
             favour_threads()
             announce_serving("mocap", [vehicle for _, vehicle, _ in wanted], where, as_json=json)
             await gateway.run()

@@ -12,9 +12,9 @@ from lab.control.corerig import stamp
 from mkdaemon.config.positions import PositionSource
 from mkdaemon.control.sight import checked_view
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
+from mkdaemon.positions.positioneye import REMEDIES, PositionEye
 from mkdaemon.telemetry.position import PositionReport
 from mkdaemon.telemetry.vision import EyeState, PoseRefusal, PoseRefused, VisionPose
-from mkdaemon.vision.positioneye import REMEDIES, PositionEye
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 

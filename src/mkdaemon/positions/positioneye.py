@@ -20,11 +20,11 @@ from mkdaemon.frames import (
     rotation_from_euler,
     rotation_from_quaternion,
 )
+from mkdaemon.positions.motionjudge import MotionJudge
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.position import PositionReport, report_key
-from mkdaemon.telemetry.vision import EyeState, PoseRefusal, PoseRefused, VisionPose, VisionStats
-from mkdaemon.vision.motionjudge import MotionJudge
+from mkdaemon.telemetry.vision import REPORTED, EyeState, PoseRefusal, PoseRefused, VisionPose, VisionStats
 
 PERIOD: Final = 0.03
 """Between two poses that go on [s]."""
@@ -80,7 +80,7 @@ class PositionEye:
         self._spots = tuple(spots)
         self._refused: Counter[str] = Counter()
         self._newest = (-1, -1)
-        self._heard_at = self._used_at = self._passed_at = self._taken_at = -math.inf
+        self._arrived_at = self._used_at = self._passed_at = self._taken_at = -math.inf
         self._recent: deque[tuple[float, float, bool]] = deque()
         self._processed = 0
         self._why = PoseRefusal.MALFORMED
@@ -93,7 +93,7 @@ class PositionEye:
 
     def refused(self, why: PoseRefusal, now: float) -> None:
         """Count a report that is refused before it is read, at a time [s]."""
-        self._heard_at = now
+        self._arrived_at = now
         self._refuse(why)
 
     def _refuse(self, why: PoseRefusal) -> None:
@@ -112,7 +112,7 @@ class PositionEye:
             stamp: the time to publish with, of `now`.
             is_flown: the aircraft flies.
         """
-        self._heard_at = now
+        self._arrived_at = now
         at = sent - report.age
         late = now - at
         order = (report.epoch, report.sequence)
@@ -183,8 +183,8 @@ class PositionEye:
             calibration_sd=(self.cfg.frame_sd, self.cfg.frame_sd, 0.0),
             position_cam=(0.0, 0.0, 0.0),
             quaternion_cam_from_target=(1.0, 0.0, 0.0, 0.0),
-            source="report",
-            mode="report",
+            source=REPORTED,
+            mode=REPORTED,
             points=0,
             rms_px=0.0,
             ambiguity=None,
@@ -192,7 +192,6 @@ class PositionEye:
             decode_age=0.0,
             delivered=late,
             latency=late,
-            is_placed=True,
         )
 
     def stats(self, now: float, stamp: Stamp) -> VisionStats:
@@ -229,7 +228,7 @@ class PositionEye:
 
     def _state(self, now: float) -> tuple[EyeState, str]:
         """Whether the aircraft can be flown by it, and what is in the way if not."""
-        silent = now - self._heard_at
+        silent = now - self._arrived_at
         if silent > SILENT:
             last = "no report yet" if math.isinf(silent) else f"the last report is {silent:.0f} s old"
             return EyeState.MISSING, f"{last}: start its sender (mkdaemon gateway mocap), show it the body"

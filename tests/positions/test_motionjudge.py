@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.frames import rotation_from_euler
+from mkdaemon.positions.motionjudge import GRAVITY, Contradiction, MotionJudge
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.motionjudge import GRAVITY, Contradiction, MotionJudge
 
 STEP = 0.01
 """Between two poses [s]."""

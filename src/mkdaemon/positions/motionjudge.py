@@ -192,10 +192,10 @@ class MotionJudge:
             track.clear()
         if track:
             gap = at - track[-1][0]
-            begun = track[0]
-            span = track[-1][0] - begun[0]
+            first = track[0]
+            span = track[-1][0] - first[0]
             is_moving = span >= GRID
-            velocity = (track[-1][1] - begun[1]) / span if is_moving else np.zeros(3)
+            velocity = (track[-1][1] - first[1]) / span if is_moving else np.zeros(3)
             led = track[-1][1] + velocity * min(gap, LED)
             farthest = REJOINS if self._strayed else STRAYED + DRIFT * max(0.0, gap - LED)
             most = JUMP + min(0.5 * ACCELERATION * gap**2, farthest) + (0.0 if is_moving else FASTEST * min(gap, LED))
