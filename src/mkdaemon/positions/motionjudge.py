@@ -220,11 +220,13 @@ class MotionJudge:
         tried = [np.array([np.interp(grid + lag, boards[:, 0], boards[:, k]) for k in (1, 2)]) for lag in LAGS]
         reported = min(tried, key=lambda each: float(((tilts - each) ** 2).sum()))
         leant = float(np.hypot(*(tilts - reported).mean(axis=1)))
-        unlikes = unlike(tilts, reported, TILT_LEAST, 0.0)
+        # After a strong acceleration the boards' tilt is off by degrees and returns slowly: the trend is left out.
+        difference, tilted = _less_trend(tilts - reported), _less_trend(reported)
+        unlikes = unlike(difference, tilted, TILT_LEAST, 0.0)
         is_alike = len(unlikes) == 2 and max(unlikes) < ALIKE
         flown = grid >= self._flown_from
         accelerations = _unlike_accelerations(grid[flown], motion, reported[:, flown])
-        worst = max(unlike(tilts, reported, TILT_LEAST, TILT_DIFFERS), default=None)
+        worst = max(unlike(difference, tilted, TILT_LEAST, TILT_DIFFERS), default=None)
         return MotionDifference(leant, worst, max(accelerations, default=None), is_alike)
 
 
@@ -242,32 +244,36 @@ def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> lis
     places = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (4, 5)])
     moved = (places[:, 2 * n :] - 2.0 * places[:, n:-n] + places[:, : -2 * n]) / (n * GRID) ** 2
     width = min(moved.shape[1], len(pushed[0]))
-    return unlike(moved[:, :width], np.array(pushed)[:, 1 : width + 1], GRAVITY * MOTION_LEAST, WIND)
+    wanted = np.array(pushed)[:, 1 : width + 1]
+    return unlike(_less_mean(moved[:, :width] - wanted), _less_mean(wanted), GRAVITY * MOTION_LEAST, WIND)
 
 
-def unlike(shown: Matrix, true: Matrix, least: float, noise: float) -> list[float]:
-    """Power of the difference of two motions (2, n) over that of the second, each less its trend.
-
-    A straight line is left out: after a strong acceleration the boards' tilt is off by degrees, and returns slowly.
+def unlike(difference: Matrix, motion: Matrix, least: float, noise: float) -> list[float]:
+    """Power of the difference of two motions (2, n) over that of one of them, each without what is not compared.
 
     Args:
-        shown: one.
-        true: the other.
-        least: an axis of the second that moves less says nothing, root mean square.
+        difference: of the two.
+        motion: the one that is right.
+        least: an axis of it that moves less says nothing, root mean square.
         noise: difference of two measurements of one motion, root mean square.
 
     Returns:
         One for each axis that moves enough.
     """
-    difference, motion = _less_trend(shown - true), _less_trend(true)
     powers = (motion**2).mean(axis=1)
     excess = np.maximum((difference**2).mean(axis=1) - noise**2, 0.0)
     return [float(each / power) for each, power in zip(excess, powers, strict=True) if power > least**2]
+
+
+def _less_mean(values: Matrix) -> Matrix:
+    """Rows (2, n) less their means."""
+    rest: Matrix = values - values.mean(axis=1, keepdims=True)
+    return rest
 
 
 def _less_trend(values: Matrix) -> Matrix:
     """Rows (2, n) less the straight line through each."""
     line = np.linspace(-1.0, 1.0, values.shape[1])
     line /= np.linalg.norm(line)
-    rest: Matrix = values - values.mean(axis=1, keepdims=True)
+    rest = _less_mean(values)
     return rest - np.outer(rest @ line, line)
