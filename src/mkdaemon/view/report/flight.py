@@ -24,6 +24,7 @@ from mkdaemon.stamp import NANOSECONDS
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.view.report.happenings import MOST, Trouble, happening_of, lost_line, take_causes
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of, value_of
+from mkdaemon.view.report.sights import Sights, Take, taken_by
 from mkdaemon.view.report.timeseries import Array, TimeSeries
 
 
@@ -146,6 +147,7 @@ class RecordedFlight:
         reading: the same, as far as they are what their keys carry.
         parameters: the FlightCtrl's active parameter set, as it was read last; empty where it was not.
         model: of the aircraft that was flown on; empty where it is not known.
+        sights: of each camera and source of poses, where they are asked for.
         began: time of the first entry [s].
         ended: time of the last entry [s].
     """
@@ -163,6 +165,7 @@ class RecordedFlight:
     reading: Reading = field(default_factory=Reading)
     parameters: bytes = b""
     model: Mapping[str, Any] = field(default_factory=dict)
+    sights: dict[str, Sights] = field(default_factory=dict)
     began: float = 0.0
     ended: float = 0.0
 
@@ -219,9 +222,10 @@ class FlightReader:
         flights: by vehicle.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_sights: bool = False) -> None:
+        """Read; with `has_sights` every pose is kept whole as well, with what else of a camera a comparison needs."""
         self.flights: dict[str, RecordedFlight] = {}
-        self._origin = 0
+        self._has_sights, self._origin = has_sights, 0
         self._owners: dict[tuple[EntryKind, str], str] = {}
 
     def taker(self, entry: Entry) -> Taker | None:
@@ -235,6 +239,8 @@ class FlightReader:
         use = _take_lost_line if entry.kind is EntryKind.PORT_LOST else _USES.get((entry.kind, pattern))
         if use is None and entry.kind is EntryKind.SAMPLE and (pattern in COLUMNS or pattern in LAST):
             use = _numbers_taker(pattern, camera)
+        if self._has_sights and entry.kind is EntryKind.SAMPLE and (found := taken_by(entry.suffix)) is not None:
+            use = _take_sights(flight.sights.setdefault(found[0], Sights()), found[1], use)
         return None if use is None else self._values(flight, entry.suffix, use)
 
     def count(self, summary: Summary) -> None:
@@ -327,6 +333,17 @@ def _take_model(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[
     found = part_of(fields, "event.model")
     if isinstance(found, Mapping):
         flight.model = found
+
+
+def _take_sights(sights: Sights, take: Take, use: _Use | None) -> _Use:
+    """Take values twice: for a comparison, and as without one."""
+
+    def both(flight: RecordedFlight, at: float, suffix: str, fields: Mapping[str, Any]) -> None:
+        take(sights, at, fields)
+        if use is not None:
+            use(flight, at, suffix, fields)
+
+    return both
 
 
 _Use = Callable[[RecordedFlight, float, str, Mapping[str, Any]], None]

@@ -10,6 +10,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.reading import Sort
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report import facts, thumbnails
+from mkdaemon.view.report.against import chapters_of
 from mkdaemon.view.report.flight import FlightReader, RecordedFlight
 from mkdaemon.view.report.happenings import refusals
 from mkdaemon.view.report.page import Card, Report, plotly_source, render
@@ -22,12 +23,7 @@ _NOTHING: Final = "nothing to report: it has no value of a vehicle"
 
 
 def make_page(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> bytes:
-    """The page of a recording.
-
-    Args:
-        path: the recording, whole or damaged.
-        vehicle: whose flight; None where the recording has only one.
-        progress: hears how many bytes of the file have been read; it is read twice where it has images.
+    """The page of a recording; see `report_of`.
 
     Raises:
         ConfigError: plotly is not installed, or the recording is not of this vehicle, or of several.
@@ -37,14 +33,22 @@ def make_page(path: Path, vehicle: str | None, progress: Progress = lambda posit
     return render(report_of(path, vehicle, progress), library)
 
 
-def report_of(path: Path, vehicle: str | None, progress: Progress = lambda position: None) -> Report:
-    """What the page of a recording shows; see `make_page`.
+def report_of(
+    path: Path, vehicle: str | None, progress: Progress = lambda position: None, against: str | None = None
+) -> Report:
+    """What the page of a recording shows.
+
+    Args:
+        path: the recording, whole or damaged.
+        vehicle: whose flight; None where the recording has only one.
+        progress: hears how many bytes of the file have been read; it is read twice where it has images.
+        against: source of poses that the cameras are compared with; None for no comparison.
 
     Raises:
-        ConfigError: the recording is not of this vehicle, or of several.
+        ConfigError: the recording is not of this vehicle, or of several, or has no poses to compare.
         MkError: the file cannot be opened, or has nothing in it.
     """
-    reader = FlightReader()
+    reader = FlightReader(has_sights=against is not None)
     summary = summarise(path, progress, reader.taker)
     reader.count(summary)
     flight = _chosen(path, reader, vehicle)
@@ -77,6 +81,7 @@ def report_of(path: Path, vehicle: str | None, progress: Progress = lambda posit
         tables=tables,
         parameters=facts.parameter_rows(flight),
         configuration=facts.configuration(summary.session),
+        chapters=[] if against is None else chapters_of(flight, against, path),
     )
 
 

@@ -19,7 +19,7 @@
   const place = (name) => document.getElementById(`plot-${name}`);
   for (const figure of figures) {
     const layout = {
-      font, paper_bgcolor: "#fff", plot_bgcolor: "#fff", margin: { l: 76, r: 12, t: 26, b: figure.times.length ? 44 : 28 },
+      font, paper_bgcolor: "#fff", plot_bgcolor: "#fff", margin: { l: 76, r: 12, t: 26, b: figure.alone || figure.times.length ? 44 : 28 },
       legend: { orientation: "h", x: 1, xanchor: "right", y: 1.02, yanchor: "bottom" },
       hoverlabel: { namelength: -1 }, showlegend: true, dragmode: "zoom", ...figure.layout,
     };
@@ -27,7 +27,7 @@
     layout.yaxis = { ...axis, ...layout.yaxis };
     await Plotly.newPlot(place(figure.name), figure.data, layout, config);
   }
-  const timed = figures.filter((figure) => !figure.times.length);
+  const timed = figures.filter((figure) => !figure.alone && !figure.times.length);
   const tracks = figures.filter((figure) => figure.times.length);
 
   // The stretch of time that is shown: whoever zooms or pans one plot moves all of them.

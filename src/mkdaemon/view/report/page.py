@@ -20,6 +20,7 @@ from typing import Final
 
 from mkdaemon.errors import ConfigError
 from mkdaemon.reading import EventLine
+from mkdaemon.view.report.against import Chapter
 from mkdaemon.view.report.facts import Row
 from mkdaemon.view.report.happenings import RefusalCount
 from mkdaemon.view.report.pieces import Piece
@@ -73,6 +74,7 @@ class Report:
         tables: further figures, by title.
         parameters: title and rows of the active parameter set.
         configuration: of the daemon, as JSON.
+        chapters: cameras against a reference, where one was named.
     """
 
     file: str
@@ -90,6 +92,7 @@ class Report:
     tables: Mapping[str, Sequence[Row]]
     parameters: tuple[str, Sequence[Row]]
     configuration: str
+    chapters: Sequence[Chapter] = ()
 
 
 def plotly_source() -> str:
@@ -119,7 +122,8 @@ def render(report: Report, library: str) -> bytes:
     hashes = " ".join(f"'sha256-{_hash(text)}'" for text in (script, library))
     policy = f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     packed = base64.b64encode(gzip.compress(library.encode(), 4, mtime=0)).decode()
-    figures = _script_json([plot.as_json() for plot in report.plots])
+    compared = (plot for chapter in report.chapters for plot in chapter.plots)
+    figures = _script_json([plot.as_json() for plot in (*report.plots, *compared)])
     title = escape(f"{report.vehicle}: {report.file}")
     parts = [
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">',
@@ -170,6 +174,8 @@ def _body(report: Report) -> Iterable[str]:
             '<p class="note" id="plots-note">The plots need JavaScript.</p>'
         )
         yield _section("Over time", words + "".join(map(_place, timed)))
+    for chapter in report.chapters:
+        yield _chapter(chapter)
     if report.pieces:
         yield _section("Manoeuvres", _pieces(report.pieces), name="pieces")
     if report.refusals:
@@ -244,6 +250,19 @@ def _pieces(pieces: Sequence[Piece]) -> str:
     )
     more = _more(len(pieces) - MOST_PIECES, "manoeuvres")
     return _table((*head, *errors), rows, [piece.begin for piece in pieces[:MOST_PIECES]], numbers=8) + more + note
+
+
+def _chapter(chapter: Chapter) -> str:
+    """A camera against a reference."""
+    parts = [_list(chapter.sentences, css="said")]
+    parts += [f'<div class="pair">{"".join(map(_place, chapter.plots))}</div>'] if chapter.plots else []
+    for sheet in chapter.sheets:
+        table = _table(sheet.head, sheet.rows, numbers=len(sheet.head) - 1)
+        parts.append(f"<h3>{escape(sheet.title)}</h3>{table}")
+    css = "" if chapter.is_answered else "warn"
+    return _section(
+        f"{chapter.camera} against {chapter.reference}", f'<div class="against">{"".join(parts)}</div>', css=css
+    )
 
 
 def _number(value: float | None) -> str:

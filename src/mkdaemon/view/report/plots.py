@@ -45,6 +45,7 @@ class Plot:
         data: traces.
         layout: of plotly.
         times: of the points of the first trace [s], of a track; empty for a plot over time.
+        is_alone: its axis is no time of the flight: it follows no other plot.
     """
 
     name: str
@@ -52,10 +53,12 @@ class Plot:
     data: list[dict[str, Any]]
     layout: dict[str, Any]
     times: list[float] = field(default_factory=list)
+    is_alone: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """For the script of the page."""
-        return {"name": self.name, "data": self.data, "layout": self.layout, "times": self.times}
+        shown = {"name": self.name, "data": self.data, "layout": self.layout, "times": self.times}
+        return shown | {"alone": self.is_alone}
 
 
 def plots_of(flight: RecordedFlight, pieces: Sequence[Piece]) -> list[Plot]:

@@ -1,0 +1,162 @@
+"""Poses, refusals and tags of the cameras and sources of a recording, for `mkctl log report --against`.
+
+A recording is untrusted: a value that is no pose is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.telemetry.position import SUFFIX
+from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images, Sight, Track
+from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
+
+FASTEST: Final = 300.0
+"""Images a second; more missing numbers than that are no lost images, but another count."""
+FARTHEST: Final = 1e4
+"""A pose beyond it is none [m]."""
+MOST_TAGS: Final = 500
+"""Of a map."""
+OWN_FRAME: Final = ""
+"""Target of reports that the daemon did not publish as poses: the frame of their source."""
+_SIDES: Final = ("fx", "fy", "cx", "cy", "width", "height")
+
+
+@dataclass
+class Sights:
+    """What one camera or source published.
+
+    Attributes:
+        poses: by target, rows of time [s], position, quaternion, latency [s], image.
+        refused: by target, time [s] and reason by image.
+        tagged: time [s] of images with tags, by image.
+        passed_over: images that were dropped or lost, as counted: the first and the last count.
+        setup: properties and targets.
+        is_source: it is a source of `[[positions]]`, and its reports are the poses.
+    """
+
+    poses: dict[str, list[list[float]]] = field(default_factory=lambda: defaultdict(list))
+    refused: dict[str, dict[int, tuple[float, str]]] = field(default_factory=lambda: defaultdict(dict))
+    tagged: dict[int, float] = field(default_factory=dict)
+    passed_over: list[float] = field(default_factory=list)
+    setup: Mapping[str, Any] = field(default_factory=dict)
+
+    def take_pose(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take a `VisionPose`."""
+        position = numbers_of(fields, "position_target", 3)
+        self._keep(text_of(fields, "target"), at, fields, position, "quaternion_target_from_flu", "latency")
+
+    def take_report(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take a `PositionReport`, which is as old as it says when it arrives."""
+        age = number_of(fields, "age") or 0.0
+        self._keep(OWN_FRAME, at - age, fields, numbers_of(fields, "position", 3), "quaternion", "age")
+
+    def _keep(
+        self, target: str, at: float, fields: Mapping[str, Any], position: list[float] | None, turn: str, late: str
+    ) -> None:
+        quaternion, image = numbers_of(fields, turn, 4), number_of(fields, "sequence")
+        if position is None or quaternion is None or image is None:
+            return
+        if max(map(abs, position)) < FARTHEST and 0.5 < math.hypot(*quaternion) < 2.0:
+            self.poses[target].append([at, *position, *quaternion, number_of(fields, late) or 0.0, image])
+
+    def take_refused(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take a `PoseRefused`."""
+        if (image := number_of(fields, "sequence")) is not None:
+            self.refused[text_of(fields, "target")][int(image)] = at, text_of(fields, "refusal") or "refused"
+
+    def take_tags(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take `Tags`."""
+        if (image := number_of(fields, "sequence")) is not None:
+            self.tagged[int(image)] = at
+
+    def take_stats(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take `VisionStats`."""
+        count = (number_of(fields, "dropped") or 0.0) + (number_of(fields, "lost") or 0.0)
+        self.passed_over = [*self.passed_over[:1], count]
+
+    def take_setup(self, at: float, fields: Mapping[str, Any]) -> None:
+        """Take a `CameraSetup`."""
+        self.setup = fields
+
+    def track(self, target: str) -> Track:
+        """Poses against a target."""
+        rows = np.array(self.poses.get(target, []), dtype=float).reshape(-1, 10)
+        rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
+        turns = np.array([rotation_from_quaternion((w, x, y, z)) for w, x, y, z in rows[:, 4:8].tolist()])
+        return Track(rows[:, 0], rows[:, 1:4], turns.reshape(-1, 3, 3), rows[:, 8])
+
+    def sight(self, target: str) -> Sight:
+        """What is seen; the middle of the target, always in view, where the recording has no setup."""
+        sides = [number_of(self.setup, f"lens.{name}") for name in _SIDES]
+        lens = None if None in sides else tuple(side for side in sides if side is not None)
+        mount = numbers_of(self.setup, "quaternion_flu_from_cam", 4)
+        is_mounted = mount is not None and math.hypot(*mount) > 0.5
+        shapes = part_of(self.setup, "targets")
+        tags = [
+            np.array(corners)
+            for shape in (shapes if isinstance(shapes, list) else [])
+            if text_of(shape, "name") == target and isinstance(part_of(shape, "tags"), list)
+            for tag in shape["tags"][:MOST_TAGS]
+            if None not in (corners := [numbers_of(tag, f"corners.{k}", 3) for k in range(4)])
+        ]
+        corners = np.array(tags or [np.zeros((4, 3))])
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 0] - corners[:, 3])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        centres = corners.mean(axis=1)
+        return Sight(
+            centres=centres,
+            normals=np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-12), (0.0, 0.0, 1.0)),
+            radii=np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1),
+            arm=np.array(numbers_of(self.setup, "position_flu", 3) or np.zeros(3)),
+            flu_from_cam=rotation_from_quaternion(tuple(mount)) if mount is not None and is_mounted else np.eye(3),
+            lens=lens if is_mounted and len(lens or ()) == len(_SIDES) else None,
+            is_fisheye=text_of(self.setup, "lens.model") == "fisheye",
+        )
+
+    def images(self, target: str) -> Images:
+        """Every image, also those that nothing was published of: their numbers are missing."""
+        known = {image: (at, OTHER_TAGS) for image, at in self.tagged.items()} | self.refused.get(target, {})
+        known |= {int(row[9]): (row[0], "") for row in self.poses.get(target, [])}
+        found = sorted((at, image, outcome) for image, (at, outcome) in known.items())
+        times, outcomes, missing = [row[0] for row in found], [row[2] for row in found], 0
+        for (begin, first, _), (end, last, _) in zip(found, found[1:], strict=False):
+            between = last - first - 1
+            if 0 < between <= FASTEST * (end - begin):
+                times += np.linspace(begin, end, between + 2)[1:-1].tolist()
+                outcomes += [NO_TAG] * between
+                missing += between
+        passed_over = max(self.passed_over[-1] - self.passed_over[0], 0.0) if self.passed_over else 0.0
+        weight = 1.0 - min(passed_over / max(missing, 1), 1.0)
+        order = np.argsort(times, kind="stable")
+        weights = np.array([weight if outcome == NO_TAG else 1.0 for outcome in outcomes])
+        return Images(np.array(times)[order], [outcomes[k] for k in order], weights[order])
+
+
+Take = Callable[[Sights, float, Mapping[str, Any]], None]
+_TAKES: Final[dict[str, Take]] = {
+    "pose": Sights.take_pose,
+    "refused": Sights.take_refused,
+    "tags": Sights.take_tags,
+    "stats": Sights.take_stats,
+    "setup": Sights.take_setup,
+}
+"""By the last part of `vision/<camera>/...`."""
+
+
+def taken_by(suffix: str) -> tuple[str, Take] | None:
+    """Name of the camera or source whose values a key has, and what takes them; None for another key."""
+    name = suffix.removeprefix(SUFFIX)
+    if name != suffix and name and "/" not in name:
+        return name, Sights.take_report
+    parts = suffix.split("/")
+    if len(parts) == 3 and parts[0] == "vision" and parts[2] in _TAKES:
+        return parts[1], _TAKES[parts[2]]
+    return None
