@@ -263,7 +263,7 @@ def print_list(found: Sequence[Glance], folders: Sequence[Path], *, as_json: boo
             _size(one.size),
             "" if one.is_finished else "not finished",
         )
-    _console().print(table)
+    wide_console().print(table)
 
 
 def summary_fields(summary: Summary) -> dict[str, Any]:
@@ -298,7 +298,7 @@ def report_fields(report: ReadReport) -> dict[str, Any]:
 
 def print_summary(summary: Summary) -> None:
     """Print what a recording holds."""
-    session, console = summary.session, _console()
+    session, console = summary.session, wide_console()
     console.print(f"{on_one_line(summary.path)}: {_size(summary.report.size)}, {summary.report.entries} entries")
     if session is not None:
         words = f"{session.recorder} {session.name}, part {session.part}, by {session.program} on {session.host}"
@@ -380,7 +380,7 @@ def print_check(summary: Summary, *, as_json: bool) -> None:
     lines = [*damage_lines(report), *missed_lines(summary)]
     for line in lines[:MOST_LINES]:
         print(on_one_line(f"  {line}"))
-    _print_rest(_console(), len(lines), "lines")
+    _print_rest(wide_console(), len(lines), "lines")
 
 
 def missed_lines(summary: Summary) -> Iterator[str]:
@@ -406,7 +406,7 @@ def damage_lines(report: ReadReport) -> Iterator[str]:
         yield f"{report.foreign} messages of other programs are left out"
 
 
-def _console() -> Console:
+def wide_console() -> Console:
     """Where it is printed; what another program reads is not cut into lines of a terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=WIDE)

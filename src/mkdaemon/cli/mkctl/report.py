@@ -9,8 +9,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.cli.console import Console
-from mkdaemon.cli.mkctl.log import Force, reading_progress
+from mkdaemon.cli.mkctl.log import Force, reading_progress, wide_console
 from mkdaemon.cli.printing import picked, show
 from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.cli.terminal import on_one_line
@@ -68,7 +67,7 @@ def report(
 
 def _print_chapter(chapter: Chapter) -> None:
     """A camera against a reference, as the page has it."""
-    console = Console()
+    console = wide_console()
     console.print(f"{chapter.camera} against {chapter.reference}")
     for sentence in chapter.sentences:
         console.print(on_one_line(sentence))

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.view.report.baseline import LENGTHS, Baseline, Bin, DropOut, Errors, Group, Offset, Spread, Track, compare
+from mkdaemon.view.report.baseline import LENGTHS, Baseline, Bin, DropOut, PairErrors, Group, Offset, Spread, PoseTrack, compare
 from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.plots import BLUE, GREEN, ORANGE, RED, Plot
 from mkdaemon.view.report.sights import OWN_FRAME, Sights
@@ -26,7 +26,7 @@ _SPREADS: Final = ("along (cm)", "across (cm)", "rotation (deg)")
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class TextTable:
     """A table.
 
     Attributes:
@@ -57,7 +57,7 @@ class Chapter:
     reference: str
     is_answered: bool
     sentences: Sequence[str]
-    sheets: Sequence[Sheet] = ()
+    sheets: Sequence[TextTable] = ()
     plots: Sequence[Plot] = field(default=())
 
 
@@ -127,7 +127,7 @@ def _findings(found: Baseline, *, is_same_frame: bool) -> Iterable[str]:
         yield "No constant offset, scale error or lag that matters was found."
 
 
-def _limits(found: Baseline, base: Track, reference: str) -> Iterable[str]:
+def _limits(found: Baseline, base: PoseTrack, reference: str) -> Iterable[str]:
     """What the recording does not tell, and what to do."""
     open_groups = {offset.quantity.group: None for offset in found.offsets if not offset.is_known}
     if found.is_still:
@@ -147,15 +147,15 @@ def _shown(offset: Offset) -> str:
     return f"{factor * offset.value:+.2f} ± {factor * offset.sd:.2f}"
 
 
-def _offsets(found: Baseline) -> Sheet:
+def _offsets(found: Baseline) -> TextTable:
     rows = [
         (f"{one.quantity.name} ({one.quantity.unit})", _shown(one), "yes" if one.is_known else "no")
         for one in found.offsets
     ]
-    return Sheet("Constant offsets between both", ("quantity", "estimate ± sd", "determined"), rows)
+    return TextTable("Constant offsets between both", ("quantity", "estimate ± sd", "determined"), rows)
 
 
-def _errors(found: Baseline, is_same_frame: bool) -> Sheet:
+def _errors(found: Baseline, is_same_frame: bool) -> TextTable:
     """Errors with the constant offsets and without them."""
     rows = []
     for name, factor, of in (
@@ -167,14 +167,14 @@ def _errors(found: Baseline, is_same_frame: bool) -> Sheet:
     ):
         raw = _spread(Spread.of(of(found.raw)) if is_same_frame else None, factor)
         rows.append((name, raw, _spread(Spread.of(of(found.errors)), factor)))
-    return Sheet("Errors: median / p90 / worst", ("error", "as recorded", "without offsets and lag"), rows)
+    return TextTable("Errors: median / p90 / worst", ("error", "as recorded", "without offsets and lag"), rows)
 
 
 def _spread(spread: Spread | None, factor: float) -> str:
     return "-" if spread is None else " / ".join(f"{factor * size:.2f}" for size in spread)
 
 
-def _classes(found: Baseline) -> Iterable[Sheet]:
+def _classes(found: Baseline) -> Iterable[TextTable]:
     head = ("images", "with a pose", "pairs", "scale", *_SPREADS)
     for title, unit, bins in (("distance", "m", found.distances), ("viewing angle", "deg", found.angles)):
         rows = []
@@ -183,14 +183,14 @@ def _classes(found: Baseline) -> Iterable[Sheet]:
             scale = "-" if one.scale is None else f"{one.scale:.4f}"
             spreads = (_spread(part, factor) for part, factor in zip(one[6:], (_CM, _CM, 1.0), strict=True))
             rows.append((name, f"{one.images:.0f}", _share(one), str(one.pairs), scale, *spreads))
-        yield Sheet(f"By {title}, without offsets: median / p90 / worst", (f"{title} ({unit})", *head), rows)
+        yield TextTable(f"By {title}, without offsets: median / p90 / worst", (f"{title} ({unit})", *head), rows)
 
 
 def _share(one: Bin) -> str:
     return "-" if one.images < 1.0 else f"{100.0 * min(one.posed / one.images, 1.0):.1f} %"
 
 
-def _rates(camera: Track, reference: Track, *names: str) -> Sheet:
+def _rates(camera: PoseTrack, reference: PoseTrack, *names: str) -> TextTable:
     columns = []
     for track in (camera, reference):
         pauses = [end - begin for begin, end in track.drop_outs()]
@@ -209,10 +209,10 @@ def _rates(camera: Track, reference: Track, *names: str) -> Sheet:
         )
     words = ("poses", "usual rate (Hz)", "mean rate (Hz)", "latency, p50 / p99 (ms)")
     words += ("drop-outs", "together (s)", "longest (s)")
-    return Sheet("Rates and drop-outs", ("", *names), list(zip(words, *columns, strict=True)))
+    return TextTable("Rates and drop-outs", ("", *names), list(zip(words, *columns, strict=True)))
 
 
-def _drop_outs(found: Sequence[DropOut]) -> Sheet:
+def _drop_outs(found: Sequence[DropOut]) -> TextTable:
     """Drop-outs of the camera by reason and length."""
     edges = [*zip(LENGTHS, LENGTHS[1:], strict=False)]
     classes = [f"{low:g} to {high:g} s" if math.isfinite(high) else f"above {low:g} s" for low, high in edges]
@@ -221,7 +221,7 @@ def _drop_outs(found: Sequence[DropOut]) -> Sheet:
         lengths = [one.length for one in found if one.reason == reason]
         counts = [str(sum(low <= one < high for one in lengths)) for low, high in edges]
         rows.append((reason, *counts, f"{sum(lengths):.2f}", f"{max(lengths):.2f}"))
-    return Sheet("Drop-outs of the camera by reason", ("reason", *classes, "together (s)", "longest (s)"), rows)
+    return TextTable("Drop-outs of the camera by reason", ("reason", *classes, "together (s)", "longest (s)"), rows)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------
@@ -271,7 +271,7 @@ def _figures(found: Baseline, place: int) -> Iterable[Plot]:
     yield _figure(f"when{place}", "Errors over time", "time [s]", "cm, deg", over_time)
 
 
-def _dots(errors: Errors, x: Array, y: Array, name: str, colour: str) -> dict[str, Any]:
+def _dots(errors: PairErrors, x: Array, y: Array, name: str, colour: str) -> dict[str, Any]:
     """A dot a pair, of up to `DOTS`."""
     step = math.ceil(len(errors.times) / DOTS)
     return {

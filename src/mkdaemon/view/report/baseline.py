@@ -26,7 +26,7 @@ LEAST_PAIRS: Final = 50
 """Fewer pairs give no figures: a p90 of them would rest on five values."""
 IN_BIN: Final = 10
 """Errors of a bin with fewer pairs are left out."""
-FITTED: Final = 1500
+FITTED: Final = 1000
 """Pairs that the offsets are fitted to, evenly chosen; more do not change them."""
 LAGS: Final = np.arange(-0.6, 0.601, 0.02)
 """Lags that are tried first [s]; `max_age` of a source is 0.5 s at most."""
@@ -117,7 +117,7 @@ _STEP: Final = np.array([1e-4] * 13 + [5e-3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class PoseTrack:
     """Poses over time.
 
     Attributes:
@@ -154,7 +154,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class TagView:
     """What is seen, from where.
 
     Attributes:
@@ -239,7 +239,7 @@ class Spread(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Errors:
+class PairErrors:
     """Camera less reference, one row a pair.
 
     Attributes:
@@ -326,8 +326,8 @@ class Baseline:
     """
 
     offsets: tuple[Offset, ...]
-    raw: Errors
-    errors: Errors
+    raw: PairErrors
+    errors: PairErrors
     distances: tuple[Bin, ...]
     angles: tuple[Bin, ...]
     drop_outs: tuple[DropOut, ...]
@@ -340,7 +340,7 @@ class Baseline:
         return self.moved < STILL_M and self.turned < STILL_DEG
 
 
-def compare(camera: Track, reference: Track, sight: Sight, images: Images) -> Baseline | str:
+def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Images) -> Baseline | str:
     """Compare; a sentence with a remedy where the recording cannot answer.
 
     Args:
@@ -368,6 +368,8 @@ def compare(camera: Track, reference: Track, sight: Sight, images: Images) -> Ba
     turned = math.degrees(float(np.sqrt((rotation_vectors(mean.T @ rotations[known]) ** 2).sum(axis=1).mean())))
     pairs = _Pairs(camera, reference, sight)
     values, sds = pairs.fitted()
+    if moved < STILL_M and turned < STILL_DEG:
+        sds[13] = _PRIOR[13]  # the noise of a reference at rest looks like motion to a fit
     raw = _errors(camera, sight, known, positions, rotations)
     errors = _errors(camera, sight, *aligned(reference, camera.times, values))
     shown, seen_from, turned_to = aligned(reference, images.times, values)
@@ -391,7 +393,7 @@ def compare(camera: Track, reference: Track, sight: Sight, images: Images) -> Ba
     )
 
 
-def aligned(reference: Track, times: Array, values: Array) -> tuple[Mask, Array, Array]:
+def aligned(reference: PoseTrack, times: Array, values: Array) -> tuple[Mask, Array, Array]:
     """Where the reference saw the camera's vehicle at times (n,) [s], in the camera's target frame.
 
     Args:
@@ -411,7 +413,7 @@ def aligned(reference: Track, times: Array, values: Array) -> tuple[Mask, Array,
 class _Pairs:
     """Fits the constants: Gauss-Newton on all of them, with Cauchy weights, priors and numeric derivatives."""
 
-    def __init__(self, camera: Track, reference: Track, sight: Sight) -> None:
+    def __init__(self, camera: PoseTrack, reference: PoseTrack, sight: TagView) -> None:
         chosen = np.unique(np.linspace(0, len(camera.times) - 1, FITTED).astype(int))
         self._times, self._positions = camera.times[chosen], camera.positions[chosen]
         self._rotations, self._reference, self._arm = camera.rotations[chosen], reference, sight.arm
@@ -495,7 +497,7 @@ class _Pairs:
         return values, covariance
 
 
-def _errors(camera: Track, sight: Sight, known: Mask, positions: Array, rotations: Array) -> Errors:
+def _errors(camera: PoseTrack, sight: TagView, known: Mask, positions: Array, rotations: Array) -> PairErrors:
     """Errors of the camera against poses of the reference at its times."""
     positions, rotations = positions[known], rotations[known]
     mine, turns = camera.positions[known], camera.rotations[known]
@@ -506,7 +508,7 @@ def _errors(camera: Track, sight: Sight, known: Mask, positions: Array, rotation
     deviation = rotations.transpose(0, 2, 1) @ turns
     pitch = -np.arcsin(np.clip(deviation[:, 2, 0], -1.0, 1.0))
     roll, yaw = (np.arctan2(deviation[:, 2, 1], deviation[:, 2, 2]), np.arctan2(deviation[:, 1, 0], deviation[:, 0, 0]))
-    return Errors(
+    return PairErrors(
         times=camera.times[known],
         distances=distances,
         angles=np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))),
@@ -524,7 +526,7 @@ def _bins(
     posed: Mask,
     counted: Mask,
     of_images: Array,
-    errors: Errors,
+    errors: PairErrors,
     of_pairs: Array,
 ) -> list[Bin]:
     """Figures by class of what images (n,) and pairs (m,) have; classes without any are left out."""
@@ -542,7 +544,7 @@ def _bins(
     return found
 
 
-def _drop_outs(camera: Track, images: Images, hidden: Mask) -> list[DropOut]:
+def _drop_outs(camera: PoseTrack, images: Images, hidden: Mask) -> list[DropOut]:
     """Pauses of the camera with the commonest outcome of their images; `hidden` are images without the target."""
     found = []
     for begin, end in camera.drop_outs():

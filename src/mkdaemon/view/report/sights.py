@@ -15,7 +15,7 @@ import numpy as np
 
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.position import SUFFIX
-from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images, Sight, Track
+from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images, TagView, PoseTrack
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 
 FASTEST: Final = 300.0
@@ -86,14 +86,14 @@ class Sights:
         """Take a `CameraSetup`."""
         self.setup = fields
 
-    def track(self, target: str) -> Track:
+    def track(self, target: str) -> PoseTrack:
         """Poses against a target."""
         rows = np.array(self.poses.get(target, []), dtype=float).reshape(-1, 10)
         rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
         turns = np.array([rotation_from_quaternion((w, x, y, z)) for w, x, y, z in rows[:, 4:8].tolist()])
-        return Track(rows[:, 0], rows[:, 1:4], turns.reshape(-1, 3, 3), rows[:, 8])
+        return PoseTrack(rows[:, 0], rows[:, 1:4], turns.reshape(-1, 3, 3), rows[:, 8])
 
-    def sight(self, target: str) -> Sight:
+    def sight(self, target: str) -> TagView:
         """What is seen; the middle of the target, always in view, where the recording has no setup."""
         sides = [number_of(self.setup, f"lens.{name}") for name in _SIDES]
         lens = None if None in sides else tuple(side for side in sides if side is not None)
@@ -111,7 +111,7 @@ class Sights:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 0] - corners[:, 3])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         centres = corners.mean(axis=1)
-        return Sight(
+        return TagView(
             centres=centres,
             normals=np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-12), (0.0, 0.0, 1.0)),
             radii=np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1),
