@@ -61,9 +61,7 @@ def tracks(wrong: Wrong = Wrong(), seconds: float = 40.0, seed: int = 1) -> tupl
 
 def _track(times: Array, noise: float, rng: np.random.Generator) -> PoseTrack:
     poses = [truth(at) for at in times]
-    shaken = [
-        turn @ rotation_from_euler(*(noise * TURN_NOISE * rng.standard_normal(3))) for _, turn in poses
-    ]
+    shaken = [turn @ rotation_from_euler(*(noise * TURN_NOISE * rng.standard_normal(3))) for _, turn in poses]
     positions = np.array([place for place, _ in poses]) + noise * POSE_NOISE * rng.standard_normal((len(times), 3))
     return PoseTrack(times, positions, np.array(shaken), np.full(len(times), 0.08 * noise))
 
@@ -85,7 +83,10 @@ def without(track: PoseTrack, *pauses: tuple[float, float]) -> PoseTrack:
 def pose_fields(name: str, number: int, position: Array, rotation: Array, target: str = "pad") -> dict[str, Any]:
     """What a comparison reads of a `VisionPose`."""
     return {
-        **{"camera": name, "sequence": number, "target": target, "latency": 0.05},
+        "camera": name,
+        "sequence": number,
+        "target": target,
+        "latency": 0.05,
         "position_target": position.tolist(),
         "quaternion_target_from_flu": list(quaternion_from_rotation(rotation)),
     }

@@ -12,7 +12,18 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.view.report.baseline import LENGTHS, Baseline, Bin, DropOut, PairErrors, Group, Offset, Spread, PoseTrack, compare
+from mkdaemon.view.report.baseline import (
+    LENGTHS,
+    Baseline,
+    Bin,
+    DropOut,
+    Group,
+    Offset,
+    PairErrors,
+    PoseTrack,
+    Spread,
+    compare,
+)
 from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.plots import BLUE, GREEN, ORANGE, RED, Plot
 from mkdaemon.view.report.sights import OWN_FRAME, Sights
