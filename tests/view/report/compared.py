@@ -8,7 +8,7 @@ from typing import Final
 from mkdaemon.frames import quaternion_from_rotation
 from mkdaemon.view.report.baseline import PoseTrack
 from tests.view.report.known import Tape
-from tests.view.report.posed import Wrong, pose_fields, tracks
+from tests.view.report.posed import RIGHT, Wrong, pose_fields, tracks
 
 HIDDEN: Final = (12.0, 13.5)
 """The camera refuses meanwhile [s]."""
@@ -35,7 +35,7 @@ def add_poses(tape: Tape, name: str, track: PoseTrack, target: str = "pad", late
             tape.add(at + late, f"vision/{name}/pose", pose_fields(name, number, place, turn, target))
 
 
-def recorded(path: Path, wrong: Wrong = Wrong(), *, as_reports: bool = False) -> Path:
+def recorded(path: Path, wrong: Wrong = RIGHT, *, as_reports: bool = False) -> Path:
     """A camera and motion capture for 30 s; as poses of the daemon, or as reports that no daemon used."""
     tape = Tape()
     camera, reference = tracks(wrong, seconds=30.0)

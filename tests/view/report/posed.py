@@ -47,7 +47,10 @@ class Wrong:
     lag: float = 0.0
 
 
-def tracks(wrong: Wrong = Wrong(), seconds: float = 40.0, seed: int = 1) -> tuple[PoseTrack, PoseTrack]:
+RIGHT = Wrong()
+
+
+def tracks(wrong: Wrong = RIGHT, seconds: float = 40.0, seed: int = 1) -> tuple[PoseTrack, PoseTrack]:
     """Camera of 20 Hz and reference of 33 Hz."""
     rng = np.random.default_rng(seed)
     reference = _track(np.arange(0.0, seconds, 0.03), 0.25, rng)

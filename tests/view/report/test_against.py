@@ -41,7 +41,7 @@ def test_a_recording_has_its_chapter(scaled):
     rates = rows_of(chapter, "Rates")
     assert rates["usual rate (Hz)"] == {"": "usual rate (Hz)", "down": "20.0", "mocap": "33.3"}
     assert (rates["drop-outs"]["down"], rates["drop-outs"]["mocap"]) == ("2", "0")
-    reasons = rows_of(chapter, "Drop-outs of the camera")
+    reasons = rows_of(chapter, "Drop-outs of down")
     assert set(reasons) == {"ambiguous", "no tag found"}
     assert float(reasons["ambiguous"]["longest (s)"]) == pytest.approx(1.5, abs=0.06)
     # 600 images, of which 29 or 30 were refused; of 11 or 12 without a value three were dropped before the eyes.

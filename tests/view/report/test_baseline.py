@@ -16,6 +16,7 @@ from mkdaemon.view.report.baseline import (
     Baseline,
     Images,
     TagView,
+    Unanswered,
     compare,
     rotation_vectors,
     rotations_by,
@@ -211,9 +212,9 @@ CAMERA, REFERENCE = tracks(seconds=10.0)
 )
 def test_what_cannot_be_answered_is_said_with_a_remedy(camera, reference, told):
     found = compare(camera, reference, VIEW, images_of(camera))
-    assert isinstance(found, str)
-    assert told in found
-    assert "record" in found
+    assert isinstance(found, Unanswered)
+    assert told in found.reason
+    assert "record" in found.reason
 
 
 def test_rotation_vectors_and_rotations_are_inverse():

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,9 @@ from mkdaemon.view.report.baseline import (
     PairErrors,
     PoseTrack,
     Spread,
+    Unanswered,
     compare,
+    drop_outs,
 )
 from mkdaemon.view.report.flight import RecordedFlight
 from mkdaemon.view.report.plots import BLUE, GREEN, ORANGE, RED, Plot
@@ -103,8 +106,8 @@ def _chapter(camera: str, mine: Sights, reference: str, theirs: Sights, place: i
     other = target if shared else max(theirs.poses, key=lambda name: len(theirs.poses[name]))
     track, base, sight = mine.track(target), theirs.track(other), mine.sight(target)
     found = compare(track, base, sight, mine.images(target))
-    if isinstance(found, str):
-        return Chapter(camera, reference, False, [found])
+    if isinstance(found, Unanswered):
+        return Chapter(camera, reference, False, [found.reason])
     against = f"target {target or 'in its own frame'}"
     if not shared:
         against += (
@@ -121,7 +124,9 @@ def _chapter(camera: str, mine: Sights, reference: str, theirs: Sights, place: i
             f"The recording has no lens in vision/{camera}/setup: all images count as with the target in view."
         )
     sheets = [_offsets(found), _errors(found, bool(shared)), *_classes(found), _rates(track, base, camera, reference)]
-    sheets += [_drop_outs(found.drop_outs)] if found.drop_outs else []
+    reports = theirs.images(other)
+    missing = drop_outs(base, reports, np.zeros(len(reports.times), dtype=bool))
+    sheets += [_drop_outs(name, pauses) for name, pauses in ((camera, found.drop_outs), (reference, missing)) if pauses]
     return Chapter(camera, reference, True, sentences, sheets, list(_figures(found, place)))
 
 
@@ -142,15 +147,11 @@ def _limits(found: Baseline, base: PoseTrack, reference: str) -> Iterable[str]:
     """What the recording does not tell, and what to do."""
     open_groups = {offset.quantity.group: None for offset in found.offsets if not offset.is_known}
     if found.is_still:
-        yield f"{reference} stood still, so offsets, scale and lag cannot be separated: carry or fly the aircraft about."
+        yield f"{reference} stood still, so offsets, scale and lag cannot be separated: carry or fly the aircraft."
     for group in open_groups:
         yield f"Not determined by this recording: {group.name}; {group.need}."
-    pauses = [end - begin for begin, end in base.drop_outs()]
-    if pauses:
-        yield (
-            f"{reference} dropped out {len(pauses)} times, for {sum(pauses):.1f} s together, {max(pauses):.2f} s at most; "
-            "nothing is compared there."
-        )
+    if pauses := [end - begin for begin, end in base.pauses()]:
+        yield f"{reference} dropped out {len(pauses)} times, for {sum(pauses):.1f} s; nothing is compared there."
 
 
 def _shown(offset: Offset) -> str:
@@ -204,35 +205,26 @@ def _share(one: Bin) -> str:
 def _rates(camera: PoseTrack, reference: PoseTrack, *names: str) -> TextTable:
     columns = []
     for track in (camera, reference):
-        pauses = [end - begin for begin, end in track.drop_outs()]
-        late = _MS * np.quantile(track.latencies, (0.5, 0.99))
-        length = track.times[-1] - track.times[0]
-        columns.append(
-            (
-                *(str(len(track.times)), f"{1.0 / track.period:.1f}", f"{(len(track.times) - 1) / length:.1f}"),
-                *(
-                    f"{late[0]:.0f} / {late[1]:.0f}",
-                    str(len(pauses)),
-                    f"{sum(pauses):.2f}",
-                    f"{max(pauses, default=0.0):.2f}",
-                ),
-            )
-        )
+        pauses = [end - begin for begin, end in track.pauses()]
+        p50, p99 = _MS * np.quantile(track.latencies, (0.5, 0.99))
+        mean = (len(track.times) - 1) / (track.times[-1] - track.times[0])
+        columns.append([str(len(track.times)), f"{1.0 / track.period:.1f}", f"{mean:.1f}", f"{p50:.0f} / {p99:.0f}"])
+        columns[-1] += [str(len(pauses)), f"{sum(pauses):.2f}", f"{max(pauses, default=0.0):.2f}"]
     words = ("poses", "usual rate (Hz)", "mean rate (Hz)", "latency, p50 / p99 (ms)")
     words += ("drop-outs", "together (s)", "longest (s)")
     return TextTable("Rates and drop-outs", ("", *names), list(zip(words, *columns, strict=True)))
 
 
-def _drop_outs(found: Sequence[DropOut]) -> TextTable:
-    """Drop-outs of the camera by reason and length."""
-    edges = [*zip(LENGTHS, LENGTHS[1:], strict=False)]
+def _drop_outs(name: str, found: Sequence[DropOut]) -> TextTable:
+    """Drop-outs by reason and length."""
+    edges = [*pairwise(LENGTHS)]
     classes = [f"{low:g} to {high:g} s" if math.isfinite(high) else f"above {low:g} s" for low, high in edges]
     rows = []
     for reason in sorted({one.reason for one in found}):
         lengths = [one.length for one in found if one.reason == reason]
         counts = [str(sum(low <= one < high for one in lengths)) for low, high in edges]
         rows.append((reason, *counts, f"{sum(lengths):.2f}", f"{max(lengths):.2f}"))
-    return TextTable("Drop-outs of the camera by reason", ("reason", *classes, "together (s)", "longest (s)"), rows)
+    return TextTable(f"Drop-outs of {name} by reason", ("reason", *classes, "together (s)", "longest (s)"), rows)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------

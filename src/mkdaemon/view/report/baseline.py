@@ -86,7 +86,7 @@ FRAME: Final = Group(
 )
 MOUNTING: Final = Group(
     "mounting",
-    "correct the mount of the camera (mkdaemon calibrate mount), or `body_position` and `body_rpy_deg` of the reference",
+    "correct the camera's mount (mkdaemon calibrate mount), or `body_position` and `body_rpy_deg` of the reference",
     "turn by 90 degrees each way, and tilt",
 )
 SCALE: Final = Group(
@@ -137,7 +137,7 @@ class PoseTrack:
         """Usual interval [s]."""
         return float(np.median(np.diff(self.times))) if len(self.times) > 1 else math.inf
 
-    def drop_outs(self) -> list[tuple[float, float]]:
+    def pauses(self) -> list[tuple[float, float]]:
         """Begin and end [s] of every pause that is no usual interval."""
         longest = DROP_OUT * self.period
         return [(begin, end) for begin, end in pairwise(self.times.tolist()) if end - begin > longest]
@@ -264,8 +264,18 @@ class PairErrors:
 
 
 class Bin(NamedTuple):
-    """Figures of a class of distances or angles: its edges, images with the target in view, those with a pose, pairs,
-    median of the scale, and errors along, across [m] and of the rotation [deg].
+    """Figures of a class of distances [m] or angles [deg].
+
+    Attributes:
+        low: its edge.
+        high: its edge.
+        images: with the target in view.
+        posed: of those, with a pose.
+        pairs: compared.
+        scale: median; None for too few pairs.
+        along: error along the line of sight [m].
+        across: error across it [m].
+        turn: angle of the rotation [deg].
     """
 
     low: float
@@ -340,8 +350,14 @@ class Baseline:
         return self.moved < STILL_M and self.turned < STILL_DEG
 
 
-def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Images) -> Baseline | str:
-    """Compare; a sentence with a remedy where the recording cannot answer.
+class Unanswered(NamedTuple):
+    """Why the recording has no answer, and what to do: a sentence."""
+
+    reason: str
+
+
+def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Images) -> Baseline | Unanswered:
+    """Compare a camera with a reference.
 
     Args:
         camera: its poses.
@@ -351,15 +367,15 @@ def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Ima
     """
     for name, track in (("camera", camera), ("reference", reference)):
         if len(track.times) < LEAST_PAIRS:
-            return (
+            return Unanswered(
                 f"The {name} has {len(track.times)} poses, and {LEAST_PAIRS} are needed: record a longer flight with "
                 "the target in view of the camera and the body in view of the reference."
             )
     known, positions, rotations = reference.at(camera.times)
     if known.sum() < LEAST_PAIRS:
         if camera.times[0] > reference.times[-1] or camera.times[-1] < reference.times[0]:
-            return "Camera and reference do not overlap in time: record both at once, with synchronised clocks."
-        return (
+            return Unanswered("Camera and reference do not overlap in time: record both at once, on one clock.")
+        return Unanswered(
             f"Only {known.sum()} poses of the camera fall between two of the reference, and {LEAST_PAIRS} are needed: "
             "record a longer flight in view of both."
         )
@@ -387,7 +403,7 @@ def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Ima
         errors=errors,
         distances=bins[0],
         angles=bins[1],
-        drop_outs=tuple(_drop_outs(camera, images, shown & ~inside)),
+        drop_outs=drop_outs(camera, images, shown & ~inside),
         moved=moved,
         turned=turned,
     )
@@ -483,6 +499,8 @@ class _Pairs:
             slopes = np.stack([self._residuals(values + step)[1] - residuals for step in np.diag(_STEP)], axis=2)
             slopes /= _STEP
             used = weights * known
+            if not used.any():
+                break
             sizes = np.linalg.norm(residuals.reshape(-1, 2, 3), axis=2)
             # The median length of three normal errors is 1.54 standard deviations; not below 0.5 mm and 0.02 degrees.
             sds = np.maximum(np.median(sizes[used > 0], axis=0) / 1.54, (5e-4, 3.5e-4))
@@ -544,16 +562,16 @@ def _bins(
     return found
 
 
-def _drop_outs(camera: PoseTrack, images: Images, hidden: Mask) -> list[DropOut]:
-    """Pauses of the camera with the commonest outcome of their images; `hidden` are images without the target."""
+def drop_outs(track: PoseTrack, images: Images, hidden: Mask) -> tuple[DropOut, ...]:
+    """Pauses of a track with the commonest outcome of their images; `hidden` are images (n,) without the target."""
     found = []
-    for begin, end in camera.drop_outs():
+    for begin, end in track.pauses():
         first, last = np.searchsorted(images.times, begin, "right"), np.searchsorted(images.times, end, "left")
         reasons = Counter(
             OUT_OF_SIGHT if hidden[k] else images.outcomes[k] for k in range(first, last) if images.outcomes[k]
         )
         found.append(DropOut(begin, end, reasons.most_common(1)[0][0] if reasons else NO_IMAGE))
-    return found
+    return tuple(found)
 
 
 def rotation_vectors(rotations: Array) -> Array:

@@ -9,6 +9,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +21,12 @@ from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 
 FASTEST: Final = 300.0
 """Images a second; more missing numbers than that are no lost images, but another count."""
+MOST_IMAGES: Final = 2_000_000
+"""Missing images that are counted: 18 hours at 30 a second."""
+SAME_IMAGE: Final = 1e-3
+"""Values of one image have one stamp; a camera that starts again counts from 1 again [s]."""
+OLDEST: Final = 10.0
+"""Of a report [s], as its model allows."""
 FARTHEST: Final = 1e4
 """A pose beyond it is none [m]."""
 MOST_TAGS: Final = 500
@@ -27,6 +34,8 @@ MOST_TAGS: Final = 500
 OWN_FRAME: Final = ""
 """Target of reports that the daemon did not publish as poses: the frame of their source."""
 _SIDES: Final = ("fx", "fy", "cx", "cy", "width", "height")
+Outcome = tuple[float, int, str]
+"""Time [s] and number of an image, and why it gave no pose; empty for a pose."""
 
 
 @dataclass
@@ -35,16 +44,16 @@ class Sights:
 
     Attributes:
         poses: by target, rows of time [s], position, quaternion, latency [s], image.
-        refused: by target, time [s] and reason by image.
-        tagged: time [s] of images with tags, by image.
+        refused: by target, time [s], image and reason.
+        tagged: images with tags: time [s], image and `OTHER_TAGS`.
         passed_over: images that were dropped or lost, as counted: the first and the last count.
         setup: properties and targets.
         is_source: it is a source of `[[positions]]`, and its reports are the poses.
     """
 
     poses: dict[str, list[list[float]]] = field(default_factory=lambda: defaultdict(list))
-    refused: dict[str, dict[int, tuple[float, str]]] = field(default_factory=lambda: defaultdict(dict))
-    tagged: dict[int, float] = field(default_factory=dict)
+    refused: dict[str, list[Outcome]] = field(default_factory=lambda: defaultdict(list))
+    tagged: list[Outcome] = field(default_factory=list)
     passed_over: list[float] = field(default_factory=list)
     setup: Mapping[str, Any] = field(default_factory=dict)
 
@@ -55,7 +64,7 @@ class Sights:
 
     def take_report(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take a `PositionReport`, which is as old as it says when it arrives."""
-        age = number_of(fields, "age") or 0.0
+        age = min(max(number_of(fields, "age") or 0.0, 0.0), OLDEST)
         self._keep(OWN_FRAME, at - age, fields, numbers_of(fields, "position", 3), "quaternion", "age")
 
     def _keep(
@@ -70,12 +79,13 @@ class Sights:
     def take_refused(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take a `PoseRefused`."""
         if (image := number_of(fields, "sequence")) is not None:
-            self.refused[text_of(fields, "target")][int(image)] = at, text_of(fields, "refusal") or "refused"
+            why = text_of(fields, "refusal") or "refused"
+            self.refused[text_of(fields, "target")].append((at, int(image), why))
 
     def take_tags(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take `Tags`."""
         if (image := number_of(fields, "sequence")) is not None:
-            self.tagged[int(image)] = at
+            self.tagged.append((at, int(image), OTHER_TAGS))
 
     def take_stats(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take `VisionStats`."""
@@ -123,13 +133,17 @@ class Sights:
 
     def images(self, target: str) -> Images:
         """Every image, also those that nothing was published of: their numbers are missing."""
-        known = {image: (at, OTHER_TAGS) for image, at in self.tagged.items()} | self.refused.get(target, {})
-        known |= {int(row[9]): (row[0], "") for row in self.poses.get(target, [])}
-        found = sorted((at, image, outcome) for image, (at, outcome) in known.items())
+        posed = [(row[0], int(row[9]), "") for row in self.poses.get(target, [])]
+        found: list[Outcome] = []
+        for row in sorted([*self.tagged, *self.refused.get(target, []), *posed]):
+            if found and row[1] == found[-1][1] and row[0] - found[-1][0] < SAME_IMAGE:
+                found[-1:] = [row] if not row[2] or found[-1][2] == OTHER_TAGS else found[-1:]
+            else:
+                found.append(row)
         times, outcomes, missing = [row[0] for row in found], [row[2] for row in found], 0
-        for (begin, first, _), (end, last, _) in zip(found, found[1:], strict=False):
+        for (begin, first, _), (end, last, _) in pairwise(found):
             between = last - first - 1
-            if 0 < between <= FASTEST * (end - begin):
+            if 0 < between <= min(FASTEST * (end - begin), MOST_IMAGES - missing):
                 times += np.linspace(begin, end, between + 2)[1:-1].tolist()
                 outcomes += [NO_TAG] * between
                 missing += between
