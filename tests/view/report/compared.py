@@ -44,7 +44,7 @@ def recorded(path: Path, wrong: Wrong = RIGHT, *, as_reports: bool = False) -> P
         rows = zip(reference.times, reference.positions, reference.rotations, strict=True)
         for number, (at, place, turn) in enumerate(rows):
             report = {"sequence": number, "epoch": 1, "age": 0.05, "position": place.tolist()}
-            tape.add(at + 0.05, "positions/mocap", report | {"quaternion": list(quaternion_from_rotation(turn))})
+            tape.add(at + 0.05, "positions/mocap/report", report | {"quaternion": list(quaternion_from_rotation(turn))})
     else:
         add_poses(tape, "mocap", reference)
     for at in (0.0, 29.0):

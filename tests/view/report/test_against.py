@@ -115,7 +115,7 @@ def test_a_recording_of_a_reference_alone_asks_for_a_camera(tmp_path):
 
 
 FIELDS = ["position_target", "quaternion_target_from_flu", "sequence", "target", "latency", "age", "lens", "targets"]
-KEYS = ["vision/down/pose", "vision/down/setup", "vision/down/tags", "vision/down/refused", "positions/mocap"]
+KEYS = ["vision/down/pose", "vision/down/setup", "vision/down/tags", "vision/down/refused", "positions/mocap/report"]
 NUMBERS = st.lists(st.floats() | st.integers(-(2**63), 2**63) | st.none(), min_size=3, max_size=5)
 
 

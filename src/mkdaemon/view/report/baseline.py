@@ -346,7 +346,7 @@ class Baseline:
 
     @property
     def is_still(self) -> bool:
-        """Whether the reference stands still: neither scale, lag nor mounting can be told."""
+        """Whether the reference stands still: it determines neither scale, lag nor mounting."""
         return self.moved < STILL_M and self.turned < STILL_DEG
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.frames import rotation_from_quaternion
-from mkdaemon.telemetry.position import SUFFIX
+from mkdaemon.telemetry.position import report_key
 from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images, PoseTrack, TagView
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 
@@ -167,10 +167,10 @@ _TAKES: Final[dict[str, Take]] = {
 
 def taken_by(suffix: str) -> tuple[str, Take] | None:
     """Name of the camera or source whose values a key has, and what takes them; None for another key."""
-    name = suffix.removeprefix(SUFFIX)
-    if name != suffix and name and "/" not in name:
-        return name, Sights.take_report
     parts = suffix.split("/")
-    if len(parts) == 3 and parts[0] == "vision" and parts[2] in _TAKES:
-        return parts[1], _TAKES[parts[2]]
-    return None
+    if len(parts) != 3:
+        return None
+    _, name, last = parts
+    if suffix == report_key(name):
+        return name, Sights.take_report
+    return (name, _TAKES[last]) if parts[0] == "vision" and last in _TAKES else None
