@@ -124,7 +124,11 @@ class BaselineFlight(RenderedRig):
 
     def _arrived(self, measured: Measured, sequence: int) -> Any:
         report = measured.report(1, sequence)
-        return lambda now: self.keep(self._eye.take(report, now, now, self._clock.stamp(now)), now)
+
+        def take(now: float) -> None:
+            self.keep(self._eye.take(report, now, now, self._clock.stamp(now), is_flown=self.core.is_in_air), now)
+
+        return take
 
     def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
         self._eye.attitude_received(at, pitch, roll)

@@ -103,7 +103,7 @@ def test_a_setup_says_where_tags_and_lens_are():
     assert view.centres == pytest.approx(np.array([[2.0, 0.0, 1.0]]))
     assert view.normals == pytest.approx(np.array([[-1.0, 0.0, 0.0]]))
     assert view.radii == pytest.approx([math.hypot(0.1, 0.1)])
-    assert (view.arm.tolist(), view.lens, view.is_fisheye) == ([0.1, 0, 0], (400, 410, 320, 240, 640, 480), False)
+    assert (view.arm.tolist(), view.lens.tolist()) == ([0.1, 0, 0], [400, 410, 320, 240, 640, 480])
     for broken in ({"lens": None}, {"quaternion_flu_from_cam": None}):
         sights.take_setup(1.0, {"lens": lens, **mounted} | broken)
         assert sights.sight("wall").lens is None

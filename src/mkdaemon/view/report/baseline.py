@@ -109,7 +109,7 @@ QUANTITIES: Final = (
     Quantity("position scale, less 1", SCALE, "%", 100.0, 0.1, 0.01, 0.005),
     Quantity("lag of the camera's stamps", LAG, "ms", 1000.0, 0.3, 0.01, 0.01),
 )
-"""Known and worth a sentence: a tenth of the errors that endanger a landing, 10 cm, 5 degrees and 0.1 s."""
+"""Worth a sentence: a tenth of the errors that endanger a landing, 10 cm, 5 degrees, 0.1 s, and of the scale at 2 m."""
 _PRIOR: Final = np.array([one.prior for one in QUANTITIES])
 _KNOWN: Final = np.array([one.known for one in QUANTITIES])
 _STEP: Final = np.array([1e-4] * 13 + [5e-3])
@@ -163,7 +163,7 @@ class TagView:
         radii: half their diagonals (k,) [m].
         arm: camera in the body frame (3,) [m; FLU].
         flu_from_cam: (3, 3).
-        lens: focal lengths, principal point, width, height [px]; None where nothing says what is in the image.
+        lens: focal lengths, principal point, width, height (6,) [px]; None where nothing says what is in the image.
         is_fisheye: the projection is equidistant; distortion is left out of both.
     """
 
@@ -172,7 +172,7 @@ class TagView:
     radii: Array
     arm: Array
     flu_from_cam: Array
-    lens: tuple[float, float, float, float, float, float] | None = None
+    lens: Array | None = None
     is_fisheye: bool = False
 
     def look(self, positions: Array, rotations: Array) -> tuple[Array, Array, Array, Mask]:

@@ -105,29 +105,28 @@ class Sights:
 
     def sight(self, target: str) -> TagView:
         """What is seen; the middle of the target, always in view, where the recording has no setup."""
-        sides = [number_of(self.setup, f"lens.{name}") for name in _SIDES]
-        lens = None if None in sides else tuple(side for side in sides if side is not None)
-        mount = numbers_of(self.setup, "quaternion_flu_from_cam", 4)
-        is_mounted = mount is not None and math.hypot(*mount) > 0.5
+        lens = [side for name in _SIDES if (side := number_of(self.setup, f"lens.{name}")) is not None]
+        w, x, y, z = numbers_of(self.setup, "quaternion_flu_from_cam", 4) or (0.0, 0.0, 0.0, 0.0)
+        is_mounted = math.hypot(w, x, y, z) > 0.5
         shapes = part_of(self.setup, "targets")
-        tags = [
-            np.array(corners)
+        prints = [
+            corners
             for shape in (shapes if isinstance(shapes, list) else [])
             if text_of(shape, "name") == target and isinstance(part_of(shape, "tags"), list)
             for tag in shape["tags"][:MOST_TAGS]
             if None not in (corners := [numbers_of(tag, f"corners.{k}", 3) for k in range(4)])
         ]
-        corners = np.array(tags or [np.zeros((4, 3))])
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 0] - corners[:, 3])
+        tags = np.array(prints or [[[0.0] * 3] * 4], dtype=float)
+        normals = np.cross(tags[:, 1] - tags[:, 0], tags[:, 0] - tags[:, 3])
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        centres = corners.mean(axis=1)
+        centres = tags.mean(axis=1)
         return TagView(
             centres=centres,
             normals=np.where(lengths > 0.0, normals / np.maximum(lengths, 1e-12), (0.0, 0.0, 1.0)),
-            radii=np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1),
+            radii=np.linalg.norm(tags - centres[:, None], axis=2).max(axis=1),
             arm=np.array(numbers_of(self.setup, "position_flu", 3) or np.zeros(3)),
-            flu_from_cam=rotation_from_quaternion(tuple(mount)) if mount is not None and is_mounted else np.eye(3),
-            lens=lens if is_mounted and len(lens or ()) == len(_SIDES) else None,
+            flu_from_cam=rotation_from_quaternion((w, x, y, z)) if is_mounted else np.eye(3),
+            lens=np.array(lens) if is_mounted and len(lens) == len(_SIDES) else None,
             is_fisheye=text_of(self.setup, "lens.model") == "fisheye",
         )
 
