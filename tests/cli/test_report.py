@@ -9,7 +9,7 @@ import pytest
 
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
-from mkdaemon.view.report import make
+from mkdaemon.view.report import page
 from mkdaemon.view.report.make import report_of
 from tests.places import DATA
 from tests.view.report.compared import apart, recorded
@@ -21,7 +21,7 @@ FLIGHT = DATA / "recordings" / "fc_sticks.mcap"
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(make, "plotly_source", lambda: "library")
+    monkeypatch.setattr(page, "plotly_source", lambda: "library")
     return tmp_path
 
 

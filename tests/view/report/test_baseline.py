@@ -15,8 +15,8 @@ from mkdaemon.view.report.baseline import (
     OUT_OF_SIGHT,
     Baseline,
     Images,
+    NoAnswer,
     TagView,
-    Unanswered,
     compare,
     rotation_vectors,
     rotations_by,
@@ -210,7 +210,7 @@ CAMERA, REFERENCE = tracks(seconds=10.0)
 )
 def test_what_cannot_be_answered_is_said_with_a_remedy(camera, reference, told):
     found = compare(camera, reference, VIEW, images_of(camera))
-    assert isinstance(found, Unanswered)
+    assert isinstance(found, NoAnswer)
     assert told in found.reason
     assert "record" in found.reason
 

@@ -47,8 +47,8 @@ def report(
             nothing can be compared.
     """
     from mkdaemon.files import refuse_existing, save
-    from mkdaemon.view.report.make import plotly_source, report_of
-    from mkdaemon.view.report.page import render
+    from mkdaemon.view.report.make import report_of
+    from mkdaemon.view.report.page import plotly_source, render
 
     target = output or Path(f"{file.stem}.html")
     refuse_existing(target, overwrite=force)

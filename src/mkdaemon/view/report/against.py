@@ -19,11 +19,11 @@ from mkdaemon.view.report.baseline import (
     Bin,
     DropOut,
     Group,
+    NoAnswer,
     Offset,
     PairErrors,
     PoseTrack,
     Spread,
-    Unanswered,
     compare,
     drop_outs,
 )
@@ -106,7 +106,7 @@ def _chapter(camera: str, mine: Sights, reference: str, theirs: Sights, place: i
     other = target if shared else max(theirs.poses, key=lambda name: len(theirs.poses[name]))
     track, base, sight = mine.track(target), theirs.track(other), mine.sight(target)
     found = compare(track, base, sight, mine.images(target))
-    if isinstance(found, Unanswered):
+    if isinstance(found, NoAnswer):
         return Chapter(camera, reference, False, [found.reason])
     against = f"target {target or 'in its own frame'}"
     if not shared:
@@ -169,16 +169,12 @@ def _offsets(found: Baseline) -> TextTable:
 
 def _errors(found: Baseline, is_same_frame: bool) -> TextTable:
     """Errors with the constant offsets and without them."""
-    rows = []
-    for name, factor, of in (
-        ("along the line of sight (cm)", _CM, lambda errors: errors.along),
-        ("across it (cm)", _CM, lambda errors: errors.across),
-        ("roll (deg)", 1.0, lambda errors: errors.rpy[:, 0]),
-        ("pitch (deg)", 1.0, lambda errors: errors.rpy[:, 1]),
-        ("yaw (deg)", 1.0, lambda errors: errors.rpy[:, 2]),
-    ):
-        raw = _spread(Spread.of(of(found.raw)) if is_same_frame else None, factor)
-        rows.append((name, raw, _spread(Spread.of(of(found.errors)), factor)))
+    names = ("along the line of sight (cm)", "across it (cm)", "roll (deg)", "pitch (deg)", "yaw (deg)")
+    raw, left = ((_CM * one.along, _CM * one.across, *one.rpy.T) for one in (found.raw, found.errors))
+    rows = [
+        (name, _spread(Spread.of(with_offsets) if is_same_frame else None, 1.0), _spread(Spread.of(without), 1.0))
+        for name, with_offsets, without in zip(names, raw, left, strict=True)
+    ]
     return TextTable("Errors: median / p90 / worst", ("error", "as recorded", "without offsets and lag"), rows)
 
 
@@ -210,8 +206,8 @@ def _rates(camera: PoseTrack, reference: PoseTrack, *names: str) -> TextTable:
         mean = (len(track.times) - 1) / (track.times[-1] - track.times[0])
         columns.append([str(len(track.times)), f"{1.0 / track.period:.1f}", f"{mean:.1f}", f"{p50:.0f} / {p99:.0f}"])
         columns[-1] += [str(len(pauses)), f"{sum(pauses):.2f}", f"{max(pauses, default=0.0):.2f}"]
-    words = ("poses", "usual rate (Hz)", "mean rate (Hz)", "latency, p50 / p99 (ms)")
-    words += ("drop-outs", "together (s)", "longest (s)")
+    words = ["poses", "usual rate (Hz)", "mean rate (Hz)", "latency, p50 / p99 (ms)"]
+    words += ["drop-outs", "together (s)", "longest (s)"]
     return TextTable("Rates and drop-outs", ("", *names), list(zip(words, *columns, strict=True)))
 
 

@@ -203,8 +203,9 @@ class TagView:
         bent = np.arctan2(off, depth) * depth / np.maximum(off, 1e-9) if self.is_fisheye else 1.0
         u, v = cx + fx * bent * seen[..., 0] / depth, cy + fy * bent * seen[..., 1] / depth
         margin = fx * self.radii / depth
-        fits = (u > margin) & (u < width - margin) & (v > margin) & (v < height - margin)
-        return fits & (seen[..., 2] > 0.0)
+        fits: Mask = (u > margin) & (u < width - margin) & (v > margin) & (v < height - margin)
+        fits &= seen[..., 2] > 0.0
+        return fits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -350,13 +351,13 @@ class Baseline:
         return self.moved < STILL_M and self.turned < STILL_DEG
 
 
-class Unanswered(NamedTuple):
+class NoAnswer(NamedTuple):
     """Why the recording has no answer, and what to do: a sentence."""
 
     reason: str
 
 
-def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Images) -> Baseline | Unanswered:
+def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Images) -> Baseline | NoAnswer:
     """Compare a camera with a reference.
 
     Args:
@@ -367,15 +368,15 @@ def compare(camera: PoseTrack, reference: PoseTrack, sight: TagView, images: Ima
     """
     for name, track in (("camera", camera), ("reference", reference)):
         if len(track.times) < LEAST_PAIRS:
-            return Unanswered(
+            return NoAnswer(
                 f"The {name} has {len(track.times)} poses, and {LEAST_PAIRS} are needed: record a longer flight with "
                 "the target in view of the camera and the body in view of the reference."
             )
     known, positions, rotations = reference.at(camera.times)
     if known.sum() < LEAST_PAIRS:
         if camera.times[0] > reference.times[-1] or camera.times[-1] < reference.times[0]:
-            return Unanswered("Camera and reference do not overlap in time: record both at once, on one clock.")
-        return Unanswered(
+            return NoAnswer("Camera and reference do not overlap in time: record both at once, on one clock.")
+        return NoAnswer(
             f"Only {known.sum()} poses of the camera fall between two of the reference, and {LEAST_PAIRS} are needed: "
             "record a longer flight in view of both."
         )
