@@ -45,6 +45,13 @@ def test_numbers_that_are_missing_are_images_without_a_tag():
     assert images.weights.tolist() == [1.0] * 6
 
 
+def test_a_source_publishes_few_of_its_reports_and_misses_none():
+    sights = Sights()
+    for number in (1, 4, 7):
+        sights.take_pose(number / 100.0, pose(number, source="report"))
+    assert sights.images("pad").outcomes == ["", "", ""]
+
+
 def test_images_that_were_dropped_before_the_eyes_count_less():
     sights = seen(1, 6)
     for dropped, lost in ((5, 0), (6, 1), (6, 2)):

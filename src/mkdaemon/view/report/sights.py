@@ -31,6 +31,8 @@ FARTHEST: Final = 1e4
 """A pose beyond it is none [m]."""
 MOST_TAGS: Final = 500
 """Of a map."""
+BY_REPORT: Final = "report"
+"""How a `VisionPose` of a source was measured."""
 OWN_FRAME: Final = ""
 """Target of reports that the daemon did not publish as poses: the frame of their source."""
 _SIDES: Final = ("fx", "fy", "cx", "cy", "width", "height")
@@ -48,7 +50,7 @@ class Sights:
         tagged: images with tags: time [s], image and `OTHER_TAGS`.
         passed_over: images that were dropped or lost, as counted: the first and the last count.
         setup: properties and targets.
-        is_source: it is a source of `[[positions]]`, and its reports are the poses.
+        is_source: it is a source of `[[positions]]`: most of its reports are not published, so none is missing.
     """
 
     poses: dict[str, list[list[float]]] = field(default_factory=lambda: defaultdict(list))
@@ -56,14 +58,17 @@ class Sights:
     tagged: list[Outcome] = field(default_factory=list)
     passed_over: list[float] = field(default_factory=list)
     setup: Mapping[str, Any] = field(default_factory=dict)
+    is_source: bool = False
 
     def take_pose(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take a `VisionPose`."""
         position = numbers_of(fields, "position_target", 3)
+        self.is_source = self.is_source or text_of(fields, "source") == BY_REPORT
         self._keep(text_of(fields, "target"), at, fields, position, "quaternion_target_from_flu", "latency")
 
     def take_report(self, at: float, fields: Mapping[str, Any]) -> None:
         """Take a `PositionReport`, which is as old as it says when it arrives."""
+        self.is_source = True
         age = min(max(number_of(fields, "age") or 0.0, 0.0), OLDEST)
         self._keep(OWN_FRAME, at - age, fields, numbers_of(fields, "position", 3), "quaternion", "age")
 
@@ -142,7 +147,7 @@ class Sights:
         times, outcomes, missing = [row[0] for row in found], [row[2] for row in found], 0
         for (begin, first, _), (end, last, _) in pairwise(found):
             between = last - first - 1
-            if 0 < between <= min(FASTEST * (end - begin), MOST_IMAGES - missing):
+            if not self.is_source and 0 < between <= min(FASTEST * (end - begin), MOST_IMAGES - missing):
                 times += np.linspace(begin, end, between + 2)[1:-1].tolist()
                 outcomes += [NO_TAG] * between
                 missing += between
