@@ -1,8 +1,12 @@
 "use strict";
 // Draws the plots of the page: one cursor and one stretch of time for all of them.
 (async () => {
-  const note = document.getElementById("plots-note");
   const figures = JSON.parse(document.getElementById("figures").textContent);
+  if (!figures.length) {
+    document.body.dataset.ready = "yes";
+    return;
+  }
+  const note = document.getElementById("plots-note");
   if (!("DecompressionStream" in window)) {
     note.textContent = "The plots need a browser of 2023 or later.";
     return;

@@ -162,6 +162,8 @@ def _body(report: Report) -> Iterable[str]:
         yield _section("The recording is not whole", _list(report.losses), css="warn")
     yield f'<div class="cards">{"".join(map(_card, report.cards))}</div>'
     yield _section("Summary", _list(report.sentences, css="said"), name="words")
+    if report.plots or any(chapter.plots for chapter in report.chapters):
+        yield '<p class="note" id="plots-note">The plots need JavaScript.</p>'
     tracks = [plot for plot in report.plots if plot.times]
     if tracks:
         yield _section("From above", f'<div class="pair">{"".join(map(_place, tracks))}</div>')
@@ -171,7 +173,6 @@ def _body(report: Report) -> Iterable[str]:
             '<p class="note screen">Drag to zoom all plots, double click to see everything again; the pointer shows '
             "the same moment everywhere. Shaded blue: every second manoeuvre or stage; red: blind flight, without a "
             "pose.</p>"
-            '<p class="note" id="plots-note">The plots need JavaScript.</p>'
         )
         yield _section("Over time", words + "".join(map(_place, timed)))
     for chapter in report.chapters:
