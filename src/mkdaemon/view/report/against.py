@@ -256,11 +256,12 @@ def _figures(found: Baseline, place: int) -> Iterable[Plot]:
         seen = [one for one in bins if one.images >= 1.0]
         bars = {
             "type": "bar",
-            "name": "images with a pose",
+            "name": "with a pose; number: images",
+            "textangle": 0,
             "marker": {"color": GREEN},
             "x": [f"{one.low:g}-{one.high:g}" if math.isfinite(one.high) else f"> {one.low:g}" for one in seen],
             "y": [round(100.0 * min(one.posed / one.images, 1.0), 2) for one in seen],
-            "text": [f"{one.images:.0f} images" for one in seen],
+            "text": [f"{one.images:.0f}" for one in seen],
         }
         yield _figure(f"{name}{place}", title, unit, "%", [bars], xaxis={"type": "category"}, yaxis={"range": [0, 100]})
     over_time = [
