@@ -87,6 +87,7 @@ def test_a_page_shows_it(scaled):
     figures = json.loads(page.partition('id="figures">')[2].partition("</script>")[0])
     alone = {figure["name"]: figure for figure in figures if figure["alone"]}
     assert len(alone) == 6
+    assert 'id="plots-note"' in page  # the script of the page begins with it, also where nothing is plotted over time
     for name, figure in alone.items():
         assert f'id="plot-{name}"' in page
         assert figure["data"][0]["x"]

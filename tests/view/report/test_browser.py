@@ -10,8 +10,10 @@ import re
 import pytest
 
 from lab.rigs.browsing import chromium
-from mkdaemon.view.report.make import make_page
+from mkdaemon.view.report.make import make_page, report_of
+from mkdaemon.view.report.page import plotly_source, render
 from tests.reading.situations import LOOKED_AT
+from tests.view.report.compared import recorded
 from tests.view.report.known import taped, write_known
 from tests.view.report.test_page import HOSTILE
 
@@ -103,6 +105,16 @@ def test_the_pointer_shows_one_moment_everywhere(known):
     # Hovering is drawn a moment later; plotly's own texts say height and time.
     said = "document.querySelector('#plot-height .hoverlayer').textContent"
     known.page.wait_for_function(f"{said}.includes('2.5') && {said}.includes('4.00')")
+
+
+def test_figures_of_a_comparison_are_drawn(browser, tmp_path):
+    report = report_of(recorded(tmp_path / "compared.mcap"), None, against="mocap")
+    path = tmp_path / "compared.html"
+    path.write_bytes(render(report, plotly_source()))
+    opened = Opened(browser, path)
+    for plot in report.chapters[0].plots:
+        assert opened.plot(plot.name, "querySelectorAll('.points path, .point path').length") > 1
+    assert opened.errors == []
 
 
 def test_it_prints(known):
