@@ -10,7 +10,8 @@ import pytest
 
 from lab.rigs.baselineflight import SOURCE, BaselineFlight
 from mkdaemon.record.summary import summarise
-from mkdaemon.view.report.baseline import Baseline, PoseTrack, compare
+from mkdaemon.view.report.alignment import PoseTrack
+from mkdaemon.view.report.baseline import Baseline, compare
 from mkdaemon.view.report.flight import FlightReader
 from mkdaemon.view.report.make import report_of
 from mksim.physics.mocap import ANGLE_SD, PLACE_SD

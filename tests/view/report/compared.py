@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from mkdaemon.frames import quaternion_from_rotation
-from mkdaemon.view.report.baseline import PoseTrack
+from mkdaemon.view.report.alignment import PoseTrack
 from tests.view.report.known import Tape
 from tests.view.report.posed import RIGHT, Wrong, pose_fields, tracks
 

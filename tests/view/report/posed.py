@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
-from mkdaemon.view.report.baseline import Array, PoseTrack
+from mkdaemon.view.report.alignment import Array, PoseTrack
 
 POSE_NOISE = 0.002
 TURN_NOISE = math.radians(0.15)

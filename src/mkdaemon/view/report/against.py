@@ -13,16 +13,15 @@ from typing import Any, Final
 import numpy as np
 
 from mkdaemon.errors import ConfigError
+from mkdaemon.view.report.alignment import Group, PoseTrack
 from mkdaemon.view.report.baseline import (
     LENGTHS,
     Baseline,
     Bin,
     DropOut,
-    Group,
     NoAnswer,
     Offset,
     PairErrors,
-    PoseTrack,
     Spread,
     compare,
     drop_outs,

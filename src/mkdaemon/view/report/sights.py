@@ -16,7 +16,8 @@ import numpy as np
 
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.telemetry.position import report_key
-from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images, PoseTrack, TagView
+from mkdaemon.view.report.alignment import PoseTrack, TagView
+from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS, Images
 from mkdaemon.view.report.said import number_of, numbers_of, part_of, text_of
 
 FASTEST: Final = 300.0
