@@ -21,13 +21,13 @@ from mkdaemon.config.positions import PositionSource
 from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.frames import Matrix, Vector
+from mkdaemon.positions.positioneye import PositionEye
 from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
-from mkdaemon.vision.positioneye import PositionEye
 from mkdaemon.vision.track.attitude import AttitudeHistory
 from mksim.physics.mocap import RATE, Measured, MotionCapture
 
