@@ -521,8 +521,7 @@ class Leases:
             use_remembered: confirms that a FlightCtrl that cannot be asked in flight is the one before; docs/link.md.
 
         Raises:
-            CommandRejectedError: `lease_held`, `gate_shut`, ...; says what to do. `busy`, `link_down` and
-                `discovering` after two seconds: until then it is asked again.
+            CommandRejectedError: `lease_held`, `gate_shut`, ...; what may pass, as `link_down`, after asking for 2 s.
             MkError: no daemon serves this vehicle.
         """
         load_models()
