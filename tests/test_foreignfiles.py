@@ -34,6 +34,7 @@ from mkdaemon.foreignfiles import DEEPEST, open_regular, parse_json, parse_numbe
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
+from mkdaemon.missions.pathcsv import read_pieces
 from mkdaemon.missions.script import read_script
 from mkdaemon.protocol.capture import read_chunks
 from mkdaemon.protocol.framing import DropReason, FrameDecoder
@@ -109,6 +110,7 @@ READERS = {
     "recording.mcap": lambda path: list(Recording(path).entries()),
     "glance.mcap": glance,
     "script.toml": read_script,
+    "path.csv": read_pieces,
     "pad.jsonl": read_pad,
     "report.json": take_report,
     "zenoh.json5": lambda path: session_config("peer", zenoh_file=path),
@@ -158,6 +160,7 @@ OPENERS = {
     "link/ports/replayport": "capture.jsonl",
     "missions/format": "route.plan",
     "missions/kmz": "route.kmz",
+    "missions/pathcsv": "path.csv",
     "missions/script": "script.toml",
     "record/reader": "recording.mcap",
     "record/summary": "glance.mcap",

@@ -100,7 +100,8 @@ def originals(kind: Kind) -> Sequence[bytes]:
         case Kind.MIXER:
             return [b'name = "Quadro"\n[motors]\n1 = [64, 64, 0, 64]\n2 = [64, -64, 0, 64]\n3 = [64, 0, -64, -64]\n']
         case Kind.SCRIPT:
-            return [path.read_bytes() for path in sorted((CONFIGS / "missions").glob("*.toml"))]
+            found = [path.read_bytes() for path in sorted((CONFIGS / "missions").glob("*.toml"))]
+            return [content for content in found if b"\nfile = " not in content]  # it would not lie beside
         case Kind.GAMEPAD:
             return [(CONFIGS / "gamepads" / "xbox.toml").read_bytes()]
         case Kind.PAD_SESSION:

@@ -60,6 +60,7 @@ def pose(at):
         stamp=Stamp(monotonic=at, wall=at),
         camera="down",
         target="pad",
+        source="corners",
         position_flu=(0.0, 0.0, -2.0),
         quaternion_target_from_flu=(1.0, 0.0, 0.0, 0.0),
         covariance=tuple(1e-4 * (k % 7 == 0) for k in range(36)),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.foreignfiles import LONGEST_SETTINGS, read_text
+from mkdaemon.foreignfiles import LONGEST_SETTINGS, parse_number, read_text
 from mkdaemon.missions.source import FilePlace
 from mkdaemon.telemetry.path import COEFFICIENTS, MOST_PIECES
 
@@ -65,7 +65,7 @@ def _number(place: FilePlace, column: int, cell: str) -> float:
         ConfigError: it is no finite number.
     """
     try:
-        number = float(cell)
+        number = parse_number(cell)
     except ValueError:
         number = math.nan
     if not math.isfinite(number):

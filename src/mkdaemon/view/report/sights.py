@@ -74,10 +74,10 @@ class Sights:
         self._keep(OWN_FRAME, at - age, fields, numbers_of(fields, "position", 3), "quaternion", "age")
 
     def _keep(
-        self, target: str, at: float, fields: Mapping[str, Any], position: list[float] | None, turn: str, late: str
+        self, target: str, at: float, fields: Mapping[str, Any], position: list[float], turn: str, late: str
     ) -> None:
         quaternion, image = numbers_of(fields, turn, 4), number_of(fields, "sequence")
-        if position is None or quaternion is None or image is None:
+        if not position or not quaternion or image is None:
             return
         if max(map(abs, position)) < FARTHEST and 0.5 < math.hypot(*quaternion) < 2.0:
             self.poses[target].append([at, *position, *quaternion, number_of(fields, late) or 0.0, image])
@@ -120,7 +120,7 @@ class Sights:
             for shape in (shapes if isinstance(shapes, list) else [])
             if text_of(shape, "name") == target and isinstance(part_of(shape, "tags"), list)
             for tag in shape["tags"][:MOST_TAGS]
-            if None not in (corners := [numbers_of(tag, f"corners.{k}", 3) for k in range(4)])
+            if all(corners := [numbers_of(tag, f"corners.{k}", 3) for k in range(4)])
         ]
         tags = np.array(prints or [[[0.0] * 3] * 4], dtype=float)
         normals = np.cross(tags[:, 1] - tags[:, 0], tags[:, 0] - tags[:, 3])
