@@ -23,18 +23,12 @@ from lab.demo import landing_of
 from lab.room import STRAYED
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlError, ControlStatus
-from mkdaemon.telemetry.path import PathFlown, PathPoint, PathUploadRequest
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
 from mkdaemon.virtualtime import run_virtually
 from mksim.programs.rehearsal import HEIGHT, FlightPart, over_goal, room_demonstration, simulated_aircraft
-from mksim.scene.room import AWAY, GOAL
+from mksim.scene.room import GOAL, figure_of_eight
 
-LAP: Final = 6.097
-"""Length of the figure [m]."""
-POINTS: Final = 16
-"""Of a lap."""
-RUN_UP: Final = (3.0, 1.8, 1.4, 1.15)
-"""Factors on the times of the first legs, and of the last, backwards."""
 LAPS: Final = 3
 SPEED: Final = 1.0
 """[m/s]."""
@@ -61,17 +55,6 @@ class Flight:
     speed: float = SPEED
 
 
-def figure_of_eight(speed: float) -> PathUploadRequest:
-    """The figure in the middle of the room, at a mean speed [m/s]."""
-    points, legs = [PathPoint(position=(-0.5 * AWAY, 0.0, HEIGHT))], LAPS * POINTS
-    for leg in range(legs):
-        edge, turn = min(leg, legs - 1 - leg), math.tau * (leg + 1) / POINTS
-        slow = RUN_UP[edge] if edge < len(RUN_UP) else 1.0
-        place = (-0.5 * AWAY + math.sin(turn), 0.5 * math.sin(2.0 * turn), HEIGHT)
-        points.append(PathPoint(position=place, time=slow * LAP / (POINTS * speed)))
-    return PathUploadRequest(points=tuple(points))
-
-
 def fly(flight: Flight) -> Row:
     """Fly once.
 
@@ -86,7 +69,7 @@ def fly(flight: Flight) -> Row:
     rates: list[float] = []
     parts = (
         FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
-        FlightPart("path", PathSetpoint, {"target": GOAL}, path=figure_of_eight(flight.speed)),
+        FlightPart("path", PathSetpoint, {"target": GOAL}, path=figure_of_eight(flight.speed, LAPS, HEIGHT)),
         over_goal("return", 0.0, 0.0),
         FlightPart("land", LandSetpoint, {"target": GOAL}),
     )

@@ -1,7 +1,7 @@
 """Flights through a room of surveyed tags, from pad to pad, in virtual time: `python -m lab room`.
 
 The flight is the one of `mkdaemon demo --room`: take-off from one pad, 6 m over 24 tags to the other, half the way
-back, a hold in the middle of the room, landing. What became of it is read from the physics.
+back, a hold and a figure of eight in the middle of the room, landing. What became of it is read from the physics.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def fly(flight: Flight) -> Row:
 
     Returns:
         How it ended and why; `touch_cm` from the middle of the pad at the end; `hold_cm` and `midway_cm`, horizontal
-        RMS of the true place against the wanted one over the pad and in the middle of the room; `posed`, share of the
-        images with a pose; its length [s].
+        RMS of the true place against the wanted one over the pad and in the middle of the room; `eight_cm`, the same
+        along the figure of eight; `posed`, share of the images with a pose; its length [s].
     """
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     reasons: list[str] = []
@@ -70,6 +70,7 @@ def fly(flight: Flight) -> Row:
     return landing_of(record, "".join(reasons), stands=stands, is_lost=farthest > STRAYED) | {
         "hold_cm": _rms_cm(record.errors("hold")),
         "midway_cm": _rms_cm(record.errors("midway")),
+        "eight_cm": _rms_cm(record.errors("eight")),
         "posed": round(record.posed / max(record.images, 1), 3),
     }
 
@@ -103,7 +104,7 @@ def main(
     """
     rows = ROOMS.rows([Flight(seed, wind, fps) for seed in range(first, first + seeds)], jobs, results)
     found: dict[str, Any] = endings(rows)
-    for name in ("touch_cm", "hold_cm", "midway_cm", "posed"):
+    for name in ("touch_cm", "hold_cm", "midway_cm", "eight_cm", "posed"):
         values = [row[name] for row in carried_out(rows) if row[name] is not None]
         found[name] = {str(q): round(float(np.quantile(values, q)), 2) for q in (0.5, 0.9, 1.0)} if values else {}
     if as_json:

@@ -11,16 +11,17 @@ from lab import paths
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.path.stored import StoredPaths
-from mksim.programs.rehearsal import ROOM_FENCE
+from mksim.programs.rehearsal import EIGHT, HEIGHT, ROOM_FENCE
+from mksim.scene.room import LAP, figure_of_eight
 
 
-@pytest.mark.parametrize("speed", [0.7, 1.0])
-def test_the_figure_is_two_metres_by_one_at_its_mean_speed_and_within_the_limits_that_are_raised_for_it(speed):
-    stored = StoredPaths(AutopilotConfig(fence_radius=ROOM_FENCE, **paths.LIMITS))
-    found = stored.find(stored.upload(paths.figure_of_eight(speed), AircraftModel()).id)
+@pytest.mark.parametrize(("speed", "limits"), [(EIGHT, {}), (paths.SPEED, paths.LIMITS)])
+def test_the_figure_is_two_metres_by_one_at_its_mean_speed_and_within_the_limits(speed, limits):
+    stored = StoredPaths(AutopilotConfig(fence_radius=ROOM_FENCE, **limits))
+    found = stored.find(stored.upload(figure_of_eight(speed, 3, HEIGHT), AircraftModel()).id)
     place = np.array(found.drawn)
     assert np.ptp(place, axis=0) == pytest.approx((2.0, 1.0, 0.0), abs=0.02)
-    lap = found.curve.duration / 2.0 + np.linspace(-0.5, 0.5, 400) * paths.LAP / speed
+    lap = found.curve.duration / 2.0 + np.linspace(-0.5, 0.5, 400) * LAP / speed
     velocity = found.curve.at(lap).velocity
     assert np.hypot(*velocity[:, :2].T).mean() == pytest.approx(speed, rel=0.02)
 

@@ -41,7 +41,15 @@ def test_where_it_stands_says_how_it_ended(record, stands, is_lost, ending, why)
 
 def test_kept_flights_are_summed_up_and_the_goal_is_asked(tmp_path, capsys):
     kept = tmp_path / "room.jsonl"
-    row = {"ending": "finished", "why": "", "hold_cm": 5.0, "midway_cm": 4.0, "posed": 1.0, "seconds": 50.0}
+    row = {
+        "ending": "finished",
+        "why": "",
+        "hold_cm": 5.0,
+        "midway_cm": 4.0,
+        "eight_cm": 6.0,
+        "posed": 1.0,
+        "seconds": 50.0,
+    }
     for worst, code in ((5.0, 0), (9.0, 1)):
         rows = [{"seed": seed, "wind": "light", "fps": 15.0} for seed in (1, 2)]
         lines = [

@@ -28,6 +28,7 @@ from mkdaemon.telemetry.control import ControlError, ControlEstimate, ControlSta
 from mkdaemon.telemetry.path import PathUploadRequest
 from mkdaemon.telemetry.setpoint import (
     LandSetpoint,
+    PathSetpoint,
     PositionSetpoint,
     Setpoint,
     SetpointFrame,
@@ -49,7 +50,7 @@ from mksim.programs.virtualdaemon import VirtualDaemon, virtual_clock, virtual_c
 from mksim.programs.virtualports import Aircraft, Cable, LocalBus
 from mksim.scene.camera import BodyState, Grey, SceneCamera, landing_world
 from mksim.scene.nested import nested_map
-from mksim.scene.room import AWAY, GOAL, room_map
+from mksim.scene.room import AWAY, GOAL, figure_of_eight, room_map
 from mksim.simulation import Simulation
 
 PAD_STARTS: Final = 45.0
@@ -236,15 +237,18 @@ def over_goal(name: str, east: float, north: float, seconds: float | None = None
     return FlightPart(name, PositionSetpoint, fields, seconds)
 
 
+EIGHT: Final = 0.7
+"""Mean speed along the figure of eight [m/s]: 1.0 in its middle, and 1.1 m/s2 in the bends."""
 ROOM_FLIGHT: Final = (
     FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
     over_goal("hold", 0.0, 0.0, 8.0),
     over_goal("back", -0.5 * AWAY, 0.5),
     over_goal("midway", -0.5 * AWAY, 0.5, 6.0),
+    FlightPart("eight", PathSetpoint, {"target": GOAL}, path=figure_of_eight(EIGHT, 1, HEIGHT)),
     over_goal("return", 0.0, 0.0),
     FlightPart("land", LandSetpoint, {"target": GOAL}),
 )
-"""What is flown in a room: a take-off that names the other pad crosses to it, then half the way back, and landing."""
+"""What is flown in a room: a take-off that names the other pad crosses to it, half the way back, an eight, landing."""
 ROOM_FENCE: Final = AWAY + 2.0
 """Radius of the fence around the pad that is landed on [m]."""
 DEMONSTRATION: Final = (

@@ -1,12 +1,17 @@
-"""A room to fly through: two pads 6 m apart, and 24 tags on the floor between them, as they lie and as surveyed."""
+"""A room to fly through: two pads 6 m apart, and 24 tags on the floor between them, as they lie and as surveyed.
+
+In the middle of it a figure of eight is flown.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 
 from mkdaemon.config.vision import PlaceSection, TagPlacement, TargetSection
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.vision.tags.tagmap import TagMap, build
 from mksim.scene.nested import NESTED
 
@@ -25,6 +30,12 @@ PLACE_SD: Final = 0.001
 """Deviation of a surveyed place along each axis [m]: what surveys left was less; docs/lab/cameras.md."""
 TURN_SD: Final = 0.1
 """The same of a turn about each axis [deg]."""
+LAP: Final = 6.097
+"""Length of the figure of eight [m]."""
+POINTS: Final = 16
+"""Of a lap."""
+RUN_UP: Final = (3.0, 1.8, 1.4, 1.15)
+"""Factors on the times of its first legs, and of the last, backwards."""
 
 
 def room_map(survey: int | None = None) -> TagMap:
@@ -62,3 +73,22 @@ def room_map(survey: int | None = None) -> TagMap:
     places = tuple(PlaceSection(name=name, tag=codes[0]) for name, codes in PAD_IDS.items())
     section = TargetSection(name="room", tags=tuple(tags), places=places)
     return build([section], origin="built-in room")
+
+
+def figure_of_eight(speed: float, laps: int, height: float) -> PathUploadRequest:
+    """A figure of eight of 2 x 1 m in the middle of the room, from the middle of the pad `GOAL`.
+
+    It is the lemniscate of Gerono, x = sin w t and y = sin(2 w t) / 2.
+
+    Args:
+        speed: mean [m/s]; 1.46 of it in the middle. The bends need 2.3 / m of its square.
+        laps: how often.
+        height: above the pad [m].
+    """
+    points, legs = [PathPoint(position=(-0.5 * AWAY, 0.0, height))], laps * POINTS
+    for leg in range(legs):
+        edge, turn = min(leg, legs - 1 - leg), math.tau * (leg + 1) / POINTS
+        slow = RUN_UP[edge] if edge < len(RUN_UP) else 1.0
+        place = (-0.5 * AWAY + math.sin(turn), 0.5 * math.sin(2.0 * turn), height)
+        points.append(PathPoint(position=place, time=slow * LAP / (POINTS * speed)))
+    return PathUploadRequest(points=tuple(points))

@@ -95,10 +95,10 @@ async def linktest(
     found = await _run(plan, connection)
     if csv is not None:
         save(csv, to_csv(found.runs), overwrite=force)
-    return _tell(found, other, picture, connection, force=force)
+    return _report_found(found, other, picture, connection, force=force)
 
 
-def _tell(
+def _report_found(
     found: LinkTestFound, other: Sequence[LoadRun], picture: Path | None, connection: Connection, *, force: bool
 ) -> int:
     """Draw and print what was found; the exit code."""

@@ -60,7 +60,7 @@ class Queries:
         self._files = FileServer()
         self.takes: dict[str, Take] = {
             "FILE_TRANSFER_PROTOCOL": self._files.take,
-            "TIMESYNC": self._tell_time,
+            "TIMESYNC": self._answer_time,
             "PING": _answer_ping,
             "REQUEST_DATA_STREAM": _ask_group,
         }
@@ -141,7 +141,7 @@ class Queries:
         asked.by.station.send(mavlink.MAVLink_message_interval_message(wanted & 0xFFFF, interval))
         return ACCEPTED
 
-    def _tell_time(self, by: By, message: Message) -> None:
+    def _answer_time(self, by: By, message: Message) -> None:
         if message.tc1 == 0:  # else it is an answer
             by.send(mavlink.MAVLink_timesync_message(int(self._picture.boot_time * 1e9), message.ts1))
 

@@ -74,12 +74,12 @@ def link_rows(flight: RecordedFlight) -> list[Row]:
     trips = {"link.echo_p95": "link test, p95 [ms]", "link.confirm_p95": "stick frames, p95 [ms]"}
     rows += over_time(flight, trips | {"link.echo_loss": "link test, lost [%]"})
     titles = {"rx_frames": "frames received", "tx_frames": "frames sent", "dropped": "dropped"}
-    return rows[not times :] + counted(flight.said("link/traffic"), titles)
+    return rows[not times :] + counted(flight.newest("link/traffic"), titles)
 
 
 def eyes_rows(flight: RecordedFlight, camera: str) -> list[Row]:
     """How a camera and its detector worked."""
-    stats = flight.said(f"vision/{camera}/stats")
+    stats = flight.newest(f"vision/{camera}/stats")
     poses = flight.series.get(f"{camera} pose.x")
     latencies = {f"latency_{name}": f"latency, {name} [ms]" for name in ("p50", "p99")}
     images = {name: f"images {name}" for name in ("processed", "dropped", "lost", "damaged", "faults")}
@@ -102,7 +102,7 @@ def battery_rows(flight: RecordedFlight) -> list[Row]:
 def version_rows(flight: RecordedFlight, session: Session | None) -> list[Row]:
     """Programs and boards that flew."""
     recorded = [] if session is None else [("recorded by", f"{session.program} on {session.host} ({session.recorder})")]
-    layout = text_of(flight.said("link/state"), "external_control")
+    layout = text_of(flight.newest("link/state"), "external_control")
     rows = [
         *recorded,
         *at_end(flight, "vehicle", "firmware"),
@@ -167,7 +167,7 @@ def losses(summary: Summary, flight: RecordedFlight) -> list[str]:
     ):
         if number:
             lines.append(f"{number} {words}.")
-    status = flight.said("record/status")
+    status = flight.newest("record/status")
     if number_of(status, "lost"):
         lines.append(
             f"The daemon's recorder lost {number_of(status, 'lost'):.0f} entries: the disk was too slow or full."

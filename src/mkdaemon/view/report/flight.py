@@ -173,7 +173,7 @@ class RecordedFlight:
         """Whether there is such a series."""
         return name in self.series
 
-    def said(self, suffix: str) -> Mapping[str, Any]:
+    def newest(self, suffix: str) -> Mapping[str, Any]:
         """The last value of a key; empty where there is none."""
         return self.last[suffix][1] if suffix in self.last else {}
 
