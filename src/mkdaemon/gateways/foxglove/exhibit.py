@@ -205,7 +205,11 @@ class Exhibit:
         return task
 
     async def _look(self, client: Vehicle, *, is_played: bool) -> None:
-        """Search for keys that not every vehicle has: once, and again while a viewer is subscribed to any channel."""
+        """Search for keys that not every vehicle has: until some are found, and while a viewer is subscribed.
+
+        A daemon that has just started has none yet, and a viewer may want nothing else.
+        """
+        known = len(self._known)
         if is_played:
             await self._is_watched.wait()
         while True:
@@ -218,7 +222,8 @@ class Exhibit:
                         else:
                             self._add(json_topic(suffix, sample.schema))
             await asyncio.sleep(LOOK_PERIOD)
-            await self._is_watched.wait()
+            if len(self._known) > known:
+                await self._is_watched.wait()
 
     async def _unknown(self, client: Vehicle) -> Collection[str]:
         """What the last values are asked for of: keys that the daemon has put and that are no channel yet.
