@@ -117,8 +117,8 @@ class SocketReception(threading.Thread):
 
     def close(self) -> None:
         """End it; from any thread. Requests that were read are still answered if the loop gets to them."""
+        self._waker.send(b".")  # first: a thread that sees that it is over closes the other end
         self._is_over = True
-        self._waker.send(b".")
         self.join(CLOSING)
 
     def run(self) -> None:
