@@ -92,7 +92,7 @@ COMMANDS: Final[Mapping[int, MissionCommand]] = {
         (
             Param("hold time", "hold"),
             Param("acceptance radius", "radius"),
-            Param("pass radius", why="a NaviCtrl flies to its points, not past them"),
+            Param("pass radius", why="points are flown to, not past"),
             _YAW,
             *_PLACE,
         ),

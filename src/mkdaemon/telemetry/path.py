@@ -90,6 +90,8 @@ class PathStored(Telemetry):
     """Largest horizontal acceleration [m/s2]."""
     climb: float
     """Largest vertical speed [m/s]."""
+    times: tuple[float, ...] = ()
+    """When each of its points is reached, from its beginning [s]; empty for a path of pieces."""
 
 
 class PathProgress(Telemetry):

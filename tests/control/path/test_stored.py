@@ -194,3 +194,15 @@ def test_an_upload_again_makes_a_path_the_newest():
     assert stored.upload(straight(1.0, 4.0), MODEL).id == first
     stored.upload(straight(1.0, 9.0), MODEL)
     assert first in stored.ids
+
+
+def test_the_times_of_points_count_their_stops():
+    points = (
+        PathPoint(position=(0.0, 0.0, 2.0), stop=1.0),
+        PathPoint(position=(1.0, 0.0, 2.0), time=4.0, stop=0.0),
+        PathPoint(position=(1.0, 1.0, 2.0), time=3.0, stop=2.0),
+        PathPoint(position=(0.0, 1.0, 2.0), time=5.0),
+    )
+    answer = StoredPaths(CFG).upload(PathUploadRequest(points=points), MODEL)
+    assert answer.times == (0.0, 5.0, 8.0, 15.0)
+    assert answer.duration == 15.0

@@ -118,10 +118,11 @@ def _through(points: Sequence[PathPoint]) -> PathCurve:
     stops = [number for number, point in enumerate(points) if point.stop is not None or number in (0, last)]
     durations: list[Array] = []
     coefficients: list[Array] = []
-    for begin, end in pairwise(stops):
-        spent = _times(points, places[:, :3], begin, end)
-        durations.append(spent)
-        coefficients.append(_smooth(places[begin : end + 1], spent))
+    for begin, end in pairwise([0, *stops]):
+        if end:
+            spent = _times(points, places[:, :3], begin, end)
+            durations.append(spent)
+            coefficients.append(_smooth(places[begin : end + 1], spent))
         rest = points[end].stop or 0.0
         if rest > 0.0:
             standing = np.zeros((1, AXES, COEFFICIENTS))

@@ -83,7 +83,7 @@ class StoredPaths:
         # Of what was asked for, not of what was computed: a replay on another computer rounds otherwise.
         name = blake2b(request.model_dump_json().encode(), digest_size=ID_LENGTH // 2).hexdigest()
         known = self._paths.pop(name, None)
-        found = self._paths[name] = known or _stored(name, curve, looks)
+        found = self._paths[name] = known or _stored(name, request, curve, looks)
         if len(self._paths) > KEPT:
             del self._paths[next(each for each in self._paths if each != self._used)]
         return found.answer
@@ -98,7 +98,7 @@ class StoredPaths:
         return self._paths[path]
 
 
-def _stored(name: str, curve: PathCurve, looks: CurveMotion) -> StoredPath:
+def _stored(name: str, request: PathUploadRequest, curve: PathCurve, looks: CurveMotion) -> StoredPath:
     """Measure a path."""
     ways = np.diff(looks.position[:, :, :3], axis=1)
     drawn = curve.at(np.linspace(0.0, curve.duration, DRAWN)).position[:, :3]
@@ -110,8 +110,19 @@ def _stored(name: str, curve: PathCurve, looks: CurveMotion) -> StoredPath:
         speed=float(_level(looks.velocity).max()),
         acceleration=float(_level(looks.acceleration).max()),
         climb=float(np.abs(looks.velocity[:, :, 2]).max()),
+        times=_times(request, curve),
     )
     return StoredPath(curve, tuple((float(x), float(y), float(z)) for x, y, z in drawn.round(3)), answer)
+
+
+def _times(request: PathUploadRequest, curve: PathCurve) -> tuple[float, ...]:
+    """When each point is reached [s]: each way is a piece, and so is each stop."""
+    times, piece, begins = [], 0, (*curve.starts.tolist(), curve.duration)
+    for number, point in enumerate(request.points):
+        piece += 1 if number else 0
+        times.append(float(begins[piece]))
+        piece += 1 if point.stop else 0
+    return tuple(times)
 
 
 def _level(vectors: Array) -> Array:

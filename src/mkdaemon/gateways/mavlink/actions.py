@@ -19,6 +19,7 @@ from mkdaemon.gateways.mavlink.frames import Vector3, compass_from_yaw, ned_from
 from mkdaemon.gateways.mavlink.handcontrol import HandControl
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, is_armed, mode_of_custom, mode_of_numbers, mode_of_standard
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
+from mkdaemon.gateways.mavlink.paths import FROM_THE_FIRST, PathMission
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.steering import ManualSteering, Order
 from mkdaemon.gateways.mavlink.texts import INFO, REMEDIES, WARNING, Notify
@@ -47,6 +48,7 @@ class Actions:
         hands: HandControl,
         notify: Notify,
         parameters: ParameterServer,
+        path: PathMission,
     ) -> None:
         """Act for ground stations.
 
@@ -57,9 +59,10 @@ class Actions:
             hands: the setpoints that ground stations stream.
             notify: tells a ground station what was found.
             parameters: of the gateway.
+            path: a mission in a local frame.
         """
         self._uav, self._picture, self._steering, self._hands = uav, picture, steering, hands
-        self._notify, self._parameters = notify, parameters
+        self._notify, self._parameters, self._path = notify, parameters, path
 
     def table(self) -> dict[int, Handler]:
         """Handlers by the number of the command."""
@@ -68,7 +71,7 @@ class Actions:
             mavlink.MAV_CMD_NAV_TAKEOFF: self.take_off,
             mavlink.MAV_CMD_NAV_LAND: self.land,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self.return_home,
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self.hold,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self.stay,
             mavlink.MAV_CMD_DO_REPOSITION: self.reposition,
             mavlink.MAV_CMD_DO_PAUSE_CONTINUE: self.pause,
             mavlink.MAV_CMD_DO_SET_MODE: self.set_mode,
@@ -105,13 +108,21 @@ class Actions:
         """NAV_LAND: by the daemon on the target in sight, wherever the command says."""
         return await self._fly(asked, "land", {"yaw": None}, "lands on the target in sight")
 
-    async def hold(self, asked: Asked) -> CommandAnswered:
-        """NAV_LOITER_UNLIM: the daemon holds the place over the target."""
+    async def stay(self, asked: Asked) -> CommandAnswered:
+        """NAV_LOITER_UNLIM: the daemon holds the place over the target; a path is ended."""
         return await self._fly(asked, "hold", {}, "")
+
+    async def hold(self, asked: Asked) -> CommandAnswered:
+        """The mode Hold: a path is paused, for MAVSDK and QGroundControl pause a mission so; else as `stay`."""
+        if self._path.is_flown_for(asked.by):
+            return await self._path.pause(asked, is_paused=True)
+        return await self.stay(asked)
 
     async def pause(self, asked: Asked) -> CommandAnswered:
         """DO_PAUSE_CONTINUE: pausing holds the place; a list of the NaviCtrl is paused by the pilot's switch."""
         if asked.number(1) != 0:
+            if self._path.held is not None:
+                return await self._path.pause(asked, is_paused=False)
             return denied(f"only the NaviCtrl goes on with something: {_PILOTS}")
         if self._steering.order is None:
             await self._uav.abort("asked for by a ground station")
@@ -188,8 +199,10 @@ class Actions:
             return denied(f"the NaviCtrl holds {navi.waypoints} points, which the same switch flies: clear the mission")
         return accepted(f"{_PILOTS}, home")
 
-    async def start_mission(self, _: Asked) -> CommandAnswered:
-        """MISSION_START: the list is made ready for the pilot's switch."""
+    async def start_mission(self, asked: Asked) -> CommandAnswered:
+        """MISSION_START: a path is flown; a list is made ready for the pilot's switch."""
+        if self._path.held is not None:
+            return await self._path.start(asked)
         if self._steering.order is not None:
             return denied("the aircraft is flown by the target in sight: give it back first (mode Stabilized)")
         started = await self._uav.route.start(confirm=True)
@@ -292,7 +305,7 @@ _START_MOTORS: Final = "the pilot starts and stops the motors with his sticks"
 _REFUSED: Final = {
     mavlink.MAV_CMD_DO_SET_HOME: "home is where the motors were started with a GPS fix",
     mavlink.MAV_CMD_DO_CHANGE_SPEED: "a speed is part of a waypoint: upload it with the mission",
-    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: "the NaviCtrl flies its list from the first point",
+    mavlink.MAV_CMD_DO_SET_MISSION_CURRENT: FROM_THE_FIRST,
     mavlink.MAV_CMD_PREFLIGHT_CALIBRATION: "sensors are calibrated by the pilot's sticks, motors off",
     mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: "boards are reset by `mkctl board send`, motors off",
     mavlink.MAV_CMD_DO_FLIGHTTERMINATION: "the pilot ends a flight: gate shut, throttle down",

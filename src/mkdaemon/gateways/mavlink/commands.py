@@ -30,7 +30,8 @@ _REMEMBERED: Final = 64
 _MOST_RUNNING: Final = 16
 LOCAL_FRAMES: Final = frozenset({mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_LOCAL_FRD})
 """Frames of a command whose place is the daemon's to fly."""
-_LOCAL_SCALE: Final = 1e4
+LOCAL_SCALE: Final = 1e4
+"""Of a place in a local frame, where MAVLink has whole numbers [1/m]."""
 _GLOBAL_SCALE: Final = 1e7
 _MODES: Final = frozenset({mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_DO_SET_STANDARD_MODE})
 """Commands that ask for a mode: HEARTBEAT says when it is entered, STATUSTEXT why it is not."""
@@ -107,7 +108,7 @@ def asked_from(by: By, message: Message) -> Asked:
     """Read a COMMAND_LONG or COMMAND_INT."""
     is_int = message.get_type() == "COMMAND_INT"
     if is_int:
-        scale = _LOCAL_SCALE if message.frame in LOCAL_FRAMES else _GLOBAL_SCALE
+        scale = LOCAL_SCALE if message.frame in LOCAL_FRAMES else _GLOBAL_SCALE
         last = (_place(message.x, scale), _place(message.y, scale), message.z)
     else:
         last = (message.param5, message.param6, message.param7)

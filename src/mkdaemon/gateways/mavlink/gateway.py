@@ -24,6 +24,7 @@ from mkdaemon.gateways.mavlink.links import Links
 from mkdaemon.gateways.mavlink.missions import MissionServer
 from mkdaemon.gateways.mavlink.modes import Mode, heartbeat, mode_now
 from mkdaemon.gateways.mavlink.parameters import ParameterServer
+from mkdaemon.gateways.mavlink.paths import PathMission
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.queries import Queries
 from mkdaemon.gateways.mavlink.recordings import LogServer
@@ -60,12 +61,14 @@ class Options:
         system: number of the aircraft on the network.
         signing: signs and checks messages; None without a key.
         backups: folder of the settings that were found before they are first changed.
+        target: name of the target, or place of a map, that is flown by; empty for the one in sight.
     """
 
     addresses: tuple[Address, ...]
     system: int
     signing: Signing | None
     backups: Path
+    target: str = ""
 
 
 class MavlinkGateway:
@@ -91,13 +94,14 @@ class MavlinkGateway:
         self._uav, self._options, self._now = uav, options, now
         self.picture, self.faults = LinkPicture(), Faults("mavlink")
         self.links = Links(options.system, options.signing, self.message_arrived, now, wall)
-        self.steering = ManualSteering(uav, self.announce, now, self.faults)
+        self.steering = ManualSteering(uav, self.announce, now, self.faults, options.target)
         self._hands = HandControl(self.steering, self.picture, self.notify, now)
-        self._missions = MissionServer(uav, self.picture, self.notify, now, self.faults)
+        path = PathMission(uav, self.picture, self.steering)
+        self._missions = MissionServer(uav, self.picture, self.notify, now, self.faults, path)
         self._parameters = ParameterServer(uav, options.backups, self.notify, now)
         self._logs = LogServer(self.picture, self.notify)
         self._queries = Queries(self.picture, self._mode, self._missions.current, lambda: self._parameters.revision)
-        actions = Actions(uav, self.picture, self.steering, self._hands, self.notify, self._parameters)
+        actions = Actions(uav, self.picture, self.steering, self._hands, self.notify, self._parameters, path)
         self._desk = CommandDesk(actions.table() | self._queries.table(), self.notify, self.faults)
         self._takes: dict[str, Take] = {"SET_MODE": self._set_mode}
         self._takes |= self._hands.takes | self._parameters.takes | self._missions.takes
@@ -232,8 +236,8 @@ class MavlinkGateway:
             station.send(heartbeat(self.picture, mode, station.numbering))
             if station.is_present(now):
                 station.send(self._missions.current())
-                if reached is not None:
-                    station.send(reached)
+                for message in reached:
+                    station.send(message)
 
     def _mode(self) -> Mode:
         return mode_now(self.picture, self.steering.shown_mode)

@@ -6,12 +6,14 @@ The conversion is that of QGroundControl's plans (`missions.qgc`), which hold th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.gateways.mavlink.commands import LOCAL_SCALE
 from mkdaemon.gateways.mavlink.dialect import NAN, Message, mavlink
+from mkdaemon.gateways.mavlink.frames import Vector3, ned_from_enu
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import By, Station
 from mkdaemon.missions import items as table
@@ -27,11 +29,16 @@ _PLAIN: Final = {
 _PLACED: Final = frozenset(number for number, row in table.COMMANDS.items() if row.params[4].field)
 """Commands that have a place."""
 _E7: Final = 1e7
+LOCAL_AXES: Final[Mapping[int, Callable[[Vector3], Vector3]]] = {
+    int(mavlink.MAV_FRAME_LOCAL_NED): ned_from_enu,
+    int(mavlink.MAV_FRAME_LOCAL_ENU): lambda place: place,
+}
+"""Frames of a mission whose places are metres: east, north and up of a place there."""
 _NOT_GIVEN: Final = 0x7FFF_FFFF
 """A coordinate that is not given."""
 
 
-class _Nth(FilePlace):
+class NthItem(FilePlace):
     """Which item something is about, for messages."""
 
     def __str__(self) -> str:
@@ -60,7 +67,8 @@ def item_of(
 
 def addressed(item: Item, by: By, seq: int, *, is_old: bool) -> Message:
     """An item to a program; MISSION_ITEM where it asks in the old way."""
-    last: tuple[float, ...] = (item.x / _E7, item.y / _E7, item.z) if is_old else (item.x, item.y, item.z)
+    scale = _scale_of(item.frame)
+    last: tuple[float, ...] = (item.x / scale, item.y / scale, item.z) if is_old else (item.x, item.y, item.z)
     make = mavlink.MAVLink_mission_item_message if is_old else mavlink.MAVLink_mission_item_int_message
     params = (item.param1, item.param2, item.param3, item.param4)
     return make(*by.program, seq, item.frame, item.command, item.current, item.autocontinue, *params, *last)
@@ -88,12 +96,18 @@ def item_from(message: Message) -> Item:
     if message.get_type() == "MISSION_ITEM_INT":
         return message
     params = (message.param1, message.param2, message.param3, message.param4)
-    place = (_scaled(message.x), _scaled(message.y), message.z)
+    place = (_scaled(message.x, message.frame), _scaled(message.y, message.frame), message.z)
     return item_of(message.command, message.frame, params, place, message.current, message.autocontinue)
 
 
-def _scaled(degrees: float) -> int:
-    return round(degrees * _E7) if math.isfinite(degrees) and abs(degrees) <= 180.0 else _NOT_GIVEN
+def _scale_of(frame: int) -> float:
+    """Of the first two numbers of a place: metres or degrees as a MISSION_ITEM_INT has them."""
+    return LOCAL_SCALE if frame in LOCAL_AXES else _E7
+
+
+def _scaled(number: float, frame: int) -> int:
+    scaled = number * _scale_of(frame)
+    return round(scaled) if abs(scaled) <= 180.0 * _E7 else _NOT_GIVEN
 
 
 def mission_of(
@@ -117,7 +131,7 @@ def mission_of(
         if item.command not in table.COMMANDS:
             raise UnflyableError(mavlink.MAV_MISSION_UNSUPPORTED, _unsupported(item, number))
         if item.command in _PLACED and item.frame not in table.FRAMES:
-            what = f"item {number}: frame {item.frame} cannot be flown; set heights relative to home"
+            what = f"item {number}: frame {item.frame} cannot be flown; set heights relative to home, or use LOCAL_NED"
             raise UnflyableError(mavlink.MAV_MISSION_UNSUPPORTED_FRAME, what)
     try:
         draft = qgc.draft_of([_plan_item(item) for item in items], _places(len(items), first), autopilot)
@@ -131,25 +145,31 @@ def mission_of(
 
 def _unsupported(item: Item, number: int) -> str:
     try:
-        qgc.draft_of([_plan_item(item)], [_Nth("item", number)])
+        qgc.draft_of([_plan_item(item)], [NthItem("item", number)])
     except ConfigError as error:
         return str(error)
     return f"item {number}: command {item.command} cannot be flown"
 
 
 def _places(count: int, first: int) -> Iterable[FilePlace]:
-    return (_Nth("item", number) for number in range(first, first + count))
+    return (NthItem("item", number) for number in range(first, first + count))
+
+
+def params_of(item: Item) -> list[float | None]:
+    """The seven numbers of an item; None for one that is not given."""
+    scale = _scale_of(item.frame)
+    place = (math.nan if number == _NOT_GIVEN else number / scale for number in (item.x, item.y))
+    numbers = (item.param1, item.param2, item.param3, item.param4, *place, item.z)
+    return [number if math.isfinite(number) else None for number in numbers]
 
 
 def _plan_item(item: Item) -> dict[str, Any]:
-    place = (math.nan if number == _NOT_GIVEN else number / _E7 for number in (item.x, item.y))
-    numbers = (item.param1, item.param2, item.param3, item.param4, *place, item.z)
     return {
         "type": "SimpleItem",
         "command": item.command,
         "frame": _PLAIN.get(item.frame, item.frame),
         "autoContinue": bool(item.autocontinue),
-        "params": [number if math.isfinite(number) else None for number in numbers],
+        "params": params_of(item),
     }
 
 

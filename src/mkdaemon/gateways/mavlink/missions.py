@@ -1,4 +1,4 @@
-"""The mission protocol: the list of the NaviCtrl, read and replaced whole.
+"""The mission protocol: the list of the NaviCtrl, or a path of the daemon, read and replaced whole.
 
 An upload is accepted once the daemon has written it and read it back; what a MikroKopter cannot do is refused with a
 reason. A mission that was uploaded from here is sent back as it came, for as long as the board holds the list it
@@ -29,6 +29,7 @@ from mkdaemon.gateways.mavlink.missionitems import (
     mission_of,
 )
 from mkdaemon.gateways.mavlink.modes import Numbering
+from mkdaemon.gateways.mavlink.paths import FROM_THE_FIRST, PathMission, is_path
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.gateways.mavlink.stations import By, Take
 from mkdaemon.gateways.mavlink.texts import INFO, Notify, words_of
@@ -46,11 +47,11 @@ ATTEMPTS: Final = 5
 """Requests for one item."""
 MOST_ITEMS: Final = 1000
 """Items of an upload; no NaviCtrl holds more than 254 points."""
-_FROM_THE_FIRST: Final = "the NaviCtrl flies its list from the first point"
 _FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 _RESULTS: Final[dict[str, int]] = {
     Token.POINT_NOT_EXPRESSIBLE: mavlink.MAV_MISSION_UNSUPPORTED,
     Token.TOO_MANY_POINTS: mavlink.MAV_MISSION_NO_SPACE,
+    Token.PATH_REFUSED: mavlink.MAV_MISSION_INVALID,
 }
 
 
@@ -85,7 +86,13 @@ class MissionServer:
     """
 
     def __init__(
-        self, uav: Vehicle, picture: LinkPicture, notify: Notify, now: Callable[[], float], faults: Faults
+        self,
+        uav: Vehicle,
+        picture: LinkPicture,
+        notify: Notify,
+        now: Callable[[], float],
+        faults: Faults,
+        path: PathMission,
     ) -> None:
         """Serve missions.
 
@@ -95,8 +102,10 @@ class MissionServer:
             notify: tells a ground station why.
             now: the clock [s].
             faults: counts what an upload fails by.
+            path: a mission in a local frame, which leaves the list of the NaviCtrl as it is.
         """
         self._uav, self._picture, self._notify, self._now, self._faults = uav, picture, notify, now, faults
+        self._path = path
         self._held: HeldMission | None = None
         self._on_board: str | None = None
         self._upload: MissionUpload | None = None
@@ -111,7 +120,7 @@ class MissionServer:
             "MISSION_ITEM": self._take_item,
             "MISSION_CLEAR_ALL": self._clear,
             "MISSION_ACK": self._cancel,
-            "MISSION_SET_CURRENT": lambda by, _: notify(by.station, _FROM_THE_FIRST),
+            "MISSION_SET_CURRENT": lambda by, _: notify(by.station, FROM_THE_FIRST),
             "MISSION_WRITE_PARTIAL_LIST": self._refuse_part,
             "MISSION_REQUEST_PARTIAL_LIST": self._refuse_part,
         }
@@ -164,7 +173,9 @@ class MissionServer:
         self._ask(upload, len(upload.items))
 
     def current(self) -> Message:
-        """MISSION_CURRENT: where the NaviCtrl is in its list."""
+        """MISSION_CURRENT: where the daemon is on its path, or the NaviCtrl in its list."""
+        if (on_path := self._path.current()) is not None:
+            return on_path
         navi, flight, held = self._picture.get(ControlNavi), self._picture.get(Flight), self._held
         seq, state, mode = 0, mavlink.MISSION_STATE_UNKNOWN, 0
         total = UINT16_UNKNOWN if held is None or not held.items else max(len(held.items) - 1, 0)
@@ -181,17 +192,19 @@ class MissionServer:
                 state = mavlink.MISSION_STATE_ACTIVE if is_flown else mavlink.MISSION_STATE_PAUSED
         return mavlink.MAVLink_mission_current_message(seq, total, state, mode)
 
-    def reached(self) -> Message | None:
+    def reached(self) -> list[Message]:
         """MISSION_ITEM_REACHED, once for each point that was reached."""
         navi, held = self._picture.get(ControlNavi), self._held
+        if self._path.held is not None:
+            return self._path.reached()
         if navi is None or held is None or navi.stage is not NaviStage.AT_POINT:
             self._reached = 0
-            return None
+            return []
         seq = held.seq_of(navi.waypoint)
         if navi.waypoint == self._reached or seq is None:
-            return None
+            return []
         self._reached = navi.waypoint
-        return mavlink.MAVLink_mission_item_reached_message(seq)
+        return [mavlink.MAVLink_mission_item_reached_message(seq)]
 
     async def _known(self) -> HeldMission:
         """The list, read where it is not known.
@@ -229,7 +242,7 @@ class MissionServer:
     async def _items_for(self, by: By) -> tuple[Item, ...] | None:
         """The items as a station numbers them; None if they cannot be read, which it is answered."""
         try:
-            held = await self._known()
+            held = self._path.held or await self._known()
         except MkError as error:
             self._notify(by.station, f"the mission cannot be read: {words_of(error)}")
             self._acknowledge(by, mavlink.MAV_MISSION_ERROR)
@@ -316,6 +329,10 @@ class MissionServer:
         if not items:
             await self._empty()
             return
+        if is_path(items):
+            self._require_not_flown()
+            await self._path.store(items, skipped, autopilot_of(station))
+            return
         mission, notes = mission_of(items, self._picture.ground, skipped, autopilot_of(station))
         for note in notes:
             self._notify(station, note, INFO)
@@ -323,25 +340,30 @@ class MissionServer:
         async with self._lock:
             stored = await self._uav.waypoints.upload(mission.points, in_flight=True, source="MAVLink")
             self._held = held_from(mission.points, stored.digest, items, autopilot_of(station))
-            self._on_board = stored.digest
+            self._on_board, self._path.held = stored.digest, None
 
     def _require_not_flown(self) -> None:
         """A list that is flown is not replaced: the aircraft would fly home until the switch is turned away and back.
 
         Raises:
-            ManoeuvreError: it is flown.
+            ManoeuvreError: it is flown, or a path is.
         """
+        if self._path.is_flown:
+            raise ManoeuvreError("the path is being flown: hold or land first")
         navi = self._picture.get(ControlNavi)
         if navi is not None and navi.stage in _FLOWN:
             raise ManoeuvreError("the list is being flown: the pilot turns the GPS switch to hold or free first")
 
     async def _empty(self) -> None:
-        """Clear the list of the NaviCtrl.
+        """Drop the path; without one, clear the list of the NaviCtrl.
 
         Raises:
             MkError: it is flown, or the daemon refuses.
         """
         self._require_not_flown()
+        if self._path.held is not None:
+            self._path.held = None
+            return
         async with self._lock:
             self._on_board = (await self._uav.waypoints.clear(in_flight=True)).digest
             self._held = HeldMission((), self._on_board, ())

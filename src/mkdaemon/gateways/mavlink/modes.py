@@ -19,6 +19,7 @@ from mkdaemon.gateways.mavlink.dialect import Message, mavlink
 from mkdaemon.gateways.mavlink.picture import LinkPicture
 from mkdaemon.telemetry.control import ControlStatus, Phase
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.state import Flight, GpsMode
 from mkdaemon.telemetry.tone import Tone
 
@@ -44,7 +45,7 @@ class Mode(Enum):
     POSITION = "Position"
     """The NaviCtrl holds the place, by the pilot's GPS switch; also a ground station's sticks as velocities."""
     MISSION = "Mission"
-    """The NaviCtrl flies its list, by the pilot's GPS switch."""
+    """The NaviCtrl flies its list, by the pilot's GPS switch; or the daemon flies along a path."""
     RETURN = "Return"
     """The NaviCtrl flies home, by the pilot's GPS switch."""
     TAKEOFF = "Takeoff"
@@ -99,7 +100,7 @@ ROWS: Final = (
 )
 """Every mode. ArduCopter has no mode for a take-off, so it gets 13 (SPORT), which no MikroKopter has."""
 _BY_MODE: Final = {row.mode: row for row in ROWS}
-_BY_MANOEUVRE: Final = {"takeoff": Mode.TAKEOFF, "land": Mode.LAND, "hold": Mode.HOLD}
+_BY_MANOEUVRE: Final = {"takeoff": Mode.TAKEOFF, "land": Mode.LAND, "hold": Mode.HOLD, "path": Mode.MISSION}
 _BY_SWITCH: Final = {GpsMode.HOLD: Mode.POSITION, GpsMode.COME_HOME: Mode.RETURN}
 _LIST_FLOWN: Final = frozenset({NaviStage.ROUTE, NaviStage.AT_POINT})
 
@@ -148,6 +149,14 @@ def mode_of_standard(standard: int) -> Mode | None:
     return next((row.mode for row in ROWS if row.standard == standard != 0), None)
 
 
+def path_now(picture: LinkPicture) -> PathFlown | None:
+    """How far the flight along a path is; None while none is flown."""
+    status = picture.get(ControlStatus)
+    if status is None or status.manoeuvre != "path" or status.phase is Phase.ABORTED:
+        return None
+    return picture.get(PathFlown)
+
+
 def mode_now(picture: LinkPicture, by_sticks: Mode | None = None) -> Mode:
     """What the aircraft does now.
 
@@ -162,6 +171,8 @@ def mode_now(picture: LinkPicture, by_sticks: Mode | None = None) -> Mode:
         if status.phase is Phase.LANDING:
             return Mode.LAND
         if status.phase is Phase.ABORTED:
+            return Mode.HOLD
+        if (path := path_now(picture)) is not None and path.is_paused:
             return Mode.HOLD
         return by_sticks or _BY_MANOEUVRE.get(status.manoeuvre or "", Mode.OFFBOARD)
     if flight is None:

@@ -15,7 +15,7 @@ from mkdaemon.telemetry.state import Position
 
 _Value = TypeVar("_Value")
 
-READ: Final = (*KEYS, "control/navi", "vision/*/setup")
+READ: Final = (*KEYS, "control/navi", "control/path", "vision/*/setup")
 """Keys that are watched, without events; the last values are asked for at the start."""
 
 

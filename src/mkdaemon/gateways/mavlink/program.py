@@ -26,7 +26,13 @@ _log: Final = structlog.get_logger("gateway.mavlink")
 
 
 def options_from(
-    links: tuple[str, ...], system: int, signing_key: Path | None, backups: Path | None, *, allow_open: bool
+    links: tuple[str, ...],
+    system: int,
+    signing_key: Path | None,
+    backups: Path | None,
+    *,
+    allow_open: bool,
+    target: str = "",
 ) -> Options:
     """The options of the gateway from what a user gave.
 
@@ -36,6 +42,7 @@ def options_from(
         signing_key: file of the key; None for none.
         backups: folder of settings; None for the usual one.
         allow_open: let any program in the network fly.
+        target: that is flown by; empty for the one in sight.
 
     Raises:
         ConfigError: an address or the key cannot be used; says what to do.
@@ -48,7 +55,7 @@ def options_from(
     if signing_key is not None:
         signing = Signing(_read_key(signing_key), folder / "signing-times.json")
     check_addresses(addresses, has_key=signing is not None, allow_open=allow_open)
-    return Options(addresses, system, signing, folder)
+    return Options(addresses, system, signing, folder, target)
 
 
 def _read_key(path: Path) -> bytes:

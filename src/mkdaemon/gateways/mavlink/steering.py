@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Final
 
@@ -69,7 +69,9 @@ class ManualSteering:
         order: what is flown, or wanted; None for nothing.
     """
 
-    def __init__(self, uav: Vehicle, announce: Announce, now: Callable[[], float], faults: Faults) -> None:
+    def __init__(
+        self, uav: Vehicle, announce: Announce, now: Callable[[], float], faults: Faults, target: str = ""
+    ) -> None:
         """Fly nothing.
 
         Args:
@@ -77,7 +79,9 @@ class ManualSteering:
             announce: tells all ground stations.
             now: the clock [s].
             faults: counts what a flight fails by.
+            target: what is flown by; empty for the target in sight.
         """
+        self._aim = {"target": target} if target else {}
         self.order: Order | None = None
         self._announce, self._now, self._faults = announce, now, faults
         self._keeper = LeaseKeeper(partial(uav.lease, holder=f"{client_name()}-mavlink"[-64:]))
@@ -124,7 +128,9 @@ class ManualSteering:
         if order.is_streamed:
             self._keeper.flight.expect_stream(self._now(), patience)
         else:
-            self._keeper.flight.fly(RepeatedSetpoint(order.kind, order.fields, patience), self._now())
+            fields = {**self._aim, **order.fields} if order.needs_target else order.fields
+            wanted = RepeatedSetpoint(order.kind, fields, patience, is_until_done=order.kind == "path")
+            self._keeper.flight.fly(wanted, self._now())
         if self._serving is None or self._serving.done():
             self._serving = asyncio.create_task(self._serve(), name="orders of ground stations")
 
@@ -152,8 +158,9 @@ class ManualSteering:
         order = self.order
         if order is None or not order.is_streamed or order.by != by:
             return
+        aim = self._aim if replace(order, kind=kind).needs_target else {}
         with suppress(LeaseLostError):  # announced with the next tick
-            self._keeper.stream(kind, fields)
+            self._keeper.stream(kind, {**aim, **fields})
 
     def give_back(self, by: By) -> None:
         """Release the aircraft, which the pilot has then; nothing to do where nothing is flown.
@@ -206,6 +213,8 @@ class ManualSteering:
             self._end(LeaseLostError(f"{order.by} is silent"))
             return
         self._keeper.step()
+        if order.kind == "path" and self._keeper.flight.repeated is None:  # the aircraft is at its end
+            self._want(Order(order.by, "hold"))
 
     def _announce_end(self, error: MkError) -> None:
         """The lease was refused, which its order reports, or the daemon has ended it: well after a landing."""

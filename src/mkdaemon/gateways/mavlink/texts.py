@@ -43,6 +43,8 @@ REMEDIES: Final[dict[str, str]] = {
     Token.GATE_CONSTANT: "Set EXTERNAL_CONTROL to a switch of the transmitter.",
     Token.IN_FLIGHT_NEEDED: "Land and stop the motors, then try again.",
     Token.POINT_UNUSUAL: "Correct the point.",
+    Token.NO_PATH: "Upload the mission again.",
+    Token.TARGET_UNCLEAR: "Start the gateway with --target NAME.",
     Token.POSITION_POOR: "Start the motors under open sky with a fix, for that sets home.",
     Token.RECORDING: "Connect an aircraft.",
     Token.NOT_SIMULATED: "Start a simulator.",

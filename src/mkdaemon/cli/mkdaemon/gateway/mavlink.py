@@ -23,6 +23,7 @@ def mavlink(
     signing_key: Path | None = None,
     allow_open: bool = False,
     backups: Path | None = None,
+    target: str = "",
     connection: Connection = HERE,
 ) -> None:
     """Show a vehicle to ground stations in MAVLink 2, and fly it for them: docs/mavlink.md says what maps.
@@ -42,13 +43,15 @@ def mavlink(
             with it is dropped.
         allow_open: Accept any program in the network without a key; each of them can fly.
         backups: Folder in which the settings are saved before a ground station first changes one.
+        target: Name of the target, or place of a map, that is flown by. Without it the one in sight, which is refused
+            where there are several.
 
     Raises:
         ConfigError: pymavlink is not installed, or an option cannot be used.
     """
     with needing("mkdaemon gateway mavlink", "pymavlink", "mavlink", "pymavlink"):
         from mkdaemon.gateways.mavlink.program import options_from, serve
-    options = options_from(link, system, signing_key, backups, allow_open=allow_open)
+    options = options_from(link, system, signing_key, backups, allow_open=allow_open, target=target)
 
     def serving() -> None:
         favour_threads()

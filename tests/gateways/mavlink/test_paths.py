@@ -1,0 +1,406 @@
+"""Missions in a local frame, which are paths of the daemon: its own check of them, and a flight that is played."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import all as mavlink
+
+from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.model import AircraftModel
+from mkdaemon.control.path.stored import StoredPaths
+from mkdaemon.gateways.mavlink.missionitems import UnflyableError
+from mkdaemon.gateways.mavlink.modes import Mode, Numbering
+from mkdaemon.gateways.mavlink.paths import SPEED, points_of
+from mkdaemon.stamp import Stamp
+from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.mission import MissionPoint
+from mkdaemon.telemetry.path import MOST_PIECES, PathFlown, PathUploadRequest
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.virtualtime import run_virtually
+from tests.gateways.mavlink import rig
+from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving
+
+NED, ENU, GLOBAL = 1, 4, 6
+ACCEPTED, ERROR, FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5
+NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 2, 3, 4, 5
+START, PAUSE, STAY, SET_MODE = 300, 193, 17, 176
+NAN = float("nan")
+
+
+def item(seq, north=0.0, east=0.0, down=-2.0, *, command=16, frame=NED, params=(0.0, 0.0, 0.0, NAN), more=1):
+    place = (round(north * 1e4), round(east * 1e4), down)
+    return mavlink.MAVLink_mission_item_int_message(1, 1, seq, frame, command, int(seq == 0), more, *params, *place, 0)
+
+
+def speed(seq, value, kind=1.0):
+    return item(seq, down=0.0, command=178, frame=2, params=(kind, value, -1.0, 0.0))
+
+
+SQUARE = [
+    item(0, 0.5, 0.0, params=(1.0, 0.3, 0.0, NAN)),
+    speed(1, 0.4),
+    item(2, 0.0, 0.5, command=19, params=(2.0, 0.0, 0.0, NAN)),
+    item(3, -0.5, 0.0),
+    item(4, 0.5, 0.0),
+]
+FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "x", "y", "z")
+
+
+class Daemon(FakeVehicle):
+    """A vehicle whose daemon checks paths as the real one does, and flies as it is told to.
+
+    Attributes:
+        stored: the answers to uploads.
+        request: the newest path.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.paths, self.stored = self, []
+        self._kept = StoredPaths(AutopilotConfig())
+
+    async def upload(self, points):
+        await self.call("path", points)
+        self.request = PathUploadRequest(points=points)
+        self.stored.append(self._kept.upload(self.request, AircraftModel()))
+        return self.stored[-1]
+
+
+def daemon_and_ears(story):
+    """Run a test in virtual time with a gateway before such a daemon."""
+
+    async def served():
+        daemon = Daemon()
+        async with serving(daemon) as gateway:
+            await story(daemon, gateway, Ears(gateway))
+
+    def run():
+        run_virtually(served())
+
+    run.__name__ = story.__name__
+    return run
+
+
+def flies(daemon, gateway, progress, *, is_paused=False, **more):
+    """Let the daemon report how far it is."""
+    stored, now = daemon.stored[-1], gateway.picture.boot_time
+    at = {"stamp": Stamp(monotonic=now, wall=0.0), "id": stored.id, "target": "pad", "stage": "", "points": ()}
+    gateway.value_arrived(rig.status(Phase.FLYING, epoch=rig.EPOCH, manoeuvre="path", **more))
+    along = {"progress": progress, "left": stored.duration * (1.0 - progress), "rate": 1.0, "is_paused": is_paused}
+    gateway.value_arrived(PathFlown(**at, **along))
+
+
+def shown(ears):
+    """Item, state and mode of the last MISSION_CURRENT."""
+    last = ears.named("MISSION_CURRENT")[-1]
+    return last.seq, last.mission_state, last.mission_mode
+
+
+def reached(ears):
+    return [message.seq for message in ears.named("MISSION_ITEM_REACHED")]
+
+
+@daemon_and_ears
+async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(daemon, gateway, ears):
+    assert await ears.upload(SQUARE) == [ACCEPTED]
+    points = daemon.request.points
+    assert [point.position for point in points] == [(0, 0.5, 2), (0.5, 0, 2), (0, -0.5, 2), (0, 0.5, 2)]
+    assert [(point.speed, point.stop, point.yaw) for point in points] == [
+        (None, 1.0, None), (0.4, 2.0, None), (0.4, None, None), (0.4, None, None),
+    ]  # fmt: skip
+    found = await ears.download()
+    assert [[getattr(m, name) for name in FIELDS] for m in found] == [[getattr(m, n) for n in FIELDS] for m in SQUARE]
+    await beat(ears, 1.0)
+    assert shown(ears) == (0, NOT_STARTED, 2)
+    ears.command(START)
+    await beat(ears, 1.0)
+    assert ears.acks[-1] == (START, ACCEPTED)
+    _, kind, fields = daemon.setpoints[-1]
+    stored = daemon.stored[0]
+    assert (kind, fields) == ("path", {"path": stored.id, "run": 1, "paused": False})
+    flies(daemon, gateway, 0.0)  # on the way to its first point
+    await beat(ears, 1.0)
+    assert (shown(ears), reached(ears)) == ((0, ACTIVE, 1), [])
+    assert gateway._mode() is Mode.MISSION
+    flies(daemon, gateway, (stored.times[1] + 0.1) / stored.duration)
+    await beat(ears, 1.0)
+    assert (shown(ears), reached(ears)) == ((3, ACTIVE, 1), [0, 2])
+    ears.command(PAUSE, 0)
+    await beat(ears, 0.2)
+    assert daemon.setpoints[-1][2]["paused"] is True
+    flies(daemon, gateway, 0.5, is_paused=True)
+    await beat(ears, 1.0)
+    assert shown(ears)[1:] == (PAUSED, 2) and gateway._mode() is Mode.HOLD
+    ears.command(PAUSE, 1)
+    await beat(ears, 0.2)
+    assert daemon.setpoints[-1][2] == fields
+    flies(daemon, gateway, 1.0)
+    await beat(ears, 0.5)
+    daemon.lease_now.report(Phase.FLYING, manoeuvre="path", is_done=True)
+    await beat(ears, 1.0)
+    assert daemon.setpoints[-1][1] == "hold"
+    assert (shown(ears), reached(ears)) == ((4, COMPLETE, 2), [0, 2, 3, 4])
+    assert ears.acks == [(START, ACCEPTED), (PAUSE, ACCEPTED), (PAUSE, ACCEPTED)]
+    ears.command(START)
+    await beat(ears, 0.5)
+    assert daemon.setpoints[-1][2] == fields | {"run": 2}
+
+
+@daemon_and_ears
+async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcontrol_do_it(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    ears.command(SET_MODE, 1, 4, 4)
+    await beat(ears, 0.5)
+    flies(daemon, gateway, 0.3)
+    for sub_mode, is_paused in ((3, True), (4, False)):
+        ears.command(SET_MODE, 1, 4, sub_mode)
+        await beat(ears, 0.3)
+        assert daemon.setpoints[-1][2]["paused"] is is_paused
+        flies(daemon, gateway, 0.3, is_paused=is_paused)
+    assert {fields["run"] for _, _, fields in daemon.setpoints} == {1}
+
+
+@daemon_and_ears
+async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    ears.command(START)
+    await beat(ears, 0.5)
+    flies(daemon, gateway, 0.9)
+    await beat(ears, 1.0)
+    assert shown(ears)[0] == 4
+    ears.command(STAY)
+    await beat(ears, 1.0)
+    assert daemon.setpoints[-1][1] == "hold" and shown(ears) == (0, NOT_STARTED, 2)
+    ears.command(PAUSE, 1)
+    await beat(ears, 0.2)
+    assert ears.acks[-1] == (PAUSE, 2) and "begins at its first point" in ears.words
+    ears.command(START)
+    await beat(ears, 1.0)
+    assert daemon.setpoints[-1][2]["run"] == 2 and shown(ears)[0] == 0
+
+
+@daemon_and_ears
+async def test_after_an_abort_of_the_daemon_it_is_started_again(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    ears.command(START)
+    await beat(ears, 0.5)
+    flies(daemon, gateway, 0.5)
+    gateway.value_arrived(rig.status(Phase.ABORTED, epoch=rig.EPOCH, manoeuvre="path", aborts=1))
+    daemon.lease_now.report(Phase.ABORTED, aborts=1)
+    ears.command(START)
+    await beat(ears, 0.5)
+    assert daemon.setpoints[-1][2]["run"] == 2
+
+
+@daemon_and_ears
+async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(daemon, gateway, ears):
+    other = Ears(gateway, program=(254, 190))
+    await ears.upload(SQUARE)
+    ears.command(START)
+    await beat(ears, 0.5)
+    flies(daemon, gateway, 0.5)
+    assert await other.upload(SQUARE[:1] + SQUARE[3:]) == [ERROR]
+    assert "being flown" in other.words
+    other.command(START)
+    other.command(PAUSE, 1)
+    await beat(other, 0.3)
+    assert sorted(other.acks) == [(PAUSE, 2), (START, 1)]
+    assert daemon.setpoints[-1][1] == "path" and len(daemon.stored) == 1
+    await beat(ears, 1.0)
+    assert shown(ears)[1] == ACTIVE
+    other.command(STAY)
+    await beat(other, 0.5)
+    assert daemon.setpoints[-1][1] == "hold"
+
+
+@daemon_and_ears
+async def test_it_leaves_the_list_of_the_navictrl_and_a_clear_shows_that_again(daemon, gateway, ears):
+    daemon.points = (MissionPoint(latitude_deg=53.2, longitude_deg=7.4, altitude=7.0),)
+    assert await ears.upload(SQUARE) == [ACCEPTED]
+    assert len(await ears.download()) == 5
+    ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    await beat(ears, 0.2)
+    assert ears.named("MISSION_ACK")[-1].type == ACCEPTED
+    (found,) = await ears.download()
+    assert (found.frame, found.z) == (GLOBAL, 7.0)
+    assert [name for name, *_ in daemon.calls] == ["path", "read"]
+
+
+@daemon_and_ears
+async def test_a_list_takes_its_place(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    place = mavlink.MAVLink_mission_item_int_message(1, 1, 0, GLOBAL, 16, 1, 1, 0, 0, 0, NAN, 532301184, 74590749, 9, 0)
+    daemon.paths = None
+    daemon.waypoints = rig._Calls(daemon)
+    assert await ears.upload([place]) == [ACCEPTED]
+    assert len(await ears.download()) == 1
+    ears.command(START)
+    await beat(ears, 0.3)
+    assert [name for name, *_ in daemon.calls] == ["path", "upload", "start"]
+
+
+REFUSED = [
+    ([SQUARE[0]], INVALID, "a path has at least two points"),
+    ([item(k, k % 2) for k in range(MOST_PIECES + 1)], NO_SPACE, f"a path has at most {MOST_PIECES}"),
+    ([*SQUARE[:1], item(1, command=22)], UNSUPPORTED, "no command 22 (take-off): take off by NAV_TAKEOFF"),
+    ([*SQUARE[:1], item(1, command=21)], UNSUPPORTED, "no command 21 (land): land by NAV_LAND"),
+    ([*SQUARE[:1], item(1, command=20, frame=2)], UNSUPPORTED, "item 1: a path has no command 20: land by NAV_LAND"),
+    ([*SQUARE[:1], item(1, command=2000, frame=2)], UNSUPPORTED, "no command 2000 (pictures): remove the item"),
+    ([*SQUARE[:1], item(1, frame=GLOBAL)], FRAME, "item 1: frame 6 in a mission in a local frame"),
+    ([*SQUARE[:1], item(1, down=NAN)], INVALID, "item 1: a place in a local frame needs x, y and z"),
+    ([*SQUARE[:1], item(1, more=0)], INVALID, "item 1: the mission is to wait here"),
+    ([*SQUARE[:1], item(1, params=(0, 0, 3, NAN))], INVALID, "item 1: pass radius 3"),
+    ([*SQUARE[:1], item(1, params=(-1, 0, 0, NAN))], INVALID, "item 1: stop:"),
+    ([*SQUARE[:1], speed(1, 0.5, kind=2.0), SQUARE[3]], INVALID, "item 1: kind of speed 2"),
+    ([*SQUARE[:1], speed(1, 0.0), item(2)], INVALID, "item 2: speed:"),
+]
+
+
+@pytest.mark.parametrize(("items", "result", "words"), REFUSED)
+def test_what_no_path_can_have_is_named(items, result, words):
+    with pytest.raises(UnflyableError) as error:
+        points_of(items, 0, 0)
+    assert error.value.result == result and words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("items", "result", "words"),
+    [
+        ([item(0, frame=20), item(1, frame=20)], FRAME, "item 0: frame 20 cannot be flown"),
+        ([item(0), speed(1, 4.0), item(2, 2.0)], INVALID, "max_speed is 1.20 Slow the path down by"),
+        ([item(0), item(1, 9.0)], INVALID, "fence_radius. Move it inside"),
+    ],
+)
+def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_before_stays(items, result, words):
+    @daemon_and_ears
+    async def story(daemon, gateway, ears):
+        await ears.upload(SQUARE)
+        assert await ears.upload(items) == [result]
+        assert words in ears.words.replace(".Slow", " Slow").replace(". Slow", " Slow")
+        assert len(await ears.download()) == len(SQUARE)
+
+    story()
+
+
+@daemon_and_ears
+async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    daemon.refuses, daemon.engages = refuse(Token.NO_PATH, path="p", kept=16), 10_000
+    ears.command(START)
+    await beat(ears, 3.0)
+    assert ears.acks[-1] == (START, 2) and "Upload the mission again." in ears.words
+
+
+@daemon_and_ears
+async def test_it_begins_with_its_first_item_only(daemon, gateway, ears):
+    await ears.upload(SQUARE)
+    ears.command(START, 3)
+    await beat(ears, 0.2)
+    assert ears.acks == [(START, 2)] and daemon.setpoints == []
+
+
+@pytest.mark.parametrize(
+    ("frame", "place", "heading", "position", "yaw"),
+    [
+        (NED, (1.0, 2.0, -3.0), 0.0, (2.0, 1.0, 3.0), math.pi / 2),
+        (NED, (1.0, 2.0, -3.0), 90.0, (2.0, 1.0, 3.0), 0.0),
+        (ENU, (1.0, 2.0, 3.0), 180.0, (1.0, 2.0, 3.0), -math.pi / 2),
+        (ENU, (1.0, 2.0, 3.0), NAN, (1.0, 2.0, 3.0), None),
+    ],
+)
+def test_axes_and_headings(frame, place, heading, position, yaw):
+    items = [item(seq, *place, frame=frame, params=(0.0, 0.0, 0.0, heading)) for seq in range(2)]
+    points, flown = points_of(items, 0, 0)
+    assert points[0].position == position and points[1].speed == SPEED and flown == (0, 1)
+    assert points[0].yaw == (None if yaw is None else pytest.approx(yaw))
+
+
+def test_speeds_last_until_the_next_and_ardupilot_counts_airspeed_too():
+    items = [
+        item(0),
+        speed(1, 0.3),
+        item(2),
+        speed(3, -1.0),
+        item(4),
+        speed(5, -2.0),
+        item(6),
+        speed(7, 0.2, 0.0),
+        item(8),
+    ]
+    points, flown = points_of(items, 1, 3)
+    assert [point.speed for point in points] == [None, 0.3, 0.3, SPEED, 0.2]
+    assert flown == (0, 2, 4, 6, 8)
+
+
+def test_a_link_with_ardupilots_numbers_has_home_first_and_old_items_have_metres():
+    async def story():
+        daemon = Daemon()
+        async with serving(daemon) as gateway:
+            ears = Ears(gateway, Numbering.ARDUPILOT)
+            home = item(0, frame=0)
+            old = [
+                mavlink.MAVLink_mission_item_message(1, 1, k, NED, 16, 0, 1, 0, 0, 0, 0, 0.25, k, -2, 0) for k in (1, 2)
+            ]
+            assert await ears.upload([home, *old]) == [ACCEPTED]
+            assert [point.position for point in daemon.request.points] == [(1, 0.25, 2), (2, 0.25, 2)]
+            assert daemon.request.points[0].yaw is None
+            ears.say(mavlink.MAVLink_mission_request_message(1, 1, 2, 0))
+            await beat(ears, 0.1)
+            assert (ears.named("MISSION_ITEM")[-1].x, ears.named("MISSION_ITEM")[-1].y) == (0.25, 2.0)
+            ears.command(START, 1)
+            await beat(ears, 0.3)
+            assert ears.acks[-1] == (START, ACCEPTED)
+
+    run_virtually(story())
+
+
+class Lossy(Ears):
+    """A ground station behind a bad radio: what becomes of each item that it sends is drawn."""
+
+    fates = ()
+
+    def send_item(self, seq):
+        fate, *self.fates = self.fates or ("sent",)
+        sent = {"sent": (seq,), "lost": (), "twice": (seq, seq), "early": (seq + 1, seq), "late": (seq, seq - 1)}[fate]
+        for each in sent:
+            if each >= 0:
+                super().send_item(each)
+
+
+@settings(max_examples=8)
+@given(fates=st.lists(st.sampled_from(["sent", "lost", "twice", "early", "late"]), max_size=8))
+def test_items_that_are_lost_repeated_or_out_of_order_make_the_same_path(fates):
+    async def story():
+        daemon = Daemon()
+        async with serving(daemon) as gateway:
+            ears, other = Lossy(gateway), Ears(gateway, program=(254, 190))
+            ears.fates = [
+                fate for number, fate in enumerate(fates) if fate != "lost" or fates[max(number - 4, 0)] != "lost"
+            ]
+            uploading = asyncio.create_task(ears.upload(SQUARE, 9.0))
+            await asyncio.sleep(0.005)
+            assert await other.upload(SQUARE[2:], 0.05) == [14]
+            assert await uploading == [ACCEPTED]
+            assert len(daemon.stored) == 1
+            assert [m.seq for m in await other.download()] == list(range(len(SQUARE)))
+
+    run_virtually(story())
+
+
+def test_a_named_target_is_flown_by():
+    async def story():
+        daemon = Daemon()
+        async with serving(daemon) as gateway:
+            gateway.steering._aim = {"target": "pad-b"}
+            ears = Ears(gateway)
+            await ears.upload(SQUARE)
+            ears.command(START)
+            await beat(ears, 0.5)
+            assert daemon.setpoints[-1][2]["target"] == "pad-b"
+
+    run_virtually(story())
