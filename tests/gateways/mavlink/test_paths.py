@@ -42,8 +42,8 @@ def speed(seq, value, kind=1.0):
 
 
 SQUARE = [
-    item(0, 0.5, 0.0, params=(1.0, 0.3, 0.0, NAN)),
-    speed(1, 0.4),
+    item(0, 0.5, 0.0, params=(1.0, 0.25, 0.0, NAN)),
+    speed(1, 0.375),
     item(2, 0.0, 0.5, command=19, params=(2.0, 0.0, 0.0, NAN)),
     item(3, -0.5, 0.0),
     item(4, 0.5, 0.0),
@@ -111,7 +111,7 @@ async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(daemon, 
     points = daemon.request.points
     assert [point.position for point in points] == [(0, 0.5, 2), (0.5, 0, 2), (0, -0.5, 2), (0, 0.5, 2)]
     assert [(point.speed, point.stop, point.yaw) for point in points] == [
-        (None, 1.0, None), (0.4, 2.0, None), (0.4, None, None), (0.4, None, None),
+        (None, 1.0, None), (0.375, 2.0, None), (0.375, None, None), (0.375, None, None),
     ]  # fmt: skip
     found = await ears.download()
     assert [[getattr(m, name) for name in FIELDS] for m in found] == [[getattr(m, n) for n in FIELDS] for m in SQUARE]
@@ -204,7 +204,7 @@ async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(daemon
     ears.command(START)
     await beat(ears, 0.5)
     flies(daemon, gateway, 0.5)
-    assert await other.upload(SQUARE[:1] + SQUARE[3:]) == [ERROR]
+    assert await other.upload([item(0), item(1, 1.0)]) == [ERROR]
     assert "being flown" in other.words
     other.command(START)
     other.command(PAUSE, 1)
@@ -249,7 +249,7 @@ REFUSED = [
     ([item(k, k % 2) for k in range(MOST_PIECES + 1)], NO_SPACE, f"a path has at most {MOST_PIECES}"),
     ([*SQUARE[:1], item(1, command=22)], UNSUPPORTED, "no command 22 (take-off): take off by NAV_TAKEOFF"),
     ([*SQUARE[:1], item(1, command=21)], UNSUPPORTED, "no command 21 (land): land by NAV_LAND"),
-    ([*SQUARE[:1], item(1, command=20, frame=2)], UNSUPPORTED, "item 1: a path has no command 20: land by NAV_LAND"),
+    ([*SQUARE[:1], item(1, command=20, frame=2)], UNSUPPORTED, "no command 20 (return to launch): land by NAV_LAND"),
     ([*SQUARE[:1], item(1, command=2000, frame=2)], UNSUPPORTED, "no command 2000 (pictures): remove the item"),
     ([*SQUARE[:1], item(1, frame=GLOBAL)], FRAME, "item 1: frame 6 in a mission in a local frame"),
     ([*SQUARE[:1], item(1, down=NAN)], INVALID, "item 1: a place in a local frame needs x, y and z"),
@@ -272,7 +272,7 @@ def test_what_no_path_can_have_is_named(items, result, words):
     ("items", "result", "words"),
     [
         ([item(0, frame=20), item(1, frame=20)], FRAME, "item 0: frame 20 cannot be flown"),
-        ([item(0), speed(1, 4.0), item(2, 2.0)], INVALID, "max_speed is 1.20 Slow the path down by"),
+        ([item(0, -4.0), speed(1, 4.0), item(2, 4.0)], INVALID, "max_speed is 1.20. Slow the path down by"),
         ([item(0), item(1, 9.0)], INVALID, "fence_radius. Move it inside"),
     ],
 )
@@ -281,7 +281,7 @@ def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_before_s
     async def story(daemon, gateway, ears):
         await ears.upload(SQUARE)
         assert await ears.upload(items) == [result]
-        assert words in ears.words.replace(".Slow", " Slow").replace(". Slow", " Slow")
+        assert words in ears.words
         assert len(await ears.download()) == len(SQUARE)
 
     story()

@@ -117,7 +117,8 @@ def _stored(name: str, request: PathUploadRequest, curve: PathCurve, looks: Curv
 
 def _times(request: PathUploadRequest, curve: PathCurve) -> tuple[float, ...]:
     """When each point is reached [s]: each way is a piece, and so is each stop."""
-    times, piece, begins = [], 0, (*curve.starts.tolist(), curve.duration)
+    times: list[float] = []
+    piece, begins = 0, (*curve.starts.tolist(), curve.duration)
     for number, point in enumerate(request.points):
         piece += 1 if number else 0
         times.append(float(begins[piece]))

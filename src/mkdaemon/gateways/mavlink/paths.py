@@ -59,7 +59,9 @@ def points_of(items: Sequence[Item], first: int, autopilot: int) -> tuple[tuple[
     Raises:
         UnflyableError: an item that no path can have, or too few or too many points; names it and the remedy.
     """
-    speed, points, flown = SPEED, [], []
+    speed = SPEED
+    points: list[PathPoint] = []
+    flown: list[int] = []
     for index, item in enumerate(items):
         try:
             read = _checked(item, NthItem("item", index + first), autopilot)

@@ -81,7 +81,7 @@ class ManualSteering:
             faults: counts what a flight fails by.
             target: what is flown by; empty for the target in sight.
         """
-        self._aim = {"target": target} if target else {}
+        self._aim: Mapping[str, Any] = {"target": target} if target else {}
         self.order: Order | None = None
         self._announce, self._now, self._faults = announce, now, faults
         self._keeper = LeaseKeeper(partial(uav.lease, holder=f"{client_name()}-mavlink"[-64:]))

@@ -155,7 +155,7 @@ class MocapGateway:
         self._complained = self._complained | {name} if reason else self._complained - {name}
 
     def _read(self) -> None:
-        """Connect and read for ever; the library raises what it likes."""
+        """Connect and read for ever; a system that is lost is reached again."""
         attempt = 0
         while not self._ends.is_set():
             try:

@@ -59,7 +59,8 @@ def mocap(
         ConfigError: motioncapture is not installed, or an option cannot be used.
         MkError: no daemon at the endpoint.
     """
-    from mkdaemon.gateways.mocap.systems import find_system, frames_of
+    from mkdaemon.gateways.mocap.reader import frames_apart
+    from mkdaemon.gateways.mocap.systems import find_system
 
     chosen = find_system(system)
     if not body:
@@ -69,9 +70,9 @@ def mocap(
         raise ConfigError(f"--latency-ms {latency_ms:g}: give the time of the system, 0 to 500")
     secret = None if secret_file is None else read_image_secret(secret_file)
     with needing("mkdaemon gateway mocap", "motioncapture", "mocap", "motioncapture"):
-        library = import_module("motioncapture")
+        import_module("motioncapture")
 
-    where, frames = f"{chosen.word} at {host}", partial(frames_of, library, chosen, host)
+    where, frames = f"{chosen.word} at {host}", partial(frames_apart, chosen, host)
 
     async def serve() -> None:
         from mkdaemon.gateways.mocap.gateway import MocapGateway
