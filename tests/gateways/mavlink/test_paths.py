@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
@@ -392,11 +393,12 @@ def test_items_that_are_lost_repeated_or_out_of_order_make_the_same_path(fates):
     run_virtually(story())
 
 
-def test_a_named_target_is_flown_by():
+def test_a_named_target_is_flown_by(monkeypatch):
+    monkeypatch.setattr(rig, "Options", partial(rig.Options, target="pad-b"))
+
     async def story():
         daemon = Daemon()
         async with serving(daemon) as gateway:
-            gateway.steering._aim = {"target": "pad-b"}
             ears = Ears(gateway)
             await ears.upload(SQUARE)
             ears.command(START)

@@ -71,7 +71,7 @@ class Actions:
             mavlink.MAV_CMD_NAV_TAKEOFF: self.take_off,
             mavlink.MAV_CMD_NAV_LAND: self.land,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: self.return_home,
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self.stay,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: self.hold,
             mavlink.MAV_CMD_DO_REPOSITION: self.reposition,
             mavlink.MAV_CMD_DO_PAUSE_CONTINUE: self.pause,
             mavlink.MAV_CMD_DO_SET_MODE: self.set_mode,
@@ -108,15 +108,15 @@ class Actions:
         """NAV_LAND: by the daemon on the target in sight, wherever the command says."""
         return await self._fly(asked, "land", {"yaw": None}, "lands on the target in sight")
 
-    async def stay(self, asked: Asked) -> CommandAnswered:
+    async def hold(self, asked: Asked) -> CommandAnswered:
         """NAV_LOITER_UNLIM: the daemon holds the place over the target; a path is ended."""
         return await self._fly(asked, "hold", {}, "")
 
-    async def hold(self, asked: Asked) -> CommandAnswered:
-        """The mode Hold: a path is paused, for MAVSDK and QGroundControl pause a mission so; else as `stay`."""
+    async def enter_hold(self, asked: Asked) -> CommandAnswered:
+        """The mode Hold: a path is paused, for MAVSDK and QGroundControl pause a mission so; else as `hold`."""
         if self._path.is_flown_for(asked.by):
             return await self._path.pause(asked, is_paused=True)
-        return await self.stay(asked)
+        return await self.hold(asked)
 
     async def pause(self, asked: Asked) -> CommandAnswered:
         """DO_PAUSE_CONTINUE: pausing holds the place; a list of the NaviCtrl is paused by the pilot's switch."""
@@ -127,7 +127,7 @@ class Actions:
         if self._steering.order is None:
             await self._uav.abort("asked for by a ground station")
             return accepted()
-        return await self.hold(asked)
+        return await self.enter_hold(asked)
 
     async def reposition(self, asked: Asked) -> CommandAnswered:
         """DO_REPOSITION: in a local frame by the daemon, on the globe by the NaviCtrl."""
@@ -144,7 +144,7 @@ class Actions:
         """DO_REPOSITION without a place: QGroundControl pauses, changes the height or turns a PX4 so."""
         heading, height = asked.number(4), asked.number(7)
         if heading is None and height is None:
-            return await self.hold(asked)
+            return await self.enter_hold(asked)
         estimate, here = self._picture.get(ControlEstimate), self._picture.get(Position)
         if estimate is None or self._steering.order is None:
             return denied("a height or a heading alone needs a flight by the target in sight")
@@ -246,7 +246,7 @@ class Actions:
             Mode.RETURN: self.return_home,
             Mode.TAKEOFF: self.take_off,
             Mode.LAND: self.land,
-            Mode.HOLD: self.hold,
+            Mode.HOLD: self.enter_hold,
         }
         return await (entered[mode](asked) if mode in entered else self._enter_streamed(asked, mode))
 
@@ -278,7 +278,7 @@ class Actions:
 
     async def hold_heading(self, asked: Asked) -> CommandAnswered:
         """DO_SET_ROI_NONE: keep the heading; does nothing unless the gateway flies."""
-        return accepted() if self._steering.order is None else await self.hold(asked)
+        return accepted() if self._steering.order is None else await self.enter_hold(asked)
 
     async def check(self, asked: Asked) -> CommandAnswered:
         """RUN_PREARM_CHECKS: the checks before a flight, a STATUSTEXT for each that prevents one."""

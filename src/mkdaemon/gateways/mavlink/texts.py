@@ -44,7 +44,7 @@ REMEDIES: Final[dict[str, str]] = {
     Token.IN_FLIGHT_NEEDED: "Land and stop the motors, then try again.",
     Token.POINT_UNUSUAL: "Correct the point.",
     Token.NO_PATH: "Upload the mission again.",
-    Token.TARGET_UNCLEAR: "Start the gateway with --target NAME.",
+    Token.TARGET_UNCLEAR: "Start the gateway with the name of the target (docs/mavlink.md).",
     Token.POSITION_POOR: "Start the motors under open sky with a fix, for that sets home.",
     Token.RECORDING: "Connect an aircraft.",
     Token.NOT_SIMULATED: "Start a simulator.",
