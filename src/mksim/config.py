@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
@@ -157,6 +158,27 @@ class PilotConfig(Section):
     """Value of the external-control switch at the start; above 128 the gate is open."""
 
 
+class WallConfig(Section):
+    """An upright wall, seen by the camera from both sides, and solid: an aircraft whose rotors touch it falls."""
+
+    start: tuple[float, float]
+    """One end of its foot: east, north [m]."""
+    end: tuple[float, float]
+    """The other end [m]; seen from where `start` is on the left, it is on the right."""
+    height: float = Field(default=2.5, gt=0.0, le=50.0)
+    """Of its upper edge above its lower one [m]."""
+    bottom: float = Field(default=0.0, ge=0.0, le=50.0)
+    """Height of its lower edge above the ground [m]."""
+    surface: Literal["grass", "asphalt", "tiles", "clutter"] = "tiles"
+    """What it looks like, as the kinds of ground."""
+
+    @model_validator(mode="after")
+    def _has_length(self) -> Self:
+        if not 0.1 <= math.dist(self.start, self.end) <= 100.0:
+            raise ValueError(f"a wall from {self.start} to {self.end} is not between 0.1 and 100 m long")
+        return self
+
+
 class FlightConfig(Section):
     """Everything the simulated flight depends on."""
 
@@ -174,6 +196,8 @@ class FlightConfig(Section):
     """The sensors."""
     pilot: PilotConfig = PilotConfig()
     """The safety pilot."""
+    walls: tuple[WallConfig, ...] = Field(default=(), max_length=50)
+    """Walls around the aircraft; tags on them are those of a target file."""
     origin_latitude_deg: float = Field(default=53.2301, ge=-85.0, le=85.0)
     """Latitude of the world's origin [deg]."""
     origin_longitude_deg: float = Field(default=7.4591, ge=-180.0, le=180.0)

@@ -194,6 +194,12 @@ class Airframe:
         self.up += v_up * dt
         self._rotate(torque, load, now, dt)
 
+    def collide(self, reason: str) -> None:
+        """Break the aircraft against something upright; from there it falls."""
+        if not self.crashed:
+            self.crashed, self.crash_reason = True, reason
+        self.v_east = self.v_north = 0.0
+
     def _ground_effect(self, height: float) -> float:
         """Thrust gain near the ground (Cheeseman and Bennett, ARC R&M 3021, 1955)."""
         cap = self._config.ground_effect_cap

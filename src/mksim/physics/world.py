@@ -21,6 +21,7 @@ from mksim.physics.motors import FACTORY_CHAIN, GasChain, Motors
 from mksim.physics.pilot import RC_PERIOD, FlightView, SimulatedPilot
 from mksim.physics.sensors import Sensors
 from mksim.physics.truth import Truth
+from mksim.physics.walls import SolidWall
 from mksim.physics.wind import Wind
 
 DEAD_BAND: Final = 12.0
@@ -170,6 +171,7 @@ class World:
         self._gust_seen: ActiveFault | None = None
         self._airframe = Airframe(cfg.airframe, ground or FlatGround())
         self._airframe.place(begin.east, begin.north, begin.height, begin.yaw)
+        self._walls = tuple(SolidWall(wall, cfg.airframe) for wall in cfg.walls)
         self._gains = gains or AttitudeGains.from_parameters()
         self._pitch = AxisLoop(self._gains, cfg.loop)
         self._roll = AxisLoop(self._gains, cfg.loop)
@@ -223,6 +225,8 @@ class World:
         """Advance one `DT` with these sticks."""
         self._tend(is_armed=sticks.motors_running)
         self._fly(sticks)
+        for wall in self._walls:
+            wall.stop(self._airframe)
         self._report()
         self._step += 1
         self.now = self._step * DT

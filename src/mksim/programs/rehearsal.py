@@ -313,7 +313,7 @@ class Rehearsal:
         self._world, self._watcher, self._loop = world, watcher, loop
         self._watch_world = moved
         seen, known = tagmaps or (None, nested_map())
-        self._scene = SceneCamera(config.scene, seed, seen)
+        self._scene = SceneCamera(config.scene, seed, seen, walls=config.flight.walls)
         eyes: list[RehearsedEyes] = []
 
         def make_eyes(feed: Feed) -> RehearsedEyes:

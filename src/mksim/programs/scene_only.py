@@ -142,7 +142,8 @@ async def film_poses(config: SimConfig, vehicle: str, expression: str) -> AsyncI
         msg = f"--truth {expression!r}: no key; give one like mk/{vehicle}/sim/pose"
         raise ConfigError(msg) from error
     publisher = CameraPublisher(vehicle, config.scene.name, config.scene.secret_file)
-    feed = SceneFeed(SceneCamera(config.scene, config.seed), publisher.send, seed=config.seed)
+    camera = SceneCamera(config.scene, config.seed, walls=config.flight.walls)
+    feed = SceneFeed(camera, publisher.send, seed=config.seed)
     stream = PoseStream(feed, Clock())
 
     def arrived(sample: zenoh.Sample) -> None:

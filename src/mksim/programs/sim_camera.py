@@ -38,7 +38,7 @@ def open_camera(config: SimConfig) -> SceneCamera | None:
         return None
     from mksim.scene.camera import SceneCamera
 
-    return SceneCamera(config.scene, config.seed)
+    return SceneCamera(config.scene, config.seed, walls=config.flight.walls)
 
 
 def open_world(config: SimConfig) -> World | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy.typing as npt
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, mount_rotation
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.tags.targetfile import load
-from mksim.config import PlatformConfig, SceneConfig, SimConfig
+from mksim.config import PlatformConfig, SceneConfig, SimConfig, WallConfig
 from mksim.physics.airframe import GroundContact
 from mksim.physics.deck import MovingDeck, TiltedDeck
 from mksim.physics.world import World
@@ -23,6 +24,7 @@ from mksim.scene.motion import Platform
 from mksim.scene.nested import nested_map
 from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
+from mksim.scene.walls import wall_surfaces
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
@@ -97,6 +99,7 @@ class SceneCamera:
         cfg: camera, target and light.
         seed: of ground, noise and everything else.
         tagmap: the targets, in place of those that `cfg` names.
+        walls: that stand around them.
 
     Attributes:
         arm_flu: the lens in the body frame `(3,)` [m].
@@ -105,7 +108,9 @@ class SceneCamera:
         ConfigError: a camera or target file is wrong.
     """
 
-    def __init__(self, cfg: SceneConfig, seed: int, tagmap: TagMap | None = None) -> None:
+    def __init__(
+        self, cfg: SceneConfig, seed: int, tagmap: TagMap | None = None, *, walls: Sequence[WallConfig] = ()
+    ) -> None:
         self.cfg = cfg
         self.camera = load_camera(cfg.camera) if cfg.camera is not None else BUILT_IN
         self.platform = platform_of(cfg.platform)
@@ -115,7 +120,8 @@ class SceneCamera:
         self._size = self.targets[0].tags[0].size
         placed = [SceneTarget.of(self.targets[0], self.platform)]
         placed += [SceneTarget.of(target, Platform()) for target in self.targets[1:]]
-        self._scene = Scene(placed, ground=cfg.ground, seed=seed, fine=False, live=True)
+        faces = wall_surfaces(walls, seed)
+        self._scene = Scene(placed, ground=cfg.ground, seed=seed, fine=False, live=True, walls=faces)
         self._kind = CAMERA_KINDS[cfg.kind]
         self._auto = AutoExposure(self._kind.auto) if self._kind.auto is not None else None
         self._fair = fair_conditions(cfg.light, self._kind.conditions, self._size, seed)

@@ -4,7 +4,9 @@ Each print is carried into the image by inverting the exact projection for every
 and anti-aliasing need no intermediate image. How an edge stays where it belongs is described in `layers`; the
 independent truth is `view.project`. `roll` is a rolling shutter: every row is exposed at its own time, and all
 rows are carried to one camera at the middle of the image. A ray of a row hits the plane of the scene where the moved
-camera sees it, and the standing camera sees that point along another ray: exact for everything in that plane.
+camera sees it, and the standing camera sees that point along another ray: exact for everything in that plane. With
+walls, whatever stands or is raised is drawn after the ground and what lies on it, in the order of `walls`, each by the
+rays of its own plane.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from mksim.scene.lensfaults import add_dirt, add_fringe
 from mksim.scene.light import Cover, LightConditions, Sensor, add_glare, lens_blur, shade, streak
 from mksim.scene.shadows import shade_leaves, shade_vehicle
 from mksim.scene.view import NEAR_M, CameraView, RayGrid, ViewPose, project, rotation_from_vector
+from mksim.scene.walls import Surface, back_to_front, flow_of
 
 Image32 = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
@@ -243,6 +246,8 @@ LIVE_SAMPLES = 330_000
 """The same in real time, one per pixel of 640 x 480."""
 BORDER_PX = 8
 """How far beside the image a camera is drawn: a lens smears light from there into it, as do defocus and motion."""
+WALL_SPREAD_PX, MOST_EXPOSURES = 1.5, 12
+"""With walls, motion between two sub-exposures [px], and how many there are at most."""
 NEUTRAL = 0.45
 """Reflectance of the ground where none is drawn."""
 
@@ -283,6 +288,7 @@ class Scene:
         seed: of ground texture and noise.
         fine: spend up to five million samples a print, and follow motion by pixels.
         live: draw in real time.
+        walls: that stand in it.
     """
 
     def __init__(
@@ -293,8 +299,10 @@ class Scene:
         seed: int = 0,
         fine: bool = True,
         live: bool = False,
+        walls: Sequence[Surface] = (),
     ) -> None:
         self.targets = tuple(targets)
+        self._walls = tuple(walls)
         self._ground = Ground(ground, seed) if isinstance(ground, str) else ground
         self._sensor = Sensor(seed)
         self._spread_px = 1.0 if fine else 4.0
@@ -326,11 +334,12 @@ class Scene:
         rays = self._rays.get(view.intrinsics)
         if rays is None:
             rays = self._rays.setdefault(view.intrinsics, RayGrid(outer.intrinsics))
+        plain = rays
         if view.line_time > 0.0 and self.targets:
             rays = roll(rays, outer, self.targets[0].motion.pose_at(view.time))
         if conditions.curl is not None and self.targets:
             rays = bend(rays, outer, self.targets[0].motion.pose_at(view.time), conditions.curl)
-        light = self._exposed(outer, conditions, rays)
+        light = self._exposed(outer, conditions, rays, plain)
         if conditions.fog is not None and self.targets:
             light = add_fog(light, conditions.fog, outer, rays, self.targets[0].motion.pose_at(view.time))
         light = lens_blur(light, conditions)[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX].copy()
@@ -346,7 +355,7 @@ class Scene:
             light = add_dirt(light, conditions.dirt)
         return light
 
-    def _exposed(self, view: CameraView, conditions: LightConditions, rays: RayGrid) -> Image32:
+    def _exposed(self, view: CameraView, conditions: LightConditions, rays: RayGrid, plain: RayGrid) -> Image32:
         """Light on the sensor over the exposure.
 
         What all parts of the image share of the motion is one streak; what they do not share (turning, climbing) is
@@ -356,9 +365,16 @@ class Scene:
         shared = flow.mean(axis=0)
         spread = float(np.linalg.norm(flow - shared, axis=1).max())
         count = int(np.clip(np.ceil(spread / self._spread_px), 1, 6))
+        if self._walls:  # which share no motion with the ground
+            fastest = max(float(np.linalg.norm(flow, axis=1).max()), flow_of(self._walls, view))
+            count, shared = int(np.clip(np.ceil(fastest / WALL_SPREAD_PX), 1, MOST_EXPOSURES)), np.zeros(2)
         light = np.zeros(rays.x.shape, dtype=np.float32)
         for along in (np.arange(count) + 0.5) / count - 0.5:
-            light += self._lit(view.moved(float(along) * view.exposure_time), conditions, rays)
+            moved = view.moved(float(along) * view.exposure_time)
+            image, raised = self._lit(moved, conditions, rays)
+            if self._walls:
+                self._draw_raised(image, raised, moved, plain)
+            light += image
         light *= np.float32(1.0 / count)
         if float(np.linalg.norm(shared)) < 0.2 * count:
             return light
@@ -390,14 +406,20 @@ class Scene:
         flow: Array = np.nan_to_num(ends[1] - ends[0])
         return flow
 
-    def _lit(self, view: CameraView, conditions: LightConditions, rays: RayGrid) -> Image32:
-        """Reflected light of a standing scene seen by a standing camera, before the lens."""
-        layers = [
-            seen
-            for target in self.targets
-            if conditions.target_in_view
-            for seen in visible_layers(target.layers, target.motion.pose_at(view.time), view, rays)
-        ]
+    def _lit(self, view: CameraView, conditions: LightConditions, rays: RayGrid) -> tuple[Image32, list[Surface]]:
+        """Reflected light of a standing scene seen by a standing camera, before the lens.
+
+        With walls, without what is raised above the ground: that is returned beside it.
+        """
+        layers: list[SeenLayer] = []
+        raised: list[Surface] = []
+        for target in self.targets if conditions.target_in_view else ():
+            pose, lying = target.motion.pose_at(view.time), target.layers
+            if self._walls:
+                surfaces = [Surface(layer, pose) for layer in lying]
+                raised += [surface for surface in surfaces if surface.is_raised]
+                lying = tuple(surface.layer for surface in surfaces if not surface.is_raised)
+            layers += visible_layers(lying, pose, view, rays)
         # What a print hides completely need not be drawn.
         first = max((k for k, seen in enumerate(layers) if seen.fills_image), default=None)
         if first is not None or self._ground is None:
@@ -407,7 +429,7 @@ class Scene:
         for seen in layers[first or 0 :]:
             draw_layer(image, seen, rays, self._budget)
         if not self.targets:
-            return image
+            return image, raised
         pose = self.targets[0].motion.pose_at(view.time)
         if conditions.target_in_view:
             draw_covers(image, conditions.covers, pose, view)
@@ -425,7 +447,22 @@ class Scene:
             point = np.array([[*glare.point, 0.0], [glare.point[0] + glare.radius, glare.point[1], 0.0]])
             spot = project(view.camera_points(pose.points(point)), view.intrinsics)
             add_glare(image, glare, spot[0], float(np.linalg.norm(spot[1] - spot[0])))
-        return image
+        return image, raised
+
+    def _draw_raised(self, image: Image32, raised: Sequence[Surface], view: CameraView, plain: RayGrid) -> None:
+        """Draw walls, and what hangs or stands, over the ground."""
+        rolled: dict[tuple[float, ...], RayGrid] = {}
+        for surface in back_to_front((*self._walls, *raised), view.position_enu):
+            rays = plain
+            seen = visible_layers([surface.layer], surface.pose, view, rays)
+            if seen and view.line_time > 0.0:
+                plane = surface.plane
+                normal = plane.enu_from_body[:, 2]
+                key = tuple(np.round([*normal, normal @ plane.position_enu], 3).tolist())
+                rays = rolled.get(key) or rolled.setdefault(key, roll(plain, view, plane))
+                seen = visible_layers([surface.layer], surface.pose, view, rays)
+            for layer in seen:
+                draw_layer(image, layer, rays, self._budget)
 
 
 def true_corners(target: SceneTarget, view: CameraView) -> dict[tuple[str, int], Array]:
