@@ -42,6 +42,7 @@ CAMPAIGNS: Final = (
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("compare", "lab.compare:main", "Two results, or two trees, flight by flight."),
     CommandEntry("positions", "lab.positions:main", "Flights by motion capture, and with its faults."),
+    CommandEntry("wrong-sources", "lab.wrongsources:main", "Sources of poses that go wrong, alone or beside an eye."),
     CommandEntry("figures", "lab.figures:main", "The picture of docs/figures that is rendered."),
 )
 

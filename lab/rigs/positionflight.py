@@ -163,6 +163,11 @@ class PositionFlight(CoreRig):
         return self._world.truth
 
     @property
+    def has_flown(self) -> bool:
+        """Whether the core ever flew."""
+        return self._has_flown
+
+    @property
     def waited_for(self) -> str:
         """What the take-off waits for in the end; empty where it flies."""
         shown = [action for _, action in self.actions if isinstance(action, PublishStatus)]

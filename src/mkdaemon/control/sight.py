@@ -84,6 +84,8 @@ class Sight:
         self._by_line = self.model
         self._cfg = cfg
         self._last_view: TargetView | None = None
+        self._last_views: dict[str, TargetView] = {}  # of each camera
+        self._discredited = ""  # the source whose poses have made the estimate wrong
         self._apart = 0.0  # between the two newest images [s]
         self._high_since = -math.inf  # all images from then on show it off the ground [s]
         self._sent: deque[StickCommand] = deque(maxlen=SENT_KEPT)
@@ -187,10 +189,11 @@ class Sight:
             return ""
         if self.is_standing and lifted is None:
             self.target = target
-        elif known is None or is_other or is_forgotten or lifted is not None or self._is_astray:
+        elif known is None or is_other or is_forgotten or lifted is not None or self._is_astray_for(view):
             # The estimate of an aircraft on the ground contains no information about its hover throttle.
             compass = 0.0 if self.attitude is None else self.attitude.yaw
-            velocity = None if is_other else velocity_between(self._last_view, view)
+            before_it = self._last_views.get(view.camera) if self._discredited else self._last_view
+            velocity = None if is_other else velocity_between(before_it, view)
             hover_gas, thrust = self.hover_gas, 0.0
             if lifted is not None:
                 hover_gas, thrust = lifted.hover_gas, lifted.thrust
@@ -199,17 +202,18 @@ class Sight:
             self.estimator = Estimator(
                 self._known_model(), view, hover_gas, compass=compass, velocity=velocity, thrust=thrust
             )
-            is_flown = known is not None and known.is_elsewhere and not self._is_others and not self.answer.is_cut
+            is_wrong = known is not None and (known.is_elsewhere or bool(self._discredited))
+            is_flown = is_wrong and not self._is_others and not self.answer.is_cut
             for command in self._sent if lifted is not None or is_flown else ():
                 self.estimator.sent(command)
-            self.target, self._clean_since, self._last_view = target, view.at, None
+            self.target, self._clean_since, self._last_view, self._discredited = target, view.at, None, ""
         else:
             known.target_seen(view, now)
             if not known.innovation <= self._cfg.clean_innovation:
                 self._clean_since = view.at
         if self._last_view is None or view.at >= self._last_view.at:
             self._apart = 0.0 if self._last_view is None else view.at - self._last_view.at
-            self._last_view = view
+            self._last_view = self._last_views[view.camera] = view
             is_low = view.height <= self._cfg.stand_height + FEET
             if lifted is not None:
                 self._high_since = -math.inf
@@ -220,11 +224,15 @@ class Sight:
     def discredit(self, camera: str) -> bool:
         """Drop an estimate that stands on a source alone which the boards contradict; return whether there was one.
 
-        It cannot be flown on by dead reckoning, as after a silence: what was estimated is wrong too.
+        It cannot be flown on by dead reckoning, as after a silence: what was estimated is wrong too. If another camera
+        sees the target, the estimate restarts with its next image; that the two contradicted each other is no longer
+        held against it.
         """
         is_dropped = self.estimator is not None and self.estimator.stands_on(camera)
         if is_dropped:
             self.estimator = None
+        elif self.estimator is not None and self.estimator.uses(camera):
+            self._discredited = camera
         return is_dropped
 
     def sticks_made(self, counts: StickCounts, use: ThrottleUse, now: float) -> None:
@@ -239,12 +247,16 @@ class Sight:
             else:
                 self.estimator.sent(command)
 
-    @property
-    def _is_astray(self) -> bool:
-        """Whether the estimate may have left what images show: by the pilot's sticks, or by dead reckoning."""
+    def _is_astray_for(self, view: TargetView) -> bool:
+        """Whether the estimate may have left what a view shows.
+
+        By the pilot's sticks, by dead reckoning, or by a source that was wrong.
+        """
         known = self.estimator
         if known is None:
             return False
+        if self._discredited and view.camera != self._discredited:
+            return True
         return known.is_elsewhere or (self._is_others and not known.innovation <= self._cfg.clean_innovation)
 
     def seen(self, target: str, at: float) -> None:

@@ -24,8 +24,25 @@ ANGLE_SD: Final = math.radians(0.1)
 """Noise of an angle, each axis [rad]."""
 DROP_OUT: Final = 0.01
 """Share of measurements without the body: markers are hidden."""
-OTHER: Final = (1.1, -0.6, 0.9)
-"""Where another tracked body is carried about [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSize:
+    """Size of the faults.
+
+    Attributes:
+        offset: of `off` [m].
+        delay: of `late` and `late_unsaid` [s].
+        axis: that is mirrored, 0 for x and 1 for y.
+        carried: where `other_body` is carried about [m].
+        beside: where the body of `neighbour` stands [m].
+    """
+
+    offset: tuple[float, float, float] = (0.3, 0.0, 0.0)
+    delay: float = 0.5
+    axis: int = 1
+    carried: tuple[float, float, float] = (1.1, -0.6, 0.9)
+    beside: tuple[float, float, float] = (0.3, 0.2, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +79,13 @@ class MotionCapture:
 
     Attributes:
         fault: name of the fault that it plays, one of `FAULTS`; empty for none.
+        size: of its faults.
     """
 
     def __init__(self, seed: int) -> None:
         """Start without a fault; `seed` of everything random."""
         self.fault = ""
+        self.size = FaultSize()
         self._rng = random.Random(f"{seed} motion capture")
         self._last: Measured | None = None
 
@@ -89,26 +108,40 @@ class MotionCapture:
 
 
 def _off(capture: MotionCapture, measured: Measured, at: float) -> Measured:
-    return Measured(measured.position + np.array([0.3, 0.0, 0.0]), measured.rotation)
+    return Measured(measured.position + np.array(capture.size.offset), measured.rotation)
 
 
 def _other(capture: MotionCapture, measured: Measured, at: float) -> Measured:
     way = np.array([0.2 * math.sin(1.1 * at), 0.2 * math.cos(0.9 * at), 0.1 * math.sin(0.7 * at)])
-    return Measured(np.array(OTHER) + way, rotation_from_euler(0.02 * math.sin(3.0 * at), 0.0, 1.0))
+    return Measured(np.array(capture.size.carried) + way, rotation_from_euler(0.02 * math.sin(3.0 * at), 0.0, 1.0))
 
 
 def _neighbour(capture: MotionCapture, measured: Measured, at: float) -> Measured:
     noise = 1e-4 * math.sin(1e4 * at)
-    return Measured(np.array([0.3, 0.2, 0.1 + noise]), rotation_from_euler(noise, 0.0, 0.5))
+    x, y, z = capture.size.beside
+    return Measured(np.array([x, y, z + noise]), rotation_from_euler(noise, 0.0, 0.5))
+
+
+def _late(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    delay = capture.size.delay
+    return Measured(measured.position, measured.rotation, delay, delay)
+
+
+def _late_unsaid(capture: MotionCapture, measured: Measured, at: float) -> Measured:
+    return Measured(measured.position, measured.rotation, capture.size.delay, 0.0)
+
+
+def _flip(capture: MotionCapture) -> Matrix:
+    return np.diag([-1.0 if axis == capture.size.axis else 1.0 for axis in range(3)])
 
 
 def _mirrored(capture: MotionCapture, measured: Measured, at: float) -> Measured:
-    flip = np.diag([1.0, -1.0, 1.0])
+    flip = _flip(capture)
     return Measured(flip @ measured.position, flip @ measured.rotation @ flip)
 
 
 def _crossed(capture: MotionCapture, measured: Measured, at: float) -> Measured:
-    return Measured(measured.position * (1.0, -1.0, 1.0), measured.rotation)
+    return Measured(_flip(capture) @ measured.position, measured.rotation)
 
 
 def _wrong_up(capture: MotionCapture, measured: Measured, at: float) -> Measured:
@@ -119,8 +152,8 @@ def _wrong_up(capture: MotionCapture, measured: Measured, at: float) -> Measured
 FAULTS: Final[dict[str, Callable[[MotionCapture, Measured, float], Measured | None]]] = {
     "off": _off,
     "silent": lambda capture, measured, at: None,
-    "late": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.5),
-    "late_unsaid": lambda capture, measured, at: Measured(measured.position, measured.rotation, 0.5, 0.0),
+    "late": _late,
+    "late_unsaid": _late_unsaid,
     "mirrored": _mirrored,
     "mirrored_place": _crossed,
     "wrong_up": _wrong_up,

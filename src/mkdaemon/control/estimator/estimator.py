@@ -122,6 +122,10 @@ class Cameras:
         newest = max((each.at for each in self._records.values()), default=0.0)
         return all(name == camera or newest - each.at > TOGETHER for name, each in self._records.items())
 
+    def has_seen(self, camera: str) -> bool:
+        """Whether a camera has shown the target."""
+        return camera in self._records
+
     def expect_change(self) -> None:
         """Treat the next image of every camera as if too many had been refused before it."""
         for record in self._records.values():
@@ -289,6 +293,10 @@ class Estimator:
     def stands_on(self, camera: str) -> bool:
         """Whether the images of this camera alone have made the estimate lately."""
         return self._cameras.is_alone(camera)
+
+    def uses(self, camera: str) -> bool:
+        """Whether images of this camera, among others, have made the estimate: they do not contradict it."""
+        return self._cameras.has_seen(camera) and camera not in self.contradicting
 
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""

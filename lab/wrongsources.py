@@ -1,0 +1,137 @@
+"""Sources of poses that go wrong, drawn from seeds, in virtual time: `python -m lab wrong-sources`.
+
+Each flight draws a fault, its size, its begin (on the ground, in the hold, in a goto, on a path, in the landing), the
+wind, and whether a camera or a second motion capture system is flown by as well. Physics and wire are the judges. What
+is promised: docs/lab/positions.md, "Wrong sources".
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+from lab.campaign import Campaign, Ending, Row, carried_out, endings
+from lab.positions import VOLUME
+from lab.rigs.positionflight import LAND_AT
+from lab.rigs.wrongsourceflight import Moment, WrongSource, WrongSourceFlight, drawn
+from mkdaemon.cli.arguments import AsJson
+
+AT_ONCE: Final = ("silent", "late", "frozen", "off", "other_body", "neighbour", "wrong_up")
+"""Faults that show without the aircraft's motion when they begin in flight."""
+SEEN_ON_GROUND: Final = ("silent", "late", "frozen", "wrong_up")
+"""Those that show on the ground."""
+NAMED_IN_FLIGHT, NAMED_ON_GROUND = 1.0, 3.0
+"""Time within which they are named [s]."""
+USED_AFTER: Final = 0.2
+"""Poses under way when a source is named [s]."""
+RELEASED_AFTER: Final = 3.5
+"""An aircraft whose only source was named is released within this time [s]."""
+MOVED_BY_MOTION: Final = 1.5
+"""A source that only the motion of the aircraft shows moves it no farther out of where it flies, before and after it is
+named [m]."""
+MOVED: Final = 0.5
+"""The same of the others [m]; light wind is included."""
+ON_PAD: Final = 0.3
+"""A landing this near to the middle of the pad is where it was to be [m]."""
+
+
+def fly(plan: WrongSource) -> Row:
+    """Fly once.
+
+    Returns:
+        Its ending and why; `named` after the begin of the fault [s], None where it was not; by which `words`; how far
+        out of the flown rectangle the aircraft `moved` [m]; `touch_cm`; why it was `released`.
+    """
+    rig = WrongSourceFlight(plan)
+    record, truth = rig.fly(), rig.world_truth
+    named_at, words = rig.named_by
+    farthest = max((math.hypot(*place[:2]) for place in record.positions), default=0.0)
+    has_landed = record.touched > LAND_AT and record.stands
+    row: Row = {
+        "named": max(0.0, named_at - plan.at),
+        "words": words,
+        "moved": rig.moved,
+        "touch_cm": 100.0 * record.touch_error if has_landed else None,
+        "released": rig.released[0][1] if rig.released else "",
+    }
+    lost = record.lost or truth.crash_reason or (f"{farthest:.1f} m away" if farthest > VOLUME else "")
+    if lost:
+        return row | {"ending": Ending.LOST, "why": lost}
+    wrong = _broken(plan, rig, named_at, has_landed=has_landed)
+    if wrong:
+        return row | {"ending": Ending.WRONG, "why": wrong}
+    if not rig.has_flown:
+        return row | {"ending": Ending.REFUSED, "why": words}
+    if rig.released and not has_landed:
+        # Alone, that is what is promised; beside another eye it is safe, but the other could have been flown by.
+        return row | {"ending": Ending.RELEASED if plan.other else Ending.FINISHED, "why": row["released"]}
+    return row | {"ending": Ending.FINISHED, "why": ""}
+
+
+def _broken(plan: WrongSource, rig: WrongSourceFlight, named_at: float, *, has_landed: bool) -> str:
+    """Which promise was broken; empty for none."""
+    if rig.accused:
+        return f"the other source was named: {rig.accused[0][2]}"
+    is_unseen = math.isinf(named_at)
+    off_by = math.hypot(*plan.size.offset[:2]) if plan.fault == "off" and is_unseen else 0.0
+    is_ground = plan.moment is Moment.GROUND
+    is_promised = plan.fault in (SEEN_ON_GROUND if is_ground else AT_ONCE)
+    if rig.moved > (MOVED if is_promised else MOVED_BY_MOTION):
+        return f"moved {rig.moved:.2f} m"
+    if has_landed and rig.record.touch_error > ON_PAD + off_by:
+        return f"landed {rig.record.touch_error:.2f} m beside the pad"
+    if rig.record.times and plan.at > rig.record.times[-1]:
+        return ""
+    within = NAMED_ON_GROUND if is_ground else NAMED_IN_FLIGHT
+    if is_promised and named_at > plan.at + within and not has_landed:
+        return "not named" if is_unseen else f"named after {named_at - plan.at:.1f} s"
+    if not plan.other and any(at > named_at + USED_AFTER for at in rig.used):
+        return "used after it was named"
+    let_go = rig.released[0][0] if rig.released else math.inf
+    if not plan.other and rig.has_flown and not has_landed and let_go > max(named_at, plan.at) + RELEASED_AFTER:
+        return "not released"
+    return ""
+
+
+def _key(plan: WrongSource) -> Row:
+    return {"seed": plan.seed, "wind": plan.wind.value, "fault": plan.fault, "moment": plan.moment.value} | {
+        "at": plan.at,
+        "other": plan.other,
+        "is_first": plan.is_first,
+    }
+
+
+FLIGHTS: Final = Campaign("wrong-sources", fly, _key, limit=300.0)
+
+
+def main(
+    *,
+    seeds: int = 200,
+    first: int = 1,
+    jobs: int = 2,
+    results: Path | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Fly with sources that go wrong; five to ten seconds of processor time a flight.
+
+    Args:
+        seeds: flights.
+        first: seed.
+        jobs: processes.
+        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
+    """
+    rows = FLIGHTS.rows([drawn(seed) for seed in range(first, first + seeds)], jobs, results)
+    found: dict[str, Any] = endings(rows)
+    flown = carried_out(rows)
+    for other in ("", "down", "second"):
+        of = [row for row in flown if row["other"] == other]
+        counts = Counter(str(row["ending"]) for row in of)
+        named = [row["named"] for row in of if row["named"] is not None]
+        figures = f"named {max(named, default=0.0):.1f} s after at most, {len(of) - len(named)} not named"
+        moved = max((row["moved"] for row in of), default=0.0)
+        found[f"beside {other}" if other else "alone"] = f"{dict(counts)}, {figures}, moved {moved:.2f} m at most"
+    print(json.dumps(found) if as_json else "\n".join(f"{name:<16} {value}" for name, value in found.items()))
+    return 1 if any(row["ending"] in {Ending.WRONG, Ending.LOST, Ending.FAILED} for row in rows) else 0
