@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from lab.campaign import Campaign, Row, carried_out
-from lab.hil import endings, generations, navicase, navipairs
+from lab.hil import endings, generations, navicase, navipairs, rooms
 from lab.hil.build import built, names
 from lab.hil.flights import fly
 from lab.hil.quiet import be_quiet
@@ -29,7 +29,7 @@ RUNS: Final = 10
 def main(
     *,
     firmware: str = "",
-    case: Literal["scenes", "flights", "triggers", "control", "navictrl", "pair"] = "scenes",
+    case: Literal["scenes", "flights", "room", "paths", "triggers", "control", "navictrl", "pair"] = "scenes",
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
@@ -47,7 +47,8 @@ def main(
 
     Args:
         firmware: Name of one that was built; the first by default.
-        case: The scenes; flights, how each ended and what became of every frame; what happens when something fails,
+        case: The scenes; flights, how each ended and what became of every frame; from pad to pad through a room of
+            surveyed tags, or figures of eight over them; what happens when something fails,
             judged by the firmware's memory; how long it holds stick frames; a genuine NaviCtrl and the simulator's,
             side by side (`make hil NAVICTRL=<folder>`); or a genuine pair of both boards.
         line: To the boards.
@@ -80,6 +81,9 @@ def main(
     if case == "flights":
         asked = [endings.Work(board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
         return endings.show(ENDINGS.rows(asked, jobs, results), as_json=as_json)
+    if case in {"room", "paths"}:
+        through = [rooms.Work(case, board, by, seed) for seed in seeds for board, by in product(flown, lines)]
+        return rooms.show(ROOMS.rows(through, jobs, results), as_json=as_json)
     work = [(board, by, seed) for seed in seeds for board, by in product(flown, lines)]
     return _show_scenes(SCENES.rows(work, jobs, results), flown, lines, as_json=as_json)
 
@@ -87,6 +91,11 @@ def main(
 def _end_one(work: endings.Work) -> Row:
     be_quiet()
     return endings.fly(work)
+
+
+def _cross_one(work: rooms.Work) -> Row:
+    be_quiet()
+    return rooms.fly(work)
 
 
 def _fly_one(work: Work) -> Row:
@@ -113,6 +122,7 @@ def _key(work: Work) -> Row:
 
 SCENES: Final = Campaign("hil scenes", _fly_one, _key)
 TRIGGERS: Final = Campaign("hil triggers", _tell_one, _key)
+ROOMS: Final = Campaign("hil room", _cross_one, lambda work: work.key, limit=1200.0)
 ENDINGS: Final = Campaign("hil flights", _end_one, lambda work: work.key, limit=1200.0)
 
 

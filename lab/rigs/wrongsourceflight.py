@@ -235,7 +235,7 @@ class WrongSourceFlight(PositionFlight):
 
         By its state, by the estimate that contradicts it, or by what keeps the aircraft on the ground.
         """
-        found = [(at, reason) for at, _, reason in self.named]
+        found = [(at, reason) for at, _, reason in self.named if at >= self._begins + SETTLED]
         found += [(at, "contradicts the other") for at, names in self.contradicted if names == (SOURCE,)]
         if not self._has_flown:
             waits = (self.refused[-1:] or [self.waited_for])[0]

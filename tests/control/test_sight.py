@@ -439,3 +439,19 @@ def test_an_estimate_on_which_another_camera_agrees_is_kept(sight):
     see(sight, view(10.02, camera="mocap"))
     assert not sight.discredit("mocap")
     assert sight.estimator is not None
+
+
+def test_after_a_source_was_contradicted_the_estimate_restarts_by_another_camera(sight):
+    see(sight, view(10.02, camera="mocap"))
+    before = sight.estimator
+    assert before.uses("mocap")
+    assert not sight.discredit("mocap")
+    see(sight, view(10.04, camera="mocap"))
+    assert sight.estimator is before
+    see(sight, view(10.06))
+    restarted = sight.estimator
+    assert restarted is not before
+    assert not restarted.uses("mocap")
+    assert not sight.discredit("mocap")
+    see(sight, view(10.09))
+    assert sight.estimator is restarted

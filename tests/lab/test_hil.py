@@ -8,13 +8,14 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import ctypes.util
+import json
 import math
 
 import numpy as np
 import pytest
 
 from lab.hil import build as building
-from lab.hil import chip, endings
+from lab.hil import chip, endings, rooms
 from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
 from lab.hil.flights import Flown, Setting, config_of, figures
@@ -29,6 +30,7 @@ from mkdaemon.virtualtime import run_virtually
 from mksim.boards.parameters import factory_set
 from mksim.config import SimConfig
 from mksim.scene.camera import deck_of
+from mksim.scene.room import AWAY
 from mksim.simulation import Simulation
 
 REPAIRED = """
@@ -331,3 +333,24 @@ def test_a_pad_is_tilted_and_its_low_edge_is_above_the_ground():
     assert pad.at(0.59, 0.0, 0.0)[0] >= 0.0
     assert pad.at(-0.5, 0.0, 0.0)[0] - pad.at(0.5, 0.0, 0.0)[0] == pytest.approx(math.tan(math.radians(12.0)))
     assert (config.radio.to_board.loss, config.radio.to_host.loss) == (0.05, 0.05)
+
+
+def test_flights_through_a_room_are_summed_up_and_asked_for_their_goals(capsys):
+    row = {"case": "room", "board": "fw", "line": "cable", "seed": 1, "wind": "light", "ending": "finished", "why": ""}
+    row |= {"touch_cm": 3.0, "hold_cm": 4.0, "midway_cm": 5.0, "eight_cm": 6.0}
+    for change, code in (
+        ({}, 0),
+        ({"touch_cm": 7.0}, 1),
+        ({"eight_cm": 11.0}, 1),
+        ({"eight_cm": None}, 1),
+        ({"ending": "released", "why": "no target in sight"}, 1),
+    ):
+        assert rooms.show([row | change], as_json=True) == code
+        found = json.loads(capsys.readouterr().out)["rows"][0]
+        assert (found["board"], found["flights"]) == ("fw", 1)
+
+
+def test_a_room_is_crossed_from_the_first_pad():
+    setting = setting_of("simulated", "cable", 1)
+    aircraft = rooms.aircraft_of(setting, config_of(setting))
+    assert aircraft.world.truth.position_enu[:2].tolist() == [-AWAY, 0.0]

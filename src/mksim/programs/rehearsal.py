@@ -518,6 +518,7 @@ def room_demonstration(
     parts: Sequence[FlightPart] = ROOM_FLIGHT,
     *,
     limits: Mapping[str, float] = MappingProxyType({}),
+    aircraft: FlyingAircraft | None = None,
 ) -> Rehearsal:
     """A flight through a room of tags that were surveyed, from one pad to the other; needs a running loop.
 
@@ -527,11 +528,14 @@ def room_demonstration(
         tape: records it; None for no recording.
         parts: what is flown.
         limits: values of `control.autopilot` beside its fence.
+        aircraft: what flies from the first pad, in place of the simulated boards; it is not recorded.
     """
     config = config.model_copy(update={"scene": config.scene.model_copy(update={"platform": PlatformConfig()})})
-    world = World(config.flight, seed=config.seed, start=StartState(east=-AWAY))
     maps = room_map(), room_map(survey=config.seed)
     make = partial(Rehearsal, parts=parts, tagmaps=maps, fence=ROOM_FENCE, limits=limits)
+    if aircraft is not None:
+        return make(config, aircraft, watcher)
+    world = World(config.flight, seed=config.seed, start=StartState(east=-AWAY))
     return _taped(make, config, Simulation(config, world), watcher, tape)
 
 

@@ -1,0 +1,42 @@
+"""Drawn sources that go wrong: draws cover what they should; one flight beside a second eye goes on by that."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+from lab import wrongsources
+from lab.rigs.wrongsourceflight import BEGINS, SECOND, Moment, drawn
+from mksim.config import WindClass
+from mksim.physics.mocap import FAULTS
+
+
+def test_two_hundred_draws_have_every_fault_in_every_moment_alone_and_beside_others():
+    plans = [drawn(seed) for seed in range(1, 201)]
+    assert drawn(7) == drawn(7)
+    assert {plan.fault for plan in plans} == set(FAULTS)
+    assert set(Counter(plan.moment for plan in plans)) == set(Moment)
+    assert min(Counter((plan.other, plan.is_first) for plan in plans).values()) > 15
+    assert all(BEGINS[plan.moment][0] - 0.01 <= plan.at <= BEGINS[plan.moment][1] + 0.01 for plan in plans)
+
+
+def test_a_source_that_jumps_beside_a_second_one_is_named_and_the_flight_lands_by_that_one():
+    plan = replace(drawn(1), fault="off", moment=Moment.HOLD, at=16.0, other=SECOND, wind=WindClass.INDOOR)
+    row = wrongsources.fly(plan)
+    assert (row["ending"], row["why"], row["released"]) == ("finished", "", "")
+    assert row["named"] < wrongsources.NAMED_IN_FLIGHT
+    assert row["touch_cm"] < 30.0
+
+
+def test_kept_flights_are_summed_up_and_a_broken_promise_fails(tmp_path, capsys):
+    kept = tmp_path / "wrong.jsonl"
+    row = {"why": "", "named": 0.3, "words": "they jumped", "moved": 0.2, "touch_cm": 3.0, "released": ""}
+    for ending, code in (("finished", 0), ("released", 0), ("wrong", 1), ("lost", 1)):
+        lines = [
+            {"campaign": "wrong-sources", "key": wrongsources.FLIGHTS.key(drawn(seed)), "row": row | {"ending": each}}
+            for seed, each in ((1, "finished"), (2, ending))
+        ]
+        kept.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        assert wrongsources.main(seeds=2, jobs=1, results=kept, as_json=True) == code
+        assert json.loads(capsys.readouterr().out)["flights"] == 2
