@@ -94,3 +94,42 @@ def test_an_estimate_stands_on_one_source_when_others_are_silent():
     estimator = follow((0.0, 0.0, 1.5))
     assert estimator.stands_on("mocap")
     assert not estimator.stands_on("down")
+
+
+def moved(*, mirrored_from, seconds=3.0, with_camera=True):
+    """An aircraft that leaves the middle at 0.3 m/s, by a source whose x is mirrored from a time on, and a camera."""
+    estimator = Estimator(AircraftModel(), view(0.0, (0.0, 0.0, 1.5), shared=0.01), 118.0, compass=0.3)
+    named = []
+    for k in range(1, round(seconds / 0.03)):
+        t = 0.03 * k
+        x = 0.3 * max(0.0, t - 1.0)
+        seen = (-x if t >= mirrored_from else x, 0.0, 1.5)
+        estimator.attitude_received(t - 0.02, 0.0, 0.0, 0.3)
+        estimator.target_seen(view(t, seen, shared=0.01), t)
+        if with_camera:
+            seen = view(t - 0.01, (0.3 * max(0.0, t - 1.01), 0.0, 1.5), camera="down", is_placed=False, shared=0.01)
+            estimator.target_seen(seen, t)
+        named.append(estimator.contradicting)
+    return estimator, named
+
+
+def test_a_source_never_outvotes_a_camera():
+    estimator, named = moved(mirrored_from=0.9)
+    assert ("down",) not in named[-30:]
+    assert named[-1] == ("mocap",)
+    assert estimator.estimate(3.0).position[0] == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_source_that_is_right_again_is_used_after_a_second():
+    estimator, named = moved(mirrored_from=0.9)
+    assert named[-1] == ("mocap",)
+    agree = 0
+    for k in range(100, 140):
+        t = 0.03 * k
+        estimator.attitude_received(t - 0.02, 0.0, 0.0, 0.3)
+        place = (0.3 * (t - 1.0), 0.0, 1.5)
+        estimator.target_seen(view(t, place, shared=0.01), t)
+        estimator.target_seen(view(t, place, camera="down", is_placed=False, shared=0.01), t)
+        agree += bool(estimator.contradicting)
+    assert not estimator.contradicting
+    assert 28 <= agree <= 34

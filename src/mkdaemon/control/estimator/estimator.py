@@ -66,6 +66,9 @@ HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 
 TOGETHER: Final = 0.5
 """A camera whose newest image is older has no vote [s]: three images of a slow camera."""
+AGREED: Final = 30
+"""A source of poses that was wrong is used again after as many poses one after the other that agree: one second. One
+agrees soon by chance, because a mirrored place differs little near the middle."""
 AT_ONCE: Final = 0.15
 """Cameras whose newest images are no further apart share the attitude that is in their poses [s]."""
 BLIND: Final = 0.5
@@ -78,17 +81,24 @@ class _Record:
 
     Attributes:
         at: when its newest image was taken [s].
+        is_placed: it is a source of poses from outside.
         refused: its images refused one after the other.
+        agreed: those that were not, one after the other.
         is_wrong: it contradicted the camera in use, and the two do not agree yet.
     """
 
     at: float
+    is_placed: bool = False
     refused: int = 0
+    agreed: int = 0
     is_wrong: bool = False
 
 
 class Cameras:
     """Selects the cameras that the estimate uses if several see one target: all that agree, else the majority.
+
+    Sources of poses from outside count as cameras, but outvote none: a source can be mirrored or late, or follow
+    another body, and the images of a camera cannot.
 
     Args:
         patience: consecutive refused images of one camera before the camera or the estimate is doubted.
@@ -98,9 +108,9 @@ class Cameras:
         self._patience = patience
         self._records: dict[str, _Record] = {}
 
-    def seen(self, camera: str, at: float) -> int:
+    def seen(self, camera: str, at: float, *, is_placed: bool = False) -> int:
         """Note an image of a camera, taken at a time [s]; return how many cameras see the target at that time."""
-        record = self._records.setdefault(camera, _Record(at))
+        record = self._records.setdefault(camera, _Record(at, is_placed))
         record.at = max(record.at, at)
         return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
 
@@ -112,10 +122,15 @@ class Cameras:
     def judged(self, camera: str, *, is_refused: bool) -> None:
         """Note whether an image of a camera was refused."""
         record = self._records[camera]
-        record.refused = record.refused + 1 if is_refused else 0
+        record.refused, record.agreed = (record.refused + 1, 0) if is_refused else (0, record.agreed + 1)
         others = [each for each in self._records.values() if each is not record and record.at - each.at <= TOGETHER]
-        if any(each.refused < self._patience for each in others):
-            record.is_wrong = record.refused >= self._patience or (record.is_wrong and is_refused)
+        peers = [each for each in others if record.is_placed or not each.is_placed]
+        if any(each.refused < self._patience for each in peers):
+            stays = record.agreed < AGREED if record.is_placed else is_refused
+            record.is_wrong = record.refused >= self._patience or (record.is_wrong and stays)
+        elif record.refused >= self._patience:
+            for each in others:
+                each.is_wrong |= each.is_placed and not record.is_placed
 
     def is_alone(self, camera: str) -> bool:
         """Whether no other camera has shown the target lately."""
@@ -140,6 +155,7 @@ class Cameras:
         if record.refused < self._patience or (record.is_wrong and self._are_wrong_outvoted):
             return False
         recent = [each for each in self._records.values() if at - each.at <= TOGETHER]
+        recent = [each for each in recent if record.is_placed or not each.is_placed]
         refused = sum(each.refused >= self._patience for each in recent)
         return 2 * refused > len(recent)
 
@@ -397,8 +413,8 @@ class Estimator:
             return
         self._believe()
         self._was_blind |= view.at - self._seen_at > BLIND
-        shared_by = self._cameras.seen(view.camera, view.at)
-        self._heights.seen(view.camera, view.at)
+        shared_by = self._cameras.seen(view.camera, view.at, is_placed=view.is_placed)
+        self._heights.seen(view.camera, view.at, is_placed=view.is_placed)
         is_trusted = view.camera not in self.contradicting
         if is_trusted:
             self._align(view)
