@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mkdaemon.control.estimator.estimator import TOGETHER, Cameras, Estimator
+from mkdaemon.control.estimator.cameras import TOGETHER, Cameras
+from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
 from mkdaemon.control.estimator.values import (

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
+from mkdaemon.control.estimator.cameras import AT_ONCE, TOGETHER, Cameras
 from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, CommandHistory, StickFrame
-from mkdaemon.control.estimator.estimator import AT_ONCE, TOGETHER, Cameras, Estimator
+from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import TH, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.manoeuvres.by_target import new_autopilot
