@@ -69,16 +69,19 @@ class Cameras:
             record.is_wrong = record.refused >= self._patience or (record.is_wrong and stays)
         elif record.refused >= self._patience:
             for each in others:
-                each.is_wrong |= each.is_placed and not record.is_placed
+                if each.is_placed and not record.is_placed:
+                    each.is_wrong, each.agreed = True, 0
 
     def is_alone(self, camera: str) -> bool:
         """Whether no other camera has shown the target lately."""
         newest = max((each.at for each in self._records.values()), default=0.0)
         return all(name == camera or newest - each.at > TOGETHER for name, each in self._records.items())
 
-    def has_seen(self, camera: str) -> bool:
-        """Whether a camera has shown the target."""
-        return camera in self._records
+    def uses(self, camera: str) -> bool:
+        """Whether a camera has shown the target lately, and is not left out."""
+        newest = max((each.at for each in self._records.values()), default=0.0)
+        record = self._records.get(camera)
+        return record is not None and newest - record.at <= TOGETHER and not record.is_wrong
 
     def expect_change(self) -> None:
         """Treat the next image of every camera as if too many had been refused before it."""

@@ -203,8 +203,8 @@ class Estimator:
         return self._cameras.is_alone(camera)
 
     def uses(self, camera: str) -> bool:
-        """Whether images of this camera, among others, have made the estimate: they do not contradict it."""
-        return self._cameras.has_seen(camera) and camera not in self.contradicting
+        """Whether images of this camera, among others, have made the estimate lately: they do not contradict it."""
+        return self._cameras.uses(camera) and camera not in self.contradicting
 
     def sent(self, command: StickCommand) -> None:
         """Take note of a stick frame that was written."""
