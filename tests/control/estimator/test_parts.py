@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.cameras import AT_ONCE, TOGETHER, Cameras
+from mkdaemon.control.estimator.cameras import AGREED, AT_ONCE, TOGETHER, Cameras
 from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, CommandHistory, StickFrame
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import TH, AircraftModel
@@ -40,6 +40,50 @@ def test_cameras_share_an_attitude_while_their_newest_images_are_close():
     assert cameras.seen("down", 2.0 * AT_ONCE + 0.01) == 1
     assert cameras.seen("forward", AT_ONCE) == 1, "an image that comes late makes no camera older"
     assert cameras.seen("forward", 2.0 * AT_ONCE) == 2
+
+
+def judge(cameras, at, **refused):
+    """One image of a camera, and one pose of a source, at a time [s]."""
+    for name, is_refused in refused.items():
+        cameras.seen(name, at, is_placed=name != "down")
+        cameras.judged(name, is_refused=is_refused)
+
+
+def test_a_source_outvotes_no_camera_and_has_to_agree_for_long():
+    cameras = Cameras(3)
+    assert not cameras.uses("mocap")
+    for k in range(100):
+        judge(cameras, 0.03 * k, mocap=False, down=False)
+    assert cameras.uses("mocap")
+    for k in range(100, 103):
+        judge(cameras, 0.03 * k, mocap=False, down=True)
+    assert cameras.contradicting == ("mocap",)
+    assert cameras.doubts("down", 3.06)
+    assert not cameras.uses("mocap")
+    for k in range(103, 102 + AGREED):
+        judge(cameras, 0.03 * k, mocap=False, down=False)
+    assert cameras.contradicting == ("mocap",)
+    judge(cameras, 0.03 * (102 + AGREED), mocap=False, down=False)
+    assert cameras.contradicting == ()
+    assert cameras.uses("mocap")
+    cameras.seen("down", 0.03 * (102 + AGREED) + TOGETHER + 0.01)
+    assert not cameras.uses("mocap")
+
+
+def test_a_source_that_a_camera_contradicts_is_left_out_and_the_camera_is_not_doubted():
+    cameras = Cameras(3)
+    for k in range(3):
+        judge(cameras, 0.03 * k, mocap=True, down=False)
+    assert cameras.contradicting == ("mocap",)
+    assert not cameras.doubts("mocap", 0.06)
+    assert not cameras.doubts("down", 0.06)
+
+
+def test_of_two_sources_either_can_be_left_out():
+    cameras = Cameras(3)
+    for k in range(3):
+        judge(cameras, 0.03 * k, mocap=False, uwb=True)
+    assert cameras.contradicting == ("uwb",)
 
 
 def test_a_camera_that_is_silent_contradicts_nobody():
