@@ -154,21 +154,6 @@ async def test_a_file_that_is_no_note_is_named_and_kept(tmp_path):
 
 
 @virtually
-async def test_an_orderly_end_gives_a_procedure_time_to_leave_the_board(tmp_path):
-    socket = plug_in(flight_ctrl())
-    flight = socket.aircraft.flight
-    async with procedure_rig(socket, tmp_path) as rig:
-        await rig.until_ready()
-        asked = asyncio.create_task(rig.ask("settings_backup"))
-        await rig.until(lambda: flight.live.raw == flight.eeprom.sets[2])
-        rig.tasks[0].cancel()
-        await asyncio.gather(rig.tasks[0], return_exceptions=True)
-        assert flight.live.raw == flight.eeprom.sets[3]
-        assert list(tmp_path.iterdir()) == []
-        await asyncio.gather(asked, return_exceptions=True)
-
-
-@virtually
 async def test_an_upload_that_was_cut_off_is_told_at_the_next_start(tmp_path):
     socket = plug_in(navi_ctrl())
     points = [{"latitude_deg": 53.0712 + n / 1e4, "longitude_deg": 8.7912, "altitude": 10.0} for n in range(20)]
@@ -196,22 +181,6 @@ async def test_a_list_note_that_cannot_be_read_warns_all_the_same(tmp_path):
         assert any(
             "an upload was cut off and the NaviCtrl's list may be incomplete" in text for text in rig.bus.texts()
         )
-
-
-@virtually
-async def test_while_motors_run_nothing_is_restored_and_the_refusal_says_so(tmp_path):
-    async with interrupted(tmp_path) as rig:
-        rig.facts.motors_running = lambda now, within=2.0: True
-        await rig.until_ready()
-        await asyncio.sleep(5.0)
-        assert rig.steps() == []
-        with (
-            pytest.raises(CommandRejectedError, match="or their state is unknown"),
-            rig.interlock.taking_lease(),
-        ):
-            pass
-        del rig.facts.motors_running
-        await rig.until(lambda: rig.interlock.owed is None)
 
 
 @virtually
