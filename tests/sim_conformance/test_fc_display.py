@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.protocol.framing import encode_frame
-from mksim.boards.labels import FC_LABELS, NC_LABELS, label_checksum
+from mksim.boards.labels import FC_LABELS, NC_LABELS
 from tests.sim_conformance.bench import fc_bench, nc_bench
 
 
@@ -74,14 +74,6 @@ def test_labels(bench, labels):
     assert [text.rstrip() for text in got[:32]] == list(labels)
     assert got[32] == got[31]
     assert {len(text) for text in labels} <= set(range(1, 17))
-
-
-def test_version_carries_the_sum_of_all_labels():
-    bench = fc_bench()
-    total = 0
-    for index in range(32):
-        total += sum(bench.ask(encode_frame(1, "a", bytes([index])), 2.0 + 0.05 * index, 0.04).frame.payload[1:17])
-    assert bench.ask(encode_frame(1, "v"), 5.0).frame.payload[3] == total % 256 == label_checksum(FC_LABELS)
 
 
 @pytest.mark.parametrize("board", ["fc", "nc"])

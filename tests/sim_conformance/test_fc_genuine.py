@@ -68,26 +68,6 @@ def test_deaf_time_of_the_beep(length, count, deaf):
         assert answers[0] == pytest.approx(deaf, abs=0.03)
 
 
-WORKING = [
-    # what the FlightCtrl handles, and when it listens again at the latest [s]
-    ("f", lambda bench: encode_frame(1, "f", b"\x03"), 0.8),
-    ("s", lambda bench: encode_frame(1, "s", b"\x03" + bench.board.eeprom.sets[3]), 1.5),
-    ("o", lambda bench: beep(100, 1), 0.4),
-    ("x", lambda bench: encode_frame(1, "x"), 0.1),
-    ("e", lambda bench: encode_frame(1, "e"), 1.0),
-    ("r", lambda bench: encode_frame(1, "r", b"\x01"), 1.7),
-]
-
-
-@pytest.mark.parametrize(("make", "until"), [row[1:] for row in WORKING], ids=[row[0] for row in WORKING])
-def test_a_frame_sent_while_it_works_is_never_answered(make, until):
-    bench = fc_bench(gas_law=GasLaw.FORK)
-    done = bench.send(make(bench), 2.0)
-    bench.send(encode_frame(1, "v"), done + 0.012)
-    assert "V" not in bench.ids(bench.run(2.0 + until))
-    assert bench.ask(encode_frame(1, "v"), 2.0 + until) is not None
-
-
 def test_motor_controller_settings_take_61_to_67_ms():
     bench = fc_bench(gas_law=GasLaw.FORK)
     frame = encode_frame(1, "u", b"\x01")

@@ -6,7 +6,7 @@ import pytest
 
 from mksim.config import AirframeConfig
 from mksim.physics.airframe import GRAVITY
-from mksim.physics.motors import FACTORY_CHAIN, MAX_COUNT, MIN_COUNT, GasChain, Motors
+from mksim.physics.motors import MAX_COUNT, MIN_COUNT, GasChain, Motors
 
 CONFIG = AirframeConfig()
 DT = 2.048e-3
@@ -74,18 +74,6 @@ def test_collective_follows_in_the_motor_lag() -> None:
     assert reached == pytest.approx(125.0 + 25.0 * 0.632, abs=0.5)
 
 
-def test_signs_are_those_seen_on_the_motors() -> None:
-    """Nose down lowers the front; right side down raises the left (4); nose left raises 1 and 2."""
-    front, rear, right, left = settled(HOVER_GAS, y=10.0).setpoints[:4]
-    assert front < 125 < rear
-    assert right == left == 125
-    front, rear, right, left = settled(HOVER_GAS, x=10.0).setpoints[:4]
-    assert right < 125 < left
-    assert front == rear == 125
-    front, rear, right, left = settled(HOVER_GAS, z=5.0).setpoints[:4]
-    assert front == rear > 125 > right == left
-
-
 def test_torque_gives_the_acceleration_asked_for_at_hover() -> None:
     assert settled(HOVER_GAS, x=5.0).torque_x / CONFIG.inertia_roll == pytest.approx(5.0, rel=0.01)
     assert settled(HOVER_GAS, y=-5.0).torque_y / CONFIG.inertia_pitch == pytest.approx(-5.0, rel=0.01)
@@ -109,11 +97,6 @@ def test_compensation_lowers_set_points_not_thrust() -> None:
     strong = settled(HOVER_GAS, v=16.0)
     assert strong.setpoints[0] < settled(HOVER_GAS).setpoints[0]
     assert strong.thrust == pytest.approx(settled(HOVER_GAS).thrust, rel=0.02)
-
-
-@pytest.mark.parametrize(("gas", "setpoint"), [(0.0, 17), (18.0, 17), (27.0, 22), (77.0, 65), (127.0, 108)])
-def test_set_points_at_the_bench_voltage(gas: float, setpoint: int) -> None:
-    assert int(FACTORY_CHAIN.setpoint(gas, 14.8)) == setpoint
 
 
 @pytest.mark.parametrize(("reference", "setpoint"), [(12.8, 108), (9.6, 81), (0.0, 126)])
