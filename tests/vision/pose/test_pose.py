@@ -6,14 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from lab.vision.stills import search_in_turn
-from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.edgemodel import EdgeModel
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
@@ -26,29 +22,12 @@ from mksim.scene.light import Glare, LightConditions
 from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 PROJECTION = Projection(VGA)
-WIDE = Intrinsics(width=640, height=480, fx=420, fy=425, cx=322, cy=235, k1=-0.28, k2=0.09, p1=0.001, p2=-0.0008)
 
 
 def cold(view, target):
     tagmap = TagMap((target,))
     found = search_in_turn(Detector(tagmap.whitelist), view.pixels)
     return solve([(tagmap.owners[item.family, item.tag_id][1], item) for item in found], PROJECTION)
-
-
-@given(x=st.floats(-0.5, 0.5), y=st.floats(-0.4, 0.4), z=st.floats(0.3, 8.0), dx=st.integers(0, 2))
-def test_projection_derivatives_and_inverse(x, y, z, dx):
-    for intrinsics in (VGA, WIDE):
-        projection = Projection(intrinsics)
-        position = np.array([0.05, -0.02, z])
-        arm = np.array([[x * z * 0.6, y * z * 0.6, 0.0]])
-        pixel, visible = projection.project(arm + position)
-        assert visible.all()
-        assert np.allclose(projection.undistort(pixel), (arm + position)[:, :2] / z, atol=1e-6)
-        jacobian = projection.jacobian(arm + position)[0]
-        step = np.zeros(3)
-        step[dx] = 1e-6
-        moved, _ = projection.project(arm + position + step)
-        assert np.allclose((moved - pixel)[0] / 1e-6, jacobian[:, dx], rtol=1e-3, atol=1e-2)
 
 
 def test_points_behind_the_camera_are_not_visible():
@@ -184,18 +163,6 @@ def test_level_holds_the_tilt(target):
     assert free is not None
     assert angle_deg(free.rotation, view.rotation) < 0.3
     assert np.degrees(np.arccos(held.rotation[:, 2] @ off[:, 2])) < 0.3
-
-
-def test_edges_under_another_tag_are_left_out():
-    target = shipped("nested")
-    model = EdgeModel.of(target)
-    outer = model.points[model.tag == 0]
-    assert np.abs(outer[:, :2]).max(axis=1).min() > target.tags[1].paper / 2
-    assert np.allclose(np.linalg.norm(model.normals, axis=1), 1.0)
-    # Border samples point outwards, to the white paper.
-    half = np.array([tag.size for tag in target.tags])[model.tag] / 2
-    border = np.isclose(np.abs(model.points[:, :2]).max(axis=1), half)
-    assert ((model.points * model.normals).sum(axis=1)[border] > 0).all()
 
 
 @pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (8.0, 0.012), (11.0, 0.04)])
