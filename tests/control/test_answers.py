@@ -165,24 +165,26 @@ def test_an_opened_gate_is_flown_through_again_where_the_aircraft_is(silent):
     assert max(float(abs(p - positions[0])[:2].max()) for p in positions) < 0.6
 
 
-def test_a_board_that_reports_its_gate_is_believed_at_once():
-    rig = Gated(flight(OPENED + 0.6))
-    rig.tells = True
-    assert rig.fly().lost == ""
-    assert rig.phases()[Phase.UNANSWERED] == pytest.approx(SHUT, abs=0.05)
-    assert rig.sticks(SHUT + 0.3, OPENED) == 0
-    assert rig.phase_at(OPENED - 0.1) is Phase.UNANSWERED
-    assert rig.phase_at(OPENED + 0.5) is Phase.FLYING
-
-
-def test_an_opened_gate_is_flown_through_from_where_the_pilot_left_the_aircraft_in_wind():
-    """Level sticks have nothing against the wind: who waited for a nearer or slower aircraft saw it blown away."""
+@pytest.fixture(scope="module")
+def told():
+    """A board that reports its gate, and a pilot who carries the aircraft aside in wind; nobody changes it."""
     rig = Leaning(Flight(seed=1, wind=WindClass.MODERATE, seconds=OPENED + 3.0))
     rig.tells = True
     assert rig.fly().lost == ""
-    assert rig.phase_at(OPENED + 0.5) is Phase.FLYING
-    assert rig.phase_at(OPENED + 3.0) is Phase.FLYING
-    assert rig.record_end() < 0.5
+    return rig
+
+
+def test_a_board_that_reports_its_gate_is_believed_at_once(told):
+    assert told.phases()[Phase.UNANSWERED] == pytest.approx(SHUT, abs=0.05)
+    assert told.sticks(SHUT + 0.3, OPENED) == 0
+    assert told.phase_at(OPENED - 0.1) is Phase.UNANSWERED
+
+
+def test_an_opened_gate_is_flown_through_from_where_the_pilot_left_the_aircraft_in_wind(told):
+    """Level sticks have nothing against the wind: who waited for a nearer or slower aircraft saw it blown away."""
+    assert told.phase_at(OPENED + 0.5) is Phase.FLYING
+    assert told.phase_at(OPENED + 3.0) is Phase.FLYING
+    assert told.record_end() < 0.5
 
 
 def test_an_aborted_flight_stays_aborted_over_a_shut_gate():

@@ -33,7 +33,6 @@ from tests.control.flying import Flying
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.05, -0.04))
 CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
-SHORT = replace(CALM, seconds=6.0)
 
 
 class Plan(CoreRig):
@@ -142,19 +141,6 @@ def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throt
     assert ("the pilot's throttle at its lowest" in guided.obstacle) is waits
 
 
-def test_hold_stays_where_the_aircraft_is_and_says_so():
-    rig = Plan(
-        SHORT, (0.0, PositionSetpoint, {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}), (4.5, *hold()[1:])
-    )
-    record = rig.fly()
-    assert record.lost == ""
-    assert rig.statuses()[-1][0] == "hold"
-    held = [a.value for at, a in rig.actions if isinstance(a, PublishError) and at > 4.6]
-    assert len({error.goal for error in held}) == 1
-    assert np.linalg.norm(held[-1].error_pad) < 0.2
-    assert np.linalg.norm(held[-1].error_body) == pytest.approx(np.linalg.norm(held[-1].error_pad))
-
-
 def stick(**fields):
     return StickSetpoint, {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": -2.0} | fields
 
@@ -168,14 +154,30 @@ def place(record, at):
     return record.positions[next(k for k, time in enumerate(record.times) if time >= at)]
 
 
-def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then():
-    rig = Plan(
-        replace(CALM, seconds=7.6), hold(), (5.0, *stick(pitch=16.0)), (5.8, *stick(pitch=-15.0)), (6.6, *hold()[1:])
-    )
+@pytest.fixture(scope="module")
+def held():
+    """A flight that holds on the way to a place, then after some time by stick, and its record; nobody changes it."""
+    away = (0.0, PositionSetpoint, {"position": (-0.4, 0.0, 2.0), "frame": SetpointFrame.PAD})
+    sticks = (6.0, *stick(pitch=16.0)), (6.8, *stick(pitch=-15.0))
+    rig = Plan(replace(CALM, seconds=8.6), away, (4.5, *hold()[1:]), *sticks, (7.6, *hold()[1:]))
     record = rig.fly()
     assert record.lost == ""
-    first, second = goals(rig, 4.5, 5.0)[-1], goals(rig, 6.8, 7.6)
-    moved = np.linalg.norm(place(record, 6.7)[:2] - first[:2])
+    return rig, record
+
+
+def test_hold_stays_where_the_aircraft_is_and_says_so(held):
+    rig, _ = held
+    assert [manoeuvre for manoeuvre, _, _ in rig.statuses()][-2:] == ["hold", "stick"]
+    errors = [a.value for at, a in rig.actions if isinstance(a, PublishError) and 4.6 < at < 6.0]
+    assert len({error.goal for error in errors}) == 1
+    assert np.linalg.norm(errors[-1].error_pad) < 0.2
+    assert np.linalg.norm(errors[-1].error_body) == pytest.approx(np.linalg.norm(errors[-1].error_pad))
+
+
+def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then(held):
+    rig, record = held
+    first, second = goals(rig, 4.6, 6.0)[-1], goals(rig, 7.8, 8.6)
+    moved = np.linalg.norm(place(record, 7.7)[:2] - first[:2])
     assert moved > 0.2, "the sticks moved it"
     assert max(np.linalg.norm(goal - second[0]) for goal in second) < 1e-9
     assert np.linalg.norm(second[0][:2] - first[:2]) > 0.8 * moved, "it does not fly back"
@@ -193,29 +195,12 @@ def test_an_aborted_landing_holds_where_the_aircraft_is_then():
     assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
 
 
-def test_an_abort_holds_the_place_and_keeps_the_lease():
-    away = {"position": (-0.6, 0.4, 2.0), "frame": SetpointFrame.PAD}
-    over = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
-    rig = Plan(SHORT, (0.0, PositionSetpoint, over), (3.0, PositionSetpoint, away), abort_at=3.4)
-    record = rig.fly()
-    assert record.lost == ""
-    assert rig.core.phase is Phase.ABORTED
-    assert math.hypot(*record.positions[-1][:2]) < 0.4
-    last = next(action for _, action in reversed(rig.actions) if isinstance(action, PublishStatus))
-    assert last.reason == "aborted: the operator saw something"
-
-
 def test_an_abort_without_a_target_is_level_at_hover_throttle():
     flying = Flying()
     sticks = StickSetpoint(**BASE, pitch=20, roll=0, yaw=0, throttle=5)
     flying.step(sticks, 2.9)
     guided = flying.step(sticks, 3.0, is_flying=True, phase=Phase.ABORTED)
     assert (guided.sticks.pitch, guided.sticks.throttle, guided.end) == (0.0, -2.0, None)
-
-
-def test_with_nothing_flown_there_is_nothing_to_abort():
-    refusal = CoreRig(CALM).core.feed(AbortAsked(AbortRequest()), 0.0).refusal
-    assert refusal.token == Token.NOTHING_FLOWN
 
 
 def test_a_landing_below_its_last_decision_is_not_aborted():
@@ -239,27 +224,44 @@ def test_a_landing_below_its_last_decision_is_not_aborted():
     assert record.touch_error < 0.2
 
 
-ASIDE = {"position": (0.4, 0.0, 2.0), "frame": SetpointFrame.PAD}
+ABORTED, RESUMED = 3.4, 5.8
+"""A flight to a place is aborted, and its client goes on; then it is aborted again [s]."""
 
 
-def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others():
-    named = [(at, PositionSetpoint, ASIDE | {"after_abort": number}) for at, number in ((2.8, 2), (3.1, 0), (3.4, 1))]
-    rig = Plan(replace(CALM, seconds=3.8), hold(), *named, abort_at=2.5)
-    rig.fly()
+@pytest.fixture(scope="module")
+def aborted():
+    """Setpoints that name no abort, one that never was, the abort, and still that one after another; nobody changes it.
+
+    With it comes its record.
+    """
+    over, away = ({"position": at, "frame": SetpointFrame.PAD} for at in ((0.0, 0.0, 2.0), (-0.6, 0.4, 2.0)))
+    named = ((0.0, over), (3.0, away), (5.4, away | {"after_abort": 2}), (RESUMED, away | {"after_abort": 1}))
+    rig = Plan(replace(CALM, seconds=7.0), *((at, PositionSetpoint, fields) for at, fields in named), abort_at=ABORTED)
+    rig._at(6.2, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="again")), at))
+    record = rig.fly()
+    assert record.lost == ""
+    return rig, record
+
+
+def test_an_abort_holds_the_place_and_keeps_the_lease(aborted):
+    rig, record = aborted
+    assert math.hypot(*place(record, RESUMED)[:2]) < 0.4
+    shown = [action for at, action in rig.actions if isinstance(action, PublishStatus) and at < RESUMED]
+    assert (shown[-1].phase, shown[-1].reason) == (Phase.ABORTED, "aborted: the operator saw something")
+
+
+def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others(aborted):
+    rig, _ = aborted
     shown = [(at, action) for at, action in rig.actions if isinstance(action, PublishStatus)]
-    aborted = next(at for at, action in shown if action.phase is Phase.ABORTED)
-    resumed = next(at for at, action in shown if action.phase is Phase.FLYING and at > aborted)
-    assert (aborted, resumed) == pytest.approx((2.5, 3.4), abs=0.03)
-    assert "position" not in {action.manoeuvre for at, action in shown if at < resumed}
-    assert {action.manoeuvre for at, action in shown if at == resumed} == {"position"}
-    last = shown[-1][1]
-    assert (last.phase, last.manoeuvre, last.aborts) == (Phase.FLYING, "position", 1)
+    first = next(at for at, action in shown if action.phase is Phase.ABORTED)
+    resumed = next(at for at, action in shown if action.phase is Phase.FLYING and at > first)
+    assert (first, resumed) == pytest.approx((ABORTED, RESUMED), abs=0.03)
+    assert {action.manoeuvre for at, action in shown if first < at < resumed} == {"hold"}
+    assert {(action.manoeuvre, action.aborts) for at, action in shown if at == resumed} == {("position", 1)}
 
 
-def test_a_second_abort_is_not_ended_by_the_number_of_the_first():
-    rig = Plan(replace(CALM, seconds=4.0), hold(), (2.7, HoldSetpoint, {"after_abort": 1}), abort_at=2.5)
-    rig._at(3.2, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="again")), at))
-    rig.fly()
+def test_a_second_abort_is_not_ended_by_the_number_of_the_first(aborted):
+    rig, _ = aborted
     phases = [action.phase for _, action in rig.actions if isinstance(action, PublishStatus)]
-    assert list(dict.fromkeys(phases[phases.index(Phase.ABORTED) :])) == [Phase.ABORTED, Phase.FLYING]
-    assert phases[-1] is Phase.ABORTED
+    changes = [phase for phase, before in zip(phases[1:], phases, strict=False) if phase is not before]
+    assert changes[-3:] == [Phase.ABORTED, Phase.FLYING, Phase.ABORTED]

@@ -77,10 +77,9 @@ def test_a_throttle_that_the_pilot_caps_lifts_no_more_than_it_gives():
     )
 
 
-@pytest.mark.parametrize(("latency", "highest"), [(0.08, 2.2), (0.25, 2.4)])
-def test_a_take_off_by_late_images_does_not_pass_its_height(latency, highest):
+def test_a_take_off_by_late_images_does_not_pass_its_height():
     flight = CASES["takeoff_light"].flight(1)
-    camera = replace(flight.camera, latency=latency, jitter=latency / 6.0, rate=15.0)
+    camera = replace(flight.camera, latency=0.25, jitter=0.04, rate=15.0)
     record = TakeOffRig(replace(flight, camera=camera, seconds=12.0)).fly()
     assert not record.lost
-    assert float(np.max(np.array(record.positions)[:, 2])) < highest
+    assert float(np.max(np.array(record.positions)[:, 2])) < 2.4

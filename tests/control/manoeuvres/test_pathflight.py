@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,118 +35,110 @@ CIRCLE = PathUploadRequest(
 LENGTH = PathCurve.of(CIRCLE).duration
 BEGINS = 8.0
 """The path is asked for from then on; before, the aircraft holds its place [s]."""
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=BEGINS + 5.5 + LENGTH)
+AGAIN = BEGINS + 5.5 + LENGTH
+"""The path is at its end, and another run is asked for [s]."""
+PAUSED, GOES_ON, GONE, ABORTED = AGAIN + 4.0, AGAIN + 7.0, AGAIN + 7.5, AGAIN + 13.8
+"""In the other run: a pause, its end, a target that is out of sight for 1.8 s, and an abort [s]."""
+CHANGES = ((AGAIN, {"run": 1}), (PAUSED, {"paused": True}), (GOES_ON, {"paused": False}))
 
 
 class PathRig(CoreRig):
-    """Holds, then flies along the circle.
+    """Holds, flies along the circle, and begins it again: with a pause, a loss of sight and an abort.
 
     Attributes:
-        changes: fields of the setpoint from a time on [s].
-        abort_at: [s].
-        away: distance of the true place from that on the path, at each stick frame that follows it [m].
+        away: distance of the true place from that on the path, at each stick frame of the first run [m].
+        stages: each stage of the path in its order, with its time [s].
     """
 
-    def __init__(self, flight, *changes, abort_at=math.inf):
-        super().__init__(flight)
-        self.changes, self.abort_at, self.away = changes, abort_at, []
+    def __init__(self):
+        camera = CameraModel(gone=((GONE, GONE + 1.8),))
+        super().__init__(Flight(seed=4, wind=WindClass.INDOOR, seconds=ABORTED + 0.6, camera=camera))
+        self.away, self.stages = [], []
         assert self.core.feed(PathUploaded(CIRCLE), 0.0).refusal is None
         self.id = self.core.path_stored.id
-        self._looked = 0
+        self._looked, self._is_aborted = 0, False
 
     def _setpoint(self, goal, at):
         stream = {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3}
         if at < BEGINS:
             return HoldSetpoint(**stream)
         fields = {}
-        for since, change in self.changes:
+        for since, change in CHANGES:
             fields |= change if at >= since else {}
         return PathSetpoint(**stream, path=self.id, **fields)
 
     def _control(self, at):
-        if at >= self.abort_at:
-            self.abort_at = math.inf
+        if at >= ABORTED and not self._is_aborted:
+            self._is_aborted = True
             self.core.feed(AbortAsked(AbortRequest(reason="the operator saw something")), at)
         super()._control(at)
-        for _, action in self.actions[self._looked :]:
-            if isinstance(action, PublishError) and self.stage == FOLLOWS:
+        for when, action in self.actions[self._looked :]:
+            if isinstance(action, PublishStatus) and action.manoeuvre == "path":
+                if not self.stages or self.stages[-1][1] != action.stage:
+                    self.stages.append((when, action.stage))
+            elif isinstance(action, PublishError) and at < AGAIN and self.stages[-1:] and self.stages[-1][1] == FOLLOWS:
                 self.away.append(math.dist(self._world.truth.position_enu[:2], action.value.goal[:2]))
         self._looked = len(self.actions)
 
-    def published(self, kind):
-        return [(at, action) for at, action in self.actions if isinstance(action, kind)]
-
-    @property
-    def stage(self):
-        shown = self.published(PublishStatus)
-        return shown[-1][1].stage if shown else ""
-
-    @property
-    def stages(self):
-        """Each stage of the path in its order, once."""
-        shown = [action.stage for _, action in self.published(PublishStatus) if action.manoeuvre == "path"]
-        return [stage for before, stage in pairwise(["", *shown]) if stage != before]
-
-    @property
-    def rms(self):
-        return float(np.sqrt(np.mean(np.square(self.away))))
+    def published(self, kind, since=0.0, until=math.inf):
+        return [(at, action) for at, action in self.actions if isinstance(action, kind) and since <= at < until]
 
 
-def test_a_path_is_followed_to_its_end_and_shown():
-    rig = PathRig(CALM)
+@pytest.fixture(scope="module")
+def flown():
+    """The flight, and its record; nobody changes either."""
+    rig = PathRig()
     record = rig.fly()
     assert record.lost == ""
-    assert rig.stages == [APPROACHES, FOLLOWS, ENDED]
-    assert rig.rms < 0.08
-    assert record.positions[-1] == pytest.approx([0.4, 0.0, 2.0], abs=0.15)
-    assert rig.published(PublishStatus)[-1][1].is_done
-    shown = [action.value for _, action in rig.published(PublishPath)]
+    return rig, record
+
+
+def test_a_path_is_followed_to_its_end_and_shown(flown):
+    rig, record = flown
+    assert [stage for at, stage in rig.stages if at < AGAIN] == [APPROACHES, FOLLOWS, ENDED]
+    assert float(np.sqrt(np.mean(np.square(rig.away)))) < 0.08
+    end = record.positions[next(k for k, at in enumerate(record.times) if at > AGAIN)]
+    assert end == pytest.approx([0.4, 0.0, 2.0], abs=0.15)
+    assert rig.published(PublishStatus, until=AGAIN)[-1][1].is_done
+    shown = [action.value for _, action in rig.published(PublishPath, until=AGAIN)]
     assert {(value.id, value.target, value.is_paused) for value in shown} == {(rig.id, "pad", False)}
     assert all(len(value.points) == 100 and value.points[0] == (0.4, 0.0, 2.0) for value in shown)
     progress = [value.progress for value in shown]
     assert progress == sorted(progress)
     assert (progress[0], progress[-1], shown[-1].left) == (0.0, 1.0, 0.0)
-    assert {value.stage for value in shown} == set(rig.stages)
+    assert {value.stage for value in shown} == {APPROACHES, FOLLOWS, ENDED}
     assert shown[len(shown) // 2].left == pytest.approx(LENGTH * (1.0 - shown[len(shown) // 2].progress))
 
 
-def test_a_pause_stops_smoothly_and_the_flight_goes_on_from_there():
-    rig = PathRig(replace(CALM, seconds=24.0), (13.0, {"paused": True}), (18.0, {"paused": False}))
-    record = rig.fly()
-    assert record.lost == ""
-    assert rig.stages == [APPROACHES, FOLLOWS, PAUSES, FOLLOWS, ENDED]
+def test_another_run_begins_at_the_first_point_again_and_an_abort_holds(flown):
+    rig, _ = flown
+    run = [stage for at, stage in rig.stages if at >= AGAIN]
+    assert run == [APPROACHES, FOLLOWS, PAUSES, FOLLOWS, SEARCHES, APPROACHES, FOLLOWS]
+    assert rig.core.phase is Phase.ABORTED
+    assert rig.published(PublishStatus)[-1][1].manoeuvre == "hold"
+    last = rig.published(PublishPath)[-1]
+    assert last[0] < ABORTED + 0.1 and 0.0 < last[1].value.progress < 0.9
+
+
+def test_a_pause_stops_smoothly_and_the_flight_goes_on_from_there(flown):
+    rig, _ = flown
     paused = [(at, action.value) for at, action in rig.published(PublishPath) if action.value.is_paused]
-    standing = {round(value.progress, 6) for at, value in paused if at > 15.0}
+    standing = {round(value.progress, 6) for at, value in paused if at > PAUSED + 2.0}
     assert len(standing) == 1 and 0.1 < next(iter(standing)) < 0.9
-    assert {value.rate for at, value in paused if at > 15.0} == {0.0}
-    goals = [(at, action.value.goal) for at, action in rig.published(PublishError) if 12.5 < at < 15.0]
+    assert {value.rate for at, value in paused if at > PAUSED + 2.0} == {0.0}
+    errors = rig.published(PublishError, PAUSED - 0.5, PAUSED + 2.0)
+    goals = [(at, action.value.goal) for at, action in errors]
     steps = [math.dist(before, after) / (until - since) for (since, before), (until, after) in pairwise(goals)]
     assert max(steps) < 0.5 and steps[-1] == 0.0
     # What should be braked is braked in time: never harder than the reference of any other flight.
     assert max(abs(one - other) for one, other in pairwise(steps)) < 0.05
 
 
-def test_another_run_begins_at_the_first_point_again_and_an_abort_holds():
-    again = BEGINS + 5.5 + LENGTH
-    rig = PathRig(replace(CALM, seconds=again + 8.0), (again, {"run": 1}), abort_at=again + 4.0)
-    record = rig.fly()
-    assert record.lost == ""
-    assert rig.stages == [APPROACHES, FOLLOWS, ENDED, APPROACHES, FOLLOWS]
-    assert rig.core.phase is Phase.ABORTED
-    assert rig.published(PublishStatus)[-1][1].manoeuvre == "hold"
-    last = rig.published(PublishPath)[-1]
-    assert last[0] < again + 4.1 and 0.0 < last[1].value.progress < 0.9
-
-
-def test_a_target_out_of_sight_stops_the_clock_and_after_the_search_the_flight_goes_on():
-    rig = PathRig(replace(CALM, seconds=31.0, camera=CameraModel(gone=((13.0, 14.8),))))
-    record = rig.fly()
-    assert record.lost == ""
+def test_a_target_out_of_sight_stops_the_clock_and_after_the_search_the_flight_goes_on(flown):
+    rig, _ = flown
     assert not rig.published(ReleaseAircraft)
-    assert rig.stages == [APPROACHES, FOLLOWS, SEARCHES, APPROACHES, FOLLOWS, ENDED]
-    progress = [action.value.progress for _, action in rig.published(PublishPath)]
+    progress = [action.value.progress for _, action in rig.published(PublishPath, AGAIN + 1.0)]
     assert progress == sorted(progress), "it never begins again"
-    assert record.positions[-1] == pytest.approx([0.4, 0.0, 2.0], abs=0.2)
 
 
 def test_an_id_that_this_daemon_has_not_is_refused_with_what_to_do():
