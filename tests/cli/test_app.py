@@ -84,7 +84,7 @@ def test_a_list_that_no_one_reads_to_its_end_is_no_error():
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize("words", [["fly"], ["log", "export"], ["calibrate", "mount"]])
+@pytest.mark.parametrize("words", [["fly"], ["calibrate", "mount"]])
 def test_the_help_of_a_command_needs_no_library(words):
     program = "mkdaemon" if words[:1] == ["calibrate"] else "mkctl"
     code = (
@@ -97,11 +97,10 @@ def test_the_help_of_a_command_needs_no_library(words):
     assert ended.stderr == "\n"
 
 
-@pytest.mark.parametrize("environment", [{"COLUMNS": "60"}, {"COLUMNS": "80", "PYTHONIOENCODING": "ascii"}])
-def test_the_help_of_a_command_fits_its_screen(environment):
+def test_the_help_of_a_command_fits_its_screen():
     code = "import sys; sys.argv = ['mkctl', 'fly', '--help']; from mkdaemon.cli.entry import mkctl; mkctl()"
-    call = [sys.executable, "-c", code]
-    ended = subprocess.run(call, capture_output=True, text=True, check=True, env=os.environ | environment)
+    call, narrow = [sys.executable, "-c", code], {"COLUMNS": "60", "PYTHONIOENCODING": "ascii"}
+    ended = subprocess.run(call, capture_output=True, text=True, check=True, env=os.environ | narrow)
     assert "Fly the steps of a TOML file one after the other" in ended.stdout.replace("\n", " ")
-    assert max(map(len, ended.stdout.splitlines())) <= int(environment["COLUMNS"])
-    assert "PYTHONIOENCODING" not in environment or ended.stdout.isascii()
+    assert max(map(len, ended.stdout.splitlines())) <= 60
+    assert ended.stdout.isascii()
