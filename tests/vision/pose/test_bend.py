@@ -126,7 +126,7 @@ def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
     assert known.covariance == pytest.approx(prior.covariance)
 
 
-@pytest.mark.parametrize("distance", [0.25, 0.3, 0.4, 0.5])
+@pytest.mark.parametrize("distance", [0.25, 0.5])
 def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
     """Whatever step a fit ends with: what was known of the bend is weighed once."""
     known = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3))

@@ -25,7 +25,7 @@ def test_a_start_that_is_off_along_one_side_ends_at_the_place(name: str, distanc
     rotation, position = cam_from_target(pad, view)
     pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, CLEAN)
     fitter = EdgeFit(pad.target, Projection(VGA))
-    for off_px in np.arange(-6.0, 6.1, 0.5):
+    for off_px in np.arange(-6.0, 6.1, 1.0):
         off = rotation[:, axis] * off_px * distance / VGA.fx
         found = fitter.fit(pixels, Pose(rotation, position + off, np.eye(6), "corners", 4, 0.1))
         assert found is not None, off_px
