@@ -6,7 +6,6 @@ import itertools
 
 import pytest
 
-from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.actions import (
     PublishStatus,
     ReportCommand,
@@ -24,7 +23,6 @@ from mkdaemon.control.events import (
     LineChanged,
     LinkVerdict,
     MotorsReported,
-    PoseSeen,
     Reply,
     SetpointUnreadable,
     StateValue,
@@ -34,11 +32,11 @@ from mkdaemon.control.output import SHORTEST_STEP
 from mkdaemon.control.pacing import IDLE_PERIOD, JUST_AFTER
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.state import Flight, GpsMode
-from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot, pose
+from mkdaemon.telemetry.state import Flight
+from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot
 
 
 @pytest.fixture
@@ -103,14 +101,6 @@ def test_silence_gives_neutral_sticks_at_its_deadline_then_a_release(drive):
     assert [(event.action, event.released) for event in drive.of(ReportFailsafe)][1:] == [("release", True)]
 
 
-@pytest.mark.parametrize(("ttl", "life"), [(0.3, 0.1), (0.05, 0.05)])
-def test_a_frame_is_not_sent_later_than_its_setpoint_holds_or_a_tenth_of_a_second(drive, ttl, life):
-    drive.fly()
-    drive.put(ttl=ttl)
-    drive.tick()
-    assert drive.sticks[-1].deadline == pytest.approx(drive.now + life)
-
-
 def test_tilt_starts_from_neutral_and_throttle_where_the_client_holds_it(drive):
     drive.take()
     drive.stream(1.2, throttle=50.0)
@@ -170,15 +160,6 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
     assert drive.of(PublishStatus)[-1].refused == 2  # what nobody could read is counted too
 
 
-def test_a_kind_without_guidance_is_refused_and_the_stream_goes_on():
-    drive = Driver(rows={})
-    drive.take()
-    error = drive.put()
-    assert error is not None
-    assert error.token == "no_guidance"
-    assert drive.core.phase is Phase.LEASED
-
-
 # -- the lease -----------------------------------------------------------------------------------------------------
 
 
@@ -194,13 +175,6 @@ def test_the_gate_is_read_before_a_lease_but_not_before_a_take_over(drive):
 )
 def test_a_gate_that_is_shut_or_constant_is_refused(drive, gate, token):
     assert token_of(lambda: drive.request(gate=gate)) == token
-
-
-def test_an_accepted_constant_an_unknown_gate_and_a_channel_are_good_enough():
-    drive = Driver(ControlConfig(lease=LeaseConfig(allow_constant_gate=True)))
-    assert drive.request(gate=Gate(GateKind.CONSTANT, 200)).epoch == 100
-    assert Driver().request(gate=Gate(GateKind.UNKNOWN)).epoch == 100
-    assert Driver().request(gate=Gate(GateKind.CHANNEL, 250)).epoch == 100
 
 
 def test_renew_show_and_give_back(drive):
@@ -232,14 +206,6 @@ def test_nobody_takes_the_lease_while_a_release_is_under_way(drive):
     assert drive.request(holder="bob").holder == "bob"
 
 
-def test_clients_without_a_name_never_share_one(drive):
-    first = drive.request()
-    drive.request("release", epoch=first.epoch, secret=first.secret)
-    drive.tick()
-    drive.release_ends()
-    assert drive.request().holder != first.holder
-
-
 @pytest.mark.parametrize(
     ("line", "link", "token"),
     [
@@ -268,26 +234,6 @@ def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
 # -- releasing -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("outcome", "released"),
-    [
-        (ReleaseOutcome.CONFIRMED, True),
-        (ReleaseOutcome.UNCONFIRMED, False),
-        (ReleaseOutcome.NOT_SENT, False),
-        (ReleaseOutcome.NOT_OBSERVABLE, None),
-        (None, None),
-    ],
-)
-def test_a_failsafe_says_whether_its_release_was_confirmed(drive, outcome, released):
-    drive.fly()
-    drive.core.feed(ClientGone("alice"), drive.now)
-    drive.run(0.1)
-    drive.release_ends(outcome)
-    drive.tick()
-    [event] = drive.of(ReportFailsafe)
-    assert (event.action, event.reason, event.released) == ("release", "client alice is gone", released)
-
-
 def test_an_asked_release_is_no_failsafe_and_nothing_is_sent_while_it_runs(drive):
     epoch = drive.fly()
     drive.ask_release("big red button")
@@ -313,14 +259,6 @@ def test_a_release_under_way_is_looked_at_regularly_so_that_the_watchdog_sees_pr
     drive.ask_release()
     drive.tick()
     assert drive.core.next_time() == pytest.approx(drive.now + IDLE_PERIOD)
-
-
-def test_released_out_of_place_changes_nothing(drive):
-    drive.fly()
-    drive.release_ends()
-    drive.tick()
-    assert drive.core.phase is Phase.FLYING
-    assert drive.of(ReportFailsafe) == []
 
 
 # -- the line ------------------------------------------------------------------------------------------------------
@@ -480,20 +418,6 @@ def test_every_change_of_phase_is_reported_with_its_reason(drive):
     assert drive.of(ReportMode)[2].reason == "alice gave the lease back"
 
 
-def test_status_is_published_on_change_and_once_a_second(drive):
-    drive.run(3.5)
-    assert len(drive.of(PublishStatus)) == 4
-    drive.done.clear()
-    drive.take()
-    drive.tick()
-    [status] = drive.of(PublishStatus)
-    assert (status.phase, status.lease.holder, status.external_control) == (Phase.LEASED, "alice", "v2")
-    assert status.setpoint_age is None
-    drive.put()
-    drive.run(1.15)
-    assert drive.of(PublishStatus)[-1].setpoint_age == pytest.approx(1.0, abs=0.2)
-
-
 def test_status_counts_what_becomes_of_stick_frames(drive):
     drive.fly()
     drive.core.feed(FrameSent(7), drive.now)
@@ -523,45 +447,6 @@ def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
     assert (failsafe.action, failsafe.released) == ("release", True)
 
 
-def test_height_control_that_is_switched_on_in_flight_ends_it(drive):
-    drive.fly()
-    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"altitude_control": True})), drive.now)
-    drive.stream(0.1)
-    [release] = drive.releases
-    assert release.reason == "external control is not possible: height control is on, so the throttle is a climb rate"
-
-
-def test_the_pilots_gps_switch_ends_no_flight_by_sticks(drive):
-    drive.fly()
-    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"gps_mode": GpsMode.HOLD})), drive.now)
-    drive.stream(0.5)
-    assert drive.core.phase is Phase.FLYING
-
-
-def test_frames_that_never_leave_are_counted_as_dropped(drive):
-    drive.fly()
-    drive.stream(1.5)
-    status = drive.of(PublishStatus)[-1]
-    assert status.frames_dropped == status.frames_handed_over - status.frames_sent - 1, "one waits"
-    drive.run(3.0)
-    status = drive.of(PublishStatus)[-1]
-    assert status.phase is Phase.RELEASING
-    assert status.frames_dropped == status.frames_handed_over > 0
-
-
-@pytest.mark.parametrize(("rate", "stream_hz"), [(10.0, 40.0), (50.0, 50.0), (20.0, 100.0)])
-def test_no_more_stick_frames_leave_than_the_rate_allows(rate, stream_hz):
-    drive = Driver(ControlConfig(rate=rate))
-    drive.fly()
-    drive.done.clear()
-    began = drive.now
-    for _ in range(int(4 * stream_hz)):
-        drive.put(pitch=5.0)
-        drive.run(1 / stream_hz)
-    sent = len(drive.of(SendSticks))
-    assert sent == pytest.approx(rate * (drive.now - began), abs=3)
-
-
 def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
     drive.core.feed(MotorsReported(True), drive.now)
     drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
@@ -569,12 +454,3 @@ def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
     facts = drive.core.vehicle
     assert (facts.motors_running(0.0), facts.newest(Flight, 0.0).is_flying) == (True, True)
     assert facts.link.condition is LinkCondition.MUTE
-
-
-def test_status_tells_how_old_the_newest_pose_is(drive):
-    drive.tick()
-    assert drive.of(PublishStatus)[-1].pose_age is None
-    drive.core.feed(PoseSeen(pose(0.5)), 0.6)
-    drive.core.feed(PoseSeen(pose(0.2)), 0.6)  # of an older image
-    drive.run(1.5)
-    assert drive.of(PublishStatus)[-1].pose_age == pytest.approx(drive.done[-1][0] - 0.5)

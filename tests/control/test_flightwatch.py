@@ -87,15 +87,6 @@ def test_height_control_on_the_ground_ends_no_lease():
     assert drive.core.phase is Phase.LEASED
 
 
-@pytest.mark.parametrize(("condition", "released"), [(LinkCondition.DOWN, True), (LinkCondition.UP, False)])
-def test_a_line_that_is_gone_ends_the_lease_with_what_the_link_says(condition, released):
-    drive = Driver()
-    drive.fly()
-    drive.core.feed(LinkVerdict(link_state(condition, reason="the cable")), drive.now)
-    drive.stream(0.1)
-    assert [release.reason.count(f"{condition.value}: the cable") for release in drive.releases] == [1] * released
-
-
 def test_a_line_nobody_has_judged_ends_no_lease():
     held = replace(GOOD, holder="alice", phase=Phase.LEASED)
     assert FlightWatch(one_way=0.5).look(replace(held, link=None), None) is None

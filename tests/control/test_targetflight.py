@@ -22,15 +22,13 @@ from mkdaemon.control.actions import (
     ReportFailsafe,
     ReportMode,
     SendSticks,
-    Warn,
 )
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.events import PoseSeen, ReleaseAsked, Released
+from mkdaemon.control.events import Released
 from mkdaemon.control.manoeuvres.land import LandingPhase
-from mkdaemon.control.sight import FORGOTTEN, velocity_between
+from mkdaemon.control.sight import velocity_between
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.command import ReleaseRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
@@ -286,25 +284,6 @@ def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_he
     record = rig.fly()
     assert record.lost == ""
     assert math.hypot(*record.errors[-1][:2]) < 0.5
-
-
-def test_a_target_seen_after_a_long_time_is_met_anew_and_another_target_is_ignored():
-    rig = CoreRig(replace(CALM, seconds=3.0))
-    rig.fly()
-    sight = rig.core._sight
-    first = sight.estimator
-    rig.core.feed(PoseSeen(pose(4.1).model_copy(update={"target": "other"})), 4.1)
-    assert sight.estimator is first
-    late = 4.1 + FORGOTTEN
-    rig.core.feed(PoseSeen(pose(late).model_copy(update={"target": "other"})), late)
-    assert sight.target == "pad", "it is flown by"
-    rig.core.feed(ReleaseAsked(ReleaseRequest()), late)
-    rig.core.tick(late)
-    rig.core.feed(PoseSeen(pose(late + 0.1).model_copy(update={"target": "other"})), late + 0.1)
-    assert sight.estimator is not first
-    assert sight.target == "other"
-    words = [action.text for action in rig.core.tick(late + 0.2) if isinstance(action, Warn)]
-    assert words == ["target other is followed now: pad was out of sight for too long"]
 
 
 @pytest.mark.parametrize(("scale", "factor"), [(AngleScale.FLIGHTCTRL, 1.13), (AngleScale.STICKS, 1.0)])

@@ -146,10 +146,11 @@ def test_one_camera_that_sees_is_enough():
     assert finding(replace(GOOD, eyes=(eyes(), eyes(EyeState.SILENT))), "camera").state is CheckState.PASSED
 
 
-def test_an_accepted_constant_gate_passes():
-    gate = replace(SET, gate=Gate(GateKind.CONSTANT, 200))
-    known = replace(GOOD, cfg=ControlConfig(lease=LeaseConfig(allow_constant_gate=True)), active_set=gate)
-    assert finding(known, "gate").state is CheckState.PASSED
+def test_an_accepted_constant_gate_passes_and_a_shut_one_does_not():
+    for value, token in ((200, None), (100, "gate_shut")):
+        gate = replace(SET, gate=Gate(GateKind.CONSTANT, value))
+        known = replace(GOOD, cfg=ControlConfig(lease=LeaseConfig(allow_constant_gate=True)), active_set=gate)
+        assert finding(known, "gate").token == token
 
 
 def test_a_battery_without_a_known_cell_voltage_has_only_the_boards_alarm():
