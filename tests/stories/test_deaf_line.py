@@ -78,20 +78,7 @@ async def test_a_board_that_stopped_hearing_is_flown_again_only_with_a_new_lease
         assert not flown.aircraft.is_controlled
 
 
-@virtually
-async def test_a_moment_of_deafness_ends_no_flight():
-    async with flying(Boards("2.12a")) as flown:
-        flown.socket.port.inject(LineFault.ONE_WAY)
-        await asyncio.sleep(0.8)
-        assert flown.sink.states[-1].condition is LinkCondition.ONE_WAY
-        flown.socket.port.inject(LineFault.NONE)
-        healed = asyncio.get_running_loop().time()
-        await asyncio.sleep(3.0)
-        assert flown.flight.phase is Phase.FLYING
-        assert len(sticks_since(flown, healed)) > 100
-
-
-@pytest.mark.parametrize(("lasts", "flies"), [(0.42, True), (0.9, True), (1.15, False)])
+@pytest.mark.parametrize(("lasts", "flies"), [(0.9, True), (1.15, False)])
 @virtually
 async def test_a_second_without_the_board_ends_a_flight_and_a_burst_of_a_radio_does_not(lasts, flies):
     async with flying(Boards("2.12a")) as flown:

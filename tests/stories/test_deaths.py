@@ -12,8 +12,6 @@ from lab.rigs.cockpit import Boards
 from lab.stories import deaths as campaign
 from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease
 
-LONGEST_DEAD_MAN = 5.2
-"""[s]"""
 WAYS = tuple(Death)
 SOME = (Death.KILLED, Death.TOKEN)
 """The stream ends, the token ends: what a board may make something of; the campaign dies of all on each."""
@@ -48,16 +46,6 @@ def test_without_the_active_release_the_old_generations_obey_a_dead_client_for_e
     assert loss.released is None, "the control should still be held"
     if way is Death.KILLED:
         assert loss.neutral is None, "the tilt of the dead client should still be held"
-
-
-def test_without_the_active_release_2_12a_lets_go_by_itself_but_late():
-    losses = fly_session(
-        Boards("2.12a"), seed=1, deaths=2, link_class=SilentRelease, watched=5.5, ways=(Death.KILLED, Death.FROZEN)
-    )
-    for loss in losses:
-        assert loss.is_wrong
-        assert loss.released is not None
-        assert 1.9 < loss.released < LONGEST_DEAD_MAN
 
 
 def test_the_same_seed_dies_the_same_deaths_however_many_follow():

@@ -8,11 +8,10 @@ import pytest
 
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.linkrig import virtually
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.admission.beginnings import TakeLease
 from mkdaemon.control.admission.rows import refusal
-from mkdaemon.daemon.preflight import active_set, read_active_set
+from mkdaemon.daemon.preflight import active_set
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.protocol.settings import ParameterSet
 from mkdaemon.virtualtime import run_virtually
@@ -46,10 +45,9 @@ def lease_refusal(parameters):
     return None if error is None else error.token
 
 
-@pytest.mark.parametrize("fc", ["early", "2.08", "2.12a", "2.14"])
 @pytest.mark.parametrize(
-    ("gate", "token"),
-    [(0, "gate_shut"), (128, "gate_shut"), (129, "gate_constant"), (247, "gate_constant"), (248, None), (255, None)],
+    ("fc", "gate", "token"),
+    [("early", 128, "gate_shut"), ("2.08", 129, "gate_constant"), ("2.12a", 247, "gate_constant"), ("2.14", 248, None)],
 )
 def test_the_gate_must_be_a_switch(fc, gate, token):
     assert taken(Boards(fc), gate) == token
@@ -71,27 +69,5 @@ def test_a_gate_that_also_switches_height_control_is_refused(changes, token):
     assert lease_refusal(parameters) == token
 
 
-def test_behind_a_navictrl_it_cannot_be_read_and_is_left_to_the_pilot():
-    assert taken(Boards("2.12a", "0.24"), 200) is None
-
-
 def test_silence_refuses_nothing():
     assert taken(Boards("2.12a"), 255, silent=True) is None
-
-
-def test_the_operator_may_accept_a_constant_but_no_shut_gate():
-    async def story(gate):
-        async with cockpit(Boards("2.12a"), seed=1, sim={"gate_parameter": gate}) as flown:
-            return lease_refusal(await read_active_set(flown.link))
-
-    assert run_virtually(story(200)) is None
-    assert run_virtually(story(100)) == "gate_shut"
-
-
-@virtually
-async def test_who_takes_the_lease_over_does_not_wait_for_the_gate():
-    async with cockpit(Boards("2.12a"), seed=1) as flown:
-        await flown.take("alice")
-        before = len(flown.socket.wire)
-        await flown.take("bob", force=True)
-        assert len(flown.socket.wire) == before
