@@ -168,7 +168,7 @@ def test_a_stream_a_board_does_not_have_is_refused_with_those_it_has():
         kind_of("nonsense", Board.ANY)
 
 
-def test_lengths_are_those_of_the_frames():
+def test_each_stream_can_be_asked_for_of_each_board_that_has_it():
     for kind in KINDS.values():
         for board in kind.boards:
             assert kind.ask(0.1).to_frame(board).startswith(b"#")
