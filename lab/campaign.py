@@ -26,11 +26,19 @@ from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final, Generic, TypeVar
+from typing import Annotated, Any, Final, Generic, TypeVar
+
+from cyclopts import Parameter
 
 from mkdaemon.errors import ConfigError, MkError
 
 Row = dict[str, Any]
+First = Annotated[int, Parameter(help="First seed.")]
+Jobs = Annotated[int, Parameter(help="Processes.")]
+Kept = Annotated[
+    Path | None,
+    Parameter(help="File of rows, one JSON object a line; a run that was interrupted goes on with it."),
+]
 Asked = TypeVar("Asked")
 Result = TypeVar("Result")
 
@@ -314,6 +322,38 @@ _ALWAYS: Final = (Ending.FINISHED, Ending.RELEASED, Ending.LOST)
 def carried_out(rows: Sequence[Row]) -> list[Row]:
     """The rows without those that could not be carried out."""
     return [row for row in rows if row.get("ending") != Ending.FAILED]
+
+
+def summed_up(rows: Sequence[Row], *names: str, **goals: tuple[float, float]) -> Row:
+    """What rows of one kind say together.
+
+    Args:
+        rows: of a campaign.
+        names: figures of a row; one that is missing or None does not count.
+        goals: of these figures: which share of the rows, and what that share does not exceed.
+
+    Returns:
+        How they ended; of each figure the median, nine tenths and the largest; `holds`: all finished, within the goals.
+    """
+    found = endings(rows)
+    values = {name: sorted(row[name] for row in rows if row.get(name) is not None) for name in names}
+    found |= {
+        name: {str(share): round(quantile(each, share), 2) for share in SHARES if each} for name, each in values.items()
+    }
+    is_near = all(quantile(values[name], share) <= most for name, (share, most) in goals.items())
+    return found | {"holds": is_near and all(row["ending"] == Ending.FINISHED for row in rows)}
+
+
+SHARES: Final = (0.5, 0.9, 1.0)
+
+
+def quantile(ordered: Sequence[float], share: float) -> float:
+    """The value below which a share of sorted values lies, between two of them by line; not a number for none."""
+    if not ordered:
+        return math.nan
+    low, rest = divmod(share * (len(ordered) - 1), 1.0)
+    below = ordered[int(low)]
+    return below + rest * (ordered[int(low) + 1] - below) if rest and math.isfinite(below) else below
 
 
 def _is_bad(row: Mapping[str, Any]) -> bool:

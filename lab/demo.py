@@ -7,18 +7,17 @@ only explain a flight that did not finish.
 
 from __future__ import annotations
 
-import json
-import logging
 import math
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
-import structlog
 from pydantic import BaseModel
 
-from lab.campaign import Campaign, Ending, Row, endings
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
+from lab.cases import silence_log
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlStatus
 from mkdaemon.telemetry.state import Attitude
@@ -27,7 +26,7 @@ from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.virtualtime import run_virtually
 from mkdaemon.vision.pose.projection import Projection
 from mksim.programs.flightrecord import Rehearsed
-from mksim.programs.rehearsal import Rehearsal, demonstration, simulated_aircraft
+from mksim.programs.rehearsal import Rehearsal, Watcher, demonstration, simulated_aircraft
 from mksim.scene.camera import BodyState
 
 ON_TARGET: Final = 0.3
@@ -61,11 +60,6 @@ class Flight:
     loss: float | None
     wind: str
     fps: float
-
-    @property
-    def key(self) -> Row:
-        """What its row is kept under."""
-        return {"seed": self.seed, "loss": self.loss, "wind": self.wind, "fps": self.fps}
 
 
 @dataclass(slots=True)
@@ -148,7 +142,7 @@ def fly(flight: Flight) -> Row:
         an attitude (`attitude_hole`), without a pose while a tag was wholly in view (`pose_hole`), and without any
         frame because the radio lost every packet (`silence`); its length [s].
     """
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    silence_log()
     watch = Watch()
 
     async def flown() -> Any:
@@ -165,6 +159,31 @@ def fly(flight: Flight) -> Row:
         "pose_hole": round(watch.hole(watch.poses, ends, in_view=True), 2),
         "silence": round(watch.hole(watch.frames, ends, in_view=False), 2),
     }
+
+
+def flown(prepare: Callable[[Watcher], Rehearsal], strayed: float) -> tuple[Rehearsed, Row]:
+    """Fly a rehearsal in virtual time; its record, and how it ended as `landing_of` has it.
+
+    Args:
+        prepare: makes it, with what follows its status.
+        strayed: an aircraft farther from the middle of its pad than this is lost [m].
+    """
+    silence_log()
+    reasons: list[str] = []
+
+    def watch(_: object, status: ControlStatus | None) -> None:
+        if status is not None and status.phase.value == "releasing":
+            reasons.append(status.reason)
+
+    async def fly() -> tuple[Rehearsed, bool]:
+        rehearsal = prepare(watch)
+        record = await rehearsal.fly()
+        return record, rehearsal.world.truth.on_ground
+
+    record, stands = run_virtually(fly(), 0.0)
+    farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
+    reason = reasons[0] if reasons else ""
+    return record, landing_of(record, reason, stands=stands, is_lost=farthest > strayed)
 
 
 def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -> Row:
@@ -189,14 +208,13 @@ def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -
     }
 
 
-DEMONSTRATIONS: Final = Campaign("demo", fly, lambda flight: flight.key, limit=600.0)
+DEMONSTRATIONS: Final = Campaign("demo", fly, asdict, limit=600.0)
 
 
 def summary(rows: list[Row]) -> Row:
     """Figures of flights under one radio."""
-    flown = [row for row in rows if row["ending"] != Ending.FAILED]
-    holes = {name: [row[name] for row in flown] for name in ("attitude_hole", "pose_hole", "silence")}
-    return endings(rows) | {
+    holes = {name: [row[name] for row in rows if name in row] for name in ("attitude_hole", "pose_hole", "silence")}
+    return summed_up(rows) | {
         **{f"{name}_s": max(found, default=0.0) for name, found in holes.items()},
         "attitude_holes_too_long": sum(hole > LONGEST_ATTITUDE_HOLE for hole in holes["attitude_hole"]),
         "radio_silences_too_long": sum(hole > LONGEST_ATTITUDE_HOLE for hole in holes["silence"]),
@@ -207,37 +225,28 @@ def summary(rows: list[Row]) -> Row:
 def main(
     *,
     seeds: int = 200,
-    first: int = 1,
+    first: First = 1,
     loss: tuple[float, ...] = (),
     wind: str = "light",
     fps: float = 15.0,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly the demonstration with many seeds; half a minute of processor time a flight.
 
     Args:
         seeds: flights under each radio.
-        first: seed.
         loss: shares of radio packets lost each way, one campaign for each; the radio's own (1 %) where none is given.
         wind: none, indoor, light or moderate.
         fps: images a second.
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     shares = loss or (None,)
     asked = [Flight(seed, share, wind, fps) for seed in range(first, first + seeds) for share in shares]
     rows = DEMONSTRATIONS.rows(asked, jobs, results)
-    found = {
-        "own" if share is None else f"{share:g}": summary([row for row in rows if row["loss"] == share])
+    found = [
+        {"radio loss": "own" if share is None else f"{share:g}"}
+        | summary([row for row in rows if row["loss"] == share])
         for share in shares
-    }
-    if as_json:
-        print(json.dumps(found))
-    else:
-        for share, figures in found.items():
-            print(f"radio loss {share}")
-            for name, value in figures.items():
-                print(f"  {name:<26} {value}")
-    return 0 if all(row["ending"] == Ending.FINISHED for row in rows) else 1
+    ]
+    return show(found, ("radio loss",), as_json=as_json)

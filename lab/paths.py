@@ -7,26 +7,22 @@ path is read from the physics, at the moment for which the daemon says where it 
 
 from __future__ import annotations
 
-import json
-import logging
 import math
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import structlog
 from pydantic import BaseModel
 
-from lab.campaign import Campaign, Ending, Row, carried_out, endings
-from lab.demo import landing_of
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
+from lab.demo import flown
 from lab.room import STRAYED
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.telemetry.control import ControlError, ControlStatus
+from mkdaemon.telemetry.control import ControlError
 from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
-from mkdaemon.virtualtime import run_virtually
-from mksim.programs.rehearsal import HEIGHT, FlightPart, over_goal, room_demonstration, simulated_aircraft
+from mksim.programs.rehearsal import HEIGHT, FlightPart, Rehearsal, over_goal, room_demonstration, simulated_aircraft
 from mksim.scene.room import GOAL, figure_of_eight
 
 LAPS: Final = 3
@@ -63,8 +59,6 @@ def fly(flight: Flight) -> Row:
         distance of the true place from the one on the path; `slowed`, share of the time in which its clock was slower
         than planned, beginning and end included.
     """
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-    reasons: list[str] = []
     away: list[float] = []
     rates: list[float] = []
     parts = (
@@ -74,11 +68,7 @@ def fly(flight: Flight) -> Row:
         FlightPart("land", LandSetpoint, {"target": GOAL}),
     )
 
-    def watch(_: object, status: ControlStatus | None) -> None:
-        if status is not None and status.phase.value == "releasing" and not reasons:
-            reasons.append(status.reason)
-
-    async def flown() -> Any:
+    def prepare(watch: Any) -> Rehearsal:
         aircraft = simulated_aircraft(flight.seed, flight.wind, 15.0)
         rehearsal = room_demonstration(aircraft, watch, None, parts, limits=LIMITS)
 
@@ -89,12 +79,9 @@ def fly(flight: Flight) -> Row:
                 away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))
 
         rehearsal.bus.followers.append(take)
-        record = await rehearsal.fly()
-        return record, rehearsal.world.truth.on_ground
+        return rehearsal
 
-    record, stands = run_virtually(flown(), 0.0)
-    farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
-    row = landing_of(record, "".join(reasons), stands=stands, is_lost=farthest > STRAYED)
+    _, row = flown(prepare, STRAYED)
     if not away:
         return row | {"ending": Ending.HELD, "why": "no path was flown", "rms_cm": None, "most_cm": None}
     squares = np.square(away)
@@ -111,32 +98,20 @@ PATHS: Final = Campaign("paths", fly, asdict, limit=900.0)
 def main(
     *,
     seeds: int = 10,
-    first: int = 1,
+    first: First = 1,
     wind: str = "light",
     speed: float = SPEED,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly figures of eight with many seeds; half a minute of processor time a flight.
 
     Args:
         seeds: flights.
-        first: seed.
         wind: none, indoor, light or moderate.
         speed: mean, along the path [m/s].
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     rows = PATHS.rows([Flight(seed, wind, speed) for seed in range(first, first + seeds)], jobs, results)
-    found: dict[str, Any] = endings(rows)
-    for name in ("rms_cm", "most_cm", "touch_cm"):
-        values = [row[name] for row in carried_out(rows) if row.get(name) is not None]
-        found[name] = {str(q): round(float(np.quantile(values, q)), 2) for q in (0.5, 0.9, 1.0)} if values else {}
-    if as_json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:<12} {value}")
-    is_near = found["rms_cm"].get("1.0", math.inf) <= GOAL_RMS_CM
-    return 0 if is_near and all(row["ending"] == Ending.FINISHED for row in rows) else 1
+    figures = summed_up(rows, "rms_cm", "most_cm", "touch_cm", rms_cm=(1.0, GOAL_RMS_CM))
+    return show([figures], ("flights",), as_json=as_json)

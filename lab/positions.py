@@ -6,17 +6,14 @@ take-off waits for. Poses of a faulty source may be used until the boards can co
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
-
-from lab.campaign import Campaign, Ending, Row, carried_out, endings
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
 from lab.rigs.positionflight import BACK_FROM, HOLD_FROM, LAND_AT, STEP_FROM, PositionFlight
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mksim.config import WindClass
 from mksim.physics.mocap import FAULTS
@@ -79,20 +76,17 @@ FLIGHTS: Final = Campaign("positions", fly, asdict, limit=300.0)
 def main(
     *,
     seeds: int = 10,
-    first: int = 1,
+    first: First = 1,
     faults: int = 2,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly by motion capture with many seeds, then with each of its faults; ten seconds of processor time a flight.
 
     Args:
         seeds: flights in indoor air, and as many in light wind.
-        first: seed.
         faults: flights of each fault from the ground on, and as many in which it begins in the hold.
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     every = [Flight(seed, wind) for wind in ("indoor", "light") for seed in range(first, first + seeds)]
     every += [
@@ -101,16 +95,12 @@ def main(
         if at or fault not in ALONE_UNSEEN
     ]
     rows = FLIGHTS.rows(every, jobs, results)
-    found: dict[str, Any] = endings(rows)
-    good = [row for row in carried_out(rows) if "hold_cm" in row]
-    for wind, name in product(("indoor", "light"), ("hold_cm", "step_cm", "touch_cm")):
-        values = [row[name] for row in good if row["wind"] == wind]
-        if values:
-            found[f"{name} {wind}"] = {str(q): round(float(np.quantile(values, q)), 2) for q in (0.5, 0.9, 1.0)}
+    found = []
+    for wind in ("indoor", "light"):
+        good = [row for row in rows if (row["wind"], row["fault"]) == (wind, "")]
+        goals = {"hold_cm": (0.5, GOAL_HOLD_CM)} if wind == "indoor" else {}
+        found.append({"what": f"{wind} wind"} | summed_up(good, "hold_cm", "step_cm", "touch_cm", **goals))
     for fault in FAULTS:
-        played = [row for row in carried_out(rows) if row["fault"] == fault]
-        latest, farthest = (max((row[key] for row in played), default=0.0) for key in ("named", "farthest"))
-        found[fault] = f"{len(played)} flights, named {latest:.1f} s after, {farthest:.1f} m away at most"
-    print(json.dumps(found) if as_json else "\n".join(f"{name:<16} {value}" for name, value in found.items()))
-    held = found.get("hold_cm indoor", {}).get("0.5", math.inf)
-    return 0 if held <= GOAL_HOLD_CM and all(row["ending"] == Ending.FINISHED for row in rows) else 1
+        played = [row for row in rows if row["fault"] == fault]
+        found.append({"what": fault} | summed_up(played, "named", "farthest"))
+    return show([row for row in found if row["flights"]], ("what", "flights"), as_json=as_json)

@@ -6,21 +6,15 @@ back, a hold and a figure of eight in the middle of the room, landing. What beca
 
 from __future__ import annotations
 
-import json
-import logging
-import math
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import structlog
 
-from lab.campaign import Campaign, Ending, Row, carried_out, endings
-from lab.demo import landing_of
+from lab.campaign import Campaign, First, Jobs, Kept, Row, summed_up
+from lab.demo import flown
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.telemetry.control import ControlStatus
-from mkdaemon.virtualtime import run_virtually
 from mksim.programs.rehearsal import room_demonstration, simulated_aircraft
 from mksim.scene.room import AWAY
 
@@ -53,21 +47,9 @@ def fly(flight: Flight) -> Row:
         RMS of the true place against the wanted one over the pad and in the middle of the room; `eight_cm`, the same
         along the figure of eight; `posed`, share of the images with a pose; its length [s].
     """
-    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-    reasons: list[str] = []
-
-    def watch(_: object, status: ControlStatus | None) -> None:
-        if status is not None and status.phase.value == "releasing" and not reasons:
-            reasons.append(status.reason)
-
-    async def flown() -> Any:
-        rehearsal = room_demonstration(simulated_aircraft(flight.seed, flight.wind, flight.fps), watch)
-        record = await rehearsal.fly()
-        return record, rehearsal.world.truth.on_ground
-
-    record, stands = run_virtually(flown(), 0.0)
-    farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
-    return landing_of(record, "".join(reasons), stands=stands, is_lost=farthest > STRAYED) | {
+    aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps)
+    record, row = flown(lambda watch: room_demonstration(aircraft, watch), STRAYED)
+    return row | {
         "hold_cm": _rms_cm(record.errors("hold")),
         "midway_cm": _rms_cm(record.errors("midway")),
         "eight_cm": _rms_cm(record.errors("eight")),
@@ -85,32 +67,20 @@ ROOMS: Final = Campaign("room", fly, asdict, limit=900.0)
 def main(
     *,
     seeds: int = 20,
-    first: int = 1,
+    first: First = 1,
     wind: str = "light",
     fps: float = 15.0,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly from pad to pad with many seeds; half a minute of processor time a flight.
 
     Args:
         seeds: flights.
-        first: seed.
         wind: none, indoor, light or moderate.
         fps: images a second.
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     rows = ROOMS.rows([Flight(seed, wind, fps) for seed in range(first, first + seeds)], jobs, results)
-    found: dict[str, Any] = endings(rows)
-    for name in ("touch_cm", "hold_cm", "midway_cm", "eight_cm", "posed"):
-        values = [row[name] for row in carried_out(rows) if row[name] is not None]
-        found[name] = {str(q): round(float(np.quantile(values, q)), 2) for q in (0.5, 0.9, 1.0)} if values else {}
-    if as_json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:<12} {value}")
-    is_near = found["touch_cm"].get("0.9", math.inf) <= GOAL_P90_CM
-    return 0 if is_near and all(row["ending"] == Ending.FINISHED for row in rows) else 1
+    figures = ("touch_cm", "hold_cm", "midway_cm", "eight_cm", "posed")
+    return show([summed_up(rows, *figures, touch_cm=(0.9, GOAL_P90_CM))], ("flights",), as_json=as_json)

@@ -6,16 +6,15 @@ judged apart from where they lie as a whole: truth is laid over them by the best
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any, Final
+from dataclasses import asdict, dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from lab.campaign import Campaign, Ending, Row, carried_out, endings
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
+from lab.tables import show
 from lab.vision.flight import VGA
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.frames import rotation_from_euler
@@ -50,11 +49,6 @@ class Room:
     seed: int
     fault: str | None
     images: int
-
-    @property
-    def key(self) -> Row:
-        """What its row is kept under."""
-        return {"seed": self.seed, "fault": self.fault, "images": self.images}
 
 
 def room_of(seed: int) -> Target:
@@ -160,37 +154,26 @@ def run(room: Room) -> Row:
     }
 
 
-SURVEYS: Final = Campaign("survey", run, lambda room: room.key, limit=900.0)
+SURVEYS: Final = Campaign("survey", run, asdict, limit=900.0)
 
 
 def main(
     *,
     seeds: int = 20,
-    first: int = 1,
+    first: First = 1,
     fault: str | None = None,
     images: int = 180,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Survey rooms of 24 tags; half a minute of processor time each.
 
     Args:
         seeds: rooms.
-        first: seed.
         fault: what is wrong with one tag: moved, twice or wrong_side; nothing where none is given.
         images: of each survey.
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     rows = SURVEYS.rows([Room(seed, fault, images) for seed in range(first, first + seeds)], jobs, results)
-    found: dict[str, Any] = endings(rows)
-    for name in ("worst_mm", "rms_mm", "nees", "rms_px", "looking_s", "adjusting_s"):
-        values = [row[name] for row in carried_out(rows)]
-        found[name] = {str(q): round(float(np.quantile(values, q)), 3) for q in (0.5, 0.9, 1.0)} if values else {}
-    if as_json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:<12} {value}")
-    return 0 if all(row["ending"] == Ending.FINISHED for row in rows) else 1
+    figures = summed_up(rows, "worst_mm", "rms_mm", "nees", "rms_px", "looking_s", "adjusting_s")
+    return show([figures], ("flights",), as_json=as_json)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from lab.campaign import Campaign, Ending, Row
+from lab.campaign import Campaign, Ending, Row, quantile
 from lab.control.cases import CASES, REPORTING
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
@@ -113,9 +113,9 @@ def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, floa
     known = sorted(value for value in values if not math.isnan(value))
     share = key.endswith("_percent") and not key.startswith("step")
     figure: dict[str, Any] = {
-        "median": _shown(percentile(known, 0.5)),
-        "p90": _shown(percentile(known, 0.9)),
-        "worst": _shown(percentile(known, 1.0)),
+        "median": _shown(quantile(known, 0.5)),
+        "p90": _shown(quantile(known, 0.9)),
+        "worst": _shown(quantile(known, 1.0)),
         "never": sum(map(math.isinf, known)),
         "count": len(values),
         "lost": len(lost),
@@ -134,15 +134,6 @@ def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, floa
         is_met = goal is None or (judged is not None and judged <= goal)
         figure["holds"] = is_met and not is_far_off and (goal is None or share or not lost)
     return figure
-
-
-def percentile(known: Sequence[float], share: float) -> float:
-    """The value below which a share of sorted values lies, between two of them by line; not a number for none."""
-    if not known:
-        return math.nan
-    low, rest = divmod(share * (len(known) - 1), 1.0)
-    below = known[int(low)]
-    return below if not rest else below + rest * (known[int(low) + 1] - below) if math.isfinite(below) else below
 
 
 def _shown(value: float) -> float | None:

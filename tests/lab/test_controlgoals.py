@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lab.campaign import quantile
 from lab.control.cases import landing_figures, step_figures
 from lab.control.flights import Record
-from lab.control.main import percentile, sum_up
+from lab.control.main import sum_up
 
 GOAL = {"step_overshoot_percent": 10.0, "step_1m_t90_s": 1.8}
 
@@ -41,8 +42,8 @@ def test_what_never_happened_is_counted_as_the_worst_and_shown_as_none():
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1), st.floats(0.0, 1.0))
 def test_percentiles_of_finite_values_are_those_of_numpy(values, share):
-    found = percentile(sorted(values), share)
-    assert found == pytest.approx(float(np.percentile(values, 100.0 * share)), rel=1e-6, abs=1e-6)
+    found = quantile(sorted(values), share)
+    assert found == pytest.approx(float(np.quantile(values, share)), rel=1e-6, abs=1e-6)
 
 
 def test_a_step_that_is_never_answered_has_no_overshoot_of_zero():

@@ -58,5 +58,5 @@ def test_kept_flights_are_summed_up_and_the_goal_is_asked(tmp_path, capsys):
         ]
         kept.write_text("".join(json.dumps(line) + "\n" for line in lines))
         assert room.main(seeds=2, jobs=1, results=kept, as_json=True) == code
-        found = json.loads(capsys.readouterr().out)
+        [found] = json.loads(capsys.readouterr().out)["rows"]
         assert (found["flights"], found["finished"], found["touch_cm"]["1.0"]) == (2, 2, worst)
