@@ -33,7 +33,7 @@ from cyclopts import Parameter
 from mkdaemon.errors import ConfigError, MkError
 
 Row = dict[str, Any]
-First = Annotated[int, Parameter(help="First seed.")]
+First = Annotated[int, Parameter(name=("--first", "--first-seed", "--seed"), help="First seed.")]
 Jobs = Annotated[int, Parameter(help="Processes.")]
 Kept = Annotated[
     Path | None,

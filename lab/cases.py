@@ -9,12 +9,14 @@ import math
 import os
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Protocol
+from typing import Annotated, Any, Final, Protocol
 
 import structlog
+from cyclopts import Parameter
 
-from lab.campaign import Campaign, Ending, Row
+from lab.campaign import Campaign, Ending, First, Jobs, Row
 from lab.tables import show
+from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
 
 Figure = Callable[[Sequence[Row]], Any]
@@ -145,6 +147,34 @@ def carry_out(
         flown = Campaign(campaign, fly, lambda one: one.key).rows(asked, 1 if case.is_alone else jobs)
         rows += groups(case, flown)
     return show(rows, ("case", "what", "boards", "runs"), as_json=as_json)
+
+
+def command(
+    campaign: str, cases: Mapping[str, Case], about: str, runs: int | None = None, first: int = 1
+) -> Callable[..., int]:
+    """The `main` of a campaign of cases.
+
+    Args:
+        campaign: its name, in a file of results.
+        cases: that it has.
+        about: the help: what it does, and for how long.
+        runs: of every group, unless asked for otherwise; None for each case's own number.
+        first: seed likewise.
+    """
+
+    def main(
+        *,
+        case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
+        runs: Annotated[int | None, Parameter(help="Runs of every row, in place of each case's own.")] = runs,
+        first: First = first,
+        only: Annotated[str, Parameter(help="Only rows whose words, 'daemon killed, FC 2.08', hold this.")] = "",
+        jobs: Jobs = 1,
+        as_json: AsJson = False,
+    ) -> int:
+        return carry_out(campaign, cases, case, runs, first=first, jobs=jobs, only=only, as_json=as_json)
+
+    main.__doc__ = about
+    return main
 
 
 def groups(case: Case, flown: Sequence[Row]) -> Iterator[Row]:

@@ -17,16 +17,13 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from cyclopts import Parameter
-
-from lab.cases import Case, Figure, Flight, carry_out, largest, part, total
+from lab.cases import Case, Figure, Flight, command, largest, part, total
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.flown import observed
 from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program, connected, daemon_process
 from lab.rigs.waiting import PATIENCE
-from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.client.settings_files import write_backup
 from mkdaemon.errors import MkError
@@ -263,12 +260,12 @@ CASES: Final = {
     for victim, kill in (("mkctl", kill_mkctls), ("daemon", kill_daemons))
 }
 
+main: Final = command(
+    "kills",
+    CASES,
+    """Kill mkctl and the daemon during backups and restores; exit code 1 if a live set was not the same afterwards.
 
-def main(
-    *,
-    runs: Annotated[int, Parameter(help="Kills of each victim in each procedure; four times as many in all.")] = 25,
-    seed: Annotated[int, Parameter(help="Of the first run.")] = 0,
-    as_json: AsJson = False,
-) -> int:
-    """Kill mkctl and the daemon during backups and restores; exit code 1 if a live set was not the same afterwards."""
-    return carry_out("kills", CASES, None, runs, first=seed, as_json=as_json)
+    25 kills of each victim in each procedure, unless `--runs` says otherwise.
+    """,
+    first=0,
+)

@@ -11,14 +11,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Final
+from typing import Final
 
-from cyclopts import Parameter
-
-from lab.cases import Case, Figure, Flight, carry_out, total
+from lab.cases import Case, Figure, Flight, command, total
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualline import Noise, VirtualBoard, VirtualLine
-from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.protocol.generations import Release
 from mkdaemon.protocol.procedures.points import point_format, to_points
@@ -159,19 +156,12 @@ CASES: Final = {
     "backups": Case(_flights(BACKUPS, 200), FIGURES),
 }
 
-
-def main(
-    *,
-    case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
-    runs: Annotated[int | None, Parameter(help="Runs of every row, in place of each case's own.")] = None,
-    jobs: Annotated[int, Parameter(help="Processes.")] = 1,
-    as_json: AsJson = False,
-) -> int:
+main: Final = command(
+    "procedures",
+    CASES,
     """Upload missions and back up settings over a bad line; exit code 1 if any run lied or left another live set.
 
     Virtual time, seeded. The backups over the worst line take nearly all of it; `--runs 2` is a quick look.
-
-    Raises:
-        ConfigError: there is no such case.
-    """
-    return carry_out("procedures", CASES, case, runs, first=0, jobs=jobs, as_json=as_json)
+    """,
+    first=0,
+)

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Annotated, Any, Final
-
-from cyclopts import Parameter
+from typing import Any, Final
 
 from lab.attack.attackers import Flood
 from lab.attack.backlog import ENDS, RATES, flood_and_end
@@ -18,9 +16,8 @@ from lab.attack.floods import ride
 from lab.attack.guardless import kill_guard
 from lab.attack.quiet import fly_quietly
 from lab.attack.virtual import Silence, fly_virtually
-from lab.cases import Case, Figure, Flight, carry_out, each, largest, part, total
+from lab.cases import Case, Figure, Flight, command, each, largest, part, total
 from lab.rigs.cockpit import Boards
-from mkdaemon.cli.arguments import AsJson
 
 RUNS: Final = 10
 ON_TCP: Final = "FC 2.08 on TCP"
@@ -93,23 +90,12 @@ CASES: Final[Mapping[str, Case]] = {
     ),
 }  # fmt: skip
 
-
-def main(
-    *,
-    case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
-    runs: Annotated[int, Parameter(help="Runs of every row.")] = RUNS,
-    seed: Annotated[int, Parameter(help="Of the first run; run k has seed + k.")] = 1,
-    only: Annotated[
-        str, Parameter(help="Only rows whose attack and boards, 'daemon killed, FC 2.08', hold this.")
-    ] = "",
-    jobs: Annotated[int, Parameter(help="Flights at a time; floods have one.")] = 1,
-    as_json: AsJson = False,
-) -> int:
+main: Final = command(
+    "attack",
+    CASES,
     """Attack the daemon in flight; exit code 1 if a limit is broken. Ten runs of everything take about three hours.
 
     Standard error has how each flight went. One that could not be flown is counted and named, and fails its row.
-
-    Raises:
-        ConfigError: there is no such case.
-    """
-    return carry_out("attack", CASES, case, runs, first=seed, jobs=jobs, only=only, as_json=as_json)
+    """,
+    RUNS,
+)

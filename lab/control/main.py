@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
-from lab.campaign import Campaign, Ending, Row, quantile
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, quantile
 from lab.control.cases import CASES, REPORTING
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
 from lab.control.wallfaults import run_wallfaults
 from lab.control.walltime import run_timing
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
+from mkdaemon.errors import ConfigError
 
 VIRTUAL: Final = {"faults": run_faults, "triggers": run_triggers}
 """Campaigns in virtual time that sum up in their own way."""
@@ -40,39 +38,28 @@ def main(
     *,
     case: Annotated[str | None, Parameter(help="One case instead of all.")] = None,
     runs: Annotated[int | None, Parameter(help="Flights of every case, in place of each case's own.")] = None,
-    first_seed: Annotated[int, Parameter(help="Seeds count up from here.")] = REPORTING,
-    jobs: Annotated[int, Parameter(help="Processes.")] = 2,
-    results: Annotated[
-        Path | None,
-        Parameter(help="File in which flights in virtual time are kept; those that are in it are not flown again."),
-    ] = None,
+    first: First = REPORTING,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
-    """Fly the cases; the last line of `--json` is one object. All of them take about 80 minutes of one core.
+    """Fly the cases. All of them take about 80 minutes of one core.
 
     Every figure comes with median, 90th percentile, worst, count and the number of aircraft lost.
 
     Raises:
-        SystemExit: no such case.
+        ConfigError: there is no such case.
     """
     if case is not None and case not in ALL:
-        print(f"lab control: no case {case}; there are {', '.join(ALL)}", file=sys.stderr)
-        raise SystemExit(2)
+        raise ConfigError(f"no case {case!r}: choose from {', '.join(ALL)}")
     found: dict[str, Any] = {}
     for name in ALL if case is None else (case,):
         if name in BY_THE_CLOCK:
-            found |= BY_THE_CLOCK[name](runs, first_seed, jobs)
+            found |= BY_THE_CLOCK[name](runs, first, jobs)
         else:
             run = VIRTUAL[name] if name in VIRTUAL else partial(run_case, name)
-            found |= run(runs, first_seed, jobs, results)
-        if as_json:
-            print(json.dumps({"case": name, **found}))
-    holds = all(figure["holds"] for figure in found.values())
-    if as_json:
-        print(json.dumps({"figures": found, "holds": holds}))
-    else:
-        _print(found)
-    return 0 if holds else 1
+            found |= run(runs, first, jobs, results)
+    return show([{"figure": key} | figure for key, figure in found.items()], ("figure",), as_json=as_json)
 
 
 def run_case(
@@ -138,15 +125,3 @@ def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, floa
 
 def _shown(value: float) -> float | None:
     return round(value, 2) if math.isfinite(value) else None
-
-
-def _print(found: dict[str, dict[str, Any]]) -> None:
-    table = Table("figure", "median", "p90", "worst", "flights", "lost", "goal", "holds")
-    for key, figure in found.items():
-        if "median" not in figure:
-            table.add_row(key, *("",) * 6, "yes" if figure["holds"] else "NO")
-            print(f"{key}: {', '.join(f'{name} {value}' for name, value in figure.items())}")
-            continue
-        cells = (figure["median"], figure["p90"], figure["worst"], figure["count"], figure["lost"], figure["goal"])
-        table.add_row(key, *("-" if cell is None else str(cell) for cell in cells), "yes" if figure["holds"] else "NO")
-    Console().print(table)

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Annotated, Any, Final
-
-from cyclopts import Parameter
+from typing import Any, Final
 
 from lab.campaign import Row
-from lab.cases import Case, Flight, carry_out, largest, part, sessions, total
+from lab.cases import Case, Flight, command, largest, part, sessions, total
 from lab.rigs.cockpit import Boards
 from lab.stories.cable import Cut, pull_cable
 from lab.stories.clients import lose_clients
@@ -26,7 +24,6 @@ from lab.stories.restarts import restart
 from lab.stories.soak import soak
 from lab.stories.standstills import Stopped, stand_still
 from lab.stories.swaps import swap_aircraft
-from mkdaemon.cli.arguments import AsJson
 
 DIRECT: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
 """One FlightCtrl of each dead-man generation."""
@@ -165,20 +162,12 @@ CASES: Final = {
     ),
 }  # fmt: skip
 
-
-def main(
-    *,
-    case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
-    runs: Annotated[int | None, Parameter(help="Runs of every row, in place of each case's own.")] = None,
-    jobs: Annotated[int, Parameter(help="Flights at a time, for those in virtual time.")] = 1,
-    as_json: AsJson = False,
-) -> int:
+main: Final = command(
+    "stories",
+    CASES,
     """Run the safety stories and measure them; exit code 1 if a limit is broken.
 
     Clients, plug, kill, race and soak run processes in real time, the others run in virtual time; the soak alone takes
     twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
-
-    Raises:
-        ConfigError: there is no such case.
-    """
-    return carry_out("stories", CASES, case, runs, jobs=jobs, as_json=as_json)
+    """,
+)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-from cyclopts import Parameter
-
-from lab.cases import Case, Flight, carry_out, largest, sessions, total
+from lab.cases import Case, Flight, command, largest, sessions, total
 from lab.rigs.cockpit import Boards
 from lab.teleop.losses import HandsLost, Way, lose_hands
-from mkdaemon.cli.arguments import AsJson
 
 GENERATIONS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
 """One FlightCtrl of each dead-man generation."""
@@ -56,19 +53,12 @@ CASES: Final = {
     ),
 }
 
-
-def main(
-    *,
-    case: Annotated[str | None, Parameter(help="One case; all by default.")] = None,
-    runs: Annotated[int | None, Parameter(help="Losses of every row (50), or moves of the stick (1000).")] = None,
-    as_json: AsJson = False,
-) -> int:
+main: Final = command(
+    "teleop",
+    CASES,
     """Lose pads, terminals and programs in flight, and time a stick; exit code 1 if a limit is broken.
 
     The losses run in virtual time and are the same on every machine, some five minutes of processor time. `latency`
     runs processes in real time for two minutes: leave the machine alone.
-
-    Raises:
-        ConfigError: there is no such case.
-    """
-    return carry_out("teleop", CASES, case, runs, as_json=as_json)
+    """,
+)
