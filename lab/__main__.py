@@ -21,7 +21,7 @@ CAMPAIGNS: Final = (
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),
-    CommandEntry("fuzz", "lab.fuzz:main", "Nonsense for a running daemon: requests, setpoints, configuration files."),
+    CommandEntry("fuzz", "lab.fuzz.main:main", "Nonsense for a running daemon, its bus, and the flight core."),
     CommandEntry("fleet", "lab.fleet.main:main", "Many aircraft on a router: a link that is cut; what each costs."),
     CommandEntry("stalled", "lab.stalled:main", "A serial server that stands still: old stick frames it gathers."),
     CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),

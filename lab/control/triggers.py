@@ -166,8 +166,8 @@ TRIGGERS: Final = (
 """Every trigger of docs/safety.md, "What ends a flight"."""
 ELSEWHERE: Final = {
     "the aircraft does not follow its sticks": "lab.hil.triggers",
-    "a landing waits": "lab.control.corefuzz",
-    "a take-off does not reach its height": "lab.control.corefuzz",
+    "a landing waits": "lab.fuzz.core",
+    "a take-off does not reach its height": "lab.fuzz.core",
     "a gamepad is lost": "lab.teleop.losses",
 }
 """Rows of that table whose times another campaign measures, and its module."""

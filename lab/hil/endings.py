@@ -18,13 +18,13 @@ import numpy as np
 from lab import tables
 from lab.campaign import Ending
 from lab.hil.aircraft import GenuineAircraft
-from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, aircraft_of, config_of, motors_run
+from lab.hil.figures import ON_TARGET, Array
+from lab.hil.flights import Leg, SceneFlight, aircraft_of, config_of, motors_run
 from lab.hil.scenes import setting_of
-from mkdaemon.protocol.framing import Frame, FrameDecoder
+from lab.hil.tap import LINK_TEST, STICKS, Tap
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass
-from mksim.physics.world import World
-from mksim.programs.rehearsal import FlightPart, FlyingAircraft, land, over_pad, take_off
+from mksim.programs.rehearsal import FlightPart, land, over_pad, take_off
 from mksim.scene.camera import DECK_RADIUS_M
 
 PARTS: Final = (
@@ -37,9 +37,6 @@ PARTS: Final = (
 )
 LIFTED: Final = 0.4
 """An aircraft whose centre of gravity was higher than this above the target has taken off [m]."""
-STICKS: Final = "b"
-"""The letter of a stick frame; every other letter is a request."""
-LINK_TEST: Final = "v"
 COUNTS: Final = (
     "sticks_sent",
     "sticks_in_memory",
@@ -53,65 +50,6 @@ COUNTS: Final = (
 ENDINGS: Final = (Ending.FINISHED, Ending.REFUSED, Ending.RELEASED, Ending.LOST, Ending.FAILED)
 """How a flight ends: it stands on the target with its motors off; it never left the ground; the daemon let go of it in
 the air; everything else, a crash among it; or it could not be flown."""
-
-
-class Tap:
-    """The aircraft, and every frame that crosses its line while `is_counting`.
-
-    Attributes:
-        aircraft: behind it.
-        now: simulated time [s].
-        is_counting: frames count from here on.
-        sent: frames written by the daemon, by letter.
-        heard: frames of the board that reached the daemon, by letter.
-        taken: frames that the firmware's receive buffer took, by letter.
-        obeyed: stick frames that external control held once they were handled.
-        waits: how long each frame stayed in the receive buffer [s].
-    """
-
-    def __init__(self, aircraft: FlyingAircraft) -> None:
-        self.aircraft, self.now = aircraft, aircraft.now
-        self.is_counting = False
-        self.sent, self.heard = Counter[str](), Counter[str]()
-        self.taken, self.obeyed = Counter[str](), 0
-        self.waits = list[float]()
-        self._out, self._in = FrameDecoder(), FrameDecoder()
-        if isinstance(aircraft, GenuineAircraft):
-            aircraft.world.watch_frames()
-
-    @property
-    def world(self) -> World:
-        """Airframe, air, pilot and faults."""
-        return self.aircraft.world
-
-    def write(self, data: bytes, at: float) -> None:
-        """Bytes of the daemon."""
-        self._count(self.sent, self._out, data)
-        self.aircraft.write(data, at)
-
-    def advance(self, to: float) -> list[tuple[float, bytes]]:
-        """Run on; see `FlyingAircraft`."""
-        said = self.aircraft.advance(to)
-        self.now = to
-        self._count(self.heard, self._in, b"".join(data for _, data in said))
-        if isinstance(self.aircraft, GenuineAircraft):
-            self._look_into_memory(self.aircraft)
-        return said
-
-    def _count(self, counts: Counter[str], decoder: FrameDecoder, data: bytes) -> None:
-        for found in decoder.feed(data):
-            if isinstance(found, Frame) and self.is_counting:
-                counts[found.id] += 1
-
-    def _look_into_memory(self, aircraft: GenuineAircraft) -> None:
-        for taken in aircraft.world.chip.taken():
-            frames = [found for found in FrameDecoder().feed(taken.frame) if isinstance(found, Frame)]
-            if not frames or not self.is_counting:
-                continue
-            self.taken[frames[0].id] += 1
-            self.waits.append(taken.done - taken.at)
-            size = aircraft.world.control_size
-            self.obeyed += frames[0].id == STICKS and taken.held[:size] == frames[0].payload[:size]
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,11 +69,6 @@ class Work:
     seed: int
     loss: float | None = None
     tilt_deg: float = 0.0
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """What the flight is kept under."""
-        return {name: getattr(self, name) for name in ("board", "line", "seed", "loss", "tilt_deg")}
 
 
 def fly(work: Work) -> dict[str, Any]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import product
-from pathlib import Path
 from typing import Final, Literal
 
-from lab.campaign import Campaign, Row, carried_out
+from lab.campaign import Campaign, First, Jobs, Kept, Row, carried_out
 from lab.hil import endings, generations, navicase, navipairs, rooms
 from lab.hil.build import built, names
 from lab.hil.flights import fly
@@ -18,7 +17,6 @@ from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, su
 from lab.hil.triggers import by_story, story_figures, tell
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
-from mkdaemon.errors import ConfigError
 
 Work = tuple[str, str, int]
 """Board, line, seed."""
@@ -33,11 +31,11 @@ def main(
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
-    first_seed: int = FIRST_SEED,
+    first: First = FIRST_SEED,
     loss: float | None = None,
     tilt: float = 0.0,
-    jobs: int = 2,
-    results: Path | None = None,
+    jobs: Jobs = 2,
+    results: Kept = None,
     as_json: AsJson = False,
 ) -> int:
     """Fly the scenes on genuine firmware and on the simulator's boards; exit code 1 if a goal is missed.
@@ -54,25 +52,16 @@ def main(
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
         runs: Flights of each board by each line; of a pair; silences of `control`.
-        first_seed: Seeds count up from here.
         loss: Of `flights`: share of the radio's packets that are lost, each way, for example 0.05.
         tilt: Of `flights`: of the pad, 0 to 20 degrees.
-        jobs: Processes.
-        results: File in which every flight is kept as it ends; flights that are in it are not flown again.
-        as_json: Print JSON in place of a table.
     """
-    try:
-        if case == "navictrl":
-            return navicase.show(first_seed, jobs, as_json=as_json)
-        genuine = built(firmware or next(iter(names()), "FlightCtrl")).name
-        if case == "pair":
-            return navipairs.show(genuine, range(first_seed, first_seed + runs), jobs, as_json=as_json)
-        if case == "control":
-            return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
-    except ConfigError as error:
-        print(f"lab hil: {error}", file=sys.stderr)
-        return 2
-    seeds = range(first_seed, first_seed + runs)
+    if case == "navictrl":
+        return navicase.show(first, jobs, as_json=as_json)
+    genuine, seeds = built(firmware or next(iter(names()), "FlightCtrl")).name, range(first, first + runs)
+    if case == "pair":
+        return navipairs.show(genuine, seeds, jobs, as_json=as_json)
+    if case == "control":
+        return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
     if case == "triggers":
         work = [(genuine, "cable", seed) for seed in seeds]
         return _show_triggers(genuine, TRIGGERS.rows(work, jobs, results), as_json=as_json)
@@ -123,7 +112,7 @@ def _key(work: Work) -> Row:
 SCENES: Final = Campaign("hil scenes", _fly_one, _key)
 TRIGGERS: Final = Campaign("hil triggers", _tell_one, _key)
 ROOMS: Final = Campaign("hil room", _cross_one, lambda work: work.key, limit=1200.0)
-ENDINGS: Final = Campaign("hil flights", _end_one, lambda work: work.key, limit=1200.0)
+ENDINGS: Final = Campaign("hil flights", _end_one, asdict, limit=1200.0)
 
 
 # -- what is shown ----------------------------------------------------------------------------------------------------

@@ -12,8 +12,9 @@ from typing import Any, Final, Protocol
 from lab.campaign import Row, in_order
 from lab.hil.naviaircraft import NaviAircraft
 from lab.hil.navibuild import built_navictrl
+from lab.hil.navicompare import differences
 from lab.hil.navidaemon import DaemonAtNavi, Step
-from lab.hil.naviscript import FLIGHT, GROUND, LAST, Heard, Item, differences, listen
+from lab.hil.naviscript import FLIGHT, GROUND, LAST, Heard, Item, listen
 from lab.hil.quiet import be_quiet
 from lab.tables import show as show_rows
 from mkdaemon.virtualtime import run_virtually

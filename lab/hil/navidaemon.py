@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, Final, Protocol
 
-from lab.hil.triggers import CutCable
+from lab.hil.forkedflight import CutCable
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import StickSetpoint

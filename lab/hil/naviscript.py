@@ -7,11 +7,10 @@ world. What they say is compared item by item: which replies, how many, how soon
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.flags import PositionStatus
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import WriteWaypoint024
@@ -212,102 +211,3 @@ def listen(aircraft: Aircraft, item: Item, world: World, held: Callable[[], str]
                     heard.text += found.raw
     heard.held = held()
     return heard
-
-
-# -- comparison -------------------------------------------------------------------------------------------------------
-
-TOLERANCE: Final = {
-    "altitude_setpoint": 400,
-    "position_longitude": 200,
-    "position_latitude": 200,
-    "position_altitude": 3000,
-    "home_altitude": 3000,
-    "target_altitude": 3000,
-    "home_longitude": 250,
-    "home_latitude": 250,
-    "target_longitude": 250,
-    "target_latitude": 250,
-    "home_distance": 25,
-    "target_distance": 15,
-    "altimeter": 30,
-    "variometer": 6,
-    "flying_time": 1,
-    "battery": 1,
-    "ground_speed": 60,
-    "pitch": 4,
-    "roll": 4,
-    "vertical_speed": 60,
-    "throttle": 12,
-    "current": 25,
-    "used_capacity": 5,
-    "target_hold_time": 1,
-    "satellites": 1,
-}
-"""How far two noisy boards may be apart before a field counts as different; what is not here must be equal."""
-ANALOG: Final = {0: 40, 1: 40, 2: 80, 3: 80, 9: 40, 10: 360, 13: 8, 15: 400, 21: 80, 22: 80, 27: 300, 28: 300}
-"""The same of the channels of debug data."""
-TURNS: Final = {"heading": (360, 8), "course": (360, 360), "home_bearing": (360, 360), "target_bearing": (360, 360)}
-"""Angles: a whole turn, and how far they may be apart; a course of an aircraft at rest is anything."""
-OWN_WORDS: Final = {"text"}
-"""Labels, menus and error texts of the simulator are its own."""
-SOONER: Final = 2.5e-3
-"""First replies further apart than this are told [s]."""
-
-
-def differences(item: Item, genuine: Heard, simulated: Heard) -> Iterator[str]:
-    """What the simulated board does otherwise, in words."""
-    ours, theirs = simulated.letters, genuine.letters
-    for letter in sorted(ours.keys() | theirs.keys()):
-        allowed = 1 if theirs[letter] > 5 else 0
-        if abs(ours[letter] - theirs[letter]) > allowed:
-            yield f"{letter}: {theirs[letter]} frames, simulated {ours[letter]}"
-    if genuine.frames and simulated.frames:
-        late = simulated.frames[0][0] - genuine.frames[0][0]
-        if abs(late) > SOONER:
-            yield f"first reply after {genuine.frames[0][0] * 1e3:.1f} ms, simulated {simulated.frames[0][0] * 1e3:.1f}"
-    for letter in sorted(ours.keys() & theirs.keys()):
-        last = [
-            next(frame for _, frame in reversed(heard.frames) if f"{'.fnm'[frame.address]}{frame.id}" == letter)
-            for heard in (genuine, simulated)
-        ]
-        yield from (f"{letter}.{words}" for words in _fields(*last))
-    if bool(genuine.text) != bool(simulated.text):
-        yield f"text {_shown(genuine.text)}, simulated {_shown(simulated.text)}"
-    if genuine.held != simulated.held:
-        yield f"the FlightCtrl holds {genuine.held}, simulated {simulated.held}"
-
-
-def _shown(text: bytes) -> str:
-    return repr(text.decode("latin-1")) if text else "none"
-
-
-def _fields(genuine: Frame, simulated: Frame) -> Iterator[str]:
-    """Fields of two frames of one kind that differ."""
-    decoder = MessageDecoder()
-    left, right = decoder.decode(genuine), decoder.decode(simulated)
-    if isinstance(left, Unknown) or isinstance(right, Unknown) or type(left) is not type(right):
-        if genuine.payload != simulated.payload:
-            yield f"payload {genuine.payload.hex()}, simulated {simulated.payload.hex()}"
-        return
-    for name in type(left).model_fields:
-        one, other = getattr(left, name), getattr(right, name)
-        if name in OWN_WORDS or one == other or _is_near(name, one, other):
-            continue
-        if isinstance(one, tuple):
-            pairs = enumerate(zip(one, other, strict=True))
-            places = [k for k, (a, b) in pairs if abs(a - b) > (ANALOG.get(k, 0) if name == "analog" else 0)]
-            if not places:
-                continue
-            yield f"{name}{places} {[one[k] for k in places]}, simulated {[other[k] for k in places]}"
-        else:
-            yield f"{name} {one!s}, simulated {other!s}"
-
-
-def _is_near(name: str, one: object, other: object) -> bool:
-    if not isinstance(one, int) or not isinstance(other, int):
-        return False
-    if name in TURNS:
-        turn, allowed = TURNS[name]
-        away = abs(one - other) % turn
-        return min(away, turn - away) <= allowed
-    return abs(one - other) <= TOLERANCE.get(name, 0)

@@ -116,24 +116,30 @@ class Program:
         self._reading = asyncio.create_task(self._read(), name="stderr")
 
     @classmethod
-    async def start(cls, *words: str, prefix: Sequence[str] = (), threads: str = "") -> Self:
+    async def start(cls, *words: str, prefix: Sequence[str] = (), threads: str = "", is_read: bool = True) -> Self:
         """Start it.
 
         Args:
             words: of Python.
             prefix: what it is started with.
             threads: Zenoh's setting of its threads.
+            is_read: what it writes to standard output is read; else it goes nowhere.
         """
         more = {"ZENOH_RUNTIME": threads} if threads else {}
         process = await asyncio.create_subprocess_exec(
             *(*prefix, sys.executable, *words),
             stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE if is_read else asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,
             env={**os.environ, **more, "OPENBLAS_NUM_THREADS": "1"},
             start_new_session=True,  # as a service: it goes before the programs of other sessions
         )
         return cls(process)
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code; None while it runs."""
+        return self._process.returncode
 
     @property
     def pid(self) -> int:

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from lab.control import corefuzz
-from lab.control.corefuzz import BLOCK, EVENTS, QUICK, Breach, draw, run, run_sequences, shortened
-from lab.control.coretoy import Toy
-from lab.control.coreworld import HAPPENINGS, Happening, World
+from lab.fuzz import core as corefuzz
+from lab.fuzz.core import BLOCK, EVENTS, QUICK, Breach, draw, run, run_sequences, shortened
+from lab.fuzz.coretoy import Toy
+from lab.fuzz.coreworld import HAPPENINGS, Happening, World
 from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.flown import Flown

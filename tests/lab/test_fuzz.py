@@ -7,8 +7,9 @@ from collections import Counter
 import msgpack
 import pytest
 
-from lab.busfuzz import BusFindings, fuzz_bus
-from lab.fuzz import REQUESTS, Findings, Nonsense, fuzz
+from lab.fuzz.bus import BusFindings, fuzz_bus
+from lab.fuzz.nonsense import REQUESTS, Nonsense
+from lab.fuzz.requests import Findings, fuzz
 from mkdaemon.telemetry.verbs import VERBS
 
 

@@ -18,11 +18,13 @@ from lab.hil import build as building
 from lab.hil import chip, endings, rooms
 from lab.hil.copies import in_a_copy
 from lab.hil.eeprom import SETTINGS, _checksum, _is_set
-from lab.hil.flights import Flown, Setting, config_of, figures
+from lab.hil.figures import Flown, figures
+from lab.hil.flights import Setting, config_of
+from lab.hil.forkedflight import Flight
 from lab.hil.main import main
 from lab.hil.quiet import aside
 from lab.hil.scenes import VOLTAGES, setting_of, summary
-from lab.hil.triggers import Flight, missed, story_figures
+from lab.hil.triggers import missed, story_figures
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.settings import ParameterSet, layout_of
@@ -50,12 +52,11 @@ def unbuilt(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_without_a_firmware_it_says_what_to_fetch_and_to_run(unbuilt, capsys):
-    assert main() == 2
-    said = capsys.readouterr().err
-    assert "make hil FIRMWARE=" in said
-    assert "buserror/simavr" in said
-    assert "MikroKopterFlightController" in said
+def test_without_a_firmware_it_says_what_to_fetch_and_to_run(unbuilt):
+    with pytest.raises(ConfigError) as said:
+        main()
+    for words in ("make hil FIRMWARE=", "buserror/simavr", "MikroKopterFlightController"):
+        assert words in str(said.value)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from lab.control.coretoy import STAND, SWUNG, TILT, Swing, Toy, swung
+from lab.fuzz.coretoy import STAND, SWUNG, TILT, Swing, Toy, swung
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet

@@ -8,43 +8,32 @@ configuration file is damaged and read again (SIGUSR1).
 from __future__ import annotations
 
 import asyncio
-import json
-import math
-import random
 import signal
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Final
 
-import msgpack
 import zenoh
-from cyclopts import Parameter
 
-from lab.cases import silence_log
-from lab.control.corefuzz import run_sequences, shortened
+from lab.fuzz.nonsense import Nonsense
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import VEHICLE, DaemonProcess
 from lab.rigs.waiting import wait_until
-from lab.tables import show
 from mkdaemon.bus.codec import decode_map
 from mkdaemon.bus.session import session_config
 from mkdaemon.bus.setpointroot import below
-from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client import Vehicle
 from mkdaemon.errors import MkError
-from mkdaemon.protocol.wire import MESSAGES, Direction
 from mkdaemon.telemetry.refusals import TOKENS, Token
 from mkdaemon.telemetry.setpoint import SETPOINTS
 from mkdaemon.telemetry.signature import sign
 from mkdaemon.telemetry.status import Status
-from mkdaemon.telemetry.verbs import VERBS
-
-if TYPE_CHECKING:
-    from lab.busfuzz import BusFindings
 
 PERIOD: Final = 0.02
 """Between two pieces of nonsense [s]: below the rates at which the daemon sheds what is too much."""
@@ -64,43 +53,8 @@ MOST_DESCRIPTORS: Final = 3
 """More open files at the end than when it was warm."""
 LAST_ANSWERS: Final = 60.0
 """Longest wait for what is still to be answered at the end [s]."""
-MOST_SHOWN: Final = 20
-"""Sequences whose first breach is printed."""
 LONGEST_SILENCE: Final = 3.0
 """Of `link/health`, which comes every second [s]."""
-NUMBERS: Final = (
-    0,
-    1,
-    -1,
-    127,
-    128,
-    255,
-    256,
-    65535,
-    2**31,
-    2**63 - 1,
-    -(2**63),
-    0.5,
-    1e308,
-    math.nan,
-    math.inf,
-    -math.inf,
-)
-TEXTS: Final = (
-    "",
-    "fc",
-    "take",
-    "mk1",
-    "\x00",
-    "\x1b[2J",
-    "\ud7ff\U0010ffff",
-    "../../etc/passwd",
-    "a" * 5000,
-    "nan",
-    "1",
-)
-DANGEROUS: Final = frozenset({"cmd/nc/redirect"})
-"""Requests that would rightly turn the line away from the boards that are looked at."""
 
 
 @dataclass
@@ -111,7 +65,6 @@ class Findings:
         seconds: how long it was fuzzed.
         asked: queries, setpoints and files, by kind.
         refused: refusals by token.
-        accepted: queries that were no nonsense after all.
         unnamed: refusals without a known token or a reason.
         unanswered: queries without any answer.
         uncounted: setpoints refused that `control/status` did not count.
@@ -126,7 +79,6 @@ class Findings:
     seconds: float
     asked: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
-    accepted: int = 0
     unnamed: list[str] = field(default_factory=list)
     unanswered: list[str] = field(default_factory=list)
     uncounted: int = 0
@@ -145,81 +97,6 @@ class Findings:
         return not any(wrong) and is_small and self.exit_code == 0
 
 
-class Nonsense:
-    """Draws it; the same seed draws the same."""
-
-    def __init__(self, seed: int) -> None:
-        self.rng = random.Random(seed)
-
-    def value(self, depth: int = 0) -> Any:
-        """Anything that msgpack can say."""
-        kind = self.rng.randrange(7 if depth < 3 else 4)
-        if kind == 0:
-            return self.rng.choice(NUMBERS)
-        if kind == 1:
-            return self.rng.choice(TEXTS)
-        if kind == 2:
-            return self.rng.randbytes(self.rng.choice((0, 1, 32, 300)))
-        if kind == 3:
-            return self.rng.choice((None, True, False))
-        if kind == 4:
-            return [self.value(depth + 1) for _ in range(self.rng.randrange(5))]
-        return {self.rng.choice(TEXTS): self.value(depth + 1) for _ in range(self.rng.randrange(5))}
-
-    def payload(self, names: tuple[str, ...]) -> bytes:
-        """Of a request with these fields: bytes, a map of anything, or one with its own names."""
-        kind = self.rng.randrange(4)
-        if kind == 0:
-            return self.rng.randbytes(self.rng.choice((0, 1, 7, 64, 5000)))
-        if kind == 1:
-            return bytes(msgpack.packb(self.value()))
-        fields = {name: self.value(2) for name in names if self.rng.random() < 0.7}
-        packed = bytearray(msgpack.packb(fields))
-        if kind == 2 and packed:
-            packed[self.rng.randrange(len(packed))] ^= 1 << self.rng.randrange(8)
-        return bytes(packed)
-
-    def request(self) -> tuple[str, bytes]:
-        """A key below `do` or `cmd`, and a payload."""
-        if self.rng.random() < 0.1:
-            word = self.rng.choice(("nothing", "lease/lease", "%s%n", "a" * 300, "\u202e"))
-            return f"{self.rng.choice(('do', 'cmd', 'cmd/fc', 'cmd/xx'))}/{word}", self.payload(("x",))
-        suffix, names = self.rng.choice(REQUESTS)
-        return suffix, self.payload(names)
-
-    def file(self, whole: str) -> str:
-        """A configuration file with some damage."""
-        lines = whole.splitlines()
-        for _ in range(self.rng.randrange(1, 4)):
-            place, kind = self.rng.randrange(len(lines)), self.rng.randrange(5)
-            if kind == 0:
-                lines.insert(place, lines[place])
-            elif kind == 1:
-                lines[place] = lines[place][: self.rng.randrange(len(lines[place]) + 1)]
-            elif kind == 2:
-                name = lines[place].partition("=")[0] or "x"
-                lines[place] = f"{name}= {self.rng.choice(('nan', '-1', '1e400', '[]', '{}', 'true', '2**8'))}"
-            elif kind == 3:
-                lines.append(f"[{self.rng.choice(('link', 'control.limiter', 'cameras', 'sim', 'x.y'))}]\nfoo = 1")
-            else:
-                lines[place] += self.rng.choice(("\x00", "\ufeff", "'''", "]"))
-        return "\n".join(lines) + "\n"
-
-
-def _requests() -> tuple[tuple[str, tuple[str, ...]], ...]:
-    verbs = [(f"do/{verb.name}", tuple(verb.request.model_fields)) for verb in VERBS]
-    messages = {
-        f"cmd/{board.word}/{cls.spec.key}": (*cls.model_fields, "confirm")
-        for cls in MESSAGES.values()
-        if cls.spec.direction is Direction.TO_BOARD
-        for board in cls.spec.boards
-    }
-    return tuple(verbs) + tuple((key, names) for key, names in messages.items() if key not in DANGEROUS)
-
-
-REQUESTS: Final = _requests()
-
-
 class Stranger:
     """Asks and tells, and keeps what is answered.
 
@@ -231,9 +108,8 @@ class Stranger:
     def __init__(self, endpoint: str, findings: Findings) -> None:
         self.session = zenoh.open(session_config("client", connect=[endpoint]))
         self.open: dict[int, str] = {}
-        self.read_files = 0
+        self.read_files = self._count = 0
         self._findings = findings
-        self._count = 0
         self._log = self.session.declare_subscriber(f"mk/{VEHICLE}/event/log", self._heard_log)
 
     def ask(self, suffix: str, payload: bytes) -> None:
@@ -263,8 +139,7 @@ class Stranger:
             return
         answer = decode_map(answers[0])
         if answer.get("status") in (Status.ACCEPTED, Status.NOT_OBSERVABLE):
-            self._findings.accepted += 1
-            return
+            return  # it was no nonsense after all
         token, reason = str(answer.get("token")), answer.get("reason")
         self._findings.refused[token] += 1
         if token not in TOKENS or token == Token.INTERNAL or not reason:
@@ -280,27 +155,11 @@ class Stranger:
         self._findings.asked["setpoints"] += 1
 
 
-class ConfigFile:
-    """The daemon's configuration file.
-
-    Attributes:
-        whole: its text before it was damaged.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.whole = path.read_text(encoding="utf-8")
-        self._path = path
-
-    def write(self, text: str) -> None:
-        """Write another text."""
-        self._path.write_text(text, encoding="utf-8")
-
-
 async def _fuzz(
-    daemon: DaemonProcess, client: Vehicle, config: ConfigFile, nonsense: Nonsense, findings: Findings, *, shows: bool
+    daemon: DaemonProcess, client: Vehicle, config: Path, nonsense: Nonsense, findings: Findings, *, shows: bool
 ) -> None:
     """Fuzz for as long as the findings say, and judge."""
-    rng = nonsense.rng
+    rng, (whole, write) = nonsense.rng, _opened(config)
     stranger = Stranger(daemon.endpoint, findings)
     counted = await _refused_setpoints(client)
     root, secret = "", ""
@@ -313,7 +172,7 @@ async def _fuzz(
             findings.silences += await _is_silent(client)
         if elapsed >= next_file:
             next_file = elapsed + FILE_PERIOD
-            config.write(nonsense.file(config.whole))
+            write(nonsense.file(whole))
             daemon.send_signal(signal.SIGUSR1)
             findings.asked["files"] += 1
         if warm is None and elapsed > WARM * findings.seconds:
@@ -328,7 +187,7 @@ async def _fuzz(
             next_line = elapsed + 10.0
             print(f"{elapsed:4.0f} s: {dict(findings.asked)}, {daemon.resident_mb():.1f} MiB", file=sys.stderr)
         await asyncio.sleep(PERIOD)
-    config.write(config.whole)
+    write(whole)
     await _last_answers(client, stranger)
     await asyncio.sleep(LOOK_PERIOD)  # `control/status` comes twice a second
     findings.unanswered += list(stranger.open.values())
@@ -338,6 +197,10 @@ async def _fuzz(
         findings.growth_mb = round(daemon.resident_mb() - warm[0], 1)
         findings.more_descriptors = daemon.descriptors() - warm[1]
     stranger.session.close()  # type: ignore[no-untyped-call]
+
+
+def _opened(config: Path) -> tuple[str, Callable[[str], object]]:
+    return config.read_text(encoding="utf-8"), partial(config.write_text, encoding="utf-8")
 
 
 async def _lease(client: Vehicle) -> tuple[str, str] | None:
@@ -379,74 +242,9 @@ async def fuzz(seconds: float, seed: int, *, shows: bool = False) -> Findings:
     """
     findings = Findings(seconds)
     async with flown(observed(seed, nc="0.24"), on_tcp=True) as one:
-        config = ConfigFile(one.folder / "daemon.toml")
-        await _fuzz(one.daemon, one.client, config, Nonsense(seed), findings, shows=shows)
+        await _fuzz(one.daemon, one.client, one.folder / "daemon.toml", Nonsense(seed), findings, shows=shows)
         findings.exit_code = await one.daemon.end(signal.SIGTERM)
         findings.tracebacks = one.daemon.errors.count("Traceback")
         if findings.tracebacks:
             print(one.daemon.errors[-5000:], file=sys.stderr)
     return findings
-
-
-def main(
-    *,
-    seconds: Annotated[float, Parameter(help="Duration [s].")] = 600.0,
-    seed: Annotated[int, Parameter(help="Of the nonsense, or of the first sequence.")] = 1,
-    bus: Annotated[bool, Parameter(help="Key expressions of every kind in place of requests, with readers.")] = False,
-    count: Annotated[int, Parameter(help="With --bus: puts, deletions, queries and tokens.")] = 100_000,
-    core: Annotated[
-        bool, Parameter(help="The flight core alone, in virtual time: sequences of random events.")
-    ] = False,
-    seeds: Annotated[int, Parameter(help="How many sequences, with --core.")] = 20_000,
-    jobs: Annotated[int, Parameter(help="How many processes, with --core.")] = 1,
-    results: Annotated[
-        Path | None, Parameter(help="With --core: a file of what was run; a second run goes on where the first ended.")
-    ] = None,
-    as_json: AsJson = False,
-) -> int:
-    """Ask, tell and configure a running daemon nonsense for ten minutes; exit code 1 if it minds.
-
-    It must live and not grow, answer every query, name every refusal by a token that docs/keys.md lists, count every
-    setpoint that it refuses, and say of every damaged configuration file what is wrong with it, or take it up.
-
-    With `--bus` the daemon and the programs that read from it must live and write no traceback (a few minutes).
-
-    With --core a toy aircraft, a client, a pilot, boards and cameras do 300 random things a sequence to the flight
-    core; `lab.control.corefuzz` lists what must never be, and what has to be reached.
-    """
-    from lab.busfuzz import fuzz_bus  # it draws its nonsense from here
-
-    silence_log()
-    if core:
-        return _fuzz_core(seed, seeds, jobs, results, as_json=as_json)
-    findings: Findings | BusFindings
-    findings = asyncio.run(fuzz_bus(count, seed)) if bus else asyncio.run(fuzz(seconds, seed, shows=True))
-    row = vars(findings) | {"holds": findings.holds}
-    return show([{"what": "bus" if bus else "requests"} | row], ("what",), as_json=as_json)
-
-
-def _fuzz_core(first: int, count: int, jobs: int, results: Path | None, *, as_json: bool) -> int:
-    """Run sequences of events for the flight core; exit code 1 for a broken promise, or what was not reached."""
-    found = run_sequences(first, count, jobs, results)
-    flown = sum(found.ticks.values())
-    shares = {what: f"{100.0 * ticks / flown:.2f} %" for what, ticks in found.ticks.most_common()}
-    row = {
-        "sequences": found.sequences,
-        "breaches": len(found.breaches),
-        "virtual_s": round(found.seconds),
-        "cpu_s_each": round(found.cpu / found.sequences, 3),
-        "ticks": found.reached["tick"],
-        "in_flight_percent": round(100.0 * found.share_in_flight, 1),
-        "unreached": found.unreached,
-    }
-    if as_json:
-        print(json.dumps(row | {"in_flight": found.ticks, "reached": found.reached, "wrong": found.breaches}))
-    else:
-        print(json.dumps(row))
-        for what, share in shares.items():
-            print(f"{share:>8} {what}")
-    for seed in () if as_json else sorted(found.breaches)[:MOST_SHOWN]:
-        print(f"seed {seed}: {found.breaches[seed][0]}")
-    for happening in shortened(min(found.breaches)) if found.breaches else ():
-        print(f"shortest of seed {min(found.breaches)}: {happening}", file=sys.stderr)
-    return 1 if found.breaches or found.unreached else 0

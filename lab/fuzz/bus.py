@@ -9,11 +9,10 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
-import tempfile
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -22,17 +21,15 @@ from typing import Any, Final
 
 import zenoh
 
-from lab.fuzz import LONGEST_SILENCE, LOOK_PERIOD, Nonsense
-from lab.rigs.processes import PROGRAM, START, VEHICLE, DaemonProcess, connected, daemon_process
+from lab.fuzz.nonsense import Nonsense
+from lab.fuzz.requests import LONGEST_SILENCE, LOOK_PERIOD
+from lab.rigs.flown import flown, observed
+from lab.rigs.processes import MKCTL, PROGRAM, VEHICLE, DaemonProcess, Program
 from mkdaemon.bus.codec import encoding_of
-from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.bus.session import session_config
 from mkdaemon.client import Vehicle
 from mkdaemon.telemetry.refusals import Token
-from mksim.config import PilotPlan, SimConfig
-from mksim.runtime import Runtime
-from mksim.simulation import Simulation
 
 AT_ONCE: Final = 20
 """Pieces of nonsense between two pauses."""
@@ -44,18 +41,10 @@ MOST_GROWTH_MB: Final = 32.0
 """Of the daemon's memory [MiB]: what waits for answers is bounded to 8, and the first 5,000 queries took 15 (peak)."""
 MOST_KEPT_MB: Final = 6.0
 """Of it from half-way on [MiB]: five times 5,000 queries more took 4 in all, and ever less."""
-ENDING: Final = 30.0
-"""Longest end of a reader [s]."""
-MKCTL: Final = ("-m", "mkdaemon.cli.mkctl.app")
 _CHUNKS: Final = ("*", "**", "@x", "mk", "mk1", VEHICLE, "setpoint", "do", "stick", "client", "alive", "a" * 200, "ü")
 _ENDS: Final = ("mk/**", "**", "*/**", "mk/*/**", "mk/*/setpoint/*", f"mk/{VEHICLE}/**", f"mk/{VEHICLE}/setpoint/**")
 _ENCODINGS: Final = (
-    "",
-    "application/msgpack",
-    "application/json",
-    "text/plain;ä",
-    "application/msgpack;mk.",
-    "x" * 200,
+    *("", "application/msgpack", "application/json", "text/plain;ä", "application/msgpack;mk.", "x" * 200),
 )
 """Zenoh 1.10 panics in the sender of one that is longer than 255 bytes."""
 _PROOFS: Final = (None, b"", bytes(32), bytes(40), bytes(33), bytes(400))
@@ -171,30 +160,22 @@ def readers(endpoint: str, folder: Path) -> dict[str, tuple[str, ...]]:
 
 
 @asynccontextmanager
-async def _reading(name: str, words: Sequence[str], findings: BusFindings, folder: Path) -> AsyncIterator[None]:
+async def _reading(name: str, words: Sequence[str], findings: BusFindings) -> AsyncIterator[None]:
     """Run a reader while the context lasts, and judge it."""
-    errors = folder / f"{name}.err"
-    with errors.open("wb") as file:
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, *words, stdout=asyncio.subprocess.DEVNULL, stderr=file, start_new_session=True
-        )
-        try:
-            yield
-        finally:
-            if process.returncode is not None:
-                findings.ended.append(f"{name}: exit code {process.returncode}")
-            with suppress(ProcessLookupError):
-                process.send_signal(signal.SIGINT)
-            with suppress(TimeoutError):
-                async with asyncio.timeout(ENDING):
-                    await process.wait()
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
-    said = errors.read_text(encoding="utf-8", errors="replace")
-    if "Traceback" in said:
-        findings.tracebacks[name] += said.count("Traceback")
-        print(f"{name}: {said[-4000:]}", file=sys.stderr)
+    reader = await Program.start(*words, is_read=False)
+    try:
+        yield
+    finally:
+        if reader.code is not None:
+            findings.ended.append(f"{name}: exit code {reader.code}")
+        await reader.end(signal.SIGINT)
+    _judge(name, reader.errors, findings)
+
+
+def _judge(name: str, errors: str, findings: BusFindings) -> None:
+    if "Traceback" in errors:
+        findings.tracebacks[name] += errors.count("Traceback")
+        print(f"{name}: {errors[-5000:]}", file=sys.stderr)
 
 
 async def _health_is_late(client: Vehicle) -> bool:
@@ -224,27 +205,18 @@ async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) 
         TimeoutError: the daemon did not come up.
     """
     findings = BusFindings(count)
-    plan = SimConfig.model_validate({"pilot_plan": PilotPlan.NOTHING, "calibrated": True, "seed": seed})
-    with reserved_endpoint() as port, tempfile.TemporaryDirectory() as name:
-        where, folder = port.removeprefix("tcp/"), Path(name)
-        async with (
-            Runtime(Simulation(plan), listen=where).serve(),
-            daemon_process(f"tcp:{where}", folder) as daemon,
-            connected(daemon.endpoint, patience=START) as client,
-            AsyncExitStack() as stack,
-        ):
-            for reader, words in readers(daemon.endpoint, folder).items():
-                if only is None or reader in only:
-                    await stack.enter_async_context(_reading(reader, words, findings, folder))
-            await asyncio.sleep(SETTLING)
-            before = daemon.resident_mb()
-            await _send(daemon, client, Nonsense(seed), findings)
-            findings.growth_mb = round(daemon.most_resident_mb() - before, 1)
-            await stack.aclose()
-            findings.exit_code = await daemon.end(signal.SIGTERM)
-            if "Traceback" in daemon.errors:
-                findings.tracebacks["daemon"] += daemon.errors.count("Traceback")
-                print(daemon.errors[-5000:], file=sys.stderr)
+    async with flown(observed(seed, nc="0.24"), on_tcp=True, waits=False) as one, AsyncExitStack() as stack:
+        daemon = one.daemon
+        for reader, words in readers(daemon.endpoint, one.folder).items():
+            if only is None or reader in only:
+                await stack.enter_async_context(_reading(reader, words, findings))
+        await asyncio.sleep(SETTLING)
+        before = daemon.resident_mb()
+        await _send(daemon, one.client, Nonsense(seed), findings)
+        findings.growth_mb = round(daemon.most_resident_mb() - before, 1)
+        await stack.aclose()
+        findings.exit_code = await daemon.end(signal.SIGTERM)
+        _judge("daemon", daemon.errors, findings)
     return findings
 
 
