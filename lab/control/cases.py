@@ -6,6 +6,7 @@ import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -141,14 +142,6 @@ def _after(record: Record, time: float) -> Any:
     return np.array(record.errors)[np.array(record.times) > time]
 
 
-def _hover(wind: WindClass, **more: Any) -> Callable[[int], Flight]:
-    return lambda seed: Flight(seed=seed, wind=wind, **more)
-
-
-def _landing(wind: WindClass, pad: tuple[float, float]) -> Callable[[int], Flight]:
-    return lambda seed: Flight(seed=seed, wind=wind, pad=pad, land_at=15.0, seconds=60.0)
-
-
 def takeoff_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
     """Whether the last seconds are spent over the target at height [%], and how far it was from the middle [cm]."""
 
@@ -164,13 +157,30 @@ def takeoff_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
     return measure
 
 
-def _take_off(wind: WindClass) -> Callable[[int], Flight]:
+def _hover(name: str, wind: WindClass, flights: int, goal: float, rig: type[Rig] = Rig, **more: Any) -> Case:
+    """A hover at 2 m, and the largest RMS that is good [cm]."""
+    key = f"{name}_rms_cm"
+    return Case(lambda seed: Flight(seed=seed, wind=wind, **more), flights, hover_rms(key), {key: goal}, rig)
+
+
+def _landing(
+    name: str, wind: WindClass, flights: int, goal: float, rig: type[Rig] = Rig, pad: tuple[float, float] = (0.0, 0.0)
+) -> Case:
+    """A landing, and how far from the middle of a target with some velocity [m/s] a good one may be [cm]."""
+    goals = {f"{name}_p90_cm": goal, f"{name}_sink": 0.6}
+    flight = partial(Flight, wind=wind, pad=pad, land_at=15.0, seconds=60.0)
+    return Case(lambda seed: flight(seed=seed), flights, landing_figures(name), goals, rig)
+
+
+def _take_off(wind: WindClass, flights: int, **goals: float) -> Case:
+    """A take-off, standing up to 14 cm beside the middle."""
+
     def flight(seed: int) -> Flight:
         rng = random.Random(f"{seed} place")
         place = (rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1))
         return Flight(seed=seed, wind=wind, start=0.0, place=place, seconds=25.0)
 
-    return flight
+    return Case(flight, flights, takeoff_figures(f"takeoff_{wind}"), goals, TakeOffRig)
 
 
 def _wrong_filter(seed: int) -> Flight:
@@ -199,107 +209,40 @@ def _wrong(seed: int) -> Flight:
     return kinds[seed % len(kinds)]
 
 
+INDOOR, LIGHT, MODERATE = WindClass.INDOOR, WindClass.LIGHT, WindClass.MODERATE
 CASES: Final = {
-    "hover_indoor": Case(_hover(WindClass.INDOOR), 40, hover_rms("hover_indoor_rms_cm"), {"hover_indoor_rms_cm": 4.0}),
-    "hover_light": Case(_hover(WindClass.LIGHT), 40, hover_rms("hover_light_rms_cm"), {"hover_light_rms_cm": 10.0}),
-    "hover_moderate": Case(
-        _hover(WindClass.MODERATE), 40, hover_rms("hover_moderate_rms_cm"), {"hover_moderate_rms_cm": 18.0}
-    ),
-    "hover_old_firmware": Case(
-        _hover(WindClass.INDOOR, gains=OLD_FIRMWARE), 20, hover_rms("hover_old_rms_cm"), {"hover_old_rms_cm": 4.0}
-    ),
-    "rendered_hover": Case(
-        _hover(WindClass.INDOOR, seconds=32.0),
-        4,
-        hover_rms("rendered_hover_rms_cm"),
-        {"rendered_hover_rms_cm": 4.0},
-        RenderedRig,
-    ),
-    "rendered_light": Case(
-        _hover(WindClass.LIGHT, seconds=32.0),
-        4,
-        hover_rms("rendered_light_rms_cm"),
-        {"rendered_light_rms_cm": 10.0},
-        RenderedRig,
-    ),
-    "rendered_land": Case(
-        _landing(WindClass.LIGHT, (0.0, 0.0)),
-        8,
-        landing_figures("rendered_land"),
-        {"rendered_land_p90_cm": 9.0, "rendered_land_sink": 0.6},
-        RenderedLandingRig,
-    ),
-    "hover_late": Case(
-        _hover(WindClass.INDOOR, camera=CameraModel(latency=0.25)),
-        20,
-        hover_rms("hover_late_rms_cm"),
-        {"hover_late_rms_cm": 6.0},
-    ),
+    "hover_indoor": _hover("hover_indoor", INDOOR, 40, 4.0),
+    "hover_light": _hover("hover_light", LIGHT, 40, 10.0),
+    "hover_moderate": _hover("hover_moderate", MODERATE, 40, 18.0),
+    "hover_old_firmware": _hover("hover_old", INDOOR, 20, 4.0, gains=OLD_FIRMWARE),
+    "rendered_hover": _hover("rendered_hover", INDOOR, 4, 4.0, RenderedRig, seconds=32.0),
+    "rendered_light": _hover("rendered_light", LIGHT, 4, 10.0, RenderedRig, seconds=32.0),
+    "rendered_land": _landing("rendered_land", LIGHT, 8, 9.0, RenderedLandingRig),
+    "hover_late": _hover("hover_late", INDOOR, 20, 6.0, camera=CameraModel(latency=0.25)),
     "step": Case(
-        _hover(WindClass.INDOOR, goal=step_goal, seconds=25.0),
-        20,
-        step_figures,
-        {"step_1m_t90_s": 1.8, "step_overshoot_percent": 10.0},
+        lambda seed: Flight(seed=seed, wind=INDOOR, goal=step_goal, seconds=25.0),
+        *(20, step_figures, {"step_1m_t90_s": 1.8, "step_overshoot_percent": 10.0}),
     ),
-    "land_indoor": Case(
-        _landing(WindClass.INDOOR, (0.0, 0.0)),
-        40,
-        landing_figures("land_static_indoor"),
-        {"land_static_indoor_p90_cm": 5.0, "land_static_indoor_sink": 0.6},
-    ),
-    "land_light": Case(
-        _landing(WindClass.LIGHT, (0.0, 0.0)),
-        60,
-        landing_figures("land_static_light"),
-        {"land_static_light_p90_cm": 9.0, "land_static_light_sink": 0.6},
-    ),
-    "land_moving": Case(
-        _landing(WindClass.LIGHT, (0.4, 0.3)),
-        60,
-        landing_figures("land_moving_light"),
-        {"land_moving_light_p90_cm": 10.0, "land_moving_light_sink": 0.6},
-    ),
-    "land_fast": Case(
-        _landing(WindClass.LIGHT, (0.8, 0.6)),
-        40,
-        landing_figures("land_fast"),
-        {"land_fast_p90_cm": 14.0, "land_fast_sink": 0.6},
-    ),
+    "land_indoor": _landing("land_static_indoor", INDOOR, 40, 5.0),
+    "land_light": _landing("land_static_light", LIGHT, 60, 9.0),
+    "land_moving": _landing("land_moving_light", LIGHT, 60, 10.0, pad=(0.4, 0.3)),
+    "land_fast": _landing("land_fast", LIGHT, 40, 14.0, pad=(0.8, 0.6)),
     "tag_gone": Case(
-        _hover(WindClass.LIGHT, camera=CameraModel(gone=((20.0, 21.0),)), seconds=30.0),
-        40,
-        furthest("tag_gone_1s_max_cm", 20.0, 25.0),
-        {"tag_gone_1s_max_cm": 50.0},
+        lambda seed: Flight(seed=seed, wind=LIGHT, camera=CameraModel(gone=((20.0, 21.0),)), seconds=30.0),
+        *(40, furthest("tag_gone_1s_max_cm", 20.0, 25.0), {"tag_gone_1s_max_cm": 50.0}),
     ),
     "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
-    "handover_moderate": Case(
-        _hover(WindClass.MODERATE),
-        40,
-        handover_figures("handover_moderate"),
-        {"handover_moderate_rms_cm": 18.0},
-        HandoverRig,
+    "handover_moderate": replace(
+        _hover("handover_moderate", MODERATE, 40, 18.0, HandoverRig), measure=handover_figures("handover_moderate")
     ),
     "wrong_filter": Case(_wrong_filter, 20, survival("wrong_filter_lost_percent"), {"wrong_filter_lost_percent": 0.0}),
-    "takeoff_indoor": Case(
-        _take_off(WindClass.INDOOR),
-        20,
-        takeoff_figures("takeoff_indoor"),
-        {"takeoff_indoor_success_percent": 98.0},
-        TakeOffRig,
-    ),
-    "takeoff_light": Case(
-        _take_off(WindClass.LIGHT),
-        40,
-        takeoff_figures("takeoff_light"),
-        {"takeoff_light_success_percent": 98.0},
-        TakeOffRig,
-    ),
-    "takeoff_moderate": Case(_take_off(WindClass.MODERATE), 20, takeoff_figures("takeoff_moderate"), {}, TakeOffRig),
-    "law_2010": Case(
-        _hover(WindClass.INDOOR, law=PiGains(), seconds=30.0),
-        20,
-        survival("law_2010_lost_percent"),
-        {},
+    "takeoff_indoor": _take_off(INDOOR, 20, takeoff_indoor_success_percent=98.0),
+    "takeoff_light": _take_off(LIGHT, 40, takeoff_light_success_percent=98.0),
+    "takeoff_moderate": _take_off(MODERATE, 20),
+    "law_2010": replace(
+        _hover("law_2010", INDOOR, 20, 0.0, law=PiGains(), seconds=30.0),
+        measure=survival("law_2010_lost_percent"),
+        goals={},
     ),
 }
 """By name; `law_2010` must lose every aircraft."""

@@ -10,6 +10,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from lab.control.corerig import pose_of
+from lab.rigs.boardport import BoardPort
 from lab.rigs.cockpit import Cockpit
 from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.grounded import GroundedAircraft
@@ -104,6 +105,12 @@ class Scene:
         published.followers.append(self.said.__setitem__)
         self.loop = asyncio.get_running_loop()
         self.bench = cast("GroundedAircraft", flown.aircraft.world)
+
+    @property
+    def port(self) -> BoardPort:
+        """The near end of the cable, where faults are injected."""
+        assert self.flown.socket.port is not None
+        return self.flown.socket.port
 
     async def until(self, claim: Callable[[], bool]) -> float:
         """Wait for a claim; returns when it began to hold [s], infinity where it never did."""

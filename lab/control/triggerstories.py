@@ -8,12 +8,10 @@ from collections.abc import Awaitable, Callable
 from typing import Final
 
 from lab.control.triggerrig import ASIDE, CLIENT, HERE, Scene
-from lab.rigs.boardport import LineFault
 from mkdaemon.config.control import LimiterConfig
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.take_off import TakeOffLimits
-from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import Phase
@@ -122,63 +120,6 @@ async def aborted(scene: Scene) -> float:
     since = scene.loop.time()
     scene.flown.flight.abort(AbortRequest(reason="enough"))
     return await scene.until(lambda: scene.flown.flight.phase is Phase.ABORTED) - since
-
-
-async def line_silent(scene: Scene) -> float:
-    """No board data: the lease ends, a release is sent."""
-    await scene.lean()
-    heard = scene.flown.sink.heard_at
-    assert scene.flown.socket.port is not None
-    scene.flown.socket.port.inject(LineFault.SILENCE)
-    return await scene.release_after(heard)
-
-
-async def line_garbage(scene: Scene) -> float:
-    """Random bytes in place of board data: the lease ends, a release is sent."""
-    await scene.lean()
-    heard = scene.flown.sink.heard_at
-    assert scene.flown.socket.port is not None
-    scene.flown.socket.port.inject(LineFault.GARBAGE)
-    return await scene.release_after(heard)
-
-
-async def unplugged(scene: Scene) -> float:
-    """The cable is pulled: the lease ends."""
-    await scene.lean()
-    since = scene.loop.time()
-    scene.flown.socket.unplug()
-    return await scene.until(lambda: scene.flown.flight.phase not in IN_FLIGHT) - since
-
-
-async def replugged(scene: Scene) -> float:
-    """The cable is plugged in again: after the questions who is there a release is first, though the client streams."""
-    await unplugged(scene)
-    await asyncio.sleep(1.0)
-    socket, tx = scene.flown.socket, scene.flown.sink.tx
-    openings, before = socket.openings, len(tx)
-    socket.is_present = True
-    opened = await scene.until(lambda: socket.openings > openings)
-    await scene.until(lambda: any(sent.purpose is not Purpose.REQUEST for sent in tx[before:]))
-    first = next(sent for sent in tx[before:] if sent.purpose is not Purpose.REQUEST)
-    return first.at - opened if first.purpose is Purpose.RELEASE else math.inf
-
-
-async def one_way(scene: Scene) -> float:
-    """The board does not hear us: the lease ends after the verdict of 0.5 s and 1 s of patience."""
-    await scene.lean()
-    assert scene.flown.socket.port is not None
-    scene.flown.socket.port.inject(LineFault.ONE_WAY)
-    since = scene.loop.time()
-    return await scene.until(lambda: scene.flown.flight.phase not in (Phase.FLYING, Phase.STALE)) - since
-
-
-async def dead_man(scene: Scene) -> float:
-    """Nothing of ours arrives any more: the FlightCtrl itself drops the sticks."""
-    await scene.lean()
-    assert scene.flown.socket.port is not None
-    last = scene.flown.sink.tx[-1].at
-    scene.flown.socket.port.inject(LineFault.ONE_WAY)
-    return await scene.until(lambda: not scene.flown.aircraft.is_controlled) - last
 
 
 async def release_asked(scene: Scene) -> float:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from lab.rigs.overtarget import Hover, Setting, favour, hovering
-from lab.rigs.processes import PROGRAM
+from lab.rigs.processes import MKCTL, PROGRAM, Program
 from lab.rigs.troubled import DETECTOR, DISK, TROUBLE, Trouble
 from lab.rigs.waiting import wait_until
 from lab.rigs.wiretap import Sticks
@@ -106,20 +106,16 @@ async def operator_frozen(hover: Hover, operator: asyncio.subprocess.Process) ->
 
 async def second_client(hover: Hover, operator: asyncio.subprocess.Process) -> float:
     """A second operator is refused, then takes the lease by force: the first one's flight ends with a release."""
-    place = ("hold", "--seconds", "5", "--vehicle", "mk1", "--connect", hover.endpoint)
-    program = (sys.executable, "-m", "mkdaemon.cli.mkctl.app")
-    null = asyncio.subprocess.DEVNULL
-    refused = await asyncio.create_subprocess_exec(*program, *place, stdout=null, stderr=null, start_new_session=True)
+    place = (*MKCTL, "hold", "--seconds", "5", "--vehicle", "mk1", "--connect", hover.endpoint)
+    refused = await Program.start(*place, is_read=False)
     favour(refused.pid)
     if await refused.wait() == 0 or not hover.seen.is_flying:
         return math.nan
     at = time.monotonic()
-    take = (*program, *place, "--force")
-    forced = await asyncio.create_subprocess_exec(*take, stdout=null, stderr=null, start_new_session=True)
+    forced = await Program.start(*place, "--force", is_read=False)
     favour(forced.pid)
     await wait_until(lambda: not hover.seen.is_flying, WAIT)
-    forced.terminate()
-    await forced.wait()
+    await forced.end()
     return at
 
 
@@ -156,14 +152,10 @@ async def disk_stuck(hover: Hover, operator: asyncio.subprocess.Process) -> floa
 async def cores_busy(hover: Hover, operator: asyncio.subprocess.Process) -> float:
     """As many busy programs of ordinary priority as there are cores: the flight goes on, or ends as the table says."""
     at = time.monotonic()
-    busy = [
-        await asyncio.create_subprocess_exec(sys.executable, "-c", "while True: pass", start_new_session=True)
-        for _ in range(os.cpu_count() or 1)
-    ]
+    busy = [await Program.start("-c", "while True: pass") for _ in range(os.cpu_count() or 1)]
     await asyncio.sleep(BUSY)
     for one in busy:
-        one.kill()
-        await one.wait()
+        await one.end(signal.SIGKILL)
     return at
 
 

@@ -164,6 +164,10 @@ class Program:
         await self._reading
         return code, said
 
+    async def wait(self) -> int:
+        """Wait for its end; its exit code."""
+        return await self._process.wait()
+
     def send_signal(self, number: signal.Signals) -> None:
         """Send a signal and do not wait."""
         with suppress(ProcessLookupError):

@@ -7,7 +7,9 @@ import math
 
 import pytest
 
-from lab.control.triggers import ELSEWHERE, TRIGGERS, Fired, Shown, Trigger, aborted, dead_man, fire
+from lab.control.linestories import dead_man
+from lab.control.triggers import ELSEWHERE, TRIGGERS, Fired, Shown, Trigger, fire
+from lab.control.triggerstories import aborted
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from tests.places import DOCS
