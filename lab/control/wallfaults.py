@@ -7,7 +7,6 @@ story no gap between stick frames is longer than the guard lets it become, until
 from __future__ import annotations
 
 import asyncio
-import itertools
 import math
 import os
 import signal
@@ -17,77 +16,24 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from lab.control.walltold import SETTLING, Judge, Told, ends, goes_on, in_time, says
 from lab.rigs.overtarget import Hover, Setting, favour, hovering
 from lab.rigs.processes import MKCTL, PROGRAM, Program
 from lab.rigs.troubled import DETECTOR, DISK, TROUBLE, Trouble
 from lab.rigs.waiting import wait_until
-from lab.rigs.wiretap import Sticks
 
-SETTLING: Final = 3.0
-"""It flies for so long before anything happens [s]."""
 AFTERWARDS: Final = 1.5
 """And is watched for so long when it is over [s]."""
 WAIT: Final = 12.0
 """Longest wait for the end of a story [s]."""
 SILENCE: Final = 0.35
 """Longest time between two stick frames of a flight [s]: the guard acts after 0.25, and a radio's worth of noise."""
-SHARE: Final = 1.2
-"""A trigger fires at its time, at most so much later."""
-SLACK: Final = 0.1
-"""And this [s]: two processes stand between what happens and the wire."""
-LEVEL: Final = 0.2
-"""Sticks that stay level for so long are no chance [s]."""
 HOLD: Final = 180.0
 """The operator would fly so long [s]."""
 ENDED: Final = ("releasing", "free")
 """Phases after a flight."""
 BUSY: Final = 10.0
 """Other programs are busy for so long [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """One story, told.
-
-    Attributes:
-        hover: who flew; what the tap heard is complete.
-        at: when it happened [s; monotonic].
-        ended: what came later does not count [s; monotonic].
-    """
-
-    hover: Hover
-    at: float
-    ended: float
-
-    @property
-    def sticks(self) -> list[Sticks]:
-        """Everything on the wire that steers."""
-        assert self.hover.tap is not None
-        return [stick for stick in self.hover.tap.sticks() if stick[0] < self.ended]
-
-    def released(self) -> float:
-        """From the event to the first frame of a release [s]; infinite for none."""
-        return min((at for at, stick in self.sticks if at > self.at and not stick.config), default=math.inf) - self.at
-
-    def level(self) -> float:
-        """From the event to the first stick frame after which none tilts for `LEVEL`, or until the release [s]."""
-        until, since = self.at + self.released(), math.inf
-        for at, stick in self.sticks:
-            if self.at < at < until and stick.config:
-                since = min(since, at) if _is_level(stick) else math.inf
-                if at - since >= LEVEL:
-                    break
-        return min(since, until) - self.at
-
-    def gaps(self) -> list[float]:
-        """Times between stick frames, from the flight's first to its first release [s]."""
-        until, since = self.at + self.released(), self.at - SETTLING
-        times = [at for at, stick in self.sticks if since < at < until and stick.config]
-        return [after - before for before, after in itertools.pairwise(times)]
-
-
-def _is_level(stick: Any) -> bool:
-    return not (stick.pitch or stick.roll or stick.yaw)
 
 
 async def operator_killed(hover: Hover, operator: asyncio.subprocess.Process) -> float:
@@ -166,10 +112,6 @@ async def _released_after(hover: Hover) -> float:
     return at
 
 
-Judge = Callable[[Told], dict[str, bool]]
-"""What must hold, by name."""
-
-
 @dataclass(frozen=True, slots=True)
 class Story:
     """Something that happens.
@@ -185,43 +127,22 @@ class Story:
     trouble: Trouble | None = None
 
 
-def _says(told: Told, words: str) -> bool:
-    return any(words in said for said in (*told.hover.seen.phases, *told.hover.seen.failsafes))
-
-
-def _in_time(found: float, wanted: float) -> bool:
-    return found <= SHARE * wanted + SLACK
-
-
-def _ends(level: float, release: float, words: str) -> Judge:
-    """It is level, then released, in time, and the daemon says why."""
-    return lambda told: {
-        "level in time": _in_time(told.level(), level),
-        "released in time": _in_time(told.released(), release),
-        "said": _says(told, words),
-    }
-
-
-def _goes_on(told: Told) -> dict[str, bool]:
-    return {"not released": told.released() == math.inf}
-
-
 STORIES: Final = {
-    "operator_killed": Story(operator_killed, _ends(0.3, 0.3, "is gone")),
-    "operator_frozen": Story(operator_frozen, _ends(0.3, 1.0, "no setpoint from")),
+    "operator_killed": Story(operator_killed, ends(0.3, 0.3, "is gone")),
+    "operator_frozen": Story(operator_frozen, ends(0.3, 1.0, "no setpoint from")),
     "second_client": Story(
-        second_client, lambda told: {"released": told.released() < WAIT, "said": _says(told, "took the lease")}
+        second_client, lambda told: {"released": told.released() < WAIT, "said": says(told, "took the lease")}
     ),
-    "camera_dead": Story(camera_dead, _ends(1.5, 3.0, "no image of")),
+    "camera_dead": Story(camera_dead, ends(1.5, 3.0, "no image of")),
     "detector_stalled": Story(
         detector_stalled,
         lambda told: (
-            _goes_on(told) | {"level in time": _in_time(told.level(), 1.5), "said": "stalled" in told.hover.seen.eyes}
+            goes_on(told) | {"level in time": in_time(told.level(), 1.5), "said": "stalled" in told.hover.seen.eyes}
         ),
         Trouble.DETECTOR,
     ),
-    "interpreter_stalled": Story(interpreter_stalled, _ends(0.25, 0.8, "guard release"), Trouble.INTERPRETER),
-    "disk_stuck": Story(disk_stuck, _goes_on, Trouble.DISK),
+    "interpreter_stalled": Story(interpreter_stalled, ends(0.25, 0.8, "guard release"), Trouble.INTERPRETER),
+    "disk_stuck": Story(disk_stuck, goes_on, Trouble.DISK),
     "cores_busy": Story(
         cores_busy,
         lambda told: {

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from lab.control.wallfaults import SILENCE, STORIES, Told, sum_up
+from lab.control.wallfaults import SILENCE, STORIES, sum_up
+from lab.control.walltold import Told
 from lab.rigs.overtarget import Seen
 from lab.rigs.troubled import Trouble, stand_still
 from mkdaemon.protocol.messages import ExternControlV2
