@@ -9,15 +9,15 @@ from __future__ import annotations
 import asyncio
 import math
 import random
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
 from lab.attack.deaths import NEUTRAL_LIMIT, RELEASE_LIMIT
 from lab.rigs.boardport import ADAPTER_TIME, LineFault
-from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
+from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.virtualguard import VirtualGuard
+from lab.stories.deaths import settled
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.virtualtime import run_virtually
 
@@ -78,9 +78,10 @@ async def _fly(boards: Boards, silence: Silence, seed: int) -> VirtualDeath:
         await asyncio.sleep(WATCH)
         client.cancel()
         guard.stop()
-        neutral = _settled(flown.aircraft.held, lambda held: held.is_neutral)
-        released = _settled(flown.aircraft.held, lambda held: not held.is_valid)
-    return VirtualDeath(seed, round(neutral - began, 3), round(released - began, 3), is_cut)
+        held = flown.aircraft.held
+        ends = settled(held, lambda one: one.is_neutral), settled(held, lambda one: not one.is_valid)
+    neutral, released = (math.inf if end is None else round(end - began, 3) for end in ends)
+    return VirtualDeath(seed, neutral, released, is_cut)
 
 
 def _let_die(flown: Cockpit, guard: VirtualGuard, silence: Silence, cut: random.Random | None) -> float:
@@ -102,11 +103,3 @@ def _let_die(flown: Cockpit, guard: VirtualGuard, silence: Silence, cut: random.
     else:
         guard.daemon_stopped()
     return flown.socket.now()
-
-
-def _settled(states: list[Held], claim: Callable[[Held], bool]) -> float:
-    """When a claim began to hold for the rest of the time [s]; infinity where it does not hold at the end."""
-    since = math.inf
-    for state in states:
-        since = min(since, state.at) if claim(state) else math.inf
-    return since
