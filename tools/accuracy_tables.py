@@ -5,15 +5,13 @@ The prose of the page is written by hand; a table stands between `<!-- table NAM
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from math import radians
-from pathlib import Path
 from typing import Any, Final
 
 from tools.accuracy_goals import GOALS, goals_of
 from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TRIALS, TROUBLES, WITH, WITHOUT, Results
-from tools.markdown import filled, table
+from tools.markdown import table
 
 Row = Mapping[str, Any]
 Rows = Iterator[tuple[str, ...]]
@@ -21,16 +19,6 @@ FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (
 """Distances that 2010 measured."""
 EYES: Final = (("with_attitude", "yes"), ("without_attitude", "no"))
 TARGETS: Final = ("nested", "single")
-
-
-def accuracy_page(root: Path) -> str:
-    """Return docs/lab/accuracy.md with fresh tables.
-
-    Raises:
-        MkError: a table that is not known, or that has no results.
-    """
-    results: Results = json.loads((root / "docs/results/vision.json").read_text(encoding="utf-8"))
-    return filled(root, "docs/lab/accuracy.md", TABLES, results)
 
 
 def _share(value: float, digits: int = 0) -> str:

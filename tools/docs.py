@@ -17,6 +17,7 @@ from cyclopts import App, Parameter
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
 from mkdaemon.files import write_whole
+from tools.markdown import Filled
 
 GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/cli/help.json": "tools.help_texts:help_texts",
@@ -43,41 +44,43 @@ GENERATED: Final[Mapping[str, str]] = {
 """Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
 
 
-FILLED: Final[Mapping[str, str]] = {
-    "docs/lab/accuracy.md": "tools.accuracy_tables:accuracy_page",
-    "docs/lab/genuine-triggers.md": "tools.genuine_tables:triggers_page",
-    "docs/lab/genuine.md": "tools.genuine_tables:genuine_page",
-    "docs/lab/mutants.md": "tools.mutants_page:mutants_page",
-    "docs/lab/scale.md": "tools.fleet_tables:scale_page",
-    "docs/troubles.md": "tools.message_tables:troubles_page",
-    "docs/waypoints.md": "tools.items_table:waypoints_page",
+FILLED: Final[Mapping[str, Filled]] = {
+    "docs/lab/accuracy.md": Filled("tools.accuracy_tables", "docs/results/vision.json"),
+    "docs/lab/genuine-triggers.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
+    "docs/lab/genuine.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
+    "docs/lab/mutants.md": Filled("tools.mutants_tables", "docs/results/mutants.json"),
+    "docs/lab/scale.md": Filled("tools.fleet_tables", "docs/results/fleet.json"),
+    "docs/troubles.md": Filled("tools.message_tables"),
+    "docs/waypoints.md": Filled("tools.items_table"),
 }
 """Pages written by hand in which only tables are made; a tree without the page needs none."""
 
 
-def make_page(maker: str, root: Path) -> str:
+def make_page(page: str, root: Path) -> str:
     """Return the text of a page.
 
     Args:
-        maker: `module:function`, as in `GENERATED`.
+        page: of `GENERATED` or `FILLED`.
         root: root of the source tree.
     """
-    module, _, name = maker.partition(":")
+    if page in FILLED:
+        return FILLED[page].page(page, root)
+    module, _, name = GENERATED[page].partition(":")
     function: Callable[[Path], str] = getattr(importlib.import_module(module), name)
     return function(root)
 
 
-def _made(root: Path) -> dict[str, str]:
-    """All pages that are made, and how."""
-    return {**GENERATED, **{page: maker for page, maker in FILLED.items() if (root / page).is_file()}}
+def _pages(root: Path) -> list[str]:
+    """All pages that are made."""
+    return [*GENERATED, *(page for page in FILLED if (root / page).is_file())]
 
 
 def stale_pages(root: Path) -> list[str]:
     """Return the generated pages under `root` that are missing or differ from what would be written."""
     stale = []
-    for page, maker in _made(root).items():
+    for page in _pages(root):
         path = root / page
-        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(maker, root):
+        if not path.is_file() or path.read_text(encoding="utf-8") != make_page(page, root):
             stale.append(page)
     return stale
 
@@ -96,16 +99,16 @@ def docs(
         msg = f"{root.resolve()} has no docs/: run it in the source tree or give --root"
         raise MkError(msg)
     if not check:
-        for page, maker in _made(root).items():
+        for page in _pages(root):
             (root / page).parent.mkdir(parents=True, exist_ok=True)
-            write_whole(root / page, make_page(maker, root), overwrite=True)
+            write_whole(root / page, make_page(page, root), overwrite=True)
             print(f"wrote {page}")
         return
     stale = stale_pages(root)
     if stale:
         msg = f"not up to date: {', '.join(stale)}; run `make docs`"
         raise MkError(msg)
-    print(f"generated pages up to date: {', '.join(_made(root))}")
+    print(f"generated pages up to date: {', '.join(_pages(root))}")
 
 
 app = App(name="docs", default_command=docs, default_parameter=Parameter(negative=()))

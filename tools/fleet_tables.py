@@ -5,15 +5,11 @@ The prose is written by hand; a table stands between `<!-- table NAME -->` and `
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from typing import Any, Final
 
-from tools.markdown import filled, table
+from tools.markdown import table
 
-PAGE: Final = "docs/lab/scale.md"
-RESULTS: Final = Path("docs/results/fleet.json")
 Results = Mapping[str, Any]
 COLUMNS: Final = (
     ("aircraft", "vehicles"),
@@ -29,12 +25,6 @@ COLUMNS: Final = (
     ("p99 (ms)", "late_p99_ms"),
     ("longest (ms)", "late_max_ms"),
 )
-
-
-def scale_page(root: Path) -> str:
-    """Return docs/lab/scale.md with fresh tables."""
-    results: Results = json.loads((root / RESULTS).read_text(encoding="utf-8"))
-    return filled(root, PAGE, TABLES, results)
 
 
 def _scale(results: Results) -> Iterator[str]:

@@ -7,29 +7,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
-from lab.campaign import Results, Row
+from lab.campaign import Row
 from lab.hil.scenes import FIGURES, LINES, SIMULATED, Figure, summary
 from lab.hil.triggers import by_story, story_figures
-from tools.markdown import filled, table
+from tools.markdown import table
 
-RESULTS: Final = Path("docs/results/genuine.jsonl")
 EACH: Final = ("hold_cm", "light_cm", "moderate_cm", "step_t90", "step_over_percent", "touch_cm", "moving_touch_cm")
 """Figures that are shown of every flight."""
 SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 """Figures of the triggers whose names in the results the page does not use."""
-
-
-def genuine_page(root: Path) -> str:
-    """Return docs/lab/genuine.md with fresh tables."""
-    return filled(root, "docs/lab/genuine.md", TABLES, Results(root / RESULTS).rows)
-
-
-def triggers_page(root: Path) -> str:
-    """Return docs/lab/genuine-triggers.md with a fresh table."""
-    return filled(root, "docs/lab/genuine-triggers.md", TABLES, Results(root / RESULTS).rows)
 
 
 def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:

@@ -1,7 +1,6 @@
 """The tables of messages in docs/troubles.md: every refusal, camera alarm, link state, cause and check, as printed.
 
-The prose of the page is written by hand; the tables stand between `<!-- messages -->` or `<!-- checks -->` and
-`<!-- end -->`.
+The prose of the page is written by hand.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ import re
 from collections.abc import Iterator
 from enum import StrEnum
 from itertools import groupby
-from pathlib import Path
 from typing import Final, NamedTuple
 
 from mkdaemon.link.session import verdict
@@ -22,8 +20,6 @@ from mkdaemon.vision.pipeline import ALARM_ADVICE
 from tools.doctor_page import doctor_rows
 from tools.markdown import table
 
-PAGE: Final = "docs/troubles.md"
-PLACE: Final = re.compile(r"(?P<begin><!-- (?P<what>messages|checks) -->\n).*?(?P<end><!-- end -->)", re.DOTALL)
 _HEAD: Final = ("printed", "what to do")
 _LINE: Final = "`mkctl health`; [link](link.md#states)"
 _CAMERA: Final = "[vision](vision.md#states-and-alarms)"
@@ -58,13 +54,17 @@ def verdict_reasons() -> Iterator[str]:
             yield value
 
 
-def troubles_page(root: Path) -> str:
-    """Return docs/troubles.md with the tables of messages, one for each first letter, and of the doctor's checks."""
+def _messages(_: None) -> Iterator[str]:
+    """A table for each first letter."""
     letters = groupby(messages(), key=lambda message: _first_letter(message.printed))
-    parts = ["\n".join([f"### {letter}\n", *table(_HEAD, found)]) for letter, found in letters]
-    rows = {"messages": "\n\n".join(parts), "checks": "\n".join(table(_HEAD, doctor_rows()))}
-    text = (root / PAGE).read_text(encoding="utf-8")
-    return PLACE.sub(lambda place: f"{place['begin']}\n{rows[place['what']]}\n\n{place['end']}", text)
+    for letter, found in letters:
+        yield from (f"\n### {letter}\n", *table(_HEAD, found))
+    yield ""
+
+
+def _checks(_: None) -> Iterator[str]:
+    """What the doctor looks at."""
+    yield from ("", *table(_HEAD, doctor_rows()), "")
 
 
 def _first_letter(printed: str) -> str:
@@ -81,3 +81,7 @@ def _cut(text: str, page: str) -> Message:
     """A message whose advice stands behind its colon."""
     printed, colon, remedy = text.partition(": ")
     return Message(printed, f"{remedy}; {page}" if colon else page)
+
+
+TABLES: Final = {"messages": _messages, "checks": _checks}
+"""By the names that the page gives them."""

@@ -15,9 +15,10 @@ from lab.vision.troubles import TROUBLES
 from lab.vision.weather import SKIES as WEATHERS
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import ROOT
-from tools.accuracy_tables import TABLES, accuracy_page
+from tools.accuracy_tables import TABLES
 from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TRIALS, WITH
 from tools.accuracy_words import TROUBLES as WORDS
+from tools.docs import make_page
 
 RESULTS = ROOT / "docs/results/vision.json"
 
@@ -27,7 +28,7 @@ def page_of(tmp_path, text, results):
     (tmp_path / "docs" / "lab").mkdir()
     (tmp_path / "docs" / "lab" / "accuracy.md").write_text(text, encoding="utf-8")
     (tmp_path / "docs" / "results" / "vision.json").write_text(json.dumps(results), encoding="utf-8")
-    return accuracy_page(tmp_path)
+    return make_page("docs/lab/accuracy.md", tmp_path)
 
 
 def test_every_table_stands_in_the_page():

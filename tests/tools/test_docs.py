@@ -71,7 +71,7 @@ def test_a_tree_without_docs_is_refused(capsys, tmp_path):
 
 
 def test_the_protocol_page_shows_every_message_field_and_danger():
-    page = make_page(GENERATED["docs/protocol.md"], ROOT)
+    page = make_page("docs/protocol.md", ROOT)
     for cls in MESSAGES.values():
         assert f"### {cls.spec.name} (`{cls.spec.id}`" in page
         assert f"/{cls.spec.key}`" in page
@@ -105,7 +105,7 @@ def table(board):
 
 
 def test_tables_are_not_broken_by_bars():
-    for line in make_page(GENERATED["docs/protocol.md"], ROOT).splitlines():
+    for line in make_page("docs/protocol.md", ROOT).splitlines():
         if line.startswith("| ") and line.count("|") != line.count("\\|"):
             assert line.endswith(" |")
 
@@ -125,7 +125,7 @@ def test_citations_name_documents_of_this_repository():
 
 
 def test_the_keys_page_says_who_publishes_answers_or_reads_each_key():
-    page = make_page(GENERATED["docs/keys.md"], ROOT)
+    page = make_page("docs/keys.md", ROOT)
     for spec in KEYS:
         who = "simulator" if spec.suffix.startswith("sim/") else "daemon"
         if spec.suffix != "client/<holder>":
@@ -133,7 +133,7 @@ def test_the_keys_page_says_who_publishes_answers_or_reads_each_key():
 
 
 def test_the_keys_page_says_where_what_is_required_and_what_every_word_can_be():
-    page = make_page(GENERATED["docs/keys.md"], ROOT)
+    page = make_page("docs/keys.md", ROOT)
     assert "`tcp/127.0.0.1:7447`" in page
     assert "| `action` | `take` \\| `renew` \\| `release` \\| `show` \\| `probe` | required | What to do; " in page
     assert "| `ttl` | float \\| null | default null, >= 0.5, <= 60 |" in page

@@ -6,7 +6,10 @@ import json
 
 from lab.fleet.findings import CutFindings, Refusal
 from lab.fleet.scale import Counted, figures
-from tools.fleet_tables import PAGE, RESULTS, scale_page
+from tools.docs import FILLED, make_page
+
+PAGE = "docs/lab/scale.md"
+RESULTS = FILLED[PAGE].results
 
 
 def test_the_page_has_the_figures_of_the_results_and_keeps_its_prose(tmp_path):
@@ -23,7 +26,7 @@ def test_the_page_has_the_figures_of_the_results_and_keeps_its_prose(tmp_path):
     ):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text, encoding="utf-8")
-    page = scale_page(tmp_path)
+    page = make_page(PAGE, tmp_path)
     assert page.startswith("Prose.")
     assert "old" not in page
     for words in (

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from lab.campaign import Results, plain
-from tools.genuine_tables import RESULTS, genuine_page, triggers_page
+from tools.docs import FILLED, make_page
 from tools.markdown import PLACE
+
+RESULTS = FILLED["docs/lab/genuine.md"].results
 
 
 @pytest.fixture
@@ -30,7 +32,7 @@ def tree(tmp_path):
 
 
 def test_genuine_and_simulated_boards_stand_side_by_side_and_misses_are_bold(tree):
-    page = genuine_page(tree)
+    page = make_page("docs/lab/genuine.md", tree)
     assert page.startswith("By hand.\n")
     assert "was here" not in page
     assert "| median / p90 / worst | genuine by cable | simulated by cable | goal by cable | goal by radio |" in page
@@ -44,5 +46,5 @@ def test_genuine_and_simulated_boards_stand_side_by_side_and_misses_are_bold(tre
 
 
 def test_a_story_that_is_right_in_some_flights_only_is_bold(tree):
-    page = triggers_page(tree)
+    page = make_page("docs/lab/genuine-triggers.md", tree)
     assert "| client frozen | level | 0.30 / never / never | 0.25 to 0.45 | **1 of 2** |" in page

@@ -13,7 +13,8 @@ from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.pipeline import ALARM_ADVICE
 from tests.places import DOCS, ROOT
-from tools.message_tables import messages, troubles_page, verdict_reasons
+from tools.docs import make_page
+from tools.message_tables import messages, verdict_reasons
 
 PAGE = (DOCS / "troubles.md").read_text(encoding="utf-8")
 
@@ -82,4 +83,4 @@ def test_another_message_is_not_found():
 def test_the_page_is_ordered_by_what_is_printed():
     printed = [message.printed for message in messages()]
     assert printed == sorted(printed, key=lambda words: re.sub(r"\W+", " ", words).casefold())
-    assert troubles_page(ROOT) == PAGE
+    assert make_page("docs/troubles.md", ROOT) == PAGE

@@ -7,7 +7,10 @@ import json
 from lab.mutants.operators import Mutant
 from lab.mutants.results import Reason, sum_up
 from lab.mutants.sessions import Verdict
-from tools.mutants_page import RESULTS, mutants_page
+from tests.places import ROOT
+from tools.docs import FILLED, make_page
+
+PAGE = "docs/lab/mutants.md"
 
 
 def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reason(tmp_path):
@@ -29,9 +32,12 @@ def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reaso
         "of": {"src/mkdaemon/control": 9, "src/mkdaemon/guard.py": 2},
         **found,
     }
-    (tmp_path / RESULTS).parent.mkdir(parents=True)
-    (tmp_path / RESULTS).write_text(json.dumps(summary), encoding="utf-8")
-    page = mutants_page(tmp_path)
+    results = tmp_path / FILLED[PAGE].results
+    for path in (results, tmp_path / PAGE):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / PAGE).write_text((ROOT / PAGE).read_text(encoding="utf-8"), encoding="utf-8")
+    results.write_text(json.dumps(summary), encoding="utf-8")
+    page = make_page(PAGE, tmp_path)
     assert "Of each subject 2 were drawn with seed 29 (`control` has 9, `guard.py` has 2)" in page
     assert "2 of 4 killed" in page
     assert "1 were killed (33.3 %)" in page
@@ -44,5 +50,5 @@ def test_the_page_has_the_share_of_each_subject_and_each_survivor_with_its_reaso
     [control] = [line for line in page.splitlines() if line.startswith("| control ")]
     assert [cell.strip() for cell in control.split("|")[-3:-1]] == ["0.0 %", "50.0 %"]
 
-    (tmp_path / RESULTS).write_text(json.dumps(summary | {"sample": 3}), encoding="utf-8")
-    assert "The run was stopped before it came to the other 1 of its sample" in mutants_page(tmp_path)
+    results.write_text(json.dumps(summary | {"sample": 3}), encoding="utf-8")
+    assert "The run was stopped before it came to the other 1 of its sample" in make_page(PAGE, tmp_path)
