@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections import defaultdict
 from collections.abc import AsyncIterator, Awaitable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
@@ -19,24 +18,20 @@ from lab.fleet.findings import CutFindings, Refusal, longest_gap
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.fleet.network import Place
 from lab.fleet.radio import Air, RadioLink
+from lab.fleet.watcher import NAMES, WATCHED, Watcher
 from lab.rigs.processes import MKCTL, START, wait_for_control
 from lab.rigs.waiting import running, wait_until
 from mkdaemon.bus.names import ROOT
 from mkdaemon.client import Vehicle, connect
-from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
 from mkdaemon.record.entry import EntryKind, unpacked
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import summarise
-from mkdaemon.view.top.fleetboard import KEYS, FleetBoard
 
-NAMES: Final = ("mk1", "mk2", "mk3")
 CUT: Final = "mk2"
 """The one with the radio link."""
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
 """Of the router, for what is on the ground; in an aircraft's network, of its daemon."""
-WATCHED: Final = "state/battery"
-"""The key whose gaps are looked at: it comes with every set of the NaviCtrl's data."""
 BEFORE: Final = 5.0
 """All is well for so long before the flight [s]."""
 FLOWN: Final = 2.0
@@ -45,69 +40,8 @@ AFTER: Final = 4.0
 """Measured after telemetry has come back [s]."""
 PATIENCE: Final = 30.0
 """Longest wait for what should heal [s]."""
-LOOK: Final = 0.02
-"""Between two looks at the fleet view [s]."""
 MOMENTS: Final = (0.2, 4.0)
 """When an aircraft that is cut off is asked [s after the cut]: before the router has noticed, and later."""
-
-
-class Watcher:
-    """The fleet view on the ground: when it said what, and when values came.
-
-    Attributes:
-        board: the view.
-        times: when a value of `WATCHED` came from a vehicle [s; monotonic].
-        heard: when anything came from it.
-        said: every change of what the view says of a vehicle, as (time, state).
-    """
-
-    def __init__(self, client: Vehicle) -> None:
-        self.board = FleetBoard()
-        self.times: defaultdict[str, list[float]] = defaultdict(list)
-        self.heard: defaultdict[str, list[float]] = defaultdict(list)
-        self.said: defaultdict[str, list[tuple[float, str]]] = defaultdict(list)
-        self._fleet = Fleet(client)
-
-    async def run(self) -> None:
-        """Watch, for ever."""
-        async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._take(), name="values")
-            tasks.create_task(self._look(), name="looks")
-
-    async def _take(self) -> None:
-        def changed() -> None:
-            self.board.look(self._fleet.vehicles, time.monotonic())
-
-        async with self._fleet.watch(changed, lambda *_: None), self._fleet.values(*KEYS) as samples:
-            async for sample in samples:
-                name, _, suffix = sample.suffix.partition("/")
-                now = time.monotonic()
-                self.board.take(name, suffix, sample.known, now)
-                self.heard[name].append(now)
-                if suffix == WATCHED:
-                    self.times[name].append(now)
-
-    async def _look(self) -> None:
-        while True:
-            now = time.monotonic()
-            for name in NAMES:
-                state, said = self.board.state(name, now), self.said[name]
-                if not said or said[-1][1] != state:
-                    said.append((now, state))
-            await asyncio.sleep(LOOK)
-
-    def state(self, name: str) -> str:
-        """What it says of a vehicle now."""
-        return self.said[name][-1][1] if self.said[name] else "unknown"
-
-    def first(self, name: str, state: str, since: float) -> float | None:
-        """How long after a time it first said so [s]; None for never."""
-        return next((at - since for at, said in self.said[name] if at >= since and said == state), None)
-
-    def between(self, name: str, begin: float, end: float) -> set[str]:
-        """Everything it said of a vehicle in some time."""
-        before = [said for at, said in self.said[name] if at < begin]
-        return {*before[-1:], *(said for at, said in self.said[name] if begin <= at < end)}
 
 
 @asynccontextmanager

@@ -81,7 +81,7 @@ def test_each_value_is_found_again_at_the_peer_and_at_the_relay(case):
     assert found["floor_p50_ms"] == found["floor_p99_ms"] == pytest.approx(1.0, abs=0.01)
     assert found["messages_per_s"] == pytest.approx(40, abs=1)
     assert found["daemon_ratio"] == pytest.approx(1.1)
-    assert found["is_within"]
+    assert found["holds"]
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_each_value_is_found_again_at_the_peer_and_at_the_relay(case):
     ],
 )
 def test_what_misses_a_goal_or_loses_a_value_is_not_within(worse):
-    assert not figures("foxglove", **worse)["is_within"]
+    assert not figures("foxglove", **worse)["holds"]
 
 
 def test_a_number_that_was_rounded_differently_is_the_same_value():
