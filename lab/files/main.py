@@ -17,11 +17,13 @@ from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
+from lab.campaign import First
 from lab.files.commands import READERS, Reader
 from lab.files.foreign import run_foreign
 from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind, originals
 from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson, Count
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, EXIT_WARNING
 
@@ -145,7 +147,7 @@ def good_files(folder: Path) -> None:
 def main(
     *,
     seeds: Annotated[Count, Parameter(help="Spoilt files for each command.")] = 30,
-    first: Annotated[int, Parameter(help="The first seed.")] = 0,
+    first: First = 0,
     only: Annotated[str, Parameter(help="Only commands whose line holds this.")] = "",
     keep: Annotated[Path | None, Parameter(help="Folder for files that a command could not stand.")] = None,
     foreign: Annotated[
@@ -160,10 +162,7 @@ def main(
     """
     if foreign:
         read = run_foreign(range(first, first + seeds))
-        print(json.dumps(read) if as_json else f"{read['files']} files: {read['ends']}, {len(read['wrong'])} wrong")
-        for one in () if as_json else read["wrong"]:
-            print(json.dumps(one))
-        return 1 if read["wrong"] else 0
+        return show([{"what": "foreign files"} | read | {"holds": not read["wrong"]}], ("what",), as_json=as_json)
     prepare()
     os.environ["MK_CONNECT"] = "tcp/127.0.0.1:9"
     rows: list[dict[str, Any]] = []
@@ -182,16 +181,13 @@ def main(
                     keep.mkdir(parents=True, exist_ok=True)
                     hostile.make(keep / f"{len(rows)}{hostile.reader.kind}")
     found = {
+        "what": "hostile files",
         "files": tried.total(),
         "commands": len(tried),
         "cpu_max_s": round(longest, 2),
         "memory_max_mb": round(largest / 1e6),
         "wall_s": round(time.monotonic() - began),
         "wrong": rows,
+        "holds": not rows,
     }
-    if as_json:
-        print(json.dumps(found))
-    else:
-        print(f"{found['files']} files for {found['commands']} commands: {len(rows)} wrong;", end=" ")
-        print(f"at most {found['cpu_max_s']} s and {found['memory_max_mb']} MB")
-    return 1 if rows else 0
+    return show([found], ("what",), as_json=as_json)

@@ -47,8 +47,6 @@ ENCODINGS: Final = (
         "",
     ),
 )
-
-
 REPEATED: Final = (
     *(b"\r", b"\n", b"#", b"\0", b" ", b"[", b"{", b"(", b",", b'"', b"'", b"=", b"a", b"\xff", b"\x1b", b"9"),
     *(b"<a>", b"<a/>", b"<!---->", b"a<!---->", b"a.", b"a=1\n", b"[a]\n", b'{"t":0,"dir":"rx","hex":""}\n', b"#a\r"),

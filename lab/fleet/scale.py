@@ -7,7 +7,6 @@ not arrive is known; each value says when it was put, and the clock is the same.
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import time
 from collections import Counter, defaultdict
@@ -19,6 +18,7 @@ from typing import Any, Final
 
 import zenoh
 
+from lab.cases import percentile
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.rigs.processes import START
 from lab.rigs.waiting import wait_until
@@ -89,7 +89,7 @@ def figures(
         used: processor time of daemons, simulators, router and client [s].
         memory: of a daemon and of a simulator, means, and of the router [MiB].
     """
-    late = sorted(counted.late)
+    late = sorted(round(1000 * one, 2) for one in counted.late)
     total = counted.values.total()
     spans = [reports for reports in counted.line.values() if len(reports) > 1]
     frames = sum(last[0] - first[0] for first, *_, last in spans)
@@ -116,14 +116,8 @@ def figures(
         "lost_percent": round(100 * lost / (total + lost), 3) if total + lost else None,
         "line_frames": frames,
         "line_lost": dropped,
-        "late_p50_ms": _percentile(late, 0.5),
-        "late_p99_ms": _percentile(late, 0.99),
-        "late_max_ms": _percentile(late, 1.0),
+        **{f"late_{name}_ms": percentile(late, share) for name, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))},
     }
-
-
-def _percentile(ordered: Sequence[float], share: float) -> float | None:
-    return round(1000 * ordered[max(0, math.ceil(share * len(ordered)) - 1)], 2) if ordered else None
 
 
 async def measure(count: int, seconds: float, folder: Path) -> dict[str, Any]:

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from typing import Annotated, Any, Final, Literal
+from collections.abc import Iterator
+from typing import Annotated, Final, Literal
 
 from cyclopts import Parameter
 
+from lab.campaign import Row
 from lab.record import cost, disks, kills, looplag, playing, writing
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson, Count, Length
-from mkdaemon.cli.printing import json_line
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 
 SLOW_SECONDS: Final = 8.0
 """Of entries that come to the slow disk [s]."""
@@ -39,32 +40,36 @@ def main(
 
     Exit code 0 only if nothing older than 1.1 s was lost, every file was readable and no flight was disturbed.
     """
-    figures: dict[str, Any] = {}
-    for name in CASES if case is None else (case,):
-        match name:
-            case "writing":
-                figures[name] = writing.measure(ENTRIES)
-            case "cost":
-                figures[name] = asyncio.run(cost.measure(seconds, TURNS))
-                figures[name]["loop"] = looplag.measure(2 * TURNS)
-            case "playing":
-                figures[name] = asyncio.run(playing.measure(seconds))
-            case "kills":
-                figures[name] = {victim: asyncio.run(_repeat(victim, runs)) for victim in kills.VICTIMS}
-            case _:
-                figures[name] = {
-                    "full": asyncio.run(disks.fill_disk(1)),
-                    "removed": asyncio.run(disks.remove_folder(1)),
-                    "slow": disks.slow_disk(SLOW_SECONDS),
-                }
-        if not as_json:
-            print(f"{name}: {json_line(figures[name])}")
-    if as_json:
-        print(json_line(figures))
-    return EXIT_OK if is_right(figures) else EXIT_FAILURE
+    rows = [
+        {"case": name, "what": ""} | row for name in ([case] if case else CASES) for row in _rows(name, runs, seconds)
+    ]
+    return show(rows, ("case", "what"), as_json=as_json)
 
 
-async def _repeat(victim: str, runs: int) -> dict[str, Any]:
+def _rows(case: str, runs: int, seconds: float) -> Iterator[Row]:
+    match case:
+        case "writing":
+            yield writing.measure(ENTRIES)
+        case "cost":
+            yield asyncio.run(cost.measure(seconds, TURNS)) | {"loop": looplag.measure(2 * TURNS)}
+        case "playing":
+            found = asyncio.run(playing.measure(seconds))
+            yield found | {"holds": is_the_same(found)}
+        case "kills":
+            for victim in kills.VICTIMS:
+                found = asyncio.run(_repeat(victim, runs))
+                yield {"what": victim} | found | {"holds": is_kept(found)}
+        case _:
+            yield _of_disk("full", asyncio.run(disks.fill_disk(1)))
+            yield _of_disk("removed", asyncio.run(disks.remove_folder(1)))
+            yield _of_disk("slow", disks.slow_disk(SLOW_SECONDS))
+
+
+def _of_disk(what: str, found: Row) -> Row:
+    return {"what": what} | found | {"holds": found["readable"]}
+
+
+async def _repeat(victim: str, runs: int) -> Row:
     found = []
     for seed in range(runs):
         found.append(await kills.kill(victim, seed))
@@ -72,15 +77,12 @@ async def _repeat(victim: str, runs: int) -> dict[str, Any]:
     return kills.sum_up(found)
 
 
-def is_right(figures: dict[str, Any]) -> bool:
-    """Whether the figures keep what docs/lab/recording.md promises."""
-    ends = figures.get("kills", {}).values()
-    played = figures.get("playing")
-    is_same = played is None or (
-        not (played["keys_that_differ"] or played["out_of_order"] or played["not_put"])
-        and played["values"] == played["values_played"]
-    )
-    is_kept = all(
-        not (one["older_than_allowed"] or one["frames_missing"] or one["gaps"] or one["unreadable"]) for one in ends
-    )
-    return is_kept and is_same and all(one["readable"] for one in figures.get("disks", {}).values())
+def is_the_same(played: Row) -> bool:
+    """Whether a flight that was played and recorded again is the one that was recorded."""
+    is_changed = played["keys_that_differ"] or played["out_of_order"] or played["not_put"]
+    return not is_changed and played["values"] == played["values_played"]
+
+
+def is_kept(left: Row) -> bool:
+    """Whether kills left what docs/lab/recording.md promises."""
+    return not any(left[name] for name in ("older_than_allowed", "frames_missing", "gaps", "unreadable"))

@@ -1,7 +1,7 @@
 """Cramer-Rao bounds of the self-calibration: what no unbiased estimator can beat, whatever it does with a flight.
 
 For readings y = H x + e with e of covariance C, and unknowns x of which P is known beforehand, no unbiased estimate has
-a covariance below (H^T C^-1 H + P)^-1. All errors here are drawn by `lab.vision.selfcal.Descent`, so that C is known.
+a covariance below (H^T C^-1 H + P)^-1. All errors here are drawn by `lab.vision.descent.Descent`, so that C is known.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.vision.selfcal import BAROMETER, NOISE, WANDER
+from lab.vision.descent import BAROMETER, NOISE, WANDER
 
 Array = npt.NDArray[np.float64]
 

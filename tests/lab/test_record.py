@@ -6,7 +6,7 @@ import pytest
 
 from lab.record import writing
 from lab.record.kills import ALLOWED, Left, sum_up
-from lab.record.main import is_right
+from lab.record.main import is_kept
 
 
 def left(**change):
@@ -21,7 +21,7 @@ def test_figures_of_writing_are_those_of_the_same_entries_every_time():
 
 
 @pytest.mark.parametrize(
-    ("change", "is_kept"),
+    ("change", "is_right"),
     [
         ({}, True),
         ({"age": ALLOWED + 0.1}, False),
@@ -31,12 +31,7 @@ def test_figures_of_writing_are_those_of_the_same_entries_every_time():
         ({"is_readable": False}, False),
     ],
 )
-def test_a_kill_that_costs_too_much_fails_the_campaign(change, is_kept):
+def test_a_kill_that_costs_too_much_fails_the_campaign(change, is_right):
     figures = sum_up([left(), left(**change), left()])
     assert figures["kills"] == 3
-    assert is_right({"kills": {"daemon": figures}}) is is_kept
-
-
-def test_a_file_that_a_full_disk_made_unreadable_fails_the_campaign():
-    assert is_right({"disks": {"full": {"readable": True}}, "writing": {}})
-    assert not is_right({"disks": {"full": {"readable": False}}})
+    assert is_kept(figures) is is_right
