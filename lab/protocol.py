@@ -9,12 +9,12 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
+from lab.campaign import Row
 from lab.places import CAPTURES, REFERENCE
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
@@ -26,31 +26,6 @@ from mkdaemon.protocol.framing import Dropped, FrameDecoder
 
 _CHUNK: Final = 64
 """Bytes handed to the decoder at once: about what a serial port has after 11 ms."""
-
-
-@dataclass(frozen=True, slots=True)
-class Speed:
-    """How fast frames become messages.
-
-    Attributes:
-        source: what was decoded.
-        frames: frames in it.
-        frames_per_s: frames to typed messages, framing included.
-        us_per_frame: the same, the other way round.
-        mb_per_s: bytes of the line.
-        framing_us: part of it until the frames are cut and checked.
-        peer_frames_per_s: pymavlink, bytes to messages; 0 where it is not installed.
-        ratio: ours over the peer's; 0 where it is not installed.
-    """
-
-    source: str
-    frames: int
-    frames_per_s: float
-    us_per_frame: float
-    mb_per_s: float
-    framing_us: float
-    peer_frames_per_s: float
-    ratio: float
 
 
 def recording_of(path: Path) -> bytes:
@@ -85,13 +60,17 @@ def _best(run: Callable[[], int], rounds: int) -> tuple[float, int]:
     return shortest, count
 
 
-def measure_speed(stream: bytes, source: str, *, rounds: int = 15) -> Speed:
+def measure_speed(stream: bytes, source: str, *, rounds: int = 15) -> Row:
     """Decode a stream again and again and keep the best.
 
     Args:
         stream: bytes of the line.
         source: what they are, for the report.
         rounds: how often.
+
+    Returns:
+        Frames in it, and how many a second become typed messages, framing included; `framing_us` is the part of it
+        until the frames are cut and checked. The peer is pymavlink, bytes to messages; 0 where it is not installed.
     """
     # A short excerpt would time the loop more than the decoder.
     stream *= max(1, 100_000 // len(stream))
@@ -113,16 +92,16 @@ def measure_speed(stream: bytes, source: str, *, rounds: int = 15) -> Speed:
     framing_s, _ = _best(frames_only, rounds)
     seconds, frames = _best(typed, rounds)
     peer = measure_peer(rounds=max(1, rounds // 3))
-    return Speed(
-        source=source,
-        frames=frames,
-        frames_per_s=round(frames / seconds),
-        us_per_frame=round(seconds / frames * 1e6, 3),
-        mb_per_s=round(len(stream) / seconds / 1e6, 2),
-        framing_us=round(framing_s / frames * 1e6, 3),
-        peer_frames_per_s=round(peer),
-        ratio=round(frames / seconds / peer, 2) if peer else 0.0,
-    )
+    return {
+        "source": source,
+        "frames": frames,
+        "frames_per_s": round(frames / seconds),
+        "us_per_frame": round(seconds / frames * 1e6, 3),
+        "mb_per_s": round(len(stream) / seconds / 1e6, 2),
+        "framing_us": round(framing_s / frames * 1e6, 3),
+        "peer_frames_per_s": round(peer),
+        "ratio": round(frames / seconds / peer, 2) if peer else 0.0,
+    }
 
 
 def measure_peer(*, rounds: int = 5) -> float:
@@ -163,4 +142,4 @@ def main(
         MkError: the recording is missing.
     """
     path = recording or default_recording()
-    return show([asdict(measure_speed(recording_of(path), path.name, rounds=rounds))], ("source",), as_json=as_json)
+    return show([measure_speed(recording_of(path), path.name, rounds=rounds)], ("source",), as_json=as_json)

@@ -56,9 +56,7 @@ def _cell(figure: Figure, part: Mapping[str, Any]) -> str:
     found = part["figures"].get(figure.key)
     if found is None:
         return ""
-    shown = " / ".join(f"{found[of]:.{figure.digits}f}" for of in ("median", "p90", "worst"))
-    if any(goal.of == "mean" for goal in figure.goals):
-        shown += f", mean {found['mean']:.{figure.digits}f}"
+    shown = figure.shown(found, mean=any(goal.of == "mean" for goal in figure.goals))
     return f"**{shown}**" if any(words.startswith(f"{figure.key}:") for words in part["missed"]) else shown
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import product
 from typing import Final, Literal
@@ -119,7 +119,7 @@ ENDINGS: Final = Campaign("hil flights", _end_one, asdict, limit=1200.0)
 
 
 def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
-    """Median / 90th percentile / worst (mean) of every figure, the boards side by side."""
+    """Every figure of the boards side by side."""
     found, shown = carried_out(rows), list[Row]()
     for line in lines:
         summed = {
@@ -128,7 +128,8 @@ def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str
         }
         missed = " ".join(words for part in summed.values() for words in part["missed"])
         for figure in FIGURES:
-            cells = {board: _cell(part["figures"].get(figure.key), figure.digits) for board, part in summed.items()}
+            measured = {board: part["figures"].get(figure.key) for board, part in summed.items()}
+            cells = {board: figure.shown(found) if found else "" for board, found in measured.items()}
             if any(cells.values()):
                 named = {"line": line, "figure": figure.about}
                 goal = {"goal": figure.goal_words(line), "holds": f"{figure.key}: " not in missed}
@@ -139,13 +140,6 @@ def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str
     if len(found) < len(rows):
         shown.append({"line": "", "figure": "not flown", "flights": len(rows) - len(found), "holds": False})
     return show(shown, ("line", "figure"), as_json=as_json)
-
-
-def _cell(figure: Mapping[str, float] | None, digits: int) -> str:
-    if figure is None:
-        return ""
-    shown = " / ".join(f"{figure[of]:.{digits}f}" for of in ("median", "p90", "worst"))
-    return f"{shown} ({figure['mean']:.{digits}f})"
 
 
 def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -68,6 +68,11 @@ class Figure:
     def goal_words(self, line: str) -> str:
         """Its goals by a line."""
         return "; ".join(words for goal in self.goals if (words := goal.words(line)))
+
+    def shown(self, found: Mapping[str, float], *, mean: bool = True) -> str:
+        """Median / 90th percentile / worst of all flights, and their mean."""
+        words = " / ".join(f"{found[of]:.{self.digits}f}" for of in ("median", "p90", "worst"))
+        return f"{words}, mean {found['mean']:.{self.digits}f}" if mean else words
 
 
 FIGURES: Final = (

@@ -24,7 +24,7 @@ def test_the_figures_of_decoding(capsys):
 def test_every_frame_of_the_recording_is_counted():
     stream = recording_of(EXCERPT)
     frames = stream.count(b"\r")
-    assert measure_speed(stream, "x", rounds=1).frames == frames * (100_000 // len(stream))
+    assert measure_speed(stream, "x", rounds=1)["frames"] == frames * (100_000 // len(stream))
 
 
 def test_a_missing_recording_is_named(tmp_path):
