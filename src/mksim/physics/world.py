@@ -20,8 +20,8 @@ from mksim.physics.hand_flight import HandFlight, lean
 from mksim.physics.motors import FACTORY_CHAIN, GasChain, Motors
 from mksim.physics.pilot import RC_PERIOD, FlightView, SimulatedPilot
 from mksim.physics.sensors import Sensors
+from mksim.physics.solidwall import SolidWall
 from mksim.physics.truth import Truth
-from mksim.physics.walls import SolidWall
 from mksim.physics.wind import Wind
 
 DEAD_BAND: Final = 12.0

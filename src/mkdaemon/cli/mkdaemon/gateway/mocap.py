@@ -71,7 +71,6 @@ def mocap(
     secret = None if secret_file is None else read_image_secret(secret_file)
     with needing("mkdaemon gateway mocap", "motioncapture", "mocap", "motioncapture"):
         import_module("motioncapture")
-
     where, frames = f"{chosen.word} at {host}", partial(frames_apart, chosen, host)
 
     async def serve() -> None:

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from mksim.config import FlightConfig, SensorConfig, WallConfig, WindClass
-from mksim.physics.walls import PROPELLER_RADIUS
+from mksim.physics.solidwall import PROPELLER_RADIUS
 from mksim.physics.world import DT, StartState, StickInput, World
 
 REACH = 0.155 + PROPELLER_RADIUS
