@@ -157,3 +157,17 @@ def test_attitudes_that_are_no_numbers_are_left_out():
     judge.attitude_received(1.0, math.nan, 0.0)
     judge, _ = fly(start=1.0, judge=judge)
     assert judge.contradiction is None
+
+
+def test_what_jumped_is_refused_also_where_it_passes_the_place_of_the_ones_before():
+    def drifting(place, rotation, t):
+        off = np.array([0.3, 0.0, 0.0]) if t >= 2.0 else np.zeros(3)
+        return place + off - np.array([0.25, 0.0, 0.0]) * max(t - 2.0, 0.0), rotation
+
+    _, refusals = fly(seconds=6.0, shown=drifting)
+    assert {refusal for t, refusal in refusals if t > 2.0} == {PoseRefusal.OFF_COURSE}
+
+
+def test_one_pose_aside_costs_no_other():
+    _, refusals = fly(seconds=3.0, shown=jumps((0.066, 0.0, 0.0), start=1.995, end=2.005))
+    assert [t for t, refusal in refusals if refusal is not None] == [pytest.approx(2.0)]

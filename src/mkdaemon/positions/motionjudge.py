@@ -110,6 +110,46 @@ class MotionDifference:
         return None
 
 
+class _Track:
+    """The last poses of one motion, and where they lead."""
+
+    def __init__(self) -> None:
+        self._poses: deque[tuple[float, Vector]] = deque()
+
+    def __bool__(self) -> bool:
+        return bool(self._poses)
+
+    def clear(self) -> None:
+        """Know none."""
+        self._poses.clear()
+
+    def add(self, at: float, place: Vector) -> None:
+        """Take one (3,) [m] of a time [s]."""
+        while self._poses and at - self._poses[0][0] > 4 * GRID:
+            self._poses.popleft()
+        self._poses.append((at, place))
+
+    def age(self, at: float) -> float:
+        """Of the last one [s]."""
+        return at - self._poses[-1][0]
+
+    @property
+    def _span(self) -> float:
+        return self._poses[-1][0] - self._poses[0][0]
+
+    def distance(self, at: float, place: Vector) -> float:
+        """Of a place from where they lead [m]."""
+        last = self._poses[-1][1]
+        velocity = (last - self._poses[0][1]) / self._span if self._span >= GRID else np.zeros(3)
+        return float(np.linalg.norm(place - last - velocity * min(self.age(at), LED)))
+
+    def reach(self, at: float, farthest: float) -> float:
+        """How far from there one of them may be [m]; acceleration adds `farthest` at most [m]."""
+        gap = self.age(at)
+        unknown = 0.0 if self._span >= GRID else FASTEST * min(gap, LED)
+        return JUMP + min(0.5 * ACCELERATION * gap**2, farthest) + unknown
+
+
 class MotionJudge:
     """Judges the poses of one source, in the order of their times.
 
@@ -123,8 +163,8 @@ class MotionJudge:
         self._lasted = 0
         self._boards: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
         self._motion: deque[tuple[float, ...]] = deque(maxlen=round(WINDOW / GRID))
-        self._track: deque[tuple[float, Vector]] = deque()
-        self._strayed = False
+        self._track = _Track()
+        self._astray = _Track()
         self._compared_at = -math.inf
         self._flown_from = math.inf
         self._last: tuple[Vector, Matrix] | None = None
@@ -154,7 +194,6 @@ class MotionJudge:
         if last is not None and np.array_equal(last[0], place) and np.array_equal(last[1], rotation):
             return PoseRefusal.REPEATED
         if not self._continues(at, place):
-            self._strayed = True
             return PoseRefusal.OFF_COURSE
         if self._motion and at - self._motion[-1][0] > 3 * GRID:
             self._motion.clear()
@@ -183,28 +222,28 @@ class MotionJudge:
     @property
     def has_strayed(self) -> bool:
         """Whether the newest pose that is none of the ones before was the newest of all."""
-        return self._strayed
+        return bool(self._astray)
 
     def _continues(self, at: float, place: Vector) -> bool:
-        """Whether a pose goes on from the ones before; then it is one of them."""
-        track = self._track
-        if track and at - track[-1][0] > RESTART:
+        """Whether a pose goes on from the ones before; then it is one of them.
+
+        What has jumped goes on elsewhere, and may pass where the ones before ended: a pose belongs to those that it is
+        nearer to.
+        """
+        track, astray = self._track, self._astray
+        if track and track.age(at) > RESTART:
             track.clear()
         if track:
-            gap = at - track[-1][0]
-            first = track[0]
-            span = track[-1][0] - first[0]
-            is_moving = span >= GRID
-            velocity = (track[-1][1] - first[1]) / span if is_moving else np.zeros(3)
-            led = track[-1][1] + velocity * min(gap, LED)
-            farthest = REJOINS if self._strayed else STRAYED + DRIFT * max(0.0, gap - LED)
-            most = JUMP + min(0.5 * ACCELERATION * gap**2, farthest) + (0.0 if is_moving else FASTEST * min(gap, LED))
-            if float(np.linalg.norm(place - led)) > most:
+            away, gap = track.distance(at, place), track.age(at)
+            farthest = REJOINS if astray else STRAYED + DRIFT * max(0.0, gap - LED)
+            goes_astray = bool(astray) and astray.distance(at, place) < min(away, astray.reach(at, REJOINS))
+            if goes_astray or away > track.reach(at, farthest):
+                if astray and not goes_astray:
+                    astray.clear()
+                astray.add(at, place)
                 return False
-        while track and at - track[0][0] > 4 * GRID:
-            track.popleft()
-        track.append((at, place))
-        self._strayed = False
+        astray.clear()
+        track.add(at, place)
         return True
 
     def compare(self) -> MotionDifference | None:
