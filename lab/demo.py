@@ -1,8 +1,7 @@
 """Many demonstrations in virtual time: how many finish, and the longest holes in what a flight needs.
 
 The flight is the one of `mkdaemon demo`: take-off, hold, a step, a target that starts to move, landing. What became of
-it is read from the physics: where the aircraft stands, whether it broke, whether its rotors stand. The product's words
-only explain a flight that did not finish.
+it is read from the physics; the product's words only explain a flight that did not finish.
 """
 
 from __future__ import annotations
@@ -145,14 +144,14 @@ def fly(flight: Flight) -> Row:
     silence_log()
     watch = Watch()
 
-    async def flown() -> Any:
+    async def rehearsed() -> Any:
         aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps, flight.loss)
         rehearsal = demonstration(aircraft, lambda moment, status: None)
         watch.attach(rehearsal)
         record = await rehearsal.fly()
         return record, rehearsal.world.truth.on_ground
 
-    record, stands = run_virtually(flown(), 0.0)
+    record, stands = run_virtually(rehearsed(), 0.0)
     ends = record.parts.get("after", math.inf)
     return landing_of(record, watch.reason, stands=stands, is_lost=watch.farthest > STRAYED) | {
         "attitude_hole": round(watch.hole(watch.attitudes, ends, in_view=False), 2),
@@ -182,8 +181,7 @@ def flown(prepare: Callable[[Watcher], Rehearsal], strayed: float) -> tuple[Rehe
 
     record, stands = run_virtually(fly(), 0.0)
     farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
-    reason = reasons[0] if reasons else ""
-    return record, landing_of(record, reason, stands=stands, is_lost=farthest > strayed)
+    return record, landing_of(record, "".join(reasons[:1]), stands=stands, is_lost=farthest > strayed)
 
 
 def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -> Row:
