@@ -115,7 +115,9 @@ def test_an_image_of_another_target_shows_no_take_off_off_the_ground(drive, monk
     drive.tell(PoseSeen(pose(drive.now)))
     drive.fly()
     heard = []
-    monkeypatch.setattr(drive.core._flown.current, "height_seen", lambda height, at: heard.append((height, at)))
+    monkeypatch.setattr(
+        drive.core._flown.current, "height_seen", lambda height, at, is_placed: heard.append((height, at))
+    )
     drive.tell(PoseSeen(pose(drive.now).model_copy(update={"target": "other"})))
     assert heard == []
     drive.tell(PoseSeen(pose(drive.now)))

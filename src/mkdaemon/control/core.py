@@ -250,7 +250,7 @@ class FlightCore:
         lifted = None
         is_ours = pose.target in (sight.target, sight.named) or not sight.target
         if current is not None and is_ours and sight.may_follow(pose.target, view):
-            lifted = current.height_seen(view.height, view.at)
+            lifted = current.height_seen(view.height, view.at, is_placed=view.is_placed)
         is_bound = self._authority.phase in IN_FLIGHT and self._flown.is_by_target
         may_change = not is_bound or (sight.is_standing and bool(sight.named))
         sight.seen(pose.target, view.at)

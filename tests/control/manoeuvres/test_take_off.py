@@ -9,7 +9,7 @@ from mkdaemon.control.estimator.values import GAS_CENTRE, OURS
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.level import Level
-from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, TakeOffFlight
+from mkdaemon.control.manoeuvres.take_off import IDLE_GAS, TakeOff, TakeOffFlight, TakeOffLimits, TakeOffPhase
 from mkdaemon.telemetry.control import Outcome
 from mkdaemon.telemetry.setpoint import TakeOffSetpoint
 from mkdaemon.telemetry.state import AngleScale, Attitude
@@ -198,3 +198,14 @@ def test_off_the_ground_it_goes_down_the_ladder_as_every_flight_by_the_target_do
     aircraft.sees = False
     steps = aircraft.fly(take_off, cfg.exit_after + 0.1)
     assert steps[-1].end.outcome is Outcome.SIGHT_LOST
+
+
+def test_a_source_that_still_shows_the_ground_outvotes_no_camera():
+    take_off, now, risen = TakeOff(TakeOffLimits(), 118.0, 10.0), 10.0, ()
+    while take_off.phase is not TakeOffPhase.RAMP:
+        now += 0.02
+        take_off.gas(now, 0.02, 0.0)
+    for later, height, is_placed in ((0.0, 0.1, True), (0.01, 0.4, False), (0.02, 0.1, True), (0.04, 0.45, False)):
+        assert risen == ()
+        risen = take_off.seen(height, now + later, is_placed=is_placed)
+    assert [at for at, _ in risen] == [now + 0.01, now + 0.04]

@@ -129,8 +129,13 @@ class Manoeuvre(ABC):
     def step(self, now: float, *, is_flying: bool) -> Step:
         """Decide the sticks at a time [s]; `is_flying`: they are being sent."""
 
-    def height_seen(self, height: float, at: float) -> LiftOff | None:
+    def height_seen(self, height: float, at: float, *, is_placed: bool = False) -> LiftOff | None:
         """Take the height above the target that an image shows [m], and when it was taken [s].
+
+        Args:
+            height: [m].
+            at: [s].
+            is_placed: a source of poses shows it.
 
         Returns:
             How it left the ground, where this image is the first that shows it.

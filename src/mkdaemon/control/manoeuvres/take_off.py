@@ -112,7 +112,7 @@ class TakeOff:
         self._strong_since: float | None = None
         self._cut_left = 0.0
         self._now = now
-        self._risen: list[tuple[float, float]] = []
+        self._risen: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
 
     @property
     def is_blind(self) -> bool:
@@ -142,8 +142,8 @@ class TakeOff:
             self.phase = TakeOffPhase.RAMP
         elif self.phase is TakeOffPhase.RAMP:
             # One image may be wrong; hover throttle neither drops an aircraft that flies nor lifts one that stands.
-            self._share = 1.0 if self._risen else min(self._share + limits.rise * step, limits.most)
-            if self._strong_since is None and (self._risen or self._share >= limits.counts_from):
+            self._share = 1.0 if self._has_risen else min(self._share + limits.rise * step, limits.most)
+            if self._strong_since is None and (self._has_risen or self._share >= limits.counts_from):
                 self._strong_since = now
             if tilt > limits.steepest:
                 self.fail(Outcome.TIPPED)
@@ -162,12 +162,15 @@ class TakeOff:
         if self.is_blind:
             self.phase, self.failure = TakeOffPhase.FAILED, why
 
-    def seen(self, height: float, at: float) -> tuple[tuple[float, float], ...]:
+    def seen(self, height: float, at: float, *, is_placed: bool = False) -> tuple[tuple[float, float], ...]:
         """Take the height an image shows; once two in a row show that it flies, return all that show it.
+
+        A source of poses counts by itself: one that is late without saying so does not outvote a camera.
 
         Args:
             height: of the body origin above the target [m].
             at: when the image was taken [s].
+            is_placed: a source of poses shows it.
 
         Returns:
             When each was taken [s], and the height of the feet [m]; empty while it is not shown.
@@ -176,14 +179,20 @@ class TakeOff:
         if self.phase is not TakeOffPhase.RAMP or self._now - at > OLDEST:
             return ()
         flown = height - limits.stand_height
+        risen = self._risen[is_placed]
         if flown <= limits.lift:
-            self._risen.clear()
-        elif not self._risen or at > self._risen[-1][0]:
-            self._risen.append((at, flown))
-        if len(self._risen) < 2:
+            risen.clear()
+        elif not risen or at > risen[-1][0]:
+            risen.append((at, flown))
+        if len(risen) < 2:
             return ()
         self.phase = TakeOffPhase.CLIMB
-        return tuple(self._risen)
+        return tuple(risen)
+
+    @property
+    def _has_risen(self) -> bool:
+        """Whether the newest image, or the newest pose of a source, shows it off the ground."""
+        return any(self._risen.values())
 
     def arrived(self) -> None:
         """Note that the aircraft holds at the height asked for."""
@@ -206,9 +215,9 @@ class TakeOffFlight(ByTarget):
         self._is_in_air = isinstance(before, ByTarget)
         return super().enter(before, now)
 
-    def height_seen(self, height: float, at: float) -> LiftOff | None:
+    def height_seen(self, height: float, at: float, *, is_placed: bool = False) -> LiftOff | None:
         """Take the height above the target that an image shows: see `TakeOff.seen` and `lifted_off`."""
-        risen = () if self.take_off is None else self.take_off.seen(height, at)
+        risen = () if self.take_off is None else self.take_off.seen(height, at, is_placed=is_placed)
         low, high = LIKELY
         assumed = self._sight.hover_gas
         return self._sight.lift_off(risen, (low * assumed, high * assumed)) if risen else None
