@@ -7,16 +7,14 @@ is promised: docs/lab/positions.md, "Wrong sources".
 
 from __future__ import annotations
 
-import json
 import math
-from collections import Counter
-from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from lab.campaign import Campaign, Ending, Row, carried_out, endings
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
 from lab.positions import VOLUME
 from lab.rigs.positionflight import LAND_AT
 from lab.rigs.wrongsourceflight import Moment, WrongSource, WrongSourceFlight, drawn
+from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 
 AT_ONCE: Final = ("silent", "late", "frozen", "off", "other_body", "neighbour", "wrong_up")
@@ -107,31 +105,17 @@ def _key(plan: WrongSource) -> Row:
 FLIGHTS: Final = Campaign("wrong-sources", fly, _key, limit=300.0)
 
 
-def main(
-    *,
-    seeds: int = 200,
-    first: int = 1,
-    jobs: int = 2,
-    results: Path | None = None,
-    as_json: AsJson = False,
-) -> int:
+def main(*, seeds: int = 200, first: First = 1, jobs: Jobs = 2, results: Kept = None, as_json: AsJson = False) -> int:
     """Fly with sources that go wrong; five to ten seconds of processor time a flight.
 
     Args:
         seeds: flights.
-        first: seed.
-        jobs: processes.
-        results: file of rows, one JSON object a line; a run that was interrupted goes on with it.
     """
     rows = FLIGHTS.rows([drawn(seed) for seed in range(first, first + seeds)], jobs, results)
-    found: dict[str, Any] = endings(rows)
-    flown = carried_out(rows)
-    for other in ("", "down", "second"):
-        of = [row for row in flown if row["other"] == other]
-        counts = Counter(str(row["ending"]) for row in of)
-        named = [row["named"] for row in of if row["named"] is not None]
-        figures = f"named {max(named, default=0.0):.1f} s after at most, {len(of) - len(named)} not named"
-        moved = max((row["moved"] for row in of), default=0.0)
-        found[f"beside {other}" if other else "alone"] = f"{dict(counts)}, {figures}, moved {moved:.2f} m at most"
-    print(json.dumps(found) if as_json else "\n".join(f"{name:<16} {value}" for name, value in found.items()))
-    return 1 if any(row["ending"] in {Ending.WRONG, Ending.LOST, Ending.FAILED} for row in rows) else 0
+    found = []
+    for other, what in (("", "alone"), ("down", "beside a camera"), ("second", "beside a second source")):
+        part = [row for row in rows if row["other"] == other]
+        holds = not any(row["ending"] in {Ending.WRONG, Ending.LOST, Ending.FAILED} for row in part)
+        unnamed = sum(row.get("named") is None for row in part)
+        found.append({"what": what} | summed_up(part, "named", "moved") | {"unnamed": unnamed, "holds": holds})
+    return show([row for row in found if row["flights"]], ("what", "flights"), as_json=as_json)

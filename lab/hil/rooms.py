@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from lab import tables
-from lab.campaign import Ending, Row, carried_out
+from lab.campaign import Ending, Row, summed_up
 from lab.demo import landing_of
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
@@ -142,16 +142,6 @@ def show(rows: Sequence[Mapping[str, Any]], *, as_json: bool) -> int:
     shown = []
     for board, line in dict.fromkeys((row["board"], row["line"]) for row in rows):
         part = [dict(row) for row in rows if (row["board"], row["line"]) == (board, line)]
-        found: Row = {"board": board, "line": line, "flights": len(part)}
-        found["finished"] = sum(row["ending"] == Ending.FINISHED for row in part)
-        found["why"] = [f"{row['seed']} {row['ending']}: {row['why']}" for row in part if row["why"]]
-        holds = found["finished"] == len(part)
-        for name in ("touch_cm", "hold_cm", "midway_cm", "eight_cm"):
-            values = [row[name] for row in carried_out(part) if row.get(name) is not None]
-            if values:
-                found[name] = {str(q): round(float(np.quantile(values, q)), 1) for q in (0.5, 0.9, 1.0)}
-            if name in GOALS:
-                quantile, goal = GOALS[name]
-                holds &= bool(values) and float(np.quantile(values, quantile)) <= goal
-        shown.append(found | {"holds": holds})
-    return tables.show(shown, ("board", "line"), as_json=as_json)
+        found = summed_up(part, "touch_cm", "hold_cm", "midway_cm", "eight_cm", **GOALS)
+        shown.append({"board": board, "line": line} | found)
+    return tables.show(shown, ("board", "line", "flights"), as_json=as_json)

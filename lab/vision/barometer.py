@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from lab.vision.bounds import scale_sd
+from lab.vision.descent import FPS, SECONDS, Descent
 from lab.vision.parts import Case, Part
-from lab.vision.selfcal import FPS, SECONDS, Descent
 from lab.vision.stills import SeedSet
 from mkdaemon.vision.selfcal.selfcheck import HeightFilter
 
