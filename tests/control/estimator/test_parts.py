@@ -70,6 +70,27 @@ def test_a_source_outvotes_no_camera_and_has_to_agree_for_long():
     assert not cameras.uses("mocap")
 
 
+def test_a_source_that_comes_after_a_camera_is_only_compared_until_it_has_agreed_for_long():
+    cameras = Cameras(3)
+    judge(cameras, 0.0, down=False)
+    for k in range(1, AGREED):
+        judge(cameras, 0.03 * k, down=False, mocap=False)
+    assert cameras.is_on_trial("mocap")
+    assert not cameras.uses("mocap")
+    judge(cameras, 0.03 * AGREED, down=False, mocap=False)
+    assert not cameras.is_on_trial("mocap")
+    assert cameras.uses("mocap")
+
+
+def test_a_source_on_trial_is_used_when_the_camera_falls_silent():
+    cameras = Cameras(3)
+    judge(cameras, 0.0, down=False)
+    judge(cameras, 0.03, mocap=False)
+    assert cameras.is_on_trial("mocap")
+    cameras.seen("mocap", TOGETHER + 0.01, is_placed=True)
+    assert not cameras.is_on_trial("mocap")
+
+
 def test_a_source_that_a_camera_contradicts_is_left_out_and_the_camera_is_not_doubted():
     cameras = Cameras(3)
     for k in range(3):

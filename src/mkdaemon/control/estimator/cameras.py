@@ -24,6 +24,7 @@ class _Record:
         refused: its images refused one after the other.
         agreed: those that were not, one after the other.
         is_wrong: it contradicted the camera in use, and the two do not agree yet.
+        is_new: a source that came after a camera, and has not agreed for long yet.
     """
 
     at: float
@@ -31,6 +32,7 @@ class _Record:
     refused: int = 0
     agreed: int = 0
     is_wrong: bool = False
+    is_new: bool = False
 
 
 class Cameras:
@@ -49,7 +51,10 @@ class Cameras:
 
     def seen(self, camera: str, at: float, *, is_placed: bool = False) -> int:
         """Note an image of a camera, taken at a time [s]; return how many cameras see the target at that time."""
-        record = self._records.setdefault(camera, _Record(at, is_placed))
+        record = self._records.get(camera)
+        if record is None:
+            is_new = is_placed and self._is_seen_by_camera(at)
+            record = self._records.setdefault(camera, _Record(at, is_placed, is_new=is_new))
         record.at = max(record.at, at)
         return sum(each is record or abs(at - each.at) <= AT_ONCE for each in self._records.values())
 
@@ -62,6 +67,7 @@ class Cameras:
         """Note whether an image of a camera was refused."""
         record = self._records[camera]
         record.refused, record.agreed = (record.refused + 1, 0) if is_refused else (0, record.agreed + 1)
+        record.is_new &= record.agreed < AGREED
         others = [each for each in self._records.values() if each is not record and record.at - each.at <= TOGETHER]
         peers = [each for each in others if record.is_placed or not each.is_placed]
         if any(each.refused < self._patience for each in peers):
@@ -77,11 +83,19 @@ class Cameras:
         newest = max((each.at for each in self._records.values()), default=0.0)
         return all(name == camera or newest - each.at > TOGETHER for name, each in self._records.items())
 
+    def _is_seen_by_camera(self, at: float) -> bool:
+        return any(not each.is_placed and at - each.at <= TOGETHER for each in self._records.values())
+
+    def is_on_trial(self, camera: str) -> bool:
+        """Whether a source is only compared with a camera: it came after that, and has not agreed for long yet."""
+        record = self._records[camera]
+        return record.is_new and self._is_seen_by_camera(record.at)
+
     def uses(self, camera: str) -> bool:
         """Whether a camera has shown the target lately, and is not left out."""
         newest = max((each.at for each in self._records.values()), default=0.0)
         record = self._records.get(camera)
-        return record is not None and newest - record.at <= TOGETHER and not record.is_wrong
+        return record is not None and newest - record.at <= TOGETHER and not (record.is_wrong or record.is_new)
 
     def expect_change(self) -> None:
         """Treat the next image of every camera as if too many had been refused before it."""

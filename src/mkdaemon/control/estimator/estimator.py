@@ -307,7 +307,7 @@ class Estimator:
         self._was_blind |= view.at - self._seen_at > BLIND
         shared_by = self._cameras.seen(view.camera, view.at, is_placed=view.is_placed)
         self._heights.seen(view.camera, view.at, is_placed=view.is_placed)
-        is_trusted = view.camera not in self.contradicting
+        is_trusted = view.camera not in self.contradicting and not self._cameras.is_on_trial(view.camera)
         if is_trusted:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
