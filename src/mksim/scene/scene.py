@@ -5,8 +5,8 @@ and anti-aliasing need no intermediate image. How an edge stays where it belongs
 independent truth is `view.project`. `roll` is a rolling shutter: every row is exposed at its own time, and all
 rows are carried to one camera at the middle of the image. A ray of a row hits the plane of the scene where the moved
 camera sees it, and the standing camera sees that point along another ray: exact for everything in that plane. With
-walls, whatever stands or is raised is drawn after the ground and what lies on it, in the order of `walls`, each by the
-rays of its own plane.
+walls, whatever stands or is raised is drawn after the ground and what lies on it, in the order of `walls`, each by its
+plane's rays.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A process of its own that reads a motion capture system.
+"""A separate process that reads a motion capture system.
 
 `motioncapture` 1.1 holds Python's lock while it connects, and waits without end for a Vicon or OptiTrack system that
 does not answer: in the gateway's process neither its health nor a signal would get through. Here the operating system
