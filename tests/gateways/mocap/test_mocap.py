@@ -111,8 +111,11 @@ async def test_a_lost_system_is_reached_again_and_says_so(monkeypatch):
     running.cancel()
     ended.set()
     await asyncio.gather(running, return_exceptions=True)
-    assert lines[0] == "vicon at there: no route; next attempt in 0.001 s"
-    assert lines[1].startswith("vicon at there: the connection was lost")
+    of_system = [line for line in lines if line.startswith("vicon")]
+    assert of_system == [
+        "vicon at there: no route; next attempt in 0.001 s",
+        "vicon at there: the connection was lost; next attempt in 0.001 s",
+    ]
     assert made.reconnections >= 2
 
 

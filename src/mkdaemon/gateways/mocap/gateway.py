@@ -80,7 +80,7 @@ class MocapGateway:
         self._sent: Mapping[str, deque[float]] = {body.name: deque(maxlen=1000) for body in bodies}
         self._seen: tuple[str, ...] = ()
         self._began = clock()
-        self._trouble = "connecting"
+        self._trouble = self._shown = "connecting"
         self._complained: set[str] = set()
         self.reconnections = 0
         self._ends = threading.Event()
@@ -147,8 +147,8 @@ class MocapGateway:
             self._ends.set()
 
     def _complain(self, name: str, reason: str) -> None:
-        """Print why nothing is sent, once; and that it is again."""
-        if reason and name not in self._complained:
+        """Print why nothing is sent, once, unless the thread that reads has; and that it is again."""
+        if reason and name not in self._complained and reason != self._shown:
             self._show(reason)
         elif not reason and name in self._complained:
             self._show(f"body {name!r} is reported")
@@ -164,13 +164,13 @@ class MocapGateway:
                     if self._ends.is_set():
                         return
                     self.measured(bodies)
-                self._trouble = f"{self._where} has ended"
+                self._shown = self._trouble = f"{self._where} has ended"
             except ConfigError as error:
                 self._mistake = error
                 return
             except (RuntimeError, OSError, ValueError) as error:
-                self._trouble = f"{self._where}: {error}"
+                self._shown = self._trouble = f"{self._where}: {error}"
             wait = RETRIES[min(attempt, len(RETRIES) - 1)]
             attempt, self.reconnections = attempt + 1, self.reconnections + 1
-            self._show(f"{self._trouble}; next attempt in {wait:g} s")
+            self._show(f"{self._shown}; next attempt in {wait:g} s")
             self._ends.wait(wait)
