@@ -8,11 +8,12 @@ is promised: docs/lab/positions.md, "Wrong sources".
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from typing import Final
 
 from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
 from lab.positions import VOLUME
-from lab.rigs.positionflight import LAND_AT
+from lab.rigs.positionflight import LAND_AT, LOOK
 from lab.rigs.wrongsourceflight import Moment, WrongSource, WrongSourceFlight, drawn
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
@@ -24,14 +25,16 @@ SEEN_ON_GROUND: Final = ("silent", "late", "frozen", "wrong_up")
 NAMED_IN_FLIGHT, NAMED_ON_GROUND = 1.0, 3.0
 """Time within which they are named [s]."""
 USED_AFTER: Final = 0.2
-"""Poses under way when a source is named [s]."""
+"""Poses under way when a source is named [s]. One that was silent is used when it is back: late without saying so, it
+begins with a silence."""
 RELEASED_AFTER: Final = 3.5
 """An aircraft whose only source was named is released within this time [s]."""
 MOVED_BY_MOTION: Final = 1.5
 """A source that only the motion of the aircraft shows moves it no farther out of where it flies, before and after it is
 named [m]."""
 MOVED: Final = 0.5
-"""The same of the others [m]; light wind is included."""
+"""The same of the others [m]; light wind is included. Alone, until it is used no more: in the 3 s to the release the
+aircraft flies on as after a silence."""
 ON_PAD: Final = 0.3
 """A landing this near to the middle of the pad is where it was to be [m]."""
 
@@ -77,8 +80,9 @@ def _broken(plan: WrongSource, rig: WrongSourceFlight, named_at: float, *, has_l
     off_by = math.hypot(*plan.size.offset[:2]) if plan.fault == "off" and is_unseen else 0.0
     is_ground = plan.moment is Moment.GROUND
     is_promised = plan.fault in (SEEN_ON_GROUND if is_ground else AT_ONCE)
-    if rig.moved > (MOVED if is_promised else MOVED_BY_MOTION):
-        return f"moved {rig.moved:.2f} m"
+    led = rig.moved if plan.other else rig.led
+    if led > (MOVED if is_promised else MOVED_BY_MOTION):
+        return f"led {led:.2f} m away"
     if has_landed and rig.record.touch_error > ON_PAD + off_by:
         return f"landed {rig.record.touch_error:.2f} m beside the pad"
     if rig.record.times and plan.at > rig.record.times[-1]:
@@ -86,12 +90,23 @@ def _broken(plan: WrongSource, rig: WrongSourceFlight, named_at: float, *, has_l
     within = NAMED_ON_GROUND if is_ground else NAMED_IN_FLIGHT
     if is_promised and named_at > plan.at + within and not has_landed:
         return "not named" if is_unseen else f"named after {named_at - plan.at:.1f} s"
-    if not plan.other and any(at > named_at + USED_AFTER for at in rig.used):
-        return "used after it was named"
+    if not plan.other and was_used_while_named(rig):
+        return "used while it was named"
     let_go = rig.released[0][0] if rig.released else math.inf
     if not plan.other and rig.has_flown and not has_landed and let_go > max(named_at, plan.at) + RELEASED_AFTER:
         return "not released"
     return ""
+
+
+def was_used_while_named(rig: WrongSourceFlight) -> bool:
+    """Whether a pose was used between two looks that both found the source wrong, and some time after the first."""
+    looks = [at for at, *_ in rig.named]
+    for at in rig.used:
+        next_look = bisect(looks, at)
+        since = looks[bisect(looks, at - USED_AFTER) : next_look]
+        if len(since) >= round(USED_AFTER / LOOK) and next_look < len(looks) and looks[next_look] < at + LOOK:
+            return True
+    return False
 
 
 def _key(plan: WrongSource) -> Row:

@@ -118,6 +118,10 @@ def drawn(seed: int) -> WrongSource:
     )
 
 
+FOLLOWED: Final = 0.5
+"""A tilt that follows a pose has its effect within this time [s]."""
+
+
 class WrongSourceFlight(PositionFlight):
     """One flight.
 
@@ -245,7 +249,14 @@ class WrongSourceFlight(PositionFlight):
     @property
     def moved(self) -> float:
         """Farthest out of the rectangle that is flown in, until the core lets go [m]."""
-        until = (self.released[0][0] if self.released else math.inf) + LOOK
+        return self._strayed((self.released[0][0] if self.released else math.inf) + LOOK)
+
+    @property
+    def led(self) -> float:
+        """The same while the source is used, and a little after that [m]: then a silent one is flown on as well."""
+        return min(self.moved, self._strayed(max(self.used, default=self.plan.at) + FOLLOWED))
+
+    def _strayed(self, until: float) -> float:
         places = [place[:2] for at, place in zip(self.record.times, self.record.positions, strict=True) if at <= until]
         beyond = [np.maximum(np.maximum(-place, place - ASIDE), 0.0) for place in places]
         return max((float(np.hypot(*each)) for each in beyond), default=0.0)

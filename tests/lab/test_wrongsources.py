@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 from lab import wrongsources
 from lab.rigs.wrongsourceflight import BEGINS, SECOND, Moment, drawn
@@ -27,6 +28,12 @@ def test_a_source_that_jumps_beside_a_second_one_is_named_and_the_flight_lands_b
     assert (row["ending"], row["why"], row["released"]) == ("finished", "", "")
     assert row["named"] < wrongsources.NAMED_IN_FLIGHT
     assert row["touch_cm"] < 30.0
+
+
+def test_a_source_may_be_used_when_it_is_back_but_not_while_it_is_named():
+    named = [(at, "missing", "silent") for at in (1.0, 1.1, 1.2, 1.3, 2.5)]
+    for used, is_broken in (([1.05], False), ([1.25], True), ([1.35, 1.6, 2.45], False), ([], False)):
+        assert wrongsources.was_used_while_named(SimpleNamespace(named=named, used=used)) is is_broken
 
 
 def test_kept_flights_are_summed_up_and_a_broken_promise_fails(tmp_path, capsys):
