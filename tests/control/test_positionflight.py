@@ -10,7 +10,7 @@ import math
 
 import pytest
 
-from lab.positions import IN_FLIGHT, VOLUME, Flight, fly
+from lab.positions import VOLUME, Flight, fly
 
 AT_HEIGHT = 11.0
 """The aircraft has taken off; what moves the place shows in a hold, which begins later [s]."""
@@ -23,7 +23,7 @@ AT_HEIGHT = 11.0
         ("silent", AT_HEIGHT, "the last report is"),
         ("late_unsaid", AT_HEIGHT, "it does not tilt as the boards do"),
         ("mirrored_place", AT_HEIGHT, "it does not move as the aircraft tilts"),
-        ("off", IN_FLIGHT, "they jumped"),
+        ("off", AT_HEIGHT, "they jumped"),
     ],
 )
 def test_a_source_that_is_wrong_is_named_and_the_aircraft_stays_whole_and_near(fault, at, words):
