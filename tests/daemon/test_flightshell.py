@@ -21,9 +21,11 @@ from mkdaemon.daemon.flight import FlightControl
 from mkdaemon.daemon.procedures import Interlock
 from mkdaemon.daemon.releases import RELEASE_TIMEOUT
 from mkdaemon.daemon.verbs import Verbs
+from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import FrameNumber, ReleaseResult, SetpointQueued, SetpointRefused
-from mkdaemon.telemetry.command import LeaseRequest, ReleaseRequest
+from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, ErrorValue, EstimateValue, Phase, ReleaseOutcome
+from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.vision import PoseRefused
@@ -224,3 +226,21 @@ async def test_a_pose_and_a_refusal_reach_the_core_and_the_bus_and_other_values_
     sink.publish("vision/down/stats", ESTIMATE)
     assert told == [(PoseSeen(pose(1.0)), 1.2), (SightRefused(refused), 1.2)]
     assert [key for key, _ in bus.published] == ["vision/down/pose", "vision/down/refused", "vision/down/stats"]
+
+
+@virtually
+async def test_a_path_that_can_be_flown_is_stored_and_another_one_refused():
+    flight = Shell().flight
+    start = PathPoint(position=(0.0, 0.0, 1.5))
+    near, far = (PathUploadRequest(points=(start, PathPoint(position=(x, 0.0, 1.5), speed=0.5))) for x in (1.0, 900.0))
+    assert flight.store_path(near).length == pytest.approx(1.0, abs=0.01)
+    with pytest.raises(CommandRejectedError) as refused:
+        flight.store_path(far)
+    assert refused.value.token == "path_refused"
+
+
+@virtually
+async def test_with_nothing_flown_an_abort_is_refused():
+    with pytest.raises(CommandRejectedError) as refused:
+        Shell().flight.abort(AbortRequest(reason="enough"))
+    assert refused.value.token == "nothing_flown"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import re
 import signal
 import socket
 import sys
@@ -109,6 +110,14 @@ def test_no_port_at_all(mistake):
     )
 
 
+def test_an_unknown_key_names_the_nearest(mistake, tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text('[vehicle]\nname = "x"\n[link]\nprot = "tcp:localhost:1"\n', encoding="utf-8")
+    code, line = mistake("--config", str(path))
+    assert code == 2
+    assert re.fullmatch(r'mkdaemon: .*my\.toml:4: link\.prot: unknown key; did you mean "port"\?', line)
+
+
 def test_a_missing_configuration_file(mistake):
     code, line = mistake("--config", "nothing/here.toml")
     assert code == 2
@@ -119,6 +128,12 @@ def test_a_missing_device(mistake):
     code, line = mistake("--port", "/dev/ttyUSB-nothing", "--listen", free_endpoint())
     assert code == 1
     assert "/dev/ttyUSB-nothing" in line
+
+
+def test_a_port_of_no_known_kind(mistake):
+    code, line = mistake("--port", "usb:0", "--listen", free_endpoint())
+    assert code == 2
+    assert "usb:0" in line
 
 
 @pytest.mark.parametrize("content", [None, "", "no recording\n"])

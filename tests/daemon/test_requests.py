@@ -23,6 +23,7 @@ from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionReq
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import Phase
+from mkdaemon.telemetry.link import LinkCondition
 from tests.control.admission.situations import situation_of
 from tests.control.events import link_state
 
@@ -113,6 +114,14 @@ async def test_a_beep_that_leaves_the_board_deaf_is_refused(duration, count, tok
     result = await desk.ask("fc/beep", {"duration": duration, "count": count, "confirm": True})
     assert result.token == token
     assert token is None or "12456 s" in result.reason
+
+
+async def test_on_a_silent_line_a_request_says_that_and_not_that_motors_are_unknown():
+    desk = Desk()
+    desk.facts = desk._requests._facts = VehicleMemory()
+    desk.facts.link_changed(link_state(LinkCondition.MUTE, "nothing arrives"))
+    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
+    assert (result.token, "nothing arrives" in result.reason) == ("link_down", True)
 
 
 async def test_a_typed_reply_comes_back_with_its_schema(desk):

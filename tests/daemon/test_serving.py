@@ -16,7 +16,7 @@ from mkdaemon.daemon import program
 from mkdaemon.daemon.flightnote import FlightNotes
 from mkdaemon.daemon.program import Daemon, run
 from mkdaemon.daemon.watchdog import Notifier
-from mkdaemon.errors import LinkLostError, MkError
+from mkdaemon.errors import ConfigError, LinkLostError, MkError
 from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sighting
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import Evidence
@@ -264,6 +264,11 @@ def with_daemon(monkeypatch, error):
     monkeypatch.setattr(program.Bus, "open", opened)
     monkeypatch.setattr(program, "spare_collector", lambda: None)
     return Config.model_validate({"link": {"port": "/dev/tty-nothing"}})
+
+
+async def test_no_port_is_found_before_anything_is_opened():
+    with pytest.raises(ConfigError, match=r"link\.port: no port is configured"):
+        await run(Config(), asyncio.Event())
 
 
 async def test_an_error_among_the_tasks_is_raised_as_itself(monkeypatch):
