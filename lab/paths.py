@@ -8,21 +8,29 @@ path is read from the physics, at the moment for which the daemon says where it 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import asdict, dataclass, field
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel
 
 from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
 from lab.demo import flown
-from lab.room import STRAYED
+from lab.room import STRAYED, rms_cm
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.telemetry.control import ControlError
 from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
-from mksim.programs.rehearsal import HEIGHT, FlightPart, Rehearsal, over_goal, room_demonstration, simulated_aircraft
+from mksim.programs.rehearsal import (
+    HEIGHT,
+    FlightPart,
+    Rehearsal,
+    Watcher,
+    over_goal,
+    room_demonstration,
+    simulated_aircraft,
+)
 from mksim.scene.room import GOAL, figure_of_eight
 
 LAPS: Final = 3
@@ -59,37 +67,60 @@ def fly(flight: Flight) -> Row:
         distance of the true place from the one on the path; `slowed`, share of the time in which its clock was slower
         than planned, beginning and end included.
     """
-    away: list[float] = []
-    rates: list[float] = []
-    parts = (
+    followed = Followed()
+
+    def prepare(watch: Watcher) -> Rehearsal:
+        aircraft = simulated_aircraft(flight.seed, flight.wind, 15.0)
+        return followed.attached(room_demonstration(aircraft, watch, None, eights(flight.speed), limits=LIMITS))
+
+    _, row = flown(prepare, STRAYED)
+    return followed.judged(row)
+
+
+def eights(speed: float = SPEED) -> tuple[FlightPart, ...]:
+    """What is flown, at a mean along the path [m/s]."""
+    return (
         FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
-        FlightPart("path", PathSetpoint, {"target": GOAL}, path=figure_of_eight(flight.speed, LAPS, HEIGHT)),
+        FlightPart("path", PathSetpoint, {"target": GOAL}, path=figure_of_eight(speed, LAPS, HEIGHT)),
         over_goal("return", 0.0, 0.0),
         FlightPart("land", LandSetpoint, {"target": GOAL}),
     )
 
-    def prepare(watch: Any) -> Rehearsal:
-        aircraft = simulated_aircraft(flight.seed, flight.wind, 15.0)
-        rehearsal = room_demonstration(aircraft, watch, None, parts, limits=LIMITS)
+
+@dataclass(slots=True)
+class Followed:
+    """How an aircraft follows a path, seen from outside.
+
+    Attributes:
+        away: horizontal distances of the true place from the one on the path [m].
+        rates: of the clock of the path.
+    """
+
+    away: list[float] = field(default_factory=list)
+    rates: list[float] = field(default_factory=list)
+
+    def attached(self, rehearsal: Rehearsal) -> Rehearsal:
+        """Follow a flight that has not begun."""
 
         def take(suffix: str, value: BaseModel) -> None:
             if isinstance(value, PathFlown):
-                rates.append(value.rate if 0.0 < value.progress < 1.0 else 0.0)
-            elif isinstance(value, ControlError) and value.manoeuvre == "path" and rates and rates[-1] > 0.0:
-                away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))
+                self.rates.append(value.rate if 0.0 < value.progress < 1.0 else 0.0)
+            elif isinstance(value, ControlError) and value.manoeuvre == "path" and self.rates and self.rates[-1] > 0.0:
+                self.away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))
 
         rehearsal.bus.followers.append(take)
         return rehearsal
 
-    _, row = flown(prepare, STRAYED)
-    if not away:
-        return row | {"ending": Ending.HELD, "why": "no path was flown", "rms_cm": None, "most_cm": None}
-    squares = np.square(away)
-    return row | {
-        "rms_cm": round(100.0 * float(np.sqrt(squares.mean())), 1),
-        "most_cm": round(100.0 * max(away), 1),
-        "slowed": round(float(np.mean([0.0 < rate < FULL for rate in rates])), 3),
-    }
+    def judged(self, row: Row) -> Row:
+        """The row of a flight with its figures; without a path it has not finished what it was flown for."""
+        if not self.away:
+            unflown = {"ending": Ending.HELD, "why": "no path was flown"} if row["ending"] == Ending.FINISHED else {}
+            return row | unflown | {"rms_cm": None, "most_cm": None}
+        return row | {
+            "rms_cm": rms_cm(self.away),
+            "most_cm": round(100.0 * max(self.away), 1),
+            "slowed": round(float(np.mean([0.0 < rate < FULL for rate in self.rates])), 3),
+        }
 
 
 PATHS: Final = Campaign("paths", fly, asdict, limit=900.0)

@@ -7,14 +7,16 @@ back, a hold and a figure of eight in the middle of the room, landing. What beca
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from lab.campaign import Campaign, First, Jobs, Kept, Row, summed_up
 from lab.demo import flown
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
+from mksim.programs.flightrecord import Rehearsed
 from mksim.programs.rehearsal import room_demonstration, simulated_aircraft
 from mksim.scene.room import AWAY
 
@@ -49,16 +51,21 @@ def fly(flight: Flight) -> Row:
     """
     aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps)
     record, row = flown(lambda watch: room_demonstration(aircraft, watch), STRAYED)
-    return row | {
-        "hold_cm": _rms_cm(record.errors("hold")),
-        "midway_cm": _rms_cm(record.errors("midway")),
-        "eight_cm": _rms_cm(record.errors("eight")),
-        "posed": round(record.posed / max(record.images, 1), 3),
+    return row | figures_of(record)
+
+
+def figures_of(record: Rehearsed) -> Row:
+    """What `fly` returns of a record, beside its ending."""
+    parts = {"hold_cm": "hold", "midway_cm": "midway", "eight_cm": "eight"}
+    return {name: rms_cm(np.hypot(*record.errors(part)[:, :2].T)) for name, part in parts.items()} | {
+        "posed": round(record.posed / max(record.images, 1), 3)
     }
 
 
-def _rms_cm(errors: Any) -> float | None:
-    return round(100.0 * float(np.sqrt((errors[:, :2] ** 2).sum(axis=1).mean())), 1) if len(errors) else None
+def rms_cm(distances: npt.ArrayLike) -> float | None:
+    """Root mean square of distances [m]; None for none."""
+    squares = np.square(distances)
+    return round(100.0 * float(np.sqrt(squares.mean())), 1) if squares.size else None
 
 
 ROOMS: Final = Campaign("room", fly, asdict, limit=900.0)

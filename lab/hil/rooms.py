@@ -7,51 +7,31 @@ a mean of 1 m/s, as `python -m lab paths`. Physics and the board's memory judge.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
-import numpy as np
-from pydantic import BaseModel
-
-from lab import tables
+from lab import paths, room, tables
 from lab.campaign import Ending, Row, summed_up
-from lab.demo import landing_of
+from lab.demo import flown
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.flights import Setting, config_of, motors_run
 from lab.hil.scenes import setting_of
-from lab.paths import LAPS, LIMITS, SPEED
-from lab.room import STRAYED
-from mkdaemon.telemetry.control import ControlError, ControlStatus
-from mkdaemon.telemetry.path import PathFlown
-from mkdaemon.telemetry.setpoint import LandSetpoint, PathSetpoint, TakeOffSetpoint
-from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass
 from mksim.physics.world import StartState, World
-from mksim.programs.rehearsal import (
-    HEIGHT,
-    ROOM_FLIGHT,
-    FlightPart,
-    FlyingAircraft,
-    over_goal,
-    room_demonstration,
-)
-from mksim.scene.room import AWAY, GOAL, figure_of_eight
+from mksim.programs.rehearsal import FlyingAircraft, Rehearsal, Watcher, room_demonstration
+from mksim.scene.room import AWAY
 from mksim.simulation import Simulation
 
 FPS: Final = 15.0
 """Images a second."""
-EIGHTS: Final = (
-    FlightPart("take-off", TakeOffSetpoint, {"height": HEIGHT, "target": GOAL}),
-    FlightPart("eight", PathSetpoint, {"target": GOAL}, path=figure_of_eight(SPEED, LAPS, HEIGHT)),
-    over_goal("return", 0.0, 0.0),
-    FlightPart("land", LandSetpoint, {"target": GOAL}),
-)
-"""What `paths` flies."""
-GOALS: Final = {"touch_cm": (0.9, 6.0), "eight_cm": (1.0, 10.0)}
-"""Quantile of each figure, and its goal [cm]; the eight of `room` is slower, and has the same."""
+FIGURES: Final = {"room": ("touch_cm", "hold_cm", "midway_cm", "eight_cm"), "paths": ("touch_cm", "rms_cm", "most_cm")}
+GOALS: Final = {
+    "room": {"touch_cm": (0.9, room.GOAL_P90_CM), "eight_cm": (1.0, paths.GOAL_RMS_CM)},
+    "paths": {"touch_cm": (0.9, room.GOAL_P90_CM), "rms_cm": (1.0, paths.GOAL_RMS_CM)},
+}
+"""Of each case: which share of the flights does not exceed what."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,46 +62,25 @@ def fly(work: Work) -> Row:
     """Fly once in virtual time.
 
     Returns:
-        How it ended and why; `touch_cm`, `hold_cm` and `midway_cm` as in `lab.room`; `eight_cm`, root mean square of
-        the horizontal distance of the true place from the one on the path.
+        The figures of `lab.room` or of `lab.paths`. A board whose motors run on the ground is lost.
     """
     setting = replace(setting_of(work.board, work.line, work.seed), fps=FPS)
-    reasons: list[str] = []
-    away: list[float] = []
-    rates: list[float] = []
+    config = config_of(setting)
+    config = config.model_copy(update={"flight": config.flight.model_copy(update={"wind": WindClass(work.wind)})})
+    aircraft, followed = aircraft_of(setting, config), paths.Followed()
 
-    def watch(_: object, status: ControlStatus | None) -> None:
-        if status is not None and status.phase.value == "releasing" and not reasons:
-            reasons.append(status.reason)
+    def prepare(watch: Watcher) -> Rehearsal:
+        if work.case == "room":
+            return room_demonstration(config, watch, aircraft=aircraft)
+        eights = paths.eights()
+        return followed.attached(
+            room_demonstration(config, watch, None, eights, limits=paths.LIMITS, aircraft=aircraft)
+        )
 
-    async def flown() -> Row:
-        config = config_of(setting)
-        config = config.model_copy(update={"flight": config.flight.model_copy(update={"wind": WindClass(work.wind)})})
-        is_room = work.case == "room"
-        parts, limits = (ROOM_FLIGHT, {}) if is_room else (EIGHTS, LIMITS)
-        aircraft = aircraft_of(setting, config)
-        rehearsal = room_demonstration(config, watch, None, parts, limits=limits, aircraft=aircraft)
-
-        def take(suffix: str, value: BaseModel) -> None:
-            if isinstance(value, PathFlown):
-                rates.append(value.rate if 0.0 < value.progress < 1.0 else 0.0)
-            elif isinstance(value, ControlError) and value.manoeuvre == "path" and rates and rates[-1] > 0.0:
-                away.append(math.dist(rehearsal.world.truth.position_enu[:2], value.goal[:2]))
-
-        rehearsal.bus.followers.append(take)
-        record = await rehearsal.fly()
-        farthest = max((math.hypot(*moment.position[:2]) for moment in record.moments), default=0.0)
-        stands = rehearsal.world.truth.on_ground
-        row = landing_of(record, "".join(reasons), stands=stands, is_lost=farthest > STRAYED)
-        if row["ending"] == Ending.FINISHED and motors_run(aircraft):
-            row |= {"ending": Ending.LOST, "why": "its motors run on the ground"}
-        return row | {
-            "hold_cm": _rms_cm(np.hypot(*record.errors("hold")[:, :2].T)) if is_room else None,
-            "midway_cm": _rms_cm(np.hypot(*record.errors("midway")[:, :2].T)) if is_room else None,
-            "eight_cm": _rms_cm(np.array(away)),
-        }
-
-    return run_virtually(flown())
+    record, row = flown(prepare, room.STRAYED)
+    if row["ending"] == Ending.FINISHED and motors_run(aircraft):
+        return row | {"ending": Ending.LOST, "why": "its motors run on the ground"}
+    return row | room.figures_of(record) if work.case == "room" else followed.judged(row)
 
 
 def aircraft_of(setting: Setting, config: SimConfig) -> FlyingAircraft:
@@ -133,15 +92,10 @@ def aircraft_of(setting: Setting, config: SimConfig) -> FlyingAircraft:
     return GenuineAircraft(built(setting.firmware), config, start=start, voltage=voltage, has_compass=has_compass)
 
 
-def _rms_cm(errors: Any) -> float | None:
-    return round(100.0 * float(np.sqrt(np.square(errors).mean())), 1) if len(errors) else None
-
-
 def show(rows: Sequence[Mapping[str, Any]], *, as_json: bool) -> int:
     """Print figures of every board and line; exit code 1 unless every flight finished and each goal is reached."""
     shown = []
-    for board, line in dict.fromkeys((row["board"], row["line"]) for row in rows):
+    for case, board, line in dict.fromkeys((row["case"], row["board"], row["line"]) for row in rows):
         part = [dict(row) for row in rows if (row["board"], row["line"]) == (board, line)]
-        found = summed_up(part, "touch_cm", "hold_cm", "midway_cm", "eight_cm", **GOALS)
-        shown.append({"board": board, "line": line} | found)
+        shown.append({"board": board, "line": line} | summed_up(part, *FIGURES[case], **GOALS[case]))
     return tables.show(shown, ("board", "line", "flights"), as_json=as_json)

@@ -349,6 +349,9 @@ def test_flights_through_a_room_are_summed_up_and_asked_for_their_goals(capsys):
         assert rooms.show([row | change], as_json=True) == code
         found = json.loads(capsys.readouterr().out)["rows"][0]
         assert (found["board"], found["flights"]) == ("fw", 1)
+    row = row | {"case": "paths", "rms_cm": 10.1, "most_cm": 20.0}
+    assert rooms.show([row], as_json=True) == 1
+    assert rooms.show([row | {"rms_cm": 9.9}], as_json=True) == 0
 
 
 def test_a_room_is_crossed_from_the_first_pad():

@@ -26,6 +26,16 @@ def test_the_figure_is_two_metres_by_one_at_its_mean_speed_and_within_the_limits
     assert np.hypot(*velocity[:, :2].T).mean() == pytest.approx(speed, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("away", "ending", "found"),
+    [([0.03, 0.04], "finished", "finished"), ([], "finished", "held"), ([], "lost", "lost"), ([0.1], "lost", "lost")],
+)
+def test_only_a_flight_that_finished_can_have_missed_its_path(away, ending, found):
+    row = paths.Followed(away, [1.0]).judged({"ending": ending, "why": "because"})
+    assert row["ending"] == found
+    assert row["rms_cm"] == ({2: 3.5, 1: 10.0}[len(away)] if away else None)
+
+
 def test_kept_flights_are_summed_up_and_the_goal_is_asked(tmp_path, capsys):
     kept = tmp_path / "paths.jsonl"
     row = {"ending": "finished", "why": "", "most_cm": 20.0, "touch_cm": 2.0, "slowed": 0.1, "seconds": 50.0}
