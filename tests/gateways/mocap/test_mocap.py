@@ -109,8 +109,8 @@ async def test_a_lost_system_is_reached_again_and_says_so(monkeypatch):
     running = asyncio.create_task(made.run())
     await wait_until(lambda: len(body.sender.sent) == 2 and body.sender.told)
     running.cancel()
-    ended.set()
     await asyncio.gather(running, return_exceptions=True)
+    ended.set()  # after the gateway's end: its thread says nothing any more
     of_system = [line for line in lines if line.startswith("vicon")]
     assert of_system == [
         "vicon at there: no route; next attempt in 0.001 s",

@@ -170,6 +170,8 @@ class MocapGateway:
                 return
             except (RuntimeError, OSError, ValueError) as error:
                 self._shown = self._trouble = f"{self._where}: {error}"
+            if self._ends.is_set():
+                return
             wait = RETRIES[min(attempt, len(RETRIES) - 1)]
             attempt, self.reconnections = attempt + 1, self.reconnections + 1
             self._show(f"{self._shown}; next attempt in {wait:g} s")
