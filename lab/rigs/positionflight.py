@@ -43,6 +43,8 @@ SETTLED: Final = 0.5
 AFTERWARDS: Final = 6.0
 """Time after a release in which the safety pilot must be able to fly it [s]."""
 SOURCE: Final = "mocap"
+UNNAMED: Final = (EyeState.OK, EyeState.DISPUTED)
+"""States that name no source as wrong."""
 
 
 class PositionFlight(CoreRig):
@@ -51,7 +53,7 @@ class PositionFlight(CoreRig):
     Attributes:
         capture: the motion capture system.
         eye: the source of poses, as the daemon has it.
-        named: states of the source other than `ok` after its fault began, with the time of each [s] and its reason.
+        named: states that name the source as wrong after its fault began, with the time of each [s] and its reason.
         used: times at which a pose reached the core in flight after the fault began [s].
         released: when and why the core let go.
     """
@@ -112,7 +114,7 @@ class PositionFlight(CoreRig):
         self._at(at + LOOK, self._look)
         stats: VisionStats = self.eye.stats(at, stamp(at))
         self.core.feed(EyeStats(stats), at)
-        if self._fault and at >= max(self._fault_at, SETTLED) and stats.state is not EyeState.OK:
+        if self._fault and at >= max(self._fault_at, SETTLED) and stats.state not in UNNAMED:
             self.named.append((at, stats.state, stats.reason))
 
     def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:

@@ -23,6 +23,7 @@ from lab.rigs.positionflight import (
     SETTLED,
     SOURCE,
     STEP_FROM,
+    UNNAMED,
     PositionFlight,
 )
 from mkdaemon.config.positions import PositionSource
@@ -129,7 +130,7 @@ class WrongSourceFlight(PositionFlight):
         plan: what is flown.
         contradicted: when the estimate contradicted which eyes, in flight [s].
         refused: why setpoints were refused.
-        accused: states other than `ok` of the other source, with their times [s].
+        accused: states of the other source that name it as wrong, with their times [s].
     """
 
     def __init__(self, plan: WrongSource) -> None:
@@ -143,6 +144,9 @@ class WrongSourceFlight(PositionFlight):
         self._noise = random.Random(f"{plan.seed} frames")
         self._second = MotionCapture(plan.seed + 500_000)
         self._second_eye = PositionEye(PositionSource(name=SECOND, target="pad", frame_sd=0.01))
+        if plan.other == SECOND:
+            self.eye.compare_with([self._second_eye])
+            self._second_eye.compare_with([self.eye])
         self._frame = np.array([self._noise.gauss(0.0, FRAME_SD) for _ in range(3)])
         self._begins = 0.0 if plan.is_first or not plan.other else JOINS
         other_begins = 0.006 if self._begins else JOINS
@@ -218,7 +222,7 @@ class WrongSourceFlight(PositionFlight):
         if self.plan.other == CAMERA:
             fit = {"camera": CAMERA, "state": EyeState.OK, "reason": "", "processed": 1, "trusted_for": None}
             stats = stats.model_copy(update=fit)
-        elif at >= JOINS + SETTLED and stats.state is not EyeState.OK:
+        elif at >= JOINS + SETTLED and stats.state not in UNNAMED:
             self.accused.append((at, stats.state, stats.reason))
         self.core.feed(EyeStats(stats), at)
 

@@ -39,7 +39,7 @@ class Desk:
     events: list
 
 
-def desk(tmp_path, **fields):
+def desk(tmp_path, *others, **fields):
     clock, bus, events = virtual_clock(), LocalBus(), []
     if fields.pop("is_signed", True):
         file = tmp_path / "secret"
@@ -47,13 +47,14 @@ def desk(tmp_path, **fields):
         fields["secret_file"] = file
     source = PositionSource(**{"name": "mocap", "target": "map"} | fields)
     core = FlightCore(ControlConfig(), first_epoch=1)
-    made = PositionSources((source,), core, lambda event, now: events.append(event), Audit(bus, clock), bus, clock)
+    sources = (source, *(PositionSource(name=name, target="map") for name in others))
+    made = PositionSources(sources, core, lambda event, now: events.append(event), Audit(bus, clock), bus, clock)
     made.receive_from(bus)
     return Desk(made, bus, events)
 
 
-def put(bus, data, proof, at=0.0):
-    arrive, verify = bus.takers[SUFFIX]
+def put(bus, data, proof, at=0.0, suffix=SUFFIX):
+    arrive, verify = bus.takers[suffix]
     return arrive(at, data, verify(data, proof))
 
 
@@ -112,6 +113,20 @@ async def test_a_refused_pose_is_told_to_the_core(tmp_path):
         put(found.bus, data, sign(SECRET, SUFFIX, data), at=asyncio.get_running_loop().time())
     assert [type(event) for event in found.events] == [PoseSeen, SightRefused]
     assert found.bus.values["vision/mocap/refused"].refusal == "off_course"
+
+
+@virtually
+async def test_sources_of_one_target_that_show_different_places_are_refused_and_say_so(tmp_path):
+    found = desk(tmp_path, "uwb")
+    for k in range(60):
+        await asyncio.sleep(0.03)
+        for suffix, z in ((SUFFIX, 1.0), ("positions/uwb/report", 1.3)):
+            data, at = payload(k + 1, z + 1e-6 * k), asyncio.get_running_loop().time()
+            put(found.bus, data, sign(SECRET, suffix, data), at, suffix)
+    poses = [k for k, event in enumerate(found.events) if isinstance(event, PoseSeen)]
+    refused = [event.refused for event in found.events if isinstance(event, SightRefused)]
+    assert max(poses) < 20
+    assert {(each.camera, each.refusal) for each in refused} == {("mocap", "disputed"), ("uwb", "disputed")}
 
 
 @virtually

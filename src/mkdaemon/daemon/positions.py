@@ -60,6 +60,8 @@ class PositionSources:
         """
         self._core, self._feed, self._audit, self._bus, self._clock = core, feed, audit, bus, clock
         self._eyes = {cfg.name: PositionEye(cfg) for cfg in sources}
+        for eye in self._eyes.values():
+            eye.compare_with(self._eyes.values())
         self._shown: dict[str, _Shown] = {}
 
     def receive_from(self, bus: ReportsBus) -> None:

@@ -32,6 +32,8 @@ LAGS: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 """Ages of the boards' attitudes that are tried [s]: by cable 0.03, by a slow radio 0.12."""
 SPREAD: Final = 0.18
 """Distance in time of the positions whose second difference is an acceleration [s]."""
+CHANGE: Final = 0.36
+"""Tilts are compared by their changes within this time [s]: an aircraft leans into an acceleration in as much."""
 LEANT: Final = math.radians(8.0)
 """Largest mean difference of the tilts [rad]: crooked bodies are within it, a wrong up is not."""
 TILT_LEAST, MOTION_LEAST = math.radians(0.7), math.radians(1.2)
@@ -80,6 +82,10 @@ class Contradiction(Enum):
     MOTION = (
         "it does not move as the aircraft tilts: mirrored or swapped axes; correct that, then start its sender again"
     )
+    OUTDONE = (
+        "another source shows another place, and the motion that the boards report: mirrored axes, another body, or "
+        "late by more than it says; correct that, then start its sender again"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +97,14 @@ class MotionDifference:
         tilt: power of the difference of the tilts over that of the boards', the worse axis; None without motion.
         motion: the same of the accelerations; None also where the aircraft is not flown: a hand needs no tilt.
         is_alike: both axes tilted enough to tell, and the tilts are those of one aircraft.
+        excess: power of all differences over what boards and a right source differ by.
     """
 
     leant: float
     tilt: float | None
     motion: float | None
     is_alike: bool
+    excess: float
 
     @property
     def contradiction(self) -> Contradiction | None:
@@ -155,14 +163,19 @@ class MotionJudge:
 
     Attributes:
         contradiction: why the source is not used; None where nothing contradicts it.
+        motion: of the last `WINDOW`: time [s], pitch, roll, yaw [rad], place [m] of poses on the grid.
+        excess: of the newest comparison, see `MotionDifference`; None where the last one was not whole.
+        jumped_at: when a pose was last none of the ones before [s].
     """
 
     def __init__(self) -> None:
         self.contradiction: Contradiction | None = None
+        self.motion: deque[tuple[float, ...]] = deque(maxlen=round(WINDOW / GRID))
+        self.excess: float | None = None
+        self.jumped_at = -math.inf
         self._suspected: Contradiction | None = None
         self._lasted = 0
         self._boards: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
-        self._motion: deque[tuple[float, ...]] = deque(maxlen=round(WINDOW / GRID))
         self._track = _Track()
         self._astray = _Track()
         self._compared_at = -math.inf
@@ -194,16 +207,18 @@ class MotionJudge:
         if last is not None and np.array_equal(last[0], place) and np.array_equal(last[1], rotation):
             return PoseRefusal.REPEATED
         if not self._continues(at, place):
+            self.jumped_at = at
             return PoseRefusal.OFF_COURSE
-        if self._motion and at - self._motion[-1][0] > 3 * GRID:
-            self._motion.clear()
-        if not self._motion or at - self._motion[-1][0] >= GRID - 0.002:
+        if self.motion and at - self.motion[-1][0] > 3 * GRID:
+            self.motion.clear()
+        if not self.motion or at - self.motion[-1][0] >= GRID - 0.002:
             c, s = rotation[0, 0], rotation[1, 0]
             pitch, roll = math.asin(-max(-1.0, min(1.0, rotation[2, 0]))), math.atan2(rotation[2, 1], rotation[2, 2])
-            self._motion.append((at, pitch, roll, math.atan2(s, c), float(place[0]), float(place[1])))
+            self.motion.append((at, pitch, roll, math.atan2(s, c), *place.tolist()))
         if at - self._compared_at >= COMPARED:
             self._compared_at = at
             found = self.compare()
+            self.excess = None if found is None else found.excess
             if found is not None:
                 self._conclude(found)
         return PoseRefusal.MOTION if self.contradiction else None
@@ -218,6 +233,10 @@ class MotionJudge:
             self.contradiction = self._suspected
         elif self.contradiction is Contradiction.LEANT or (found.is_alike and self.contradiction is Contradiction.TILT):
             self.contradiction = None
+
+    def outdone(self) -> None:
+        """Contradict the source: another one shows another place, and the motion of the boards."""
+        self.contradiction = self.contradiction or Contradiction.OUTDONE
 
     @property
     def has_strayed(self) -> bool:
@@ -248,9 +267,9 @@ class MotionJudge:
 
     def compare(self) -> MotionDifference | None:
         """Compare the motion of the last seconds with that of the boards; None where it is not whole."""
-        if len(self._motion) < round(0.6 * WINDOW / GRID) or len(self._boards) < 10:
+        if len(self.motion) < round(0.6 * WINDOW / GRID) or len(self._boards) < 10:
             return None
-        boards, motion = np.array(self._boards), np.array(self._motion)
+        boards, motion = np.array(self._boards), np.array(self.motion)
         motion = motion[motion[:, 0] <= boards[-1, 0] - LAGS[-1]]
         if len(motion) < round(0.5 * WINDOW / GRID) or boards[0, 0] > motion[0, 0]:
             return None
@@ -259,21 +278,31 @@ class MotionJudge:
         tried = [np.array([np.interp(grid + lag, boards[:, 0], boards[:, k]) for k in (1, 2)]) for lag in LAGS]
         reported = min(tried, key=lambda each: float(((tilts - each) ** 2).sum()))
         leant = float(np.hypot(*(tilts - reported).mean(axis=1)))
-        # After a strong acceleration the boards' tilt is off by degrees and returns slowly: the trend is left out.
-        difference, tilted = _less_trend(tilts - reported), _less_trend(reported)
+        # After a strong acceleration the boards' tilt is off by degrees, and returns in seconds: changes are compared.
+        difference, tilted = _changes(tilts - reported), _changes(reported)
         unlikes = unlike(difference, tilted, TILT_LEAST, 0.0)
         is_alike = len(unlikes) == 2 and max(unlikes) < ALIKE
         flown = grid >= self._flown_from
-        accelerations = _unlike_accelerations(grid[flown], motion, reported[:, flown])
+        moved, wanted = _accelerations(grid[flown], motion, reported[:, flown])
+        accelerations = unlike(moved - wanted, wanted, GRAVITY * MOTION_LEAST, WIND)
         worst = max(unlike(difference, tilted, TILT_LEAST, TILT_DIFFERS), default=None)
-        return MotionDifference(leant, worst, max(accelerations, default=None), is_alike)
+        excess = _power(difference) / TILT_DIFFERS**2 + _power(moved - wanted) / WIND**2
+        return MotionDifference(leant, worst, max(accelerations, default=None), is_alike, excess)
 
 
-def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> list[float]:
-    """Compare accelerations of the positions with those of the boards' tilt (2, n), both in the target's axes."""
+def _power(values: Matrix) -> float:
+    """Mean square of rows (2, n); 0 for no columns."""
+    return float((values**2).mean()) if values.size else 0.0
+
+
+def _accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> tuple[Matrix, Matrix]:
+    """Accelerations of the positions, and those of the boards' tilt (2, n), less their means, in the target's axes.
+
+    (2, 0) where the time that is compared is too short.
+    """
     n = round(SPREAD / GRID)
     if len(grid) < 4 * n:
-        return []
+        return np.zeros((2, 0)), np.zeros((2, 0))
     yaw = np.interp(grid, motion[:, 0], np.unwrap(motion[:, 3]))
     c, s = np.cos(yaw), np.sin(yaw)
     pitch, roll = reported
@@ -283,8 +312,7 @@ def _unlike_accelerations(grid: Vector, motion: Matrix, reported: Matrix) -> lis
     places = np.array([np.interp(grid, motion[:, 0], motion[:, k]) for k in (4, 5)])
     moved = (places[:, 2 * n :] - 2.0 * places[:, n:-n] + places[:, : -2 * n]) / (n * GRID) ** 2
     width = min(moved.shape[1], len(pushed[0]))
-    wanted = np.array(pushed)[:, 1 : width + 1]
-    return unlike(_less_mean(moved[:, :width] - wanted), _less_mean(wanted), GRAVITY * MOTION_LEAST, WIND)
+    return _less_mean(moved[:, :width]), _less_mean(np.array(pushed)[:, 1 : width + 1])
 
 
 def unlike(difference: Matrix, motion: Matrix, least: float, noise: float) -> list[float]:
@@ -299,6 +327,8 @@ def unlike(difference: Matrix, motion: Matrix, least: float, noise: float) -> li
     Returns:
         One for each axis that moves enough.
     """
+    if not motion.size:
+        return []
     powers = (motion**2).mean(axis=1)
     excess = np.maximum((difference**2).mean(axis=1) - noise**2, 0.0)
     return [float(each / power) for each, power in zip(excess, powers, strict=True) if power > least**2]
@@ -310,9 +340,8 @@ def _less_mean(values: Matrix) -> Matrix:
     return rest
 
 
-def _less_trend(values: Matrix) -> Matrix:
-    """Rows (2, n) less the straight line through each."""
-    line = np.linspace(-1.0, 1.0, values.shape[1])
-    line /= np.linalg.norm(line)
-    rest = _less_mean(values)
-    return rest - np.outer(rest @ line, line)
+def _changes(values: Matrix) -> Matrix:
+    """How much rows (2, n) change within `CHANGE`."""
+    n = round(CHANGE / GRID)
+    changed: Matrix = values[:, n:] - values[:, :-n]
+    return changed

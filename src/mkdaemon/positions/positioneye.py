@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from mkdaemon.frames import (
     rotation_from_quaternion,
 )
 from mkdaemon.positions.motionjudge import MotionJudge
+from mkdaemon.positions.rivals import Rival, Rivals
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.position import PositionReport, report_key
@@ -44,8 +46,12 @@ REMEDIES: Final = {
     PoseRefusal.REPEATED: "the same numbers come again and again; its system does not measure",
     PoseRefusal.OFF_COURSE: "they jumped; another body's pose, or another frame",
     PoseRefusal.MOTION: "",
+    PoseRefusal.DISPUTED: "",
 }
-"""What is wrong with refused reports, and what to do; of its motion the judge says it."""
+"""What is wrong with refused reports, and what to do; of motion and disputes the state says it."""
+
+DISPUTED: Final = ", and nothing shows yet which is wrong: measure both frames again, or fly by one (trusted_for = [])"
+"""What to do about a dispute."""
 
 
 class _Spot(NamedTuple):
@@ -65,12 +71,14 @@ class PositionEye:
 
     Attributes:
         cfg: its section.
+        rival: what other sources need to know of it.
     """
 
     def __init__(self, cfg: PositionSource) -> None:
-        """Prepare; nothing was reported."""
+        """Prepare; nothing was reported, and it is the only source of its target."""
         self.cfg = cfg
-        self._judge = MotionJudge()
+        self.rival = Rival(cfg.name, math.hypot(cfg.position_sd, cfg.frame_sd), MotionJudge())
+        self._rivals = Rivals(self.rival, ())
         self._axes, self._origin = _turned(cfg.rpy_deg), np.array(cfg.position)
         self._body_from_flu, self._body = _turned(cfg.body_rpy_deg).T, np.array(cfg.body_position)
         spots = [_Spot(cfg.target, np.zeros(3), np.eye(3))]
@@ -89,7 +97,13 @@ class PositionEye:
     def attitude_received(self, at: float, pitch: float, roll: float) -> None:
         """Take an attitude of the boards; see `MotionJudge`."""
         self._has_attitude = True
-        self._judge.attitude_received(at, pitch, roll)
+        self.rival.judge.attitude_received(at, pitch, roll)
+
+    def compare_with(self, others: Iterable[PositionEye]) -> None:
+        """Compare its poses with those of other sources from now on: those of its target that are flown by."""
+        is_flown = "flight" in self.cfg.trusted_for
+        peers = [each for each in others if each.cfg.target == self.cfg.target and "flight" in each.cfg.trusted_for]
+        self._rivals = Rivals(self.rival, [each.rival for each in peers if is_flown and each is not self])
 
     def refused(self, why: PoseRefusal, now: float) -> None:
         """Count a report that is refused before it is read, at a time [s]."""
@@ -123,10 +137,14 @@ class PositionEye:
             why = PoseRefusal.LATE
         if why is None:
             if report.epoch != self._newest[0]:
-                self._judge = self._judge.restarted()
+                self.rival.judge = self.rival.judge.restarted()
             self._newest, self._taken_at = order, at
             place, rotation = self._pose(report)
-            why = self._judge.take(at, place, rotation, is_flown=is_flown)
+            why = self.rival.judge.take(at, place, rotation, is_flown=is_flown)
+            covariance = self._covariance(report)
+            self.rival.spread = math.sqrt(float(covariance.diagonal()[:3].max()))
+            if why is None and not self._rivals.compare(at):
+                why = PoseRefusal.MOTION if self.rival.judge.contradiction else PoseRefusal.DISPUTED
         self._processed += 1
         self._recent.append((now, late, why is None))
         while self._recent[0][0] < now - MEASURED:
@@ -146,7 +164,6 @@ class PositionEye:
         if at - self._passed_at < PERIOD - EARLY:
             return []
         self._passed_at = at
-        covariance = self._covariance(report)
         return [
             (f"vision/{self.cfg.name}/pose", self._published(spot, place, rotation, covariance, late, seen))
             for spot in self._spots
@@ -232,9 +249,12 @@ class PositionEye:
         if silent > SILENT:
             last = "no report yet" if math.isinf(silent) else f"the last report is {silent:.0f} s old"
             return EyeState.MISSING, f"{last}: start its sender (mkdaemon gateway mocap), show it the body"
-        if self._judge.contradiction is not None:
-            return EyeState.CONTRADICTED, self._judge.contradiction.value
-        if now - self._used_at <= JUDGED and not self._judge.has_strayed:
+        if self.rival.judge.contradiction is not None:
+            return EyeState.CONTRADICTED, self.rival.judge.contradiction.value
+        if self._rivals.against:
+            others = " and ".join(self._rivals.against)
+            return EyeState.DISPUTED, f"{others} shows the aircraft {self._rivals.apart:.2f} m from there{DISPUTED}"
+        if now - self._used_at <= JUDGED and not self.rival.judge.has_strayed:
             return EyeState.OK, ""
         state = EyeState.CONTRADICTED if self._why is PoseRefusal.OFF_COURSE else EyeState.REFUSED
         return state, REMEDIES[self._why]

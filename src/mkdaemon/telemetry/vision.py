@@ -148,6 +148,8 @@ class PoseRefusal(StrEnum):
     """It has the very numbers of the one before: nothing was measured."""
     MOTION = "motion"
     """The source shows another motion than the boards."""
+    DISPUTED = "disputed"
+    """Another source shows another place, and nothing has shown yet which is wrong."""
 
 
 class PoseRefused(Seen):
@@ -226,6 +228,8 @@ class EyeState(ToneEnum):
     REFUSED = "refused", "its reports are refused", Tone.BAD
     CONTRADICTED = "contradicted", "the boards contradict it", Tone.BAD
     """A source of poses shows another motion than the boards, or jumped."""
+    DISPUTED = "disputed", "another source contradicts it", Tone.BAD
+    """Neither of two sources of poses is used until the boards have shown which is wrong."""
     GONE = "gone", "unplugged", Tone.BAD
     ENDED = "ended", "its images have ended", Tone.WARN
 

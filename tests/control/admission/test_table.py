@@ -123,7 +123,7 @@ CASES = [
     ("ground contact", "not_flying", NewManoeuvre(Concern.HOLD), {"flown": Concern.TAKE_OFF, "is_touching": True}),
     ("ground contact", "not_flying", NewManoeuvre(Concern.POSITION), {"flown": Concern.LAND, "is_touching": True}),
     ("one target", "target_unclear", NewManoeuvre(Concern.LAND), {"in_sight": ("pad", "other")}),
-    ("one target", "target_unclear", NewManoeuvre(Concern.TAKE_OFF), sees(offset=0.6, target="other")),
+    ("one target", "target_unclear", NewManoeuvre(Concern.TAKE_OFF), sees(offset=0.6)),
     (
         "target in use",
         "target_unclear",
@@ -246,6 +246,8 @@ def test_who_names_a_target_is_flown_by_that_one_or_waits_for_it():
     assert by_hand.token == Token.NOT_READY
     assert refusal(replace(other, target="pad"), replace(GOOD, flown=Concern.LAND)) is None
     assert refusal(NewManoeuvre(Concern.POSITION), replace(GOOD, flown=Concern.HOLD, in_sight=("other", "pad"))) is None
+    drifted = replace(STANDING, **sees(offset=1.5, height=0.1), in_sight=())
+    assert refusal(NewManoeuvre(Concern.TAKE_OFF), drifted) is None, "out of sight its place is unknown"
     far = replace(named, target="other")
     assert refusal(far, replace(STANDING, **sees(offset=1.5, height=0.1, target="other"))) is None, "it is meant"
 

@@ -73,7 +73,9 @@ def one_target(now: Situation, wanted: NewManoeuvre) -> Verdict:
         found = ", ".join(now.in_sight)
         detail = "more than one target is in sight"
         return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=f"one of {found}", detail=detail))
-    if wanted.concern is Concern.TAKE_OFF and entry is not None and entry.offset > ASIDE:
+    if wanted.concern is not Concern.TAKE_OFF or entry is None or entry.target not in now.in_sight:
+        return passed()  # out of sight the estimate drifts, and other rows say why
+    if entry.offset > ASIDE:
         detail = f"the aircraft stands {entry.offset:.1f} m beside its middle"
         return stands(refuse(Token.TARGET_UNCLEAR, name=name, found=entry.target, detail=detail))
     return passed()
