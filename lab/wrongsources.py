@@ -28,7 +28,7 @@ USED_AFTER: Final = 0.2
 """Poses under way when a source is named [s]. One that was silent is used when it is back: late without saying so, it
 begins with a silence."""
 RELEASED_AFTER: Final = 3.5
-"""An aircraft whose only source was named is released within this time [s]."""
+"""An aircraft whose only source stays named is released within this time [s]."""
 MOVED_BY_MOTION: Final = 1.5
 """A source that only the motion of the aircraft shows moves it no farther out of where it flies, before and after it is
 named [m]."""
@@ -93,9 +93,20 @@ def _broken(plan: WrongSource, rig: WrongSourceFlight, named_at: float, *, has_l
     if not plan.other and was_used_while_named(rig):
         return "used while it was named"
     let_go = rig.released[0][0] if rig.released else math.inf
-    if not plan.other and rig.has_flown and not has_landed and let_go > max(named_at, plan.at) + RELEASED_AFTER:
+    if not plan.other and rig.has_flown and not has_landed and let_go > named_since(rig, let_go) + RELEASED_AFTER:
         return "not released"
     return ""
+
+
+def named_since(rig: WrongSourceFlight, until: float) -> float:
+    """Since when every look until a time [s] has named the source [s]: one that was silent is used when it is back."""
+    looks = [at for at, *_ in rig.named if at <= until]
+    since = looks[-1:] or [rig.plan.at]
+    for at in reversed(looks[:-1]):
+        if since[0] - at > 1.5 * LOOK:
+            break
+        since[0] = at
+    return since[0]
 
 
 def was_used_while_named(rig: WrongSourceFlight) -> bool:

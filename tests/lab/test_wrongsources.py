@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
@@ -34,6 +35,13 @@ def test_a_source_may_be_used_when_it_is_back_but_not_while_it_is_named():
     named = [(at, "missing", "silent") for at in (1.0, 1.1, 1.2, 1.3, 2.5)]
     for used, is_broken in (([1.05], False), ([1.25], True), ([1.35, 1.6, 2.45], False), ([], False)):
         assert wrongsources.was_used_while_named(SimpleNamespace(named=named, used=used)) is is_broken
+
+
+def test_a_source_counts_as_named_since_the_looks_that_named_it_without_a_gap():
+    named = [(at, "missing", "silent") for at in (1.0, 1.1, 1.2, 4.0, 4.1, 4.2)]
+    rig = SimpleNamespace(named=named, plan=SimpleNamespace(at=0.9))
+    found = [wrongsources.named_since(rig, until) for until in (0.5, 1.15, 3.0, 4.15, math.inf)]
+    assert found == [0.9, 1.0, 1.0, 4.0, 4.0]
 
 
 def test_kept_flights_are_summed_up_and_a_broken_promise_fails(tmp_path, capsys):
