@@ -16,9 +16,9 @@ from mkdaemon.frames import rotation_from_euler
 SD = 0.002
 
 
-def view(at, place, *, tilt=0.0, camera="mocap", is_placed=True, shared=0.0):
+def view(at, place, *, tilt=0.0, camera="mocap", is_placed=True, shared=0.0, sd=SD):
     rotation = rotation_from_euler(0.0, tilt, 0.3)
-    covariance = np.diag([SD**2 + shared**2] * 3 + [0.01**2] * 3)
+    covariance = np.diag([sd**2 + shared**2] * 3 + [0.01**2] * 3)
     seen = -rotation.T @ np.array(place)
     return TargetView(at, seen, rotation, covariance, camera, (shared, shared, 0.0), is_placed)
 

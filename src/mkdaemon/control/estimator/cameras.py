@@ -63,9 +63,13 @@ class Cameras:
         """Whether every camera that shows the target has had too many images refused one after the other."""
         return all(each.refused >= self._patience for each in self._records.values())
 
-    def judged(self, camera: str, *, is_refused: bool) -> None:
-        """Note whether an image of a camera was refused."""
-        record = self._records[camera]
+    def judged(self, camera: str, *, is_refused: bool) -> tuple[str, ...]:
+        """Note whether an image of a camera was refused; return the cameras that this image shows to be wrong."""
+        trusted = [name for name, each in self._records.items() if not each.is_wrong]
+        self._weigh(self._records[camera], is_refused=is_refused)
+        return tuple(name for name in trusted if self._records[name].is_wrong)
+
+    def _weigh(self, record: _Record, *, is_refused: bool) -> None:
         record.refused, record.agreed = (record.refused + 1, 0) if is_refused else (0, record.agreed + 1)
         record.is_new &= record.agreed < AGREED
         others = [each for each in self._records.values() if each is not record and record.at - each.at <= TOGETHER]

@@ -340,10 +340,11 @@ class Estimator:
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # a contradicting camera is compared, not used
         place = (0.0 if view.is_placed else _leant(self._level.states_at(view.at)[:, T], seen)) - seen[:2]
-        ratio = self._level.measure(Measurement(view.at, row, place, variance, gate, bias[:2]), doubt)
+        measurement = Measurement(view.at, row, place, variance, gate, bias[:2], view.camera)
+        ratio = self._level.measure(measurement, doubt)
         if ratio is not None:
             is_refused = max(map(abs, ratio.tolist())) > GATE
-            self._cameras.judged(view.camera, is_refused=is_refused)
+            self._forget(self._cameras.judged(view.camera, is_refused=is_refused))
             self._was_blind &= is_refused
             if is_trusted:
                 self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
@@ -359,7 +360,7 @@ class Estimator:
         if up[2] > UPRIGHT and variance < tuning.tilt_worst**2:
             row = np.zeros(LEVEL_STATES)
             row[T] = 1.0
-            self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance))
+            self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance, source=view.camera))
 
     def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
         """Take the height: the place (3,) of the target, as if level [m], along the normal of the estimated tilt."""
@@ -374,11 +375,16 @@ class Estimator:
         variance = max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
         doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0
-        ratio = self._vertical.measure(
-            Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:]), doubt
-        )
+        measurement = Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:], view.camera)
+        ratio = self._vertical.measure(measurement, doubt)
         if ratio is not None:
-            self._heights.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE)
+            self._forget(self._heights.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE))
+
+    def _forget(self, cameras: Iterable[str]) -> None:
+        """Estimate again without the images of cameras that were found wrong: they were used until now."""
+        for camera in cameras:
+            self._level.forget(camera)
+            self._vertical.forget(camera)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].

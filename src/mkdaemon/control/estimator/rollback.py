@@ -44,6 +44,7 @@ class Measurement:
         variance: of the values, one for all or one for each axis (k,).
         gate: largest believable innovation [standard deviations].
         bias: variance of an error that lasts: it widens the gate, and weighs nothing.
+        source: who measured it, where it may be found wrong later.
     """
 
     at: float
@@ -52,6 +53,7 @@ class Measurement:
     variance: float | Array
     gate: float = GATE
     bias: float | Array = 0.0
+    source: str = ""
 
     @property
     def is_sound(self) -> bool:
@@ -205,6 +207,14 @@ class RollbackFilter:
             slot.drive, doubted = drive((self._first + index + 0.5) * STEP)
             slot.doubt = None if doubted is None else doubted[:, None, None] * self._doubt_of_drive
             self._known = min(self._known, index)
+
+    def forget(self, source: str) -> None:
+        """Estimate again without what a source measured, as far back as is remembered: it was wrong."""
+        for index, slot in enumerate(self._slots[1:], 1):
+            rest = [entry for entry in slot.measurements if entry[1].source != source]
+            if len(rest) < len(slot.measurements):
+                slot.measurements = rest
+                self._known = min(self._known, index - 1)
 
     def coast(self, steps: int, variance: float) -> None:
         """Predict many steps at once under an unknown input, and forget the history before them.
