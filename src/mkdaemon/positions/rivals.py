@@ -22,7 +22,7 @@ from mkdaemon.positions.motionjudge import COMPARED, GRID, MotionJudge
 LOOKED_BACK: Final = 4
 """Poses on the grid that are compared: a single one says nothing."""
 APART_SDS: Final = 4.0
-"""Places that are farther apart than so many standard deviations are different."""
+"""Places that are farther apart are different [standard deviations]."""
 APART: Final = 0.05
 """Places that are nearer to each other are one, whatever is said of the frames [m]."""
 STAMPED: Final = 0.02
@@ -34,7 +34,7 @@ FRESH: Final = 0.5
 WEIGHED: Final = 3.0
 """Time over which the differences of two sources from the boards are summed up [s]: a dispute lasts no longer."""
 CLEARLY: Final = 1.5
-"""The differences of a wrong source have so many times the power of those of a right one."""
+"""Least power of the differences of a wrong source, over that of a right one."""
 SURELY: Final = 0.5
 """And exceed them by as much: seconds in which a right source differs."""
 
