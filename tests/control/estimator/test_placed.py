@@ -133,3 +133,40 @@ def test_a_source_that_is_right_again_is_used_after_a_second():
         agree += bool(estimator.contradicting)
     assert not estimator.contradicting
     assert 28 <= agree <= 34
+
+
+SETTLED = 12.0
+"""An estimate is sure of itself by then [s]."""
+
+
+def pushed(sources, *, push=0.5, seconds=0.4):
+    """Unexplained acceleration [m/s2] that is estimated after a push, by poses each of `sources` gives until its end.
+
+    Args:
+        sources: keyword arguments of `view`, and until when it reports [s]; the push begins at `SETTLED`.
+        push: acceleration along x [m/s2].
+        seconds: from then to the estimate.
+    """
+    first, _ = sources[0]
+    estimator = Estimator(AircraftModel(), view(0.0, (0.0, 0.0, 1.5), **first), 118.0, compass=0.3)
+    for k in range(1, round((SETTLED + seconds) / 0.03)):
+        at = 0.03 * k
+        estimator.attitude_received(at - 0.01, 0.0, 0.0, 0.3)
+        for number, (each, until) in enumerate(sources):
+            if at < until:
+                when = at - 0.001 * number
+                place = (0.5 * push * max(0.0, when - SETTLED) ** 2, 0.0, 1.5)
+                estimator.target_seen(view(when, place, **each), at)
+    return float(estimator.estimate(at).disturbance[0])
+
+
+EXACT, VAGUE = {"sd": 0.002}, {"sd": 0.02}
+IMAGES = {"camera": "down", "is_placed": False, "sd": 0.005}
+
+
+def test_a_gust_is_seen_sooner_by_exact_positions_and_only_while_they_come():
+    by_exact, by_vague, by_images = (pushed([(each, math.inf)]) for each in (EXACT, VAGUE, IMAGES))
+    assert by_exact > 0.3
+    assert by_vague < by_images < 0.5 * by_exact
+    ended_long_ago = pushed([(IMAGES, math.inf), (EXACT, SETTLED - 0.6)])
+    assert ended_long_ago == pytest.approx(by_images, abs=0.05)

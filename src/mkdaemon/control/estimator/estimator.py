@@ -65,6 +65,10 @@ HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
 HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 """Largest accepted hover throttle [count of 254]."""
 
+EXACT: Final = 0.005
+"""Positions of this deviation, or better, show gusts as they come [m]: motion capture has 0.5 mm, images 5 to 20 mm."""
+EXACT_FOR: Final = 0.5
+"""Age of such a position at which the estimate stands on others [s]."""
 BLIND: Final = 0.5
 """After this time without an image the estimate is dead reckoning, whose errors grow [s]."""
 
@@ -130,7 +134,9 @@ class Estimator:
         self.model = model
         self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
-        self.caution = self._believed = 1.0
+        self.caution = 1.0
+        self._believed = (1.0, False)
+        self._exact_at = -math.inf
         self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
@@ -303,7 +309,7 @@ class Estimator:
         if fault is not None:
             self.refused[fault] += 1
             return
-        self._believe()
+        self._believe(is_exact=self._is_exact(view))
         self._was_blind |= view.at - self._seen_at > BLIND
         shared_by = self._cameras.seen(view.camera, view.at, is_placed=view.is_placed)
         self._heights.seen(view.camera, view.at, is_placed=view.is_placed)
@@ -397,7 +403,7 @@ class Estimator:
             self._level.coast(forgotten, UNKNOWN_TILT**2)
             self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
             self.caution = 1.0
-            self._believe()
+            self._believe(is_exact=False)
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             self._level.advance(*self._drive(middle))
@@ -500,14 +506,21 @@ class Estimator:
         self.innovation += tuning.innovation_rate * (size - self.innovation)
         self.caution = min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0)
 
-    def _believe(self) -> None:
-        """Continue with the tuning for the present caution.
+    def _is_exact(self, view: TargetView) -> bool:
+        """Whether the estimate stands on poses that are exact to millimetres, this view's or those of a moment ago."""
+        if view.is_placed and view.covariance.item(0, 0) - view.calibration_sd[0] ** 2 <= EXACT**2:
+            self._exact_at = max(self._exact_at, view.at)
+        return view.at - self._exact_at <= EXACT_FOR
+
+    def _believe(self, *, is_exact: bool) -> None:
+        """Continue with the tuning for the present caution, and for poses that are exact.
 
         Called once for each image and before it: then the filter has nothing to repeat.
         """
-        if self._believed == self.caution:
+        if self._believed == (self.caution, is_exact):
             return
-        self._believed = self.caution
-        self._tuning = self._nominal.towards(self._robust, self.caution)
+        self._believed = self.caution, is_exact
+        tuning = self._nominal.towards(self._robust, self.caution)
+        self._tuning = tuning.for_gusts if is_exact else tuning
         self._level.set_noise(self._tuning.level_noise(STEP))
         self._vertical.set_noise(self._tuning.upright_noise(STEP))
