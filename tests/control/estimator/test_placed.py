@@ -170,3 +170,19 @@ def test_a_gust_is_seen_sooner_by_exact_positions_and_only_while_they_come():
     assert by_vague < by_images < 0.5 * by_exact
     ended_long_ago = pushed([(IMAGES, math.inf), (EXACT, SETTLED - 0.6)])
     assert ended_long_ago == pytest.approx(by_images, abs=0.05)
+
+
+def test_when_exact_positions_stop_coming_the_mean_wind_is_flown_by_not_the_last_gust():
+    first = view(0.0, (0.0, 0.0, 1.5), **EXACT)
+    estimator = Estimator(AircraftModel(), first, 118.0, compass=0.3)
+    for k in range(1, 401):
+        at = 0.03 * k
+        estimator.attitude_received(at - 0.01, 0.0, 0.0, 0.3)
+        place = (0.25 * max(0.0, at - 11.7) ** 2, 0.0, 1.5)
+        estimator.target_seen(view(at, place, **EXACT), at)
+    gust = float(estimator.estimate(at).disturbance[0])
+    for k in range(1, 10):
+        estimator.attitude_received(at + 0.03 * k, 0.0, 0.0, 0.3)
+    silent = float(estimator.estimate(at + 0.3).disturbance[0])
+    assert gust > 0.2
+    assert 0.0 <= silent < 0.2 * gust

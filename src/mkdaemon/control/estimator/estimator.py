@@ -18,7 +18,7 @@ import numpy as np
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import CommandHistory, StickFrame
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, F, H, P, S, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, F, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
@@ -69,6 +69,10 @@ EXACT: Final = 0.005
 """Positions of this deviation, or better, show gusts as they come [m]: motion capture has 0.5 mm, images 5 to 20 mm."""
 EXACT_FOR: Final = 0.5
 """Age of such a position at which the estimate stands on others [s]."""
+EXACT_GAP: Final = 0.15
+"""A longer silence of such positions is flown by the mean wind [s]: four poses that are missing, and their age."""
+WIND_MEAN: Final = 4.0
+"""Time constant of that mean [s]: a gust of light wind lasts 3 s."""
 BLIND: Final = 0.5
 """After this time without an image the estimate is dead reckoning, whose errors grow [s]."""
 
@@ -137,6 +141,7 @@ class Estimator:
         self.caution = 1.0
         self._believed = (1.0, False)
         self._exact_at = -math.inf
+        self._mean_wind = np.zeros(2)
         self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
@@ -404,6 +409,10 @@ class Estimator:
             self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
             self.caution = 1.0
             self._believe(is_exact=False)
+        if self._believed[1] and now - self._exact_at > EXACT_GAP:
+            # Dead reckoning by the gust of the last moment would lead away: on average the mean wind blows.
+            self._level.shift(D, self._mean_wind - self._level.states[:, D])
+            self._believe(is_exact=False)
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             self._level.advance(*self._drive(middle))
@@ -509,6 +518,8 @@ class Estimator:
     def _is_exact(self, view: TargetView) -> bool:
         """Whether the estimate stands on poses that are exact to millimetres, this view's or those of a moment ago."""
         if view.is_placed and view.covariance.item(0, 0) - view.calibration_sd[0] ** 2 <= EXACT**2:
+            since = min(max(view.at - self._exact_at, 0.0), EXACT_FOR)
+            self._mean_wind += (self._level.states[:, D] - self._mean_wind) * since / WIND_MEAN
             self._exact_at = max(self._exact_at, view.at)
         return view.at - self._exact_at <= EXACT_FOR
 
