@@ -1,183 +1,175 @@
-"""Who may fly: the lease, the ladder from setpoint to release, and races for both."""
+"""Who may fly: the lease, its stream and its key, and what a tick decides; every limit on both its sides."""
 
 from __future__ import annotations
 
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, ReleaseOrder
-from mkdaemon.control.modes import IN_FLIGHT, Trigger
+from mkdaemon.control.authority import LONGEST_JUMP, Authority, Fly, HeldLease, ReleaseOrder
+from mkdaemon.control.limiter import Sticks
+from mkdaemon.control.manoeuvres.manoeuvre import Step, ended
+from mkdaemon.control.modes import Trigger
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import StickSetpoint
+from mkdaemon.telemetry.control import Outcome, Phase, Progress
+from mkdaemon.telemetry.setpoint import HoldSetpoint
 from mkdaemon.telemetry.signature import Signature, signed
-from tests.control.flying import Flying
 
 CFG = ControlConfig()
-TICK = 0.02
+PAUSE = 1.0 / CFG.lease.engage_rate
+"""Longest time between two setpoints of a stream that lives [s]."""
+SIGNED = signed("secret", "setpoint/stick", b"")
 
 
-def follow(setpoint, phase, now):
-    flying = Flying(CFG)
-    flying.step(setpoint, now)
-    return flying.step(setpoint, now, is_flying=phase in IN_FLIGHT)
+def setpoint(sequence=1, *, epoch=7, ttl=0.3):
+    return HoldSetpoint(epoch=epoch, sequence=sequence, ttl=ttl)
 
 
-def offer(authority, setpoint, now, signed_for):
-    """Bring a setpoint as the core does; returns whether it is the first of its epoch."""
-    return authority.check_setpoint(setpoint, signed_for).take_setpoint(setpoint, CFG.lease, now)
+def lease(**fields):
+    return HeldLease("alice", 7, "secret", 5.0, **{"sign_of_life": 10.0, "since": 10.0, "arrived": 10.0} | fields)
 
 
-def setpoint(epoch, sequence, *, pitch=0.0, ttl=0.3):
-    return StickSetpoint(epoch=epoch, sequence=sequence, ttl=ttl, pitch=pitch, roll=0.0, yaw=0.0, throttle=10.0)
+@pytest.mark.parametrize(("now", "left"), [(10.0, 5.0), (12.0, 3.0), (15.0, 0.0), (16.0, 0.0)])
+def test_what_is_left_counts_from_the_last_sign_of_life_and_is_never_negative(now, left):
+    shown = lease().shown(now)
+    assert (shown.holder, shown.epoch, shown.ttl, shown.left) == ("alice", 7, 5.0, left)
 
 
-SECRET = "known to the holder alone"
-SIGNED = signed(SECRET, "setpoint/stick", b"")
+@pytest.mark.parametrize(
+    ("last", "sequence", "token"),
+    [
+        (None, 0, None),
+        (None, 10**6, None),
+        (5, 6, None),
+        (5, 5, "stale_sequence"),
+        (5, 4, "stale_sequence"),
+        (5, 5 + LONGEST_JUMP, None),
+        (5, 6 + LONGEST_JUMP, "sequence_jump"),
+    ],
+)
+def test_a_setpoint_is_newer_than_the_last_one_and_not_unbelievably_so(last, sequence, token):
+    held = lease(sequence=last)
+    if token is None:
+        held.check_setpoint(setpoint(sequence))
+        return
+    with pytest.raises(CommandRejectedError) as caught:
+        held.check_setpoint(setpoint(sequence))
+    assert caught.value.token == token
 
 
-def authority(first_epoch):
-    return Authority(CFG, first_epoch=first_epoch)
+@pytest.mark.parametrize(("gap", "since"), [(0.02, 10.0), (PAUSE, 10.0), (PAUSE + 1e-6, 11.0 + PAUSE + 1e-6)])
+def test_a_stream_lives_on_over_a_pause_of_its_slowest_rate_and_anew_after_a_longer_one(gap, since):
+    held = lease()
+    assert held.take_setpoint(setpoint(1), CFG.lease, 10.0) is True
+    for k in (1, 2):
+        assert held.take_setpoint(setpoint(1 + k), CFG.lease, 10.0 + 0.5 * k) is False
+    assert held.take_setpoint(setpoint(4), CFG.lease, 11.0 + gap) is False
+    assert held.since == since
+    assert (held.arrived, held.sign_of_life, held.sequence) == (11.0 + gap, 11.0 + gap, 4)
+    assert held.newest == setpoint(4)
 
 
-def decide(authority, now):
-    """Let an authority decide by the sticks of its newest setpoint, as the core does."""
-    newest = authority.newest
-    return authority.tick(None if newest is None else follow(newest, authority.phase, now), now)
+def test_the_first_setpoint_begins_the_stream_however_long_the_lease_was_idle():
+    held = lease()
+    held.take_setpoint(setpoint(1), CFG.lease, 10.3)
+    assert held.since == 10.3
 
 
-class Cockpit:
-    """An authority driven through time, as the daemon drives it."""
+@pytest.mark.parametrize(
+    ("arrived", "now", "is_live"),
+    [
+        (11.0, 11.0, True),
+        (11.0 - 1e-6, 11.0, False),
+        (11.0, 11.0 + PAUSE, True),
+        (11.0, 11.0 + PAUSE + 1e-6, False),
+        (13.0, 13.0 + 0.9 * PAUSE, True),
+    ],
+)
+def test_a_stream_is_live_when_it_has_lived_a_second_and_its_newest_setpoint_is_no_older_than_a_pause(
+    arrived, now, is_live
+):
+    assert lease(arrived=arrived).is_live(CFG.lease, now) is is_live
 
-    def __init__(self) -> None:
-        self.authority = authority(100)
-        self.now = 0.0
-        self.sequence = 0
-        self.actions: list[tuple[float, Fly | ReleaseOrder]] = []
 
-    def stream(self, seconds, epoch, *, pitch=0.0, ttl=0.3, rate=50.0):
-        """Setpoints at a rate, ticks in between."""
-        end = self.now + seconds
-        next_setpoint = self.now
-        while self.now < end:
-            if self.now >= next_setpoint:
-                self.sequence += 1
-                offer(self.authority, setpoint(epoch, self.sequence, pitch=pitch, ttl=ttl), self.now, epoch)
-                next_setpoint += 1 / rate
-            self.pass_time(TICK)
+@pytest.mark.parametrize(
+    ("goes_on", "has_newest", "arrived"), [(True, True, 12.0), (False, True, 10.0), (True, False, 10.0)]
+)
+def test_a_refused_setpoint_is_spent_and_keeps_only_a_flight_that_holds_its_place_alive(goes_on, has_newest, arrived):
+    held = lease(newest=setpoint(1) if has_newest else None, sequence=1)
+    held.refuse_setpoint(setpoint(2), 12.0, goes_on=goes_on)
+    assert (held.sign_of_life, held.sequence, held.arrived) == (12.0, 2, arrived)
+    assert held.newest == (setpoint(1) if has_newest else None), "what was refused is not flown"
 
-    def pass_time(self, seconds):
-        """Ticks without setpoints."""
-        for _ in range(round(seconds / TICK)):
-            action = decide(self.authority, self.now)
-            if action is not None:
-                self.actions.append((self.now, action))
-            self.now += TICK
+
+@pytest.mark.parametrize(("ttl", "life"), [(0.1, 0.1), (1.0, CFG.limiter.setpoint_ttl)])
+def test_a_setpoint_holds_as_long_as_it_says_and_no_longer_than_the_daemon_lets_it(ttl, life):
+    assert lease(newest=setpoint(ttl=ttl)).setpoint_life(CFG.limiter) == life
+
+
+def test_setpoints_alone_break_the_silence_in_flight():
+    held = lease(arrived=10.0, sign_of_life=11.0)
+    assert held.silence(12.0, is_in_flight=True) == 2.0
+    assert held.silence(12.0, is_in_flight=False) == 1.0
+
+
+# -- the authority over it -------------------------------------------------------------------------------------------
+
+
+class Desk:
+    """An authority that decides by what the test wants."""
+
+    def __init__(self):
+        self.step = Step(Sticks(0.0, 0.0, 0.0, 10.0), "hold", stage="holds", is_done=True)
+        self.asked = []
+        self.authority = Authority(CFG, first_epoch=7)
+        self.authority.take("alice", "secret", 10.0)
+        self.now, self.sequence = 10.0, 0
+
+    def tick(self, now):
+        """Decide by what the test wants, where a setpoint is to be decided by."""
+        newest = self.authority.newest
+        if newest is not None:
+            self.asked.append((newest.sequence, self.authority.phase))
+        return self.authority.tick(None if newest is None else self.step, now)
+
+    def send(self, ttl=0.3):
+        self.sequence += 1
+        new = setpoint(self.sequence, ttl=ttl)
+        self.authority.check_setpoint(new, 7).take_setpoint(new, CFG.lease, self.now)
 
     def fly(self):
-        """Take the lease and stream until sticks are sent; returns the epoch."""
-        lease = self.authority.take("alice", SECRET, self.now)
-        self.stream(1.2, lease.epoch)
-        assert self.authority.phase is Phase.FLYING
-        self.actions.clear()
-        return lease.epoch
-
-    @property
-    def flown(self):
-        return [(t, action) for t, action in self.actions if isinstance(action, Fly)]
-
-    @property
-    def releases(self):
-        return [(t, action) for t, action in self.actions if isinstance(action, ReleaseOrder)]
+        for _ in range(12):
+            self.send()
+            decision = self.tick(self.now)
+            self.now = round(self.now + 0.1, 6)
+        assert isinstance(decision, Fly)
+        return self
 
 
-@pytest.fixture
-def cockpit():
-    return Cockpit()
-
-
-def refused(call, token):
+def refused(call):
     with pytest.raises(CommandRejectedError) as caught:
         call()
-    assert caught.value.token == token
-    return caught.value
+    return caught.value.token
 
 
-# -- the lease -----------------------------------------------------------------------------------------------------
+def test_without_a_lease_nobody_has_a_key_and_nothing_is_flown():
+    free = Authority(CFG, first_epoch=7)
+    assert (free.lease(0.0), free.setpoint_age(0.0), free.holder_key, free.deadline()) == (None,) * 4
+    assert refused(lambda: free.check_setpoint(setpoint(), 7)) == "not_leased"
+    assert refused(lambda: free.give_back(7, "secret")) == "not_leased"
 
 
-def test_without_a_lease_nothing_is_sent(cockpit):
-    refused(lambda: offer(cockpit.authority, setpoint(100, 1), 0.0, 100), "not_leased")
-    cockpit.pass_time(3.0)
-    assert cockpit.actions == []
-    assert cockpit.authority.phase is Phase.FREE
-    assert cockpit.authority.lease(cockpit.now) is None
-    assert cockpit.authority.setpoint_age(cockpit.now) is None
+@pytest.mark.parametrize(("asked", "ttl"), [(None, CFG.lease.ttl), (1.0, 1.0), (60.0, CFG.lease.ttl)])
+def test_a_client_may_ask_for_a_shorter_life_but_not_a_longer_one(asked, ttl):
+    granted = Authority(CFG, first_epoch=7).take("alice", "secret", 0.0, ttl=asked)
+    assert (granted.holder, granted.epoch, granted.ttl, granted.left) == ("alice", 7, ttl, ttl)
 
 
-def test_the_lease_is_shown_with_the_time_that_is_left(cockpit):
-    lease = cockpit.authority.take("alice", SECRET, 0.0)
-    assert (lease.holder, lease.epoch, lease.ttl, lease.left) == ("alice", 100, CFG.lease.ttl, CFG.lease.ttl)
-    assert cockpit.authority.lease(1.0).left == CFG.lease.ttl - 1.0
-
-
-def test_a_client_may_ask_for_a_shorter_life_but_not_a_longer_one(cockpit):
-    assert cockpit.authority.take("alice", SECRET, 0.0, ttl=1.0).ttl == 1.0
-    assert cockpit.authority.take("alice", SECRET, 0.0, ttl=60.0).ttl == CFG.lease.ttl
-
-
-def test_an_unused_lease_ends_by_itself_and_the_aircraft_is_released(cockpit):
-    cockpit.authority.take("alice", SECRET, 0.0)
-    cockpit.pass_time(CFG.lease.ttl + 0.1)
-    [(t, release)] = cockpit.releases
-    assert t == pytest.approx(CFG.lease.ttl, abs=TICK)
-    assert (release.holder, release.asked) == ("alice", False)
-    assert "no sign of life from alice" in release.reason
-    assert cockpit.authority.phase is Phase.RELEASING
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.phase is Phase.FREE
-
-
-def test_renewal_keeps_an_unused_lease(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    for _ in range(4):
-        cockpit.pass_time(CFG.lease.ttl * 0.9)
-        assert cockpit.authority.renew(epoch, SECRET, cockpit.now).left == pytest.approx(CFG.lease.ttl)
-    assert cockpit.actions == []
-    refused(lambda: cockpit.authority.renew(epoch + 1, SECRET, cockpit.now), "wrong_epoch")
-
-
-def test_a_lease_that_has_run_out_can_be_taken_before_any_tick_noticed(cockpit):
-    cockpit.authority.take("alice", SECRET, 0.0)
-    assert cockpit.authority.take("bob", SECRET, CFG.lease.ttl + 1).holder == "bob"
-
-
-def test_giving_back_releases_and_wants_the_right_epoch(cockpit):
-    epoch = cockpit.fly()
-    refused(lambda: cockpit.authority.give_back(epoch - 1, SECRET), "wrong_epoch")
-    cockpit.authority.give_back(epoch, SECRET)
-    cockpit.pass_time(0.1)
-    [(_, release)] = cockpit.releases
-    assert release.asked
-    assert cockpit.flown == []
-    refused(lambda: cockpit.authority.give_back(epoch, SECRET), "not_leased")
-
-
-def test_every_lease_has_an_epoch_of_its_own_also_for_the_same_holder(cockpit):
-    first = cockpit.fly()
-    second = cockpit.authority.take("alice", SECRET, cockpit.now).epoch
-    assert second > first
-    refused(lambda: offer(cockpit.authority, setpoint(first, 10_000), cockpit.now, first), "wrong_epoch")
-
-
-def test_a_stranger_who_knows_the_epoch_neither_flies_nor_ends_the_lease(cockpit):
-    epoch = cockpit.fly()
-    last = cockpit.sequence
-    refused(lambda: offer(cockpit.authority, setpoint(epoch, last + 1), cockpit.now, epoch - 1), "not_holder")
-    assert cockpit.authority.refuse_unsigned(setpoint(epoch, 2**62)).token == "not_holder"
-    refused(lambda: cockpit.authority.renew(epoch, "guessed", cockpit.now), "not_holder")
-    refused(lambda: cockpit.authority.give_back(epoch, ""), "not_holder")
-    assert not offer(cockpit.authority, setpoint(epoch, last + 1), cockpit.now, epoch)
+def test_only_the_grant_shows_the_secret_and_every_lease_has_an_epoch_and_a_secret_of_its_own():
+    authority = Authority(CFG, first_epoch=1)
+    first, second = authority.take("alice", "of the first", 0.0), authority.take("alice", "of the second", 0.0)
+    assert (first.secret, second.secret, first.epoch, second.epoch) == ("of the first", "of the second", 1, 2)
+    shown = authority.lease(0.0), authority.renew(2, "of the second", 0.0)
+    assert not any("secret" in lease.model_dump() for lease in shown)
 
 
 @pytest.mark.parametrize(
@@ -191,231 +183,139 @@ def test_a_stranger_who_knows_the_epoch_neither_flies_nor_ends_the_lease(cockpit
     ],
     ids=["none", "another secret", "another payload", "another key", "cut"],
 )
-def test_the_key_of_a_lease_knows_its_holder_alone(cockpit, signature):
-    assert cockpit.authority.holder_key is None
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    key = cockpit.authority.holder_key
-    assert key.epoch_signed(SIGNED) == epoch
-    assert key.epoch_signed(signature) is None
-    assert SECRET not in repr(key)
+def test_the_key_of_a_lease_identifies_its_holder_alone(signature):
+    key = Desk().authority.holder_key
+    assert (key.epoch_signed(SIGNED), key.epoch_signed(signature)) == (7, None)
+    assert "secret" not in repr(key)
 
 
-def test_a_sequence_that_jumps_is_refused_and_not_believed(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    assert offer(cockpit.authority, setpoint(epoch, 5), 0.0, epoch)
-    refused(lambda: offer(cockpit.authority, setpoint(epoch, 6 + LONGEST_JUMP), 0.1, epoch), "sequence_jump")
-    assert not offer(cockpit.authority, setpoint(epoch, 6), 0.1, epoch)
-    assert not offer(cockpit.authority, setpoint(epoch, 6 + LONGEST_JUMP), 0.1, epoch)
+def test_the_holder_alone_renews_an_unused_lease_which_ends_without_a_sign_of_life():
+    desk = Desk()
+    assert refused(lambda: desk.authority.renew(7, "guessed", 11.0)) == "not_holder"
+    assert refused(lambda: desk.authority.give_back(7, "")) == "not_holder"
+    assert refused(lambda: desk.authority.renew(8, "secret", 11.0)) == "wrong_epoch"
+    assert desk.authority.renew(7, "secret", 14.0).left == CFG.lease.ttl
+    desk.tick(13.9 + CFG.lease.ttl)
+    assert desk.authority.phase is Phase.LEASED
+    order = desk.tick(14.0 + CFG.lease.ttl)
+    assert (order.holder, order.asked) == ("alice", False)
+    assert "no sign of life from alice" in order.reason
 
 
-def test_only_the_grant_shows_the_secret_and_every_lease_has_another():
-    authority = Authority(CFG, first_epoch=1)
-    first = authority.take("alice", "of the first", 0.0)
-    second = authority.take("bob", "of the second", 0.0)
-    assert (first.secret, second.secret) == ("of the first", "of the second")
-    assert "secret" not in authority.lease(0.0).model_dump()
-    assert "secret" not in authority.renew(second.epoch, second.secret, 0.0).model_dump()
+def test_sticks_carry_the_age_the_life_the_lease_and_the_number_of_their_setpoint():
+    desk = Desk().fly()
+    desk.send()
+    decision = desk.tick(desk.now + 0.05)
+    assert decision == Fly(desk.step.sticks, pytest.approx(0.05), 0.3, 7, 13)
+    assert desk.asked[-1] == (13, Phase.FLYING)
 
 
-# -- engaging ------------------------------------------------------------------------------------------------------
+def test_what_is_flown_is_shown_while_its_sticks_are_sent():
+    desk = Desk()
+    assert desk.authority.progress is None
+    desk.fly()
+    assert desk.authority.progress == Progress("hold", "holds", True)
+    desk.authority.end(Trigger.RELEASE_REQUESTED, cause="asked")
+    desk.tick(desk.now)
+    desk.tick(desk.now)
+    assert desk.authority.progress is None
 
 
-def test_nothing_is_sent_before_the_stream_has_lived_a_second(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    cockpit.stream(CFG.lease.engage_after - TICK, epoch)
-    assert cockpit.actions == []
-    cockpit.stream(0.2, epoch)
-    t, first = cockpit.flown[0]
-    assert t == pytest.approx(CFG.lease.engage_after, abs=2 * TICK)
-    assert (first.epoch, first.age) == (epoch, 0.0)
+def test_before_the_flight_nothing_is_flown_and_nothing_is_shown():
+    desk = Desk()
+    desk.send()
+    assert desk.tick(desk.now) is None
+    assert desk.authority.progress is None
+    assert desk.authority.phase is Phase.LEASED
 
 
-def test_sticks_must_be_neutral_to_engage(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    cockpit.stream(3.0, epoch, pitch=CFG.lease.neutral_band + 0.1)
-    assert cockpit.actions == []
-    assert "neutral" in cockpit.authority.reason
-    cockpit.stream(0.1, epoch, pitch=CFG.lease.neutral_band)
-    assert cockpit.flown
-    cockpit.stream(0.1, epoch, pitch=50.0)
-    assert cockpit.flown[-1][1].sticks.pitch == 50.0
+@pytest.mark.parametrize(("outcome", "asked"), [(Outcome.LANDED, True), (Outcome.SIGHT_LOST, False)])
+def test_a_manoeuvre_that_ends_by_itself_releases_and_what_was_flown_stays_shown(outcome, asked):
+    desk = Desk().fly()
+    words = {"target": "pad", "age": 3.0}
+    desk.step = Step(desk.step.sticks, "hold", end=ended(outcome, **words))
+    desk.send()
+    decision = desk.tick(desk.now)
+    assert decision == ReleaseOrder(ended(outcome, **words).words, "alice", asked)
+    assert desk.authority.outcome is outcome
+    assert desk.authority.progress == Progress("hold", "holds", True)
+    assert desk.authority.lease(desk.now) is None
+    desk.authority.released(desk.now)
+    desk.authority.take("bob", "other", desk.now)
+    assert desk.authority.outcome is None
 
 
-def test_a_stream_with_gaps_is_not_live(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    cockpit.stream(4.0, epoch, rate=0.9 * CFG.lease.engage_rate)
-    assert cockpit.actions == []
+def test_an_end_before_the_flight_ends_nothing():
+    desk = Desk()
+    desk.step = Step(desk.step.sticks, "hold", obstacle="no target", end=ended(Outcome.NO_TARGET))
+    for _ in range(20):
+        desk.send()
+        assert desk.tick(desk.now) is None
+        desk.now += 0.1
+    assert desk.authority.reason == "alice streams; no target"
+    assert desk.authority.outcome is None
 
 
-def test_a_stream_that_has_just_stopped_does_not_engage(cockpit):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    cockpit.stream(0.9, epoch)
-    cockpit.pass_time(2.0)
-    assert cockpit.flown == []
+@pytest.mark.parametrize(("quiet", "ends"), [(0.99, False), (1.0, True)])
+def test_silence_in_flight_is_told_with_its_length(quiet, ends):
+    desk = Desk().fly()
+    desk.send()
+    decision = desk.tick(desk.now + quiet)
+    assert isinstance(decision, ReleaseOrder) is ends
+    assert not ends or decision == ReleaseOrder("no setpoint from alice for 1.00 s", "alice", False)
+    assert (desk.authority.lease(desk.now) is None) is ends
 
 
-# -- the ladder ----------------------------------------------------------------------------------------------------
+def test_a_low_battery_lands_with_the_lease_or_releases_without_a_target():
+    for can_land in (True, False):
+        desk = Desk().fly()
+        desk.send()
+        desk.authority.end(Trigger.BATTERY_LOW, cause="it is low.", can_land=can_land)
+        decision = desk.tick(desk.now)
+        assert isinstance(decision, Fly if can_land else ReleaseOrder)
+        assert desk.authority.phase is (Phase.LANDING if can_land else Phase.RELEASING)
+        assert desk.authority.reason.startswith("it is low. ")
+    desk = Desk()
+    desk.authority.end(Trigger.BATTERY_LOW, cause="it is low.", can_land=True)
+    assert desk.authority.phase is Phase.LEASED, "on the ground it ends nothing"
 
 
-def test_silence_goes_stale_then_releases_then_nothing(cockpit):
-    epoch = cockpit.fly()
-    stopped = cockpit.now - TICK  # the last setpoint's arrival
-    cockpit.pass_time(3.0)
-    ages = [(t, fly.age, fly.ttl) for t, fly in cockpit.flown]
-    stale = [t for t, age, ttl in ages if age > ttl]
-    assert stale[0] - stopped == pytest.approx(CFG.limiter.setpoint_ttl, abs=2 * TICK)
-    [(released_at, release)] = cockpit.releases
-    assert released_at - stopped == pytest.approx(CFG.lease.release_after, abs=2 * TICK)
-    assert "no setpoint from alice" in release.reason
-    assert not release.asked
-    assert max(t for t, _ in cockpit.flown) < released_at
-    refused(lambda: offer(cockpit.authority, setpoint(epoch, 10_000), cockpit.now, epoch), "not_leased")
+def test_after_a_release_who_took_the_lease_meanwhile_has_its_whole_life():
+    desk = Desk().fly()
+    desk.authority.take("bob", "other", desk.now)
+    assert isinstance(desk.tick(desk.now), ReleaseOrder)
+    assert desk.authority.holder_key.secret == "other"
+    desk.authority.released(desk.now + 4.0)
+    assert desk.authority.phase is Phase.LEASED
+    assert desk.authority.lease(desk.now + 4.0).left == CFG.lease.ttl
 
 
-def test_a_setpoint_in_time_resumes_after_staleness(cockpit):
-    epoch = cockpit.fly()
-    cockpit.pass_time(0.5)
-    assert cockpit.authority.phase is Phase.STALE
-    cockpit.stream(0.1, epoch, pitch=5.0)
-    assert cockpit.authority.phase is Phase.FLYING
-    assert cockpit.releases == []
-    assert cockpit.authority.setpoint_age(cockpit.now) == pytest.approx(TICK)
+@pytest.mark.parametrize("life", [0.2, 0.3])
+def test_the_deadline_is_when_silence_changes_what_is_sent_and_a_setpoint_in_time_is_flown_again(life):
+    desk = Desk()
+    assert desk.authority.deadline() is None
+    desk.send()
+    assert desk.authority.deadline() is None, "nothing is sent yet"
+    desk.fly()
+    arrived = desk.now
+    desk.send(life)
+    assert desk.authority.deadline() == pytest.approx(arrived + life)
+    desk.tick(arrived + life + 1e-3)
+    assert desk.authority.phase is Phase.STALE
+    assert desk.authority.deadline() == pytest.approx(arrived + CFG.lease.release_after)
+    desk.now = arrived + 0.5
+    desk.send()
+    assert isinstance(desk.tick(desk.now + 0.02), Fly)
+    assert desk.authority.phase is Phase.FLYING
+    assert desk.authority.setpoint_age(desk.now + 0.02) == pytest.approx(0.02)
 
 
-def test_renewal_does_not_replace_setpoints_in_flight(cockpit):
-    epoch = cockpit.fly()
-    for _ in range(10):
-        cockpit.pass_time(0.2)
-        if cockpit.releases:
-            break
-        cockpit.authority.renew(epoch, SECRET, cockpit.now)
-    assert len(cockpit.releases) == 1
-
-
-def test_where_nothing_was_aborted_no_setpoint_ends_an_abort(cockpit):
-    plain = setpoint(100, 1)
-    assert plain.after_abort == cockpit.authority.aborts == 0
-    assert not cockpit.authority.is_resumed_by(plain)
-
-
-def test_a_setpoints_own_shorter_life_is_honoured(cockpit):
-    epoch = cockpit.fly()
-    cockpit.stream(TICK, epoch, ttl=0.05)
-    cockpit.pass_time(0.1)
-    assert cockpit.authority.phase is Phase.STALE
-
-
-@pytest.mark.parametrize("sequence", [0, 1, 5])
-def test_old_and_repeated_sequence_numbers_are_refused(cockpit, sequence):
-    epoch = cockpit.authority.take("alice", SECRET, 0.0).epoch
-    assert offer(cockpit.authority, setpoint(epoch, 5), 0.0, epoch)
-    refused(lambda: offer(cockpit.authority, setpoint(epoch, sequence), 0.1, epoch), "stale_sequence")
-    assert not offer(cockpit.authority, setpoint(epoch, 6), 0.1, epoch)
-
-
-def test_the_death_of_the_holder_releases_at_once(cockpit):
-    cockpit.fly()
-    cockpit.authority.client_gone("bob")
-    cockpit.pass_time(TICK)
-    assert cockpit.releases == []
-    cockpit.authority.client_gone("alice")
-    cockpit.pass_time(TICK)
-    [(_, release)] = cockpit.releases
-    assert release.reason == "client alice is gone"
-    assert not release.asked
-
-
-def test_the_death_of_somebody_without_lease_means_nothing(cockpit):
-    cockpit.authority.client_gone("alice")
-    cockpit.pass_time(0.1)
-    assert cockpit.actions == []
-
-
-def test_anybody_may_end_it_even_when_nobody_flies(cockpit):
-    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="big red button")
-    cockpit.pass_time(0.1)
-    [(_, release)] = cockpit.releases
-    assert (release.reason, release.holder) == ("big red button", "")
-
-
-# -- releasing -----------------------------------------------------------------------------------------------------
-
-
-def test_while_releasing_nothing_is_sent(cockpit):
-    epoch = cockpit.fly()
-    cockpit.authority.give_back(epoch, SECRET)
-    cockpit.pass_time(TICK)
-    cockpit.pass_time(2.0)
-    assert len(cockpit.actions) == 1
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.take("bob", SECRET, cockpit.now).holder == "bob"
-
-
-def test_taking_by_force_releases_first_and_the_new_holder_engages_anew(cockpit):
-    old = cockpit.fly()
-    lease = cockpit.authority.take("bob", SECRET, cockpit.now)
-    refused(lambda: offer(cockpit.authority, setpoint(old, 10_000), cockpit.now, old), "wrong_epoch")
-    cockpit.stream(1.5, lease.epoch)
-    [(_, release)] = cockpit.releases
-    assert release.holder == "alice"
-    assert cockpit.flown == [], "the release is not done"
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.phase is Phase.LEASED
-    cockpit.stream(0.2, lease.epoch)
-    assert {fly.epoch for _, fly in cockpit.flown} == {lease.epoch}
-
-
-def test_a_second_end_during_a_release_is_carried_out_too(cockpit):
-    cockpit.fly()
-    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="first")
-    cockpit.pass_time(TICK)
-    cockpit.authority.end(Trigger.RELEASE_REQUESTED, cause="second")
-    cockpit.authority.released(cockpit.now)  # of the first
-    cockpit.pass_time(TICK)
-    assert [release.reason for _, release in cockpit.releases] == ["first", "second"]
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.phase is Phase.FREE
-
-
-def test_a_lease_does_not_grow_old_while_the_release_before_it_runs(cockpit):
-    cockpit.fly()
-    cockpit.authority.take("bob", SECRET, cockpit.now)
-    cockpit.pass_time(CFG.lease.ttl + 1)
-    assert len(cockpit.releases) == 1
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.lease(cockpit.now).left == pytest.approx(CFG.lease.ttl)
-
-
-def test_the_lease_can_change_hands_while_the_release_before_it_runs(cockpit):
-    cockpit.fly()
-    cockpit.authority.take("bob", SECRET, cockpit.now)
-    cockpit.pass_time(TICK)
-    epoch = cockpit.authority.take("carol", SECRET, cockpit.now).epoch
-    assert cockpit.authority.phase is Phase.RELEASING
-    cockpit.pass_time(TICK)
-    assert [release.holder for _, release in cockpit.releases] == ["alice", "bob"]
-    cockpit.authority.released(cockpit.now)
-    cockpit.stream(1.2, epoch)
-    assert cockpit.authority.phase is Phase.FLYING
-
-
-def test_released_out_of_place_changes_nothing(cockpit):
-    cockpit.fly()
-    cockpit.authority.released(cockpit.now)
-    assert cockpit.authority.phase is Phase.FLYING
-
-
-def test_the_next_deadline_is_that_of_the_phase():
-    held = authority(1)
-    assert held.deadline() is None
-    epoch = held.take("alice", SECRET, 0.0).epoch
-    assert held.deadline() is None
-    for step in range(1, 201):
-        offer(held, setpoint(epoch, step, ttl=0.2), step * TICK, epoch)
-        decide(held, step * TICK)
-    last = 200 * TICK
-    assert held.deadline() == pytest.approx(last + 0.2)
-    decide(held, last + 0.201)
-    assert held.deadline() == pytest.approx(last + CFG.lease.release_after)
-    decide(held, last + CFG.lease.release_after + 0.001)
-    assert held.deadline() is None
+def test_a_stranger_who_knows_the_epoch_neither_flies_nor_keeps_the_lease_alive():
+    desk = Desk()
+    assert desk.authority.refuse_unsigned(setpoint()).token == "not_holder"
+    assert desk.authority.refuse_unsigned(setpoint(epoch=6)).token == "wrong_epoch"
+    assert refused(lambda: desk.authority.check_setpoint(setpoint(), 6)) == "not_holder"
+    assert not desk.authority.is_resumed_by(setpoint()), "nothing was aborted"
+    desk.authority.refuse_setpoint(setpoint(5), 11.0, goes_on=False)
+    desk.authority.refuse_setpoint(setpoint(9, epoch=6), 99.0, goes_on=False)
+    assert desk.authority.lease(11.0).left == CFG.lease.ttl, "another lease's setpoint is no sign of life"

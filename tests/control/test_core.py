@@ -19,13 +19,13 @@ from mkdaemon.control.events import (
     ClientGone,
     FrameConfirmed,
     FrameSent,
+    GuardActed,
+    GuardChanged,
     LeaseAsked,
     LineChanged,
     LinkVerdict,
-    MotorsReported,
     Reply,
     SetpointUnreadable,
-    StateValue,
 )
 from mkdaemon.control.flightwatch import SILENCE
 from mkdaemon.control.output import SHORTEST_STEP
@@ -35,8 +35,7 @@ from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.state import Flight
-from tests.control.events import CFG, PERIOD, Driver, flight, link_state, pilot
+from tests.control.events import CFG, PERIOD, Driver, link_state
 
 
 @pytest.fixture
@@ -109,26 +108,6 @@ def test_tilt_starts_from_neutral_and_throttle_where_the_client_holds_it(drive):
     drive.tick()
     assert 0 < drive.sticks[-1].counts.pitch < 60
     assert drive.sticks[-1].is_limited
-
-
-def test_a_stale_command_never_gives_more_throttle_than_the_pilot_or_the_ground_allows(drive):
-    drive.fly()
-    drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
-    drive.core.feed(StateValue(pilot(-30.0)), drive.now)
-    drive.run(0.5)
-    assert drive.sticks[-1].counts.throttle == -30
-    on_ground = Driver()
-    on_ground.take()
-    on_ground.stream(1.2, throttle=-80.0)
-    on_ground.run(0.5)
-    assert on_ground.sticks[-1].counts.throttle == -80
-    in_flight = Driver()
-    in_flight.take()
-    in_flight.core.feed(StateValue(flight(is_flying=True)), 0.0)
-    in_flight.stream(1.2, throttle=-80.0)
-    in_flight.core.feed(StateValue(flight(is_flying=True)), in_flight.now)
-    in_flight.run(0.5)
-    assert in_flight.sticks[-1].counts.throttle == round(CFG.limiter.hover_throttle)
 
 
 def test_the_first_setpoint_of_an_epoch_is_reported_and_refusals_once_a_second(drive):
@@ -221,6 +200,7 @@ def test_a_lease_nobody_could_fly_with_is_refused(line, link, token):
 
 
 def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
+    drive.core.feed(ClientGone("alice"), drive.now)
     drive.fly()
     drive.core.feed(ClientGone("bob"), drive.now)
     drive.tick()
@@ -229,6 +209,9 @@ def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
     drive.now += SHORTEST_STEP
     drive.tick()
     assert [release.reason for release in drive.releases] == ["client alice is gone"]
+    drive.release_ends()
+    drive.tick()
+    assert [(event.action, event.released) for event in drive.of(ReportFailsafe)] == [("release", True)]
 
 
 # -- releasing -----------------------------------------------------------------------------------------------------
@@ -285,47 +268,29 @@ def test_each_bad_line_ends_the_lease_after_its_patience(drive, condition, patie
     assert patience <= at - began <= patience + 2 * PERIOD
 
 
-def test_a_line_that_recovers_in_time_costs_nothing(drive):
-    drive.fly()
-    drive.core.feed(LinkVerdict(link_state(LinkCondition.MUTE)), drive.now)
-    drive.stream(0.1)
-    drive.core.feed(LinkVerdict(link_state()), drive.now)
-    drive.stream(1.0)
-    assert drive.releases == []
-
-
-def test_another_opening_of_the_port_ends_the_lease(drive):
-    drive.fly()
-    drive.core.feed(LinkVerdict(link_state(openings=2)), drive.now)
-    drive.stream(0.1)
-    assert len(drive.releases) == 1
-
-
-def test_before_the_first_verdict_nothing_is_judged():
-    drive = Driver(link=None)
-    drive.run(1.0)
-    assert drive.core.phase is Phase.FREE
-
-
-def test_an_aircraft_that_takes_no_control_any_more_is_released(drive):
-    drive.fly()
-    drive.core.feed(LineChanged(ControlLine(None, Obstacle.READ_ONLY, "another release")), drive.now)
-    drive.stream(0.1)
-    [release] = drive.releases
-    assert release.reason == "external control is not possible: another release"
-    assert drive.sticks == []
-
-
 def reasons_without_a_lease(drive):
     """What clients are told from when nobody holds the lease any more."""
     return [each.reason for each in drive.of(PublishStatus) if each.lease is None]
 
 
-def test_whoever_loses_the_lease_within_a_tick_is_told_why_and_not_that_he_flies(drive):
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (ControlLine(None, Obstacle.READ_ONLY, "gone"), "external control is not possible: gone"),
+        (ControlLine("v2", Obstacle.RELEASING), refuse(Token.RELEASING).reason),
+        (ControlLine("v2", Obstacle.UNCONFIRMED), refuse(Token.UNCONFIRMED).reason),
+    ],
+)
+def test_what_ends_with_the_line_is_released_at_once_and_its_holder_is_told_why(drive, line, reason):
     drive.fly()
-    drive.core.feed(LineChanged(ControlLine(None, Obstacle.READ_ONLY, "another release")), drive.now)
+    drive.core.feed(LineChanged(line), drive.now)
+    drive.now += 0.03
+    drive.tick()
+    assert drive.core.next_time() <= drive.now
     drive.stream(0.1)
-    assert set(reasons_without_a_lease(drive)) == {"external control is not possible: another release"}
+    assert [release.reason for release in drive.releases] == [reason]
+    assert set(reasons_without_a_lease(drive)) == {reason}
+    assert drive.sticks == []
 
 
 def test_whoever_loses_the_lease_during_a_release_is_told_why_and_not_why_the_one_before_lost_it(drive):
@@ -338,28 +303,6 @@ def test_whoever_loses_the_lease_during_a_release_is_told_why_and_not_why_the_on
     drive.release_ends()
     drive.tick()
     assert set(reasons_without_a_lease(drive)) == {"client bob is gone"}
-
-
-@pytest.mark.parametrize("obstacle", [Obstacle.RELEASING, Obstacle.UNCONFIRMED])
-def test_a_line_that_releases_by_itself_ends_the_lease(drive, obstacle):
-    drive.fly()
-    drive.core.feed(LineChanged(ControlLine("v2", obstacle)), drive.now)
-    drive.stream(0.1)
-    assert drive.sticks == []
-    [release] = drive.releases
-    assert release.reason == refuse(Token(obstacle.value)).reason
-
-
-@pytest.mark.parametrize(
-    "line",
-    [ControlLine("v2", Obstacle.RELEASING), ControlLine("v2", Obstacle.UNCONFIRMED), ControlLine(None, None, "gone")],
-)
-def test_what_ends_with_the_line_is_released_at_once(drive, line):
-    drive.fly()
-    drive.core.feed(LineChanged(line), drive.now)
-    drive.now += 0.03
-    drive.tick()
-    assert drive.core.next_time() <= drive.now
 
 
 def test_frames_the_line_does_not_take_are_reported_once_a_second_and_keep_the_lease(drive):
@@ -431,26 +374,38 @@ def test_status_counts_what_becomes_of_stick_frames(drive):
     assert (status.frames_sent, status.frames_confirmed) == (2, 1)
 
 
-@pytest.mark.parametrize("source", ["flight", "pilot"])
-def test_a_lost_receiver_ends_the_flight_with_an_event(drive, source):
+def test_without_a_guard_nobody_gets_a_lease_and_a_flight_goes_on(drive):
+    drive.core.feed(GuardChanged(is_alive=False), drive.now)
+    assert token_of(drive.take) == "guard_dead"
+    drive.core.feed(GuardChanged(is_alive=True), drive.now)
     drive.fly()
-    lost = flight(is_flying=True).model_copy(update={"emergency_landing": True})
-    if source == "pilot":
-        lost = pilot(0.0).model_copy(update={"has_signal": False})
-    drive.core.feed(StateValue(lost), drive.now)
-    drive.stream(0.1)
-    [release] = drive.releases
-    assert "receiver is lost" in release.reason
-    drive.release_ends()
+    drive.core.feed(GuardChanged(is_alive=False), drive.now)
+    drive.stream(1.0)
+    assert drive.core.phase is Phase.FLYING
+
+
+def test_a_release_by_the_guard_ends_the_lease_and_is_followed_by_our_own(drive):
+    drive.fly()
+    drive.core.feed(GuardActed(), drive.now)
     drive.tick()
-    [failsafe] = drive.of(ReportFailsafe)
-    assert (failsafe.action, failsafe.released) == ("release", True)
+    assert len(drive.releases) == 1
+    assert drive.core.phase is Phase.RELEASING
+    drive.release_ends()
+    drive.run(0.1)
+    assert drive.core.phase is Phase.FREE
+    assert drive.put().token == Token.NOT_LEASED
+    assert any(report.action == "release" for report in drive.of(ReportFailsafe))
 
 
-def test_states_verdicts_and_motors_reach_the_facts_through_the_core(drive):
-    drive.core.feed(MotorsReported(True), drive.now)
-    drive.core.feed(StateValue(flight(is_flying=True)), drive.now)
-    drive.core.feed(LinkVerdict(link_state(LinkCondition.MUTE)), drive.now)
-    facts = drive.core.vehicle
-    assert (facts.motors_running(0.0), facts.newest(Flight, 0.0).is_flying) == (True, True)
-    assert facts.link.condition is LinkCondition.MUTE
+@pytest.mark.parametrize("stall", [CFG.limiter.setpoint_ttl - 0.05, 0.35, 1.0, 30.0])
+def test_after_a_stall_longer_than_a_setpoint_lives_the_release_comes_before_any_stick_frame(drive, stall):
+    drive.fly()
+    drive.put(pitch=40.0)
+    drive.now += stall
+    drive.put(pitch=40.0)
+    drive.tick()
+    if stall < CFG.limiter.setpoint_ttl:
+        assert drive.core.phase is Phase.FLYING
+    else:
+        assert drive.sticks == []
+        assert ["did not run" in release.reason for release in drive.releases] == [True]

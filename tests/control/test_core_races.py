@@ -22,6 +22,7 @@ class Race(RuleBasedStateMachine):
         super().__init__()
         self.drive = Driver()
         self.epochs: dict[str, int] = {}
+        self.secrets: dict[str, str] = {}
         self.is_releasing = False
         self.last_frame = float("-inf")
         self.phase = Phase.FREE
@@ -29,15 +30,32 @@ class Race(RuleBasedStateMachine):
     @rule(who=st.sampled_from(["alice", "bob"]), force=st.booleans())
     def take(self, who, force):
         try:
-            self.epochs[who] = self.drive.request(holder=who, force=force).epoch
+            granted = self.drive.request(holder=who, force=force)
         except CommandRejectedError as error:
             assert error.token in {"lease_held", "busy", "no_control", "link_down"}
+        else:
+            assert granted.epoch > max(self.epochs.values(), default=0)
+            self.epochs[who], self.secrets[who] = granted.epoch, granted.secret
 
     @rule(who=st.sampled_from(["alice", "bob"]), pitch=st.sampled_from([0.0, 30.0]), times=st.integers(1, 80))
     def stream(self, who, pitch, times):
+        self.drive.secret = self.secrets.get(who, "")
         for _ in range(times):
-            self.drive.put(epoch=self.epochs.get(who, 0), pitch=pitch)
+            refusal = self.drive.put(epoch=self.epochs.get(who, 0), pitch=pitch)
+            assert refusal is None or refusal.token in {"not_leased", "wrong_epoch"}
             self.run_for(PERIOD)
+
+    @rule(who=st.sampled_from(["alice", "bob"]))
+    def fly(self, who):
+        """All is well, and one of them takes the lease and streams until sticks are sent."""
+        self.change_link(LinkCondition.UP, 1)
+        self.change_line(None)
+        self.run_for(PERIOD)
+        self.end_release(ReleaseOutcome.CONFIRMED)
+        self.take(who, force=True)
+        self.run_for(PERIOD)
+        self.end_release(ReleaseOutcome.CONFIRMED)
+        self.stream(who, 0.0, 60)
 
     @rule(seconds=st.floats(0.001, 2.0))
     def wait(self, seconds):

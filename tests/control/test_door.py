@@ -11,8 +11,7 @@ from mkdaemon.control.estimator.values import FUTURE, OLDEST
 from mkdaemon.control.events import PoseSeen, SetpointUnsigned, StateValue
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import StickSetpoint
-from mkdaemon.telemetry.state import Pilot
-from tests.control.events import PERIOD, STAMP, Driver, flight, pose
+from tests.control.events import PERIOD, Driver, flight, pose
 
 WRONG = {
     "position_flu": (math.nan, 0.0, -2.0),
@@ -77,19 +76,6 @@ def test_what_was_flown_is_forgotten_with_its_release(drive):
     drive.ask_release()
     drive.tick()
     assert drive.core._flown.current is None
-
-
-@pytest.mark.parametrize("has_signal", [True, False])
-def test_where_no_flag_tells_of_the_receiver_the_pilots_signal_does(drive, has_signal):
-    drive.fly()
-    drive.tell(StateValue(flight(is_flying=True).model_copy(update={"emergency_landing": None})))
-    told = Pilot(
-        stamp=STAMP, source="fc/debug", rc_quality=float(has_signal), has_signal=has_signal, throttle=None, sticks=None
-    )
-    drive.tell(StateValue(told))
-    drive.put()
-    drive.run(PERIOD)
-    assert (drive.core.phase is Phase.FLYING) is has_signal
 
 
 def test_a_stale_setpoint_is_neutral_at_the_throttle_that_is_estimated_to_carry(drive):

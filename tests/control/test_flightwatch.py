@@ -18,7 +18,7 @@ from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame, StickSetpoint
 from mkdaemon.telemetry.state import GpsMode
 from tests.control.admission.situations import GOOD
-from tests.control.events import PERIOD, Driver, flight, link_state, pose
+from tests.control.events import PERIOD, Driver, flight, link_state, pilot, pose
 
 
 class Anywhere(Goto):
@@ -87,17 +87,14 @@ def test_height_control_on_the_ground_ends_no_lease():
     assert drive.core.phase is Phase.LEASED
 
 
-def test_a_line_nobody_has_judged_ends_no_lease():
-    held = replace(GOOD, holder="alice", phase=Phase.LEASED)
-    assert FlightWatch(one_way=0.5).look(replace(held, link=None), None) is None
-    assert FlightWatch(one_way=0.5).look(replace(held, link=link_state(openings=7)), None).trigger is Trigger.LINK_LOST
-
-
+@pytest.mark.parametrize("told_by", ["flight", "pilot"])
 @pytest.mark.parametrize("is_flying", [True, False])
-def test_a_receiver_that_is_lost_ends_a_flight_and_on_the_ground_nothing(is_flying):
+def test_a_receiver_that_is_lost_ends_a_flight_and_on_the_ground_nothing(is_flying, told_by):
     drive = Driver()
     drive.fly() if is_flying else drive.take()
     lost = flight(is_flying=is_flying).model_copy(update={"emergency_landing": True})
+    if told_by == "pilot":
+        lost = pilot(0.0).model_copy(update={"has_signal": False})
     drive.core.feed(StateValue(lost), drive.now)
     drive.run(0.1)
     assert ["the receiver is lost" in release.reason for release in drive.releases] == [True] * is_flying
@@ -169,12 +166,22 @@ def test_a_line_that_does_not_hear_us_and_then_falls_silent_has_the_patience_of_
     assert patience.is_over(deaf, 11.01)
 
 
-def test_another_opening_of_the_port_is_the_end_whatever_the_line_is_like():
+@pytest.mark.parametrize(
+    ("taken", "link", "is_over"),
+    [(None, 0, False), (3, 4, True), (3, 3, False)],
+)
+def test_another_opening_of_the_port_is_the_end_whatever_the_line_is_like(taken, link, is_over):
     patience = LinePatience(one_way=0.5)
-    assert not patience.is_over(link_state(openings=0), 0.0)
-    patience.lease_taken(3)
-    assert patience.is_over(link_state(openings=4), 0.0)
-    assert not patience.is_over(link_state(openings=3), 0.0)
+    if taken is not None:
+        patience.lease_taken(taken)
+    assert patience.is_over(link_state(openings=link), 0.0) is is_over
+
+
+@pytest.mark.parametrize(("link", "ends"), [(None, False), (link_state(openings=7), True)])
+def test_a_lease_ends_with_another_opening_of_the_port_and_not_while_no_line_was_judged(link, ends):
+    held = replace(GOOD, holder="alice", phase=Phase.LEASED, link=link)
+    found = FlightWatch(one_way=0.5).look(held, None)
+    assert (None if found is None else found.trigger) is (Trigger.LINK_LOST if ends else None)
 
 
 # -- setpoints that are refused in flight --------------------------------------------------------------------------
