@@ -111,9 +111,6 @@ def test_setpoints_alone_break_the_silence_in_flight():
     assert held.silence(12.0, is_in_flight=False) == 1.0
 
 
-# -- the authority over it -------------------------------------------------------------------------------------------
-
-
 class Desk:
     """An authority that decides by what the test wants."""
 

@@ -49,9 +49,6 @@ def token_of(call):
     return caught.value.token
 
 
-# -- setpoints -----------------------------------------------------------------------------------------------------
-
-
 def test_a_live_neutral_stream_is_sent_after_a_second_and_each_setpoint_once(drive):
     drive.take()
     drive.stream(CFG.lease.engage_after - PERIOD)
@@ -139,9 +136,6 @@ def test_a_refused_setpoint_does_not_bring_the_next_tick_forward(drive):
     assert drive.of(PublishStatus)[-1].refused == 2  # what nobody could read is counted too
 
 
-# -- the lease -----------------------------------------------------------------------------------------------------
-
-
 def test_the_gate_is_read_before_a_lease_but_not_before_a_take_over(drive):
     assert drive.tell(LeaseAsked(LeaseRequest(action="take", holder="alice"), "s")) == Reply(must_read_set=True)
     drive.take("alice")
@@ -214,9 +208,6 @@ def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
     assert [(event.action, event.released) for event in drive.of(ReportFailsafe)] == [("release", True)]
 
 
-# -- releasing -----------------------------------------------------------------------------------------------------
-
-
 def test_an_asked_release_is_no_failsafe_and_nothing_is_sent_while_it_runs(drive):
     epoch = drive.fly()
     drive.ask_release("big red button")
@@ -242,9 +233,6 @@ def test_a_release_under_way_is_looked_at_regularly_so_that_the_watchdog_sees_pr
     drive.ask_release()
     drive.tick()
     assert drive.core.next_time() == pytest.approx(drive.now + IDLE_PERIOD)
-
-
-# -- the line ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -344,9 +332,6 @@ def test_no_flight_begins_while_a_board_does_not_listen(drive):
     assert drive.sticks == []
     drive.stream(1.2)
     assert drive.core.phase is Phase.FLYING
-
-
-# -- reports -------------------------------------------------------------------------------------------------------
 
 
 def test_every_change_of_phase_is_reported_with_its_reason(drive):

@@ -184,9 +184,6 @@ def test_a_lease_ends_with_another_opening_of_the_port_and_not_while_no_line_was
     assert (None if found is None else found.trigger) is (Trigger.LINK_LOST if ends else None)
 
 
-# -- setpoints that are refused in flight --------------------------------------------------------------------------
-
-
 def refused_stream(drive, seconds):
     """Positions in a frame nobody can fly to, fifty a second."""
     for _ in range(round(seconds / PERIOD)):

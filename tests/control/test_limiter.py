@@ -38,9 +38,6 @@ def around(*edges):
     return sorted({edge + step for edge in edges for step in (-1, -0.5, -EPS, 0, EPS, 0.5, 1)})
 
 
-# -- range ---------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("axis", ["pitch", "roll", "yaw"])
 @pytest.mark.parametrize("bound", [0, 1, 40, 60, 126, 127])
 def test_tilt_and_yaw_stay_within_their_own_bound(axis, bound):
@@ -81,9 +78,6 @@ def test_an_unknown_layout_is_refused():
         limited(REST, layout="v4")
 
 
-# -- age -----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("age", "ttl", "is_stale"),
     [
@@ -120,9 +114,6 @@ def test_a_stale_command_holds_hover_throttle_or_the_pilots_whichever_is_less(ca
     assert limited(flying, flying, age=0.5, cfg=cfg, throttle_cap=cap).throttle == throttle
 
 
-# -- slew ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("axis", ["pitch", "roll", "yaw"])
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_a_stick_moves_no_faster_than_the_slew(axis, sign):
@@ -152,9 +143,6 @@ def test_slow_slew_still_arrives():
     assert count(sticks).pitch == 3
 
 
-# -- gestures ------------------------------------------------------------------------------------------------------
-
-
 def test_low_throttle_never_meets_yaw():
     yaws = around(-127, -101, -100, -70, -1, 0, 1, 70, 100, 101, 127)
     throttles = around(-127, -101, GESTURE_LOW, -99)
@@ -182,9 +170,6 @@ def test_the_slew_cannot_walk_into_a_gesture():
     assert count(sticks) == StickCounts(0, 0, 0, -127)
 
 
-# -- what is not a number ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", range(12))
 def test_no_nan_and_no_infinity_anywhere(bad, place):
@@ -200,8 +185,6 @@ def test_time_must_have_passed(dt):
     with pytest.raises(ValueError, match="cannot limit"):
         limited(REST, dt=dt)
 
-
-# -- everything at random ------------------------------------------------------------------------------------------
 
 numbers = st.floats(-1e6, 1e6)
 bounds = st.integers(0, 127)

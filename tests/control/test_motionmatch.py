@@ -114,9 +114,6 @@ def test_a_camera_that_sees_the_opposite_is_worse_than_one_that_is_late():
     assert motion.match(9.0, "pad").likeness < -0.97
 
 
-# -- how much is enough --------------------------------------------------------------------------------------------
-
-
 def swinging(size, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0.0)):
     """A pitch that swings at 7 rad/s, with no images in a gap [s]."""
     motion = MotionMatch()

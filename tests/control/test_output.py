@@ -30,9 +30,6 @@ def output(*, facts=None, limiter=FAST, rate=50.0, engaged=1.0, sticks=PITCHED):
     return made
 
 
-# -- how long a frame may wait -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("age", "ttl", "life"),
     [
@@ -63,9 +60,6 @@ def test_a_frame_says_what_was_wanted_and_whether_it_was_limited():
     assert (free.is_limited, free.wanted) == (False, PITCHED)
     far = out.make(order(sticks=Sticks(90.0, 0.0, 0.0, 20.0)), "v2", 1.04)
     assert (far.is_limited, far.wanted.pitch, far.counts.pitch) == (True, 90.0, 60)
-
-
-# -- from one frame to the next ------------------------------------------------------------------------------------
 
 
 def test_sticks_move_from_the_last_frame_by_the_time_between_the_two():
@@ -111,9 +105,6 @@ def test_the_limits_are_those_of_docs_safety():
     assert (SHORTEST_STEP, LONGEST_STEP, AHEAD, LONGEST_QUEUE) == (0.01, 0.03, 2.0, 0.1)
 
 
-# -- throttle of a stale command -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("is_flying", "stick", "throttle"),
     [
@@ -134,9 +125,6 @@ def test_stale_throttle_is_capped_by_the_pilot_and_on_the_ground_by_what_was_sen
         facts.state_received(pilot(stick), 10.0)
     out = output(facts=facts, engaged=10.0, sticks=Sticks(0.0, 0.0, 0.0, -20.0))
     assert out.make(order(age=0.9), "v2", 10.0).counts == StickCounts(0, 0, 0, throttle)
-
-
-# -- what becomes of frames ----------------------------------------------------------------------------------------
 
 
 def test_where_the_ground_may_be_touched_nothing_that_nobody_asked_for_raises_the_throttle():

@@ -242,9 +242,6 @@ def test_a_pilot_who_holds_his_throttle_too_low_is_noticed_and_the_flight_goes_o
     assert rig.core.phase is Phase.FLYING
 
 
-# -- one frame and one report after the other ----------------------------------------------------------------------
-
-
 def compared(frames, reports, *, share=1.0):
     """What is known after frames (moment, throttle) and reports (moment, throttle), in the order of their moments."""
     lid = ThrottleLid()

@@ -114,8 +114,6 @@ def test_what_is_wrong_is_told_with_its_number(name, change, words):
     assert words in found(replace(GOOD, **change), name).reason
 
 
-# -- what the stream waits for -------------------------------------------------------------------------------------
-
 CFG = GOOD.cfg.autopilot
 STANDING = replace(GOOD, **sees(height=CFG.stand_height))
 
@@ -148,8 +146,6 @@ def test_what_a_take_off_waits_for_is_told_with_its_number():
     assert "it is at +3" in waits_for(NewManoeuvre(Concern.TAKE_OFF), strong)
 
 
-# -- the lease -----------------------------------------------------------------------------------------------------
-
 LIMIT = GOOD.cfg.lease.max_path_delay
 
 
@@ -179,9 +175,6 @@ def test_a_lease_belongs_to_its_holder_while_it_lives(change, force, refused):
     if error is not None and change["holder"]:
         assert "alice" in error.reason
         assert "0.5" in error.reason
-
-
-# -- requests to a board -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("seconds", "refused"), [(2.5, False), (2.6, True)])

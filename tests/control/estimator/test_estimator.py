@@ -197,37 +197,6 @@ def test_an_estimate_ahead_knows_the_sticks_under_way():
     assert ahead.position[0] == pytest.approx(plant.axes[0, P], abs=0.03)
 
 
-def test_one_wild_image_is_rejected():
-    plant = Plant()
-    estimator = run(plant, 5.0)
-    before = estimator.estimate(plant.now).position.copy()
-    wild = plant.axes.copy()
-    wild[0, P] += 3.0
-    estimator.target_seen(view(plant.now, wild, 2.0, 0.0), plant.now)
-    assert estimator.rejected >= 1
-    assert estimator.estimate(plant.now).position == pytest.approx(before, abs=0.02)
-
-
-def test_an_estimate_that_images_contradict_by_far_doubts_itself_at_each_of_them():
-    """After a doubt that was too small it believed itself again, for as many images as before the first one."""
-    plant = Plant()
-    estimator = run(plant, 5.0)
-    for k in range(10):
-        at = plant.now + k / 30.0
-        estimator.target_seen(view(at, plant.axes, 7.0, 0.0), at)
-    assert estimator.estimate(plant.now + 0.3).position[2] == pytest.approx(7.0, abs=0.5)
-
-
-def test_the_hover_throttle_moves_until_the_model_explains_the_height():
-    estimator = flown()
-    estimator.advance(5.0)
-    start = estimator.hover_gas
-    estimator._vertical.shift(3, np.array([-0.5]))
-    for _ in range(500):
-        estimator.recentre_hover(0.02, HOVER)
-    assert estimator.hover_gas == pytest.approx(start * (1 + 0.5 / 9.81 / 2), rel=0.01)
-
-
 NOT_OURS = ThrottleUse(None, is_ours=False)
 
 
@@ -282,7 +251,7 @@ def test_while_nobody_here_sends_sticks_they_ask_for_the_tilt_that_is_reported()
     assert found.velocity[:2] == pytest.approx([0.0, 0.0], abs=0.05)
 
 
-@pytest.mark.parametrize("wrong", [1.0, -1.0])
+@pytest.mark.parametrize("wrong", [1.0, -1.0, 5.0])
 def test_a_height_that_every_image_contradicts_is_given_up(wrong):
     plant = Plant()
     estimator = Estimator(MODEL, view(0.0, plant.axes, 2.0, 0.0), HOVER)
@@ -459,25 +428,6 @@ def test_no_estimate_begins_with_a_hover_throttle_that_carries_nothing(first, be
     assert Estimator(MODEL, view(0.0, np.zeros((2, LEVEL_STATES)), 2.0, 0.0), first).hover_gas == believed
 
 
-def test_after_a_silence_somebody_else_may_have_tilted_it_the_more_the_longer():
-    estimator, now = silent(MEMORY + 1.0)
-    estimator.advance(now)
-    # What a constant tilt of 0.175 rad alone makes of a second: 0.175 g, 1.7 m/s, and more by the leak.
-    assert estimator.velocity_sd > 1.7
-
-
-def test_after_a_silence_the_model_must_agree_anew_before_it_counts():
-    plant = Plant()
-    estimator, now = silent(10.0)
-    estimator.caution = 0.0
-    for k in range(50):
-        at = now + 0.02 * k
-        estimator.advance(at)
-        estimator.attitude_received(at, 0.0, 0.0, 0.4)
-        estimator.target_seen(view(at, plant.axes, 2.0, 0.0), at)
-    assert 0.8 < estimator.caution < 0.95
-
-
 def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_and_by_most_cameras():
     cameras = Cameras(3)
     for name in ("down", "forward"):
@@ -491,8 +441,6 @@ def test_a_camera_is_doubted_after_images_that_were_refused_one_after_the_other_
     cameras.seen("down", 1.6 + TOGETHER)
     assert not cameras.doubts("down", 1.6 + TOGETHER), "what the other camera showed of it is still known"
 
-
-# -- whatever comes ------------------------------------------------------------------------------------------------
 
 WILD = st.one_of(st.floats(-3.0, 3.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300]))
 WAITS = st.sampled_from([0.0, 0.02, 0.1, 1.0, 30.0])

@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.cameras import AGREED, AT_ONCE, TOGETHER, Cameras
 from mkdaemon.control.estimator.commands import KNOWN, NEUTRAL, CommandHistory, StickFrame
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.model import TH, AircraftModel
+from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
-from mkdaemon.control.manoeuvres.by_target import new_autopilot
-from mkdaemon.control.regulator.autopilot import Goal
 from tests.control.estimator.test_values import turned
 
 HOVER = 125.0
@@ -22,9 +19,6 @@ def level_view(at=0.0, *, place=(0.0, 0.0, 2.0), yaw=0.0, covariance=None):
     """What a level aircraft sees."""
     r = turned((0.0, 0.0, yaw))
     return TargetView(at, -r.T @ np.array(place), r, np.diag([1e-6] * 6) if covariance is None else covariance)
-
-
-# -- cameras -------------------------------------------------------------------------------------------------------
 
 
 def refused(cameras, name, at, times=3):
@@ -177,9 +171,6 @@ def test_after_a_change_one_refused_image_is_enough():
     assert Cameras(3).contradicting == ()
 
 
-# -- stick frames --------------------------------------------------------------------------------------------------
-
-
 def test_an_image_that_comes_late_is_one_cameras_and_another_makes_two():
     cameras = Cameras(3)
     assert cameras.seen("down", 2.0) == 1
@@ -226,38 +217,6 @@ def test_stick_frames_are_remembered_for_two_seconds():
     assert len(history._commands) <= KNOWN / 0.02 + 3
 
 
-# -- the estimate --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("yaw", [0.0, 0.7, 1.57, -2.4])
-def test_what_an_image_is_unsure_of_stays_in_the_axes_of_the_target_whatever_the_heading(yaw):
-    covariance = np.diag([0.1**2, 0.005**2, 0.005**2, 1e-6, 1e-6, 1e-6])
-    estimator = Estimator(AircraftModel(), level_view(yaw=yaw, covariance=covariance), HOVER)
-    for k in range(1, 10):
-        estimator.advance(0.03 * k)
-        estimator.target_seen(level_view(0.03 * k, yaw=yaw, covariance=covariance), 0.03 * k)
-    sd = estimator.estimate(0.3).position_sd
-    assert sd[0] > 2.0 * sd[1]
-
-
-def test_the_estimate_looks_ahead_by_what_is_known():
-    estimator = Estimator(AircraftModel(), level_view(), HOVER, velocity=np.array([0.5, -0.25, 0.0]))
-    estimator.advance(0.1)
-    now, later = estimator.estimate(0.1), estimator.estimate(0.3)
-    assert later.position[:2] - now.position[:2] == pytest.approx([0.1, -0.05], rel=0.1)
-    assert (later.at, later.age) == (0.3, pytest.approx(0.3))
-
-
-def test_sticks_that_were_sent_tilt_the_aircraft_that_is_looked_ahead_for():
-    model = AircraftModel()
-    estimator = Estimator(model, level_view(), HOVER)
-    estimator.sent(StickCommand(0.0, 20.0, 0.0, 0.0, HOVER))
-    ahead = estimator.estimate(0.4)
-    assert ahead.tilt[0] > 0.3 * 20.0 * model.rad_per_count
-    assert ahead.tilt[1] == pytest.approx(0.0, abs=1e-6)
-    assert ahead.velocity[0] > 0.05
-
-
 def test_sticks_that_were_lost_neither_tilt_nor_lift_the_aircraft():
     """All of them acted in the estimate for a time before the board's word came."""
     lost, never_sent = (Estimator(AircraftModel(), level_view(), HOVER) for _ in range(2))
@@ -275,22 +234,6 @@ def test_sticks_that_were_lost_neither_tilt_nor_lift_the_aircraft():
         assert found == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("steepest", [0.05, 0.15])
-def test_no_flight_leans_further_than_its_configuration_says(steepest):
-    """An aircraft that does not come nearer is asked for all the tilt there is."""
-    here = (-3.0, 0.0, 2.0)
-    estimator = Estimator(AircraftModel(), level_view(place=here), HOVER)
-    cfg = AutopilotConfig(max_tilt=steepest, max_speed=2.0, max_acceleration=2.0)
-    autopilot = new_autopilot(cfg, estimator, estimator.estimate(0.0))
-    most = 0.0
-    for k in range(1, 100):
-        estimator.advance(0.02 * k)
-        estimator.target_seen(level_view(0.02 * k, place=here), 0.02 * k)
-        sticks = autopilot.sticks(Goal(position=np.array([3.0, 0.0, 2.0])), 0.02 * k, 0.02)
-        most = max(most, abs(sticks.pitch) * estimator.model.rad_per_count)
-    assert most == pytest.approx(steepest, abs=estimator.model.rad_per_count)
-
-
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 1.9, -2.4])
 @pytest.mark.parametrize(("pitch", "roll"), [(20.0, 0.0), (0.0, 20.0)])
 def test_sticks_tilt_the_aircraft_in_the_axes_of_its_nose(yaw, pitch, roll):
@@ -302,44 +245,3 @@ def test_sticks_tilt_the_aircraft_in_the_axes_of_its_nose(yaw, pitch, roll):
     assert ahead.tilt == pytest.approx(np.linalg.norm(ahead.tilt) * way, abs=1e-6)
     assert np.linalg.norm(ahead.tilt) > 0.03
     assert ahead.yaw == pytest.approx(yaw)
-
-
-@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.4])
-def test_an_attitude_is_that_of_the_nose_too(yaw):
-    estimator = Estimator(AircraftModel(), level_view(yaw=yaw), HOVER, compass=0.4)
-    for k in range(1, 40):
-        estimator.attitude_received(0.02 * k, 0.1, 0.0, 0.4)
-    tilt = estimator.estimate(0.8).axes[:, TH]
-    assert tilt == pytest.approx(0.1 * np.array([np.cos(yaw), np.sin(yaw)]), abs=0.02)
-
-
-def test_a_turn_that_the_boards_report_turns_the_estimate():
-    estimator = Estimator(AircraftModel(), level_view(yaw=0.5), HOVER, compass=0.4)
-    for k in range(1, 20):
-        estimator.attitude_received(0.02 * k, 0.0, 0.0, 0.4 + 0.01 * k)
-    assert estimator.estimate(0.38).yaw == pytest.approx(0.5 + 0.19, abs=0.02)
-
-
-def test_a_target_that_moves_fast_is_seen_less_certainly_because_stamps_err():
-    def seen(speed):
-        at = [level_view(0.03 * k, place=(speed * 0.03 * k, 0.0, 2.0)) for k in range(20)]
-        estimator = Estimator(AircraftModel(), at[0], HOVER, velocity=np.array([speed, 0.0, 0.0]))
-        for view in at[1:]:
-            estimator.advance(view.at)
-            estimator.target_seen(view, view.at)
-        return estimator.estimate(0.57).position_sd[0]
-
-    assert seen(3.0) > 1.1 * seen(0.0)
-
-
-@pytest.mark.parametrize("lean", [0.0, 0.2, 0.4])
-def test_the_height_is_that_above_the_target_however_the_aircraft_leans(lean):
-    r = turned((0.0, lean, 0.0))
-    place = np.array([0.3, 0.0, 2.0])
-    views = [TargetView(0.03 * k, -r.T @ place, r, np.diag([1e-6] * 6)) for k in range(30)]
-    estimator = Estimator(AircraftModel(), views[0], HOVER)
-    for view in views[1:]:
-        estimator.advance(view.at)
-        estimator.attitude_received(view.at, lean, 0.0, 0.0)
-        estimator.target_seen(view, view.at)
-    assert estimator.estimate(0.87).position[2] == pytest.approx(2.0, abs=0.03)

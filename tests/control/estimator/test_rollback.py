@@ -50,40 +50,6 @@ def test_punctual_and_late_measurements_give_the_same_estimate():
     assert np.allclose(punctual.covariances, late.covariances, atol=1e-12)
 
 
-def test_who_asks_for_the_covariances_alone_gets_those_after_a_late_measurement():
-    alone, stated = make(), make()
-    for filter_ in (alone, stated):
-        for _ in range(20):
-            filter_.advance(np.zeros(2))
-        filter_.measure(Measurement(0.05, POSITION, np.array([0.1, 1.9]), 4e-4))
-    assert len(stated.states) == 2
-    assert np.array_equal(alone.covariances, stated.covariances)
-
-
-def test_who_looks_after_every_measurement_sees_what_who_looks_at_the_end_sees():
-    rng = random.Random(3)
-    looked, unlooked = make(), make()
-    for step in range(200):
-        for filter_ in (looked, unlooked):
-            filter_.advance(np.array([0.1, -0.2]))
-            if step == 100:
-                filter_.set_noise(2.0 * NOISE)
-        for _ in range(3):
-            at, value = (step + 1) * STEP - rng.uniform(0.0, 0.2), rng.gauss(0.0, 0.1)
-            for filter_ in (looked, unlooked):
-                filter_.measure(Measurement(at, POSITION, np.array([value, -value]), 4e-4))
-            assert looked.states.shape == (2, 2)
-    assert np.array_equal(looked.states, unlooked.states)
-    assert np.array_equal(looked.covariances, unlooked.covariances)
-    assert looked.rejected == unlooked.rejected
-
-
-def test_the_estimate_follows_each_axis():
-    filter_ = run(readings(random.Random(2), 200), lambda m: 0.05)
-    assert np.allclose(filter_.states[:, 0], [filter_.time, 2 - filter_.time], atol=0.03)
-    assert np.allclose(filter_.states[:, 1], [1, -1], atol=0.2)
-
-
 def test_inputs_are_remembered_through_a_rollback():
     filter_ = make()
     for step in range(30):
@@ -91,23 +57,6 @@ def test_inputs_are_remembered_through_a_rollback():
     assert filter_.states[0, 1] == pytest.approx(1.5)
     filter_.measure(Measurement(0.02, SPEED, np.array([1.1, -1.0]), 1e6))
     assert filter_.states[0, 1] == pytest.approx(1.5, abs=1e-6)
-
-
-def test_an_unbelievable_measurement_changes_nothing_and_is_counted():
-    filter_ = run(readings(random.Random(3)), lambda m: 0.02)
-    before = filter_.states.copy()
-    ratio = filter_.measure(Measurement(filter_.time, POSITION, np.array([50.0, before[1, 0]]), 4e-4))
-    assert abs(ratio[0]) > 5
-    assert filter_.rejected == 1
-    assert filter_.states[0] == pytest.approx(before[0])
-
-
-def test_older_than_the_memory_is_dropped():
-    filter_ = make()
-    for _ in range(200):
-        filter_.advance(np.zeros(2))
-    assert filter_.measure(Measurement(2.0 - MEMORY - 0.05, POSITION, np.zeros(2), 1.0)) is None
-    assert filter_.dropped == 1
 
 
 def test_looking_ahead_changes_nothing():
@@ -184,8 +133,6 @@ def test_after_coasting_nothing_older_is_remembered_and_shifts_are_kept():
     assert filter_.measure(Measurement(1.205, POSITION, filter_.states[:, 0], 1.0)) is not None
 
 
-# -- whatever comes, in whatever order -----------------------------------------------------------------------------
-
 MOMENTS = st.floats(0.35, 0.995)
 VALUES = st.floats(-3.0, 3.0)
 READINGS = st.lists(st.tuples(MOMENTS, VALUES, st.sampled_from([POSITION, SPEED]), st.floats(1e-4, 1.0)), max_size=8)
@@ -207,8 +154,8 @@ def test_the_order_in_which_late_measurements_arrive_does_not_matter(readings, r
     order = list(range(len(readings)))
     rng.shuffle(order)
     one, other = after(readings, range(len(readings))), after(readings, order)
+    assert np.allclose(one.covariances, other.covariances, atol=1e-9)  # asked for first: the rollback waits for it
     assert np.allclose(one.states, other.states, atol=1e-7)
-    assert np.allclose(one.covariances, other.covariances, atol=1e-9)
 
 
 OTHER_VALUES = st.one_of(VALUES, st.sampled_from([np.nan, np.inf, -np.inf, 1e9]))
@@ -275,9 +222,6 @@ def test_five_standard_deviations_are_believed_and_no_more(deviations, is_believ
     assert (filter_.rejected == 0) is is_believed
 
 
-# -- in closed form: a place that moves at a known speed, without noise ---------------------------------------------
-
-
 def sure(steps=30, *, states=((0.0, 1.0),), noise=0.0):
     """A filter without inputs; place and speed are each known to 0.1."""
     filter_ = RollbackFilter(F, G, noise * np.eye(2), np.array(states), np.diag([0.01, 0.01]), now=0.0)
@@ -286,15 +230,12 @@ def sure(steps=30, *, states=((0.0, 1.0),), noise=0.0):
     return filter_
 
 
-@pytest.mark.parametrize("at", [0.0, 0.003, 0.25, 0.2575, 0.3])
+@pytest.mark.parametrize("at", [0.0, 0.003, 0.25, 0.2575, 0.3, 5.0])
 @pytest.mark.parametrize("off", [0.0, 0.04, -0.2])
-def test_a_measurement_is_compared_with_the_state_of_its_very_moment(at, off):
-    ratio = sure().measure(Measurement(at, POSITION, np.array([at + off]), 4e-4))
+def test_a_measurement_is_compared_with_the_state_of_its_very_moment_or_of_the_end_of_the_newest_step(at, off):
+    stamped, at = at, min(at, 0.31)
+    ratio = sure().measure(Measurement(stamped, POSITION, np.array([at + off]), 4e-4))
     assert ratio == pytest.approx(off / np.sqrt(0.01 + 0.01 * at**2 + 4e-4), abs=1e-9)
-
-
-def test_a_measurement_of_the_future_is_one_of_the_end_of_the_newest_step():
-    assert sure().measure(Measurement(5.0, POSITION, np.array([0.31]), 1.0)) == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("at", [0.0, 0.1234, 0.3])

@@ -43,11 +43,28 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     return found
 
 
-@pytest.mark.parametrize(("gain", "seconds"), [(0.67, 2.5), (0.75, 2.5), (1.33, 2.2), (1.5, 2.2)])
-def test_a_gain_that_differs_is_found_soon_after_two_seconds(gain, seconds):
-    found = flown(gain, seconds=seconds)
-    assert found.measured == pytest.approx(gain, abs=0.04)
-    assert found.gain == found.measured
+@pytest.mark.parametrize(
+    ("gain", "options", "measured", "believed"),
+    [
+        *((gain, {"seconds": 2.5 if gain < 1.0 else 2.2}, gain, gain) for gain in (0.67, 0.75, 1.33, 1.5)),
+        # Before two seconds only a larger one is, and only if it is larger than an aircraft that is handed over shows.
+        *((0.67, {"seconds": 1.9, "start": start}, None, 1.0) for start in (0.0, 500.0)),
+        *((1.5, {"seconds": 1.9, "start": start}, 1.5, 1.5) for start in (0.0, 500.0)),
+        (1.28, {"seconds": 1.9}, None, 1.0),
+        (1.28, {"seconds": 3.0}, 1.28, 1.28),
+        *((gain, {}, gain, 1.0) for gain in (0.89, 1.0, 1.13)),  # the boards' scale may explain it
+        (1.5, {"wind": 0.1, "seconds": 3.0}, 1.5, 1.5),
+        (1.5, {"size": 0.0001}, 1.0, 1.0),  # sticks at rest tell nothing
+        (5.0, {}, 2.0, 2.0),  # no aircraft has it
+        (0.1, {}, 0.5, 0.5),
+    ],
+)
+def test_a_gain_is_believed_once_it_differs_for_long_enough_by_more_than_the_boards_scale(
+    gain, options, measured, believed
+):
+    found = flown(gain, **options)
+    assert found.gain == pytest.approx(believed, abs=0.05 if believed != 1.0 else 0.0)
+    assert measured is None or found.measured == pytest.approx(measured, abs=0.05)
 
 
 @pytest.mark.parametrize("seconds", [6.6, 6.8, 7.0, 7.2, 8.0])
@@ -57,25 +74,6 @@ def test_an_answer_that_is_weak_for_a_moment_is_no_smaller_gain(seconds):
     assert found.gain == 1.0
 
 
-@pytest.mark.parametrize("start", [0.0, 500.0])
-@pytest.mark.parametrize(("gain", "believed"), [(0.67, 1.0), (1.5, 1.5)])
-def test_only_a_larger_gain_is_believed_before_two_seconds(gain, believed, start):
-    found = flown(gain, seconds=1.9, start=start)
-    assert found.measured == pytest.approx(gain, abs=0.1)
-    assert found.gain == pytest.approx(believed, abs=0.1)
-
-
-@pytest.mark.parametrize("gain", [0.89, 1.0, 1.13])
-def test_a_gain_that_the_boards_scale_may_explain_is_the_models(gain):
-    found = flown(gain)
-    assert found.measured == pytest.approx(gain, abs=0.03)
-    assert found.gain == 1.0
-
-
-def test_a_gain_is_found_although_wind_moves_the_believed_tilt():
-    assert flown(1.5, wind=0.1, seconds=3.0).measured == pytest.approx(1.5, abs=0.05)
-
-
 @pytest.mark.parametrize("gain", [0.7, 1.0, 1.4])
 @pytest.mark.parametrize("model", [MODEL, MODEL.with_other_filter()])
 def test_the_stick_filter_that_the_aircraft_has_is_found_within_a_second_of_reports(model, gain):
@@ -83,23 +81,6 @@ def test_the_stick_filter_that_the_aircraft_has_is_found_within_a_second_of_repo
         found = flown(gain, seconds=1.4, model=model, aircraft=aircraft)
         assert found.has_other_filter == (aircraft != model)
         assert found.measured == pytest.approx(gain, abs=0.06)
-
-
-def test_sticks_at_rest_tell_nothing():
-    assert flown(1.5, size=0.0001).measured == 1.0
-
-
-@pytest.mark.parametrize(("gain", "believed"), [(5.0, 2.0), (0.1, 0.5)])
-def test_no_gain_is_believed_that_no_aircraft_has(gain, believed):
-    assert flown(gain).measured == believed
-
-
-def test_a_silence_of_the_boards_is_survived():
-    found = flown(1.5)
-    before = found.measured
-    found.attitude_received(3600.0, np.array([0.0, 0.0]))
-    found.attitude_received(3600.02, np.array([0.0, 0.0]))
-    assert found.measured == pytest.approx(before, rel=0.5)
 
 
 def test_attitudes_that_come_too_late_are_left_out():
@@ -112,13 +93,6 @@ def test_attitudes_that_come_too_late_are_left_out():
     assert found.measured == before == 0.5
 
 
-def test_a_difference_must_be_larger_before_two_seconds_than_after():
-    """1.28 is more than the boards' scale, and less than what is believed of an aircraft that is handed over."""
-    assert flown(1.28, seconds=1.9).gain == 1.0
-    later = flown(1.28, seconds=3.0)
-    assert later.gain == later.measured == pytest.approx(1.28, abs=0.03)
-
-
 def test_before_sticks_act_the_boards_tell_nothing_of_them():
     found = StickResponse(MODEL, 0.0)
     found.sent(10.0, np.array([0.1, 0.1]))
@@ -127,17 +101,6 @@ def test_before_sticks_act_the_boards_tell_nothing_of_them():
     assert found.measured == 1.0
     assert not found.has_other_filter
 
-
-def test_the_last_stick_acts_until_the_next():
-    found = StickResponse(MODEL, 0.0)
-    found.sent(0.0, np.array([0.1, 0.0]))
-    found.attitude_received(0.5, np.zeros(2))
-    tilted = found._expected[-1][0][0]
-    found.attitude_received(0.9, np.zeros(2))
-    assert found._expected[-1][0][0] > tilted > 0.01
-
-
-# -- by the frequency response of the loop --------------------------------------------------------------------------
 
 AS_BELIEVED = 3
 """Place of the hypothesis that the line is as late as it is believed to be."""
@@ -280,10 +243,6 @@ def test_what_the_line_delays_beyond_what_was_measured_is_found_with_the_filter(
     found = flown(1.0, model=model, late=0.06, stamped=0.06 - lag)
     assert found.lag == pytest.approx(lag, abs=0.006)
     assert not found.has_other_filter
-
-
-def test_without_motion_the_line_is_as_it_was_measured():
-    assert flown(1.0, size=0.0, late=0.06, stamped=0.03).lag == pytest.approx(0.0, abs=0.012)
 
 
 def test_sticks_that_were_lost_are_no_smaller_gain():

@@ -70,14 +70,6 @@ def test_only_what_can_be_seen_is_used(seen, fault):
     assert fault_of(seen, 5.0) is fault
 
 
-def test_a_mirror_image_is_no_attitude():
-    seen = view()
-    mirrored = TargetView(seen.at, seen.position_flu, seen.target_from_flu @ np.diag([1.0, 1.0, -1.0]), COVARIANCE)
-    assert fault_of(mirrored, 5.0) is ViewFault.NO_ROTATION
-    stretched = TargetView(seen.at, seen.position_flu, 1.1 * seen.target_from_flu, COVARIANCE)
-    assert fault_of(stretched, 5.0) is ViewFault.NO_ROTATION
-
-
 @pytest.mark.parametrize(("cap", "acting"), [(None, 130.0), (120.0, 120.0), (140.0, 130.0)])
 def test_the_motors_get_no_more_than_the_pilots_throttle(cap, acting):
     assert StickCommand(0.0, 0.0, 0.0, 0.0, 130.0, ThrottleUse(cap, is_ours=False)).acting_gas == acting

@@ -56,9 +56,6 @@ def settled():
     return make
 
 
-# -- out of sight ----------------------------------------------------------------------------------------------------
-
-
 def test_without_any_target_it_ends_at_once_at_the_throttle_that_was_believed():
     sight = Sight(CFG, -9.0)
     step = Hold(sight, CFG).step(1.0, is_flying=True)
@@ -146,9 +143,6 @@ def test_nothing_is_reached_before_the_flight(settled):
     assert not any(step.is_done for step in aircraft.fly(there, 2.0, is_flying=False))
     assert not aircraft.fly(there, CFG.arrived_for - 2 * STEP)[-1].is_done, "the time counts from the flight on"
     assert aircraft.fly(there, 3 * STEP)[-1].is_done
-
-
-# -- the reference ---------------------------------------------------------------------------------------------------
 
 
 def test_before_the_flight_the_reference_begins_anew_at_every_step(settled):
@@ -253,9 +247,6 @@ def test_hold_stays_at_one_place_until_the_estimate_is_another(settled):
     assert place == pytest.approx(aircraft.place, abs=0.1)
 
 
-# -- places and velocities --------------------------------------------------------------------------------------------
-
-
 def body_goal(aircraft, manoeuvre):
     return np.array(aircraft.fly(manoeuvre, STEP)[-1].error.goal)
 
@@ -325,9 +316,6 @@ def test_place_outside_the_fence_becomes_the_nearest_one_inside(wanted, radius, 
     assert found[2] == min(max(wanted[2], floor), height)
     assert math.hypot(*found[:2]) == pytest.approx(min(away, radius), abs=1e-9)
     assert found[:2] * away == pytest.approx(np.array(wanted[:2]) * math.hypot(*found[:2]), abs=1e-6), "same direction"
-
-
-# -- arrival and error -----------------------------------------------------------------------------------------------
 
 
 STILL = Hovering().watch(0.1)

@@ -193,8 +193,6 @@ def test_throttle_leads_the_motors_and_carries_a_leaning_aircraft():
     assert (gas(leaning, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(1.0 / math.cos(0.3), rel=0.01)
 
 
-# -- in closed form ------------------------------------------------------------------------------------------------
-
 LIMITS = ReferenceLimits(speed=1.2, acceleration=1.0)
 
 

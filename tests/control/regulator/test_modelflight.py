@@ -82,9 +82,6 @@ def test_the_regulator_is_computed_for_the_period_of_fifty_hertz():
     assert regulator.radius == pytest.approx(radius(50.0))
 
 
-# -- the flight on the model ---------------------------------------------------------------------------------------
-
-
 def rest(**options):
     return fly_model(MODEL, ControlConfig.model_validate(options))
 
@@ -146,9 +143,6 @@ def test_sticks_that_move_slowly_let_it_swing(options, worse):
 def test_an_aircraft_whose_sticks_tilt_more_than_another_rests_as_near():
     """What it is asked for is in counts of its own."""
     assert fly_model(replace(MODEL, rad_per_count=2.0 * MODEL.rad_per_count), ControlConfig()).level < 0.05
-
-
-# -- whose fault it is ---------------------------------------------------------------------------------------------
 
 
 def test_margins_that_are_known_are_not_computed_again():
