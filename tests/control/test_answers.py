@@ -11,7 +11,7 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
-from mkdaemon.control.answers import FORGIVEN, AnswerWatch
+from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import OURS
 from mkdaemon.control.events import AbortAsked, StateValue
@@ -193,58 +193,6 @@ def test_an_aborted_flight_stays_aborted_over_a_shut_gate():
     assert rig.fly().lost == ""
     assert rig.sticks(SHUT + 0.3, OPENED) == 0
     assert rig.phase_at(OPENED + 1.0) is Phase.ABORTED
-
-
-def test_a_tilt_that_follows_the_sticks_is_an_answer_with_half_or_twice_the_models_gain():
-    for share in (0.5, 1.0, 2.0):
-        watch = follow(lambda asked, share=share: share * asked)
-        assert watch.evidence == -FORGIVEN
-        assert watch.is_sure
-
-
-def test_sticks_that_tilt_nothing_are_unanswered():
-    watch = follow(lambda asked: 0.1)
-    assert watch.is_missing
-    watch.forget()
-    assert not watch.is_missing
-
-
-def test_under_level_sticks_an_aircraft_that_is_level_answers_again_and_one_that_leans_does_not():
-    for lean, is_missing in ((0.0, False), (0.1, True)):
-        watch = follow(lambda asked: 0.1)
-        for k in range(100):
-            now = 3.0 + 0.02 * k
-            watch.sent(0.0, 0.0, now)
-            watch.attitude_received(now, lean, 0.0, says_something=True)
-        assert watch.is_missing is is_missing
-
-
-def test_without_meaning_or_with_sparse_attitudes_nothing_is_found():
-    assert follow(lambda asked: 0.0, says_something=False).evidence == 0.0
-    assert follow(lambda asked: 0.0, period=0.2).evidence == 0.0
-
-
-def test_an_old_word_about_the_gate_counts_no_more():
-    watch = AnswerWatch(AircraftModel())
-    watch.gate_reported(1.0, is_open=False)
-    assert watch.is_gate_shut(2.0)
-    assert not watch.is_gate_shut(4.0)
-
-
-def follow(answer, *, says_something=True, period=0.02):
-    """A watch that saw 2 s of sticks to and fro, and what the aircraft made of the tilt that they ask for."""
-    model = AircraftModel()
-    watch = AnswerWatch(model)
-    reference = AnswerWatch(model)
-    for k in range(100):
-        now = 1.0 + 0.02 * k
-        pitch = 20.0 * math.sin(3.0 * (now - 1.0))
-        watch.sent(pitch, 0.0, now)
-        reference.sent(pitch, 0.0, now)
-        reference.attitude_received(now, 0.0, 0.0, says_something=False)
-        if k % round(period / 0.02) == 0:
-            watch.attitude_received(now, answer(reference.expected[0]), 0.0, says_something=says_something)
-    return watch
 
 
 def test_the_watch_goes_by_the_line_that_was_measured():

@@ -307,8 +307,3 @@ def test_a_silence_of_the_boards_leaves_nothing_to_catch_up():
     assert max(map(len, silent._commands)) < 30
     silent.attitude_received(now, 0.0, 0.0, says_something=False)
     assert silent.expected == pytest.approx(told.expected, abs=1e-12), "nothing of it is lost"
-
-
-def test_what_was_expected_long_ago_is_forgotten():
-    watch, _, _ = swinging(lambda asked, now: asked, seconds=2.0)
-    assert len(watch._expected) < 50

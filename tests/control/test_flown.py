@@ -85,17 +85,13 @@ def rig(monkeypatch):
     return Rig(monkeypatch)
 
 
-def test_nothing_is_flown_before_the_first_setpoint_and_after_the_end(rig):
+@pytest.mark.parametrize(("setpoint", "shown"), [(HOLD, ("hold", True, True)), (STICK, ("attitude", False, False))])
+def test_what_is_flown_is_shown_from_the_first_setpoint_to_the_end(rig, setpoint, shown):
     assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
-    rig.fly((Phase.FLYING, HOLD))
-    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == ("hold", True, True)
+    rig.fly((Phase.FLYING, setpoint))
+    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == shown
     rig.flown.end()
     assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
-
-
-def test_flight_by_hand_keeps_no_place_and_is_one_for_admission(rig):
-    rig.fly((Phase.FLYING, STICK))
-    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == ("attitude", False, False)
 
 
 def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(rig):
@@ -116,36 +112,28 @@ def test_before_the_flight_every_setpoint_is_begun_anew(rig):
     assert rig.entered == [(Hold, type(None))] * 2
 
 
-def test_a_low_battery_lands_once_whatever_is_streamed(rig):
-    assert rig.fly((Phase.FLYING, HOLD), (Phase.LANDING, HOLD)) is Land
+@pytest.mark.parametrize("setpoint", [HOLD, LAND])
+def test_a_low_battery_lands_once_whatever_is_streamed(rig, setpoint):
+    assert rig.fly((Phase.FLYING, setpoint), (Phase.LANDING, setpoint)) is Land
     landing = rig.flown.current
-    rig.step(HOLD, Phase.LANDING, 1.0)
+    rig.step(setpoint, Phase.LANDING, 1.0)
     assert rig.flown.current is landing
-    assert [new for new, _ in rig.entered].count(Land) == 1
+    assert rig.entered.count((Land, Hold)) == (setpoint is HOLD)
 
 
-def test_who_lands_already_goes_on_landing(rig):
-    rig.fly((Phase.FLYING, LAND))
-    landing = rig.flown.current
-    rig.step(LAND, Phase.LANDING, 1.0)
-    assert rig.flown.current is landing
-
-
-def test_an_abort_holds_once(rig):
-    assert rig.fly((Phase.FLYING, LAND), (Phase.ABORTED, LAND)) is Hold
-    assert rig.entered[-1] == (Hold, Land)
+@pytest.mark.parametrize("setpoint", [LAND, HOLD])
+def test_an_abort_holds_once(rig, setpoint):
+    rig.fly((Phase.FLYING, setpoint))
+    asked, before = len(rig.asked), rig.flown.current
+    rig.step(setpoint, Phase.ABORTED, 1.0)
     holding = rig.flown.current
-    rig.step(LAND, Phase.ABORTED, 1.0)
+    assert type(holding) is Hold
+    if setpoint is LAND:
+        assert rig.entered[-1] == (Hold, Land)
+    else:
+        assert (holding is before, len(rig.asked)) == (True, asked), "it holds already"
+    rig.step(setpoint, Phase.ABORTED, 1.1)
     assert rig.flown.current is holding
-
-
-def test_an_abort_of_a_hold_goes_on_holding(rig):
-    rig.fly((Phase.FLYING, HOLD))
-    holding = rig.flown.current
-    asked = len(rig.asked)
-    rig.step(HOLD, Phase.ABORTED, 1.0)
-    assert rig.flown.current is holding
-    assert len(rig.asked) == asked
 
 
 def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
@@ -189,14 +177,6 @@ def test_what_waits_shows_its_stage_and_what_it_waits_for(monkeypatch):
     assert (step.obstacle, step.stage, step.manoeuvre) == ("a certain position", TakeOffPhase.IDLE.value, "takeoff")
     free = Rig(monkeypatch)
     assert free.step(TAKE_OFF, Phase.LEASED, 0.0).obstacle == ""
-
-
-def test_sticks_in_flight_are_those_of_the_newest_setpoint(rig):
-    rig.fly((Phase.FLYING, STICK))
-    newest = StickSetpoint(**BASE | {"sequence": 2}, **STICKS | {"pitch": 9.0})
-    step = rig.step(newest, Phase.FLYING, 1.0)
-    assert isinstance(step, Step)
-    assert step.sticks == Sticks(9.0, 2.0, 3.0, 4.0)
 
 
 def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():

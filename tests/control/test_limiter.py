@@ -98,12 +98,6 @@ def test_a_setpoint_lives_as_long_as_it_says_and_never_longer_than_configured(ag
     assert result == (Sticks(0.0, 0.0, 0.0, WIDE.hover_throttle) if is_stale else flying)
 
 
-def test_a_stale_command_is_neutral_at_once_whatever_the_slew():
-    slow = WIDE.model_copy(update={"slew": 1.0, "throttle_slew": 1.0})
-    flying = Sticks(127.0, -127.0, 70.0, 127.0)
-    assert limited(flying, flying, age=0.31, cfg=slow) == Sticks(0.0, 0.0, 0.0, WIDE.hover_throttle)
-
-
 @pytest.mark.parametrize(
     ("cap", "throttle"),
     [(None, 10.0), (127.0, 10.0), (10.0 + EPS, 10.0), (10.0, 10.0), (9.0, 9.0), (-80.0, -50.0)],
@@ -152,13 +146,6 @@ def test_low_throttle_never_meets_yaw():
         assert not (counts.throttle < -100 and abs(counts.yaw) > 0)
         if throttle >= GESTURE_LOW:
             assert counts.yaw == round(min(max(yaw, -GESTURE_YAW), GESTURE_YAW))
-
-
-def test_no_throttle_meets_much_yaw():
-    """Stock firmware takes the smaller of the pilot's throttle and ours: ours may be any, the mixed one a corner."""
-    for yaw, throttle in itertools.product(around(-127, -75, -70, 0, 70, 75, 127), around(-127, 0, 80, 99, 101, 127)):
-        wanted = Sticks(0.0, 0.0, yaw, throttle)
-        assert abs(count(limited(wanted, wanted)).yaw) <= GESTURE_YAW
 
 
 def test_the_slew_cannot_walk_into_a_gesture():

@@ -13,10 +13,8 @@ from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, SendSticks
 from mkdaemon.control.events import AbortAsked, MotorsReported
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
     LandSetpoint,
@@ -27,7 +25,6 @@ from mkdaemon.telemetry.setpoint import (
 )
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
-from tests.control.events import pose
 from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -86,13 +83,6 @@ def test_it_takes_off_from_a_target_it_hardly_sees_and_holds_over_its_middle():
     assert set(before) == {-100}
 
 
-def test_motors_that_stand_still_are_waited_for():
-    rig = Plan(replace(GROUND, seconds=2.0), takeoff(), motors=False)
-    rig.fly()
-    assert rig.core.phase is Phase.LEASED
-    assert not any(isinstance(action, SendSticks) for _, action in rig.actions)
-
-
 def test_a_take_off_that_no_image_shows_ends_with_a_release_that_says_what_to_look_at():
     rig = Plan(replace(GROUND, camera=CameraModel(missing=1.0), seconds=8.0), takeoff())
     rig.fly()
@@ -106,22 +96,6 @@ def test_an_abort_before_the_lift_off_releases():
     rig = Plan(replace(GROUND, seconds=3.0), takeoff(), abort_at=2.0)
     rig.fly()
     assert rig.release_reason() == "take-off ended: aborted"
-
-
-def test_who_flies_by_stick_does_not_take_off_in_the_air():
-    flying = Flying()
-    flying.step(StickSetpoint(**BASE, pitch=0, roll=0, yaw=0, throttle=5), 4.9)
-    with pytest.raises(CommandRejectedError) as refusal:
-        flying.admit(TakeOffSetpoint(**BASE, height=2.0), Phase.FLYING, 5.0)
-    assert refusal.value.token == Token.NOT_ON_GROUND
-    assert "a take-off starts on the ground" in refusal.value.reason
-
-
-def test_a_take_off_of_an_aircraft_that_is_seen_in_the_air_waits():
-    flying = Flying()
-    flying.see(pose(1.0), 1.0)
-    guided = flying.step(TakeOffSetpoint(**BASE, height=2.0), 1.1)
-    assert "an aircraft on the ground: its feet are 1.9 m above the target" in guided.obstacle
 
 
 @pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
@@ -193,14 +167,6 @@ def test_an_aborted_landing_holds_where_the_aircraft_is_then():
     after = goals(rig, 7.7, 9.0)
     assert np.linalg.norm(before - held) > 0.4, "it had come nearer to the target"
     assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
-
-
-def test_an_abort_without_a_target_is_level_at_hover_throttle():
-    flying = Flying()
-    sticks = StickSetpoint(**BASE, pitch=20, roll=0, yaw=0, throttle=5)
-    flying.step(sticks, 2.9)
-    guided = flying.step(sticks, 3.0, is_flying=True, phase=Phase.ABORTED)
-    assert (guided.sticks.pitch, guided.sticks.throttle, guided.end) == (0.0, -2.0, None)
 
 
 def test_a_landing_below_its_last_decision_is_not_aborted():

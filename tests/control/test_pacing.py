@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.events import PoseSeen
 from mkdaemon.control.output import LONGEST_STEP, SHORTEST_STEP
-from mkdaemon.control.pacing import EARLY, Pacing
+from mkdaemon.control.pacing import Pacing
 from mkdaemon.telemetry.control import ControlLine
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from tests.control.events import CFG, OPEN, PERIOD, Driver, pose
@@ -72,14 +72,6 @@ def test_an_image_early_or_late_by_3_ms_is_answered_at_once(step):
     assert max(gaps(frames)) <= max(1 / CFG.rate, IMAGE + 0.007) + 2 * STEP
 
 
-def test_on_a_line_of_40_frames_a_second_images_are_answered_at_once():
-    slow = ControlLine("v2", shortest_step=0.025)
-    _, frames, images = over_target(seconds=1.0, line=slow)
-    waits = [min(at for at in frames if at >= image) - image for image in images]
-    assert max(waits) < STEP
-    assert min(gaps(frames)) >= slow.shortest_step - 1e-9
-
-
 def test_between_images_that_come_seldom_such_a_line_gets_all_it_takes():
     slow = ControlLine("v2", shortest_step=0.025)
     _, frames, images = over_target(seconds=1.0, line=slow, image_every=1 / 15)
@@ -130,18 +122,6 @@ def test_a_flight_by_sticks_does_not_heed_images():
         drive.put()
     frames = [at for at, action in drive.done if isinstance(action, SendSticks)]
     assert len(frames) / 0.3 < 1.3 * CFG.rate
-
-
-@pytest.mark.parametrize(("apart", "ticks"), [(0.25, 12), (0.2501, None), (0.1, 5)])
-def test_images_up_to_a_quarter_of_a_second_apart_have_a_rhythm(apart, ticks):
-    pacing = Pacing(CFG)
-    pacing.sends(is_flying=True, is_by_images=True)
-    for captured in (1.0, 1.0 + apart):
-        pacing.image_taken(captured, is_ours=True)
-    pacing.tick(2.0)
-    until_next = pacing.next_time(None, 0.0, 0.01) - 2.0
-    last = apart - 0.01 - EARLY
-    assert until_next == pytest.approx(1 / CFG.rate if ticks is None else last / ticks)
 
 
 def by_images(apart, step=SHORTEST_STEP, images=3):

@@ -16,7 +16,7 @@ from mkdaemon.control.actions import (
     Warn,
 )
 from mkdaemon.control.estimator.values import GAS_CENTRE
-from mkdaemon.control.events import AbortAsked, EyeStats, FlightctrlReported, MotorsReported, PoseSeen, StateValue
+from mkdaemon.control.events import AbortAsked, FlightctrlReported, MotorsReported, PoseSeen, StateValue
 from mkdaemon.control.flightwatch import LASTING
 from mkdaemon.control.manoeuvres import land
 from mkdaemon.control.manoeuvres.manoeuvre import level_at
@@ -32,7 +32,7 @@ from mkdaemon.telemetry.setpoint import (
     TakeOffSetpoint,
     VelocitySetpoint,
 )
-from tests.control.admission.situations import battery, eyes, heights
+from tests.control.admission.situations import battery
 from tests.control.events import PERIOD, Driver, flight, pilot, pose
 
 SOON = ControlConfig(autopilot=AutopilotConfig(takeoff_ready=0.2, entry_clean=0.5))
@@ -221,15 +221,6 @@ def test_while_the_navictrl_does_not_hear_its_flightctrl_nobody_flies():
     assert release.reason.startswith("external control is not possible: the NaviCtrl does not hear its FlightCtrl")
     drive.tell(FlightctrlReported(is_lost=False))
     assert not drive.core.vehicle.is_fc_lost
-
-
-def test_what_a_camera_says_of_itself_is_known_and_warned_of():
-    drive = Driver()
-    wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
-    drive.tell(EyeStats(wrong))
-    assert drive.core.vehicle.eyes == (wrong,)
-    [warning] = [action for action in drive.tick() if isinstance(action, Warn)]
-    assert "the barometer" in warning.text
 
 
 BY_TARGET_IN_AIR = {
@@ -595,11 +586,3 @@ def test_a_falling_aircraft_is_not_handed_over():
         story.streams(HoldSetpoint, PERIOD)
     assert story.core.phase is Phase.LEASED
     assert "a slower aircraft: it moves at 2.0 m/s" in story.status.reason
-
-
-def test_a_pose_whose_quaternion_has_no_length_is_refused_at_the_door():
-    story = Story()
-    story.tell(PoseSeen(pose(story.now).model_copy(update={"quaternion_target_from_flu": (0.0, 0.0, 0.0, 0.0)})))
-    assert story.core._sight.estimator is None
-    story.run(0.1)
-    assert ["is not a rotation" in warning.text for warning in story.of(Warn)] == [True]

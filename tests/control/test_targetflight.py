@@ -28,13 +28,9 @@ from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import Released
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.sight import velocity_between
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.setpoint import (
-    AttitudeSetpoint,
     LandSetpoint,
-    PositionSetpoint,
     SetpointFrame,
     VelocitySetpoint,
 )
@@ -47,47 +43,6 @@ from tests.control.flying import Flying
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
 CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
-
-
-def position(frame=SetpointFrame.PAD, **fields):
-    return PositionSetpoint(**BASE, position=(0.0, 0.0, 2.0), frame=frame, **fields)
-
-
-def test_a_position_at_home_is_refused_with_the_frames_there_are():
-    with pytest.raises(CommandRejectedError) as refusal:
-        Flying().admit(position(SetpointFrame.HOME), Phase.LEASED, 0.0)
-    assert refusal.value.token == Token.NO_FRAME
-    assert "pad" in refusal.value.fix
-
-
-@pytest.mark.parametrize(
-    "setpoint", [position(), VelocitySetpoint(**BASE, velocity=(0.0, 0.0, 0.0), frame=SetpointFrame.BODY)]
-)
-def test_without_a_target_nothing_is_followed(setpoint):
-    with pytest.raises(CommandRejectedError) as refusal:
-        Flying().admit(setpoint, Phase.LEASED, 0.0)
-    assert refusal.value.token == Token.NO_ESTIMATE
-
-
-def test_an_attitude_becomes_counts_of_this_aircraft():
-    flying = Flying()
-    flying.sight.model_known(replace(AircraftModel(), rad_per_count=0.01))
-    setpoint = AttitudeSetpoint(**BASE, roll=0.1, pitch=-0.2, yaw_rate=0.0, thrust=1.0)
-    flying.admit(setpoint, Phase.LEASED, 0.0)
-    guided = flying.step(setpoint, 0.0)
-    assert (guided.sticks.roll, guided.sticks.pitch) == pytest.approx((10.0, -20.0))
-    assert guided.sticks.throttle == pytest.approx(-2.0)
-    assert guided.obstacle == "waiting for a level attitude"
-    more = flying.step(setpoint.model_copy(update={"thrust": 1.44}), 0.0, is_flying=True)
-    assert more.sticks.throttle == pytest.approx(125.0 * 1.2 - 127.0)
-
-
-@pytest.mark.parametrize("rate", [-1.0, -0.1, 0.0, 0.05, 0.5])
-def test_a_yaw_rate_becomes_the_stick_that_gives_it(rate):
-    model = AircraftModel()
-    stick = model.yaw_stick(rate)
-    size = max(abs(stick) - 4.0, 0.0)
-    assert math.copysign(model.yaw_linear * size + model.yaw_square * size**2, rate) == pytest.approx(rate, abs=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -315,13 +270,3 @@ def test_another_model_begins_the_estimate_anew():
     assert target.estimate(1.1) is not None
     target.model_known(replace(AircraftModel(), drag=0.2))
     assert target.estimate(1.2) is None
-
-
-def test_entry_waits_for_a_fresh_image_and_a_certain_position():
-    flying = Flying()
-    flying.see(pose(1.0), 1.0)
-    fresh = flying.step(position(), 1.05)
-    assert "agree with the model" in fresh.obstacle
-    old = flying.step(position(), 1.6)
-    assert "a fresh image" in old.obstacle
-    assert "no camera or source of poses has shown it yet" in Flying().step(position(), 0.0).obstacle

@@ -21,7 +21,7 @@ from mkdaemon.control.admission.beginnings import (
     TakeLease,
 )
 from mkdaemon.telemetry.danger import Confirm, Danger
-from mkdaemon.telemetry.setpoint import SETPOINTS, HoldSetpoint, PositionSetpoint, SetpointFrame
+from mkdaemon.telemetry.setpoint import SETPOINTS
 
 EACH = {
     Concern.LEASE: TakeLease(),
@@ -54,13 +54,6 @@ def test_manoeuvres_are_by_hand_or_by_the_target_and_each_has_its_setpoint():
     assert {concern.value for concern in MANOEUVRES} == {each.suffix.removeprefix("setpoint/") for each in SETPOINTS}
     assert [concern for concern in Concern if concern.is_by_target] == [c for c in MANOEUVRES if c not in BY_HAND]
     assert set(MANOEUVRES) == {*BY_HAND, *BY_TARGET}
-
-
-def test_setpoint_asks_for_its_manoeuvre_in_its_frame():
-    base = {"epoch": 1, "sequence": 1, "ttl": 0.3}
-    home = PositionSetpoint(**base, position=(0, 0, 2), frame=SetpointFrame.HOME)
-    assert NewManoeuvre.by(home) == NewManoeuvre(Concern.POSITION, SetpointFrame.HOME)
-    assert NewManoeuvre.by(HoldSetpoint(**base)) == NewManoeuvre(Concern.HOLD, None)
 
 
 DANGER = Danger(effect="it turns", confirm=Confirm.IN_FLIGHT)

@@ -9,7 +9,6 @@ import pytest
 import mkdaemon.protocol.messages as messages
 from mkdaemon.config.commands import CommandsConfig
 from mkdaemon.control.admission.beginnings import BoardRequest, Procedure
-from mkdaemon.control.admission.boardrows import BUSY_ROWS, LONGEST_BEEP, PROCEDURE_ROWS, REQUEST_ROWS
 from mkdaemon.control.admission.rows import refusal
 from mkdaemon.control.admission.situation import Work
 from mkdaemon.errors import CommandRejectedError
@@ -75,12 +74,6 @@ def test_every_declared_danger_refuses_for_its_reasons_and_passes_when_they_are_
     if danger.proven:
         with pytest.raises(CommandRejectedError, match=Token.BOARD_UNPROVEN):
             check(danger, unproven="nc answered it")
-
-
-def test_a_danger_without_terms_passes():
-    harmless = Danger(effect="none")
-    check(harmless, confirmed=False, switches=(), motors=None)
-    check(harmless, unproven="nc answered it")
 
 
 def test_the_refusals_come_in_this_order():
@@ -152,9 +145,3 @@ def test_what_keeps_stick_frames_away_is_refused_with_the_phase_there_is(wanted,
     error = refusal(wanted, replace(GOOD, phase=phase, work=Work(leases=leases), motors_running=False))
     assert (error is None) is (said is None)
     assert error is None or (error.token == "flying" and said in error.reason)
-
-
-def test_what_keeps_the_boards_busy_is_asked_before_anything_is_read_and_nothing_else_about_them():
-    assert [row.name for row in BUSY_ROWS if not row.is_early] == []
-    assert [row.name for row in (*REQUEST_ROWS, *PROCEDURE_ROWS) if row.is_early or row.is_shown] == []
-    assert LONGEST_BEEP == 2.5, "what the link expects of a FlightCtrl"

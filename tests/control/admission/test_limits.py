@@ -7,62 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.control.admission.beginnings import BoardRequest, Concern, NewManoeuvre, Procedure, TakeLease
+from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, Procedure, TakeLease
 from mkdaemon.control.admission.rows import findings, refusal, waits_for
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.danger import Danger
-from mkdaemon.telemetry.preflight import CheckState
-from tests.control.admission.situations import BLIND, GOOD, SET, battery, eyes, flags, health, reception, sees
-from tests.control.events import link_state
-
-PASSED, STANDS, UNKNOWN = CheckState.PASSED, CheckState.STANDS, CheckState.UNKNOWN
+from tests.control.admission.situations import BLIND, GOOD, battery, eyes, flags, health, reception, sees
 
 
 def found(known, name):
     return next(each for each in findings(known) if each.name == name)
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "state"),
-    [
-        ("link losses", {"health": health(lost=44, sent=100)}, PASSED),
-        ("link losses", {"health": health(lost=45, sent=100)}, STANDS),
-        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=118)}, PASSED),
-        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=119)}, STANDS),
-        ("emergency throttle", {"active_set": replace(SET, emergency_throttle=None)}, UNKNOWN),
-        ("emergency descent", {"active_set": replace(SET, emergency_throttle=88)}, PASSED),
-        ("emergency descent", {"active_set": replace(SET, emergency_throttle=87)}, STANDS),
-        ("emergency descent", {"active_set": replace(SET, emergency_time=1)}, PASSED),
-        ("receiver", {"pilot": reception(0.75)}, PASSED),
-        ("receiver", {"pilot": reception(0.74)}, STANDS),
-        ("receiver", {"flight": None}, PASSED),
-        ("battery", {"battery": battery(12.8)}, PASSED),
-        ("battery", {"battery": battery(12.79)}, STANDS),
-        ("battery", {"battery": battery(12.79), "cells": 3}, PASSED),
-        ("battery", {"flight": None}, PASSED),
-        ("camera", {"now": 3.0}, PASSED),
-        ("camera", {"now": 3.01}, STANDS),
-        ("age of images", {"eyes": (eyes(latency_p50_ms=500.0),)}, PASSED),
-        ("age of images", {"eyes": (eyes(latency_p50_ms=500.1),)}, STANDS),
-        ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=100.0))}, PASSED),
-        ("age of images", {"now": 3.0}, PASSED),
-        ("target", {"target_age": 1.0}, PASSED),
-        ("target", {"target_age": 1.01}, UNKNOWN),
-        ("time stamps", {"stamps": Match(0.0, -0.7)}, STANDS),
-        ("time stamps", {"stamps": Match(0.0, -0.69)}, UNKNOWN),
-        ("time stamps", {"stamps": Match(0.0, 0.69)}, UNKNOWN),
-        ("time stamps", {"stamps": Match(0.045, 0.7)}, PASSED),
-        ("time stamps", {"stamps": Match(-0.045, 0.7)}, PASSED),
-        ("time stamps", {"stamps": Match(0.0451, 0.7)}, STANDS),
-        ("disk", {"free_disk": 200e6}, PASSED),
-        ("disk", {"free_disk": 199e6}, STANDS),
-        ("height control", {"flight": None}, PASSED),
-        ("firmware and layout", {"link": None}, PASSED),
-    ],
-)
-def test_a_check_holds_up_to_its_limit_and_not_beyond(name, change, state):
-    assert found(replace(GOOD, **change), name).state is state
 
 
 SHOWN = {
@@ -98,20 +51,22 @@ def test_what_is_shown_where_all_is_well():
 @pytest.mark.parametrize(
     ("name", "change", "words"),
     [
-        ("link", {"link": None}, "absent"),
-        ("link losses", {"health": health(lost=50, sent=100)}, "50 %"),
-        ("receiver", {"pilot": reception(0.5)}, "50 %"),
-        ("receiver", {"flight": flags(emergency_landing=True)}, "0 %"),
-        ("battery", {"battery": battery(12.0)}, "12.0 V"),
-        ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=800.0))}, "800"),
-        ("time stamps", {"stamps": Match(0.062, 0.9)}, "62"),
-        ("disk", {"free_disk": 50e6}, "50"),
-        ("target", {"target_age": 7.0}, "7 s old"),
-        ("agreement of cameras", {"contradicting": ("a", "b")}, "a, b"),
+        ("link", {"link": None}, ("absent",)),
+        ("link losses", {"health": health(lost=24)}, ("48 %", "44 %")),
+        ("receiver", {"pilot": reception(0.5)}, ("50 %", "75 %")),
+        ("receiver", {"flight": flags(emergency_landing=True)}, ("0 %",)),
+        ("battery", {"battery": battery(12.0)}, ("12.0 V",)),
+        ("age of images", {"eyes": (eyes(latency_p50_ms=900.0), eyes(latency_p50_ms=800.0))}, ("800 ms", "500 ms")),
+        ("time stamps", {"stamps": Match(0.062, 0.9)}, ("+62 ms", "45 ms")),
+        ("time stamps", {"stamps": Match(-0.062, 0.9)}, ("-62 ms", "45 ms")),
+        ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
+        ("target", {"target_age": 7.0}, ("7 s old",)),
+        ("agreement of cameras", {"contradicting": ("a", "b")}, ("a, b",)),
     ],
 )
-def test_what_is_wrong_is_told_with_its_number(name, change, words):
-    assert words in found(replace(GOOD, **change), name).reason
+def test_what_is_wrong_is_told_with_its_number_and_its_limit(name, change, words):
+    reason = found(replace(GOOD, **change), name).reason
+    assert all(word in reason for word in words), reason
 
 
 CFG = GOOD.cfg.autopilot
@@ -175,23 +130,6 @@ def test_a_lease_belongs_to_its_holder_while_it_lives(change, force, refused):
     if error is not None and change["holder"]:
         assert "alice" in error.reason
         assert "0.5" in error.reason
-
-
-@pytest.mark.parametrize(("seconds", "refused"), [(2.5, False), (2.6, True)])
-def test_a_buzzer_may_sound_for_two_and_a_half_seconds(seconds, refused):
-    error = refusal(BoardRequest(board="fc", name="beep", deaf_time=seconds), GOOD)
-    assert (error is not None) is refused
-    if error is not None:
-        assert "for 3 s" in error.reason
-
-
-@pytest.mark.parametrize("link", [None, link_state()])
-def test_a_silent_line_is_told_in_place_of_motors_that_nobody_tells_of(link):
-    danger = Danger(effect="it turns", stopped=True)
-    error = refusal(BoardRequest(board="fc", name="x", danger=danger), replace(GOOD, motors_running=None, link=link))
-    assert error.token == ("link_down" if link is None else "motors_unknown")
-    procedure = refusal(Procedure(verb="x", is_alone=True), replace(GOOD, motors_running=None, link=link))
-    assert procedure.token == error.token
 
 
 def test_a_procedure_that_could_be_done_in_flight_says_how():

@@ -11,7 +11,6 @@ from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.hold import Hold
 from mkdaemon.control.manoeuvres.land import Land, LandingPhase
-from mkdaemon.control.sight import Sight
 from mkdaemon.telemetry.control import Outcome
 from mkdaemon.telemetry.setpoint import LandSetpoint
 from tests.control.manoeuvres.hovering import CFG, STEP, Hovering
@@ -135,29 +134,6 @@ def test_an_abort_holds_before_the_last_decision_and_changes_nothing_after_it(st
     assert goes_on or isinstance(after, Hold)
 
 
-def test_beside_the_target_it_waits_and_says_so():
-    aircraft, land = landing_of((0.5, 0.0, 1.0))
-    steps = aircraft.fly(land, 0.3)
-    assert {step.stage for step in steps} == {"approach"}
-    assert steps[-1].error.error_pad[0] == pytest.approx(0.5, abs=0.05)
-    assert aircraft.fly(land, STEP)[0].sticks.pitch < 0, "towards its middle"
-
-
-def test_target_out_of_sight_is_searched_for_then_the_landing_ends():
-    aircraft, land = landing_of()
-    aircraft.fly(land, 0.2)
-    aircraft.sees, lost = False, aircraft.now
-    steps = {}
-    while aircraft.now < lost + CFG.exit_after + 0.1:
-        [step] = aircraft.fly(land, STEP)
-        steps[round(aircraft.now - lost, 3)] = step
-    stages = list(dict.fromkeys(step.stage for age, step in steps.items() if age < 1.5))
-    assert stages == ["descend", "approach", SEARCHES]
-    ends = {age for age, step in steps.items() if step.end is not None}
-    assert min(ends) == pytest.approx(CFG.exit_after, abs=0.06)
-    assert steps[max(ends)].end.outcome is Outcome.SIGHT_LOST
-
-
 def test_a_target_that_a_search_has_found_is_approached_again_from_there():
     aircraft, land = landing_of()
     aircraft.fly(land, 0.2)
@@ -187,13 +163,6 @@ def test_committed_it_goes_on_without_any_image():
     steps = aircraft.fly(land, 0.8)
     assert {(step.stage, step.end) for step in steps} == {("commit", None)}
     assert steps[-1].sticks.throttle < -40.0, "throttle goes down further, and carries less than half of the weight"
-
-
-def test_without_a_target_it_does_not_land():
-    land = Land(Sight(CFG, -2.0), CFG)
-    step = land.step(1.0, is_flying=True)
-    assert step.end.outcome is Outcome.NO_TARGET
-    assert land.landing is None
 
 
 def test_heights_of_a_landing_are_those_over_the_configured_feet():

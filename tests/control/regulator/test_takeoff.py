@@ -24,27 +24,6 @@ def take_off():
     return TakeOff(LIMITS, HOVER, 0.0)
 
 
-def test_throttle_is_at_its_lowest_first_then_rises_to_a_bound(take_off):
-    throttles = run(take_off, 0.0, 2.1)
-    assert {gas for at, gas in throttles if at < LIMITS.ready - 0.01} == {IDLE_GAS}
-    assert throttles[-1][1] == pytest.approx(LIMITS.most * HOVER)
-    assert take_off.phase is TakeOffPhase.RAMP
-
-
-def test_without_an_image_of_a_flying_aircraft_it_fails_with_what_to_look_at(take_off):
-    run(take_off, 0.0, LIMITS.ready + LIMITS.blind + 0.6)
-    assert take_off.is_over
-    assert take_off.failure is Outcome.NOT_LIFTED
-    assert "gate" in WORDS[take_off.failure]
-    assert "hover_throttle" in WORDS[take_off.failure]
-
-
-def test_images_of_an_aircraft_that_stands_change_nothing(take_off):
-    run(take_off, 0.0, 1.5)
-    assert [take_off.seen(0.10 + 0.01 * k, 1.3 + 0.03 * k) for k in range(4)] == [()] * 4
-    assert take_off.is_blind
-
-
 def test_two_images_of_a_climbing_aircraft_give_it_to_the_autopilot_with_the_heights_of_its_feet(take_off):
     run(take_off, 0.0, 1.6)
     assert take_off.seen(0.20, 1.50) == ()
@@ -75,17 +54,7 @@ def test_old_images_do_not_hand_a_flying_aircraft_to_the_autopilot(take_off):
         assert take_off.seen(0.2 + 0.01 * k, k * STEP - OLDEST - 0.01) == ()
     assert take_off.is_over
     assert take_off.failure is Outcome.NOT_LIFTED
-    assert "too old" in WORDS[take_off.failure]
-
-
-def test_an_aircraft_that_tips_over_has_its_throttle_cut_then_is_released(take_off):
-    run(take_off, 0.0, 1.3)
-    [(_, gas)] = run(take_off, 1.3, STEP, tilt=0.3)
-    assert take_off.phase is TakeOffPhase.FAILED
-    assert not take_off.is_over
-    gas = run(take_off, 1.32, LIMITS.cut + 0.1, tilt=0.3)[-1][1]
-    assert gas == pytest.approx(IDLE_GAS)
-    assert take_off.is_over
+    assert all(words in WORDS[take_off.failure] for words in ("too old", "gate", "hover_throttle"))
 
 
 def test_in_the_air_only_the_climb_is_left_and_cannot_fail():
@@ -124,30 +93,12 @@ def test_blind_time_counts_from_the_throttle_that_may_carry():
 
 @pytest.mark.parametrize(("tilt", "fails"), [(0.255, False), (0.265, True)])
 def test_a_foot_that_sticks_ends_it_at_fifteen_degrees(tilt, fails):
+    take_off = TakeOff(LIMITS, HOVER, 0.0)
+    run(take_off, 0.0, 0.5, tilt=0.5)
+    assert take_off.phase is TakeOffPhase.IDLE, "before the throttle rises a tilt ends nothing"
     take_off, _ = ramp(0.1)
     run(take_off, LIMITS.ready + 0.1, STEP, tilt=tilt)
     assert take_off.failure is (Outcome.TIPPED if fails else None)
-
-
-def test_a_tilt_before_the_throttle_rises_ends_nothing(take_off):
-    run(take_off, 0.0, 0.5, tilt=0.5)
-    assert take_off.phase is TakeOffPhase.IDLE
-
-
-def test_throttle_is_cut_for_a_second_before_who_tipped_over_is_released():
-    take_off, _ = ramp(0.1)
-    run(take_off, LIMITS.ready + 0.1, STEP, tilt=0.3)
-    run(take_off, LIMITS.ready + 0.12, 0.94)
-    assert not take_off.is_over
-    run(take_off, LIMITS.ready + 1.06, 0.1)
-    assert take_off.is_over
-
-
-def test_one_that_was_not_lifted_is_released_at_once_at_its_throttle():
-    take_off, shares = ramp(1.9)
-    assert take_off.failure is Outcome.NOT_LIFTED
-    assert take_off.is_over
-    assert shares[-1] == pytest.approx(1.25)
 
 
 @pytest.mark.parametrize(
@@ -173,14 +124,3 @@ def test_an_image_just_young_enough_counts():
     take_off, _ = ramp(1.0)
     assert take_off.seen(0.20, 2.0 - OLDEST + 0.01) == ()
     assert take_off.seen(0.22, 2.0 - OLDEST + 0.03) != ()
-
-
-@pytest.mark.parametrize("phase", ["idle", "ramp"])
-def test_who_aborts_before_the_lift_off_ends_it_as_it_is(take_off, phase):
-    if phase == "ramp":
-        take_off, _ = ramp(0.1)
-    take_off.fail(Outcome.TAKE_OFF_ABORTED)
-    assert take_off.failure is Outcome.TAKE_OFF_ABORTED
-    assert take_off.is_over
-    take_off.arrived()
-    assert take_off.phase is TakeOffPhase.FAILED
