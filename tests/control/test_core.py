@@ -26,6 +26,7 @@ from mkdaemon.control.events import (
     LinkVerdict,
     Reply,
     SetpointUnreadable,
+    SetpointUnsigned,
 )
 from mkdaemon.control.flightwatch import SILENCE
 from mkdaemon.control.output import SHORTEST_STEP
@@ -35,7 +36,10 @@ from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import ControlLine, Obstacle, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.setpoint import StickSetpoint
 from tests.control.events import CFG, PERIOD, Driver, link_state
+
+LEVEL = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
 
 
 @pytest.fixture
@@ -114,6 +118,10 @@ def test_the_first_setpoint_of_an_epoch_is_reported_and_refusals_once_a_second(d
     drive.tick()
     [first] = drive.of(ReportCommand)
     assert (first.key, first.result.status, first.fields["epoch"]) == ("setpoint/stick", "accepted", drive.epoch)
+    drive.done.clear()
+    drive.tell(SetpointUnsigned(StickSetpoint(epoch=drive.epoch, sequence=1, ttl=0.3, **LEVEL)))
+    drive.tick()
+    assert [event.result.token for event in drive.of(ReportCommand)] == ["not_holder"], "counted apart"
     drive.done.clear()
     for _ in range(15):
         error = drive.put(epoch=7)

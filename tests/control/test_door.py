@@ -6,11 +6,10 @@ import math
 
 import pytest
 
-from mkdaemon.control.actions import PublishStatus, ReportCommand, Warn
+from mkdaemon.control.actions import PublishStatus, Warn
 from mkdaemon.control.estimator.values import FUTURE, OLDEST
-from mkdaemon.control.events import PoseSeen, SetpointUnsigned, StateValue
+from mkdaemon.control.events import PoseSeen, StateValue
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import StickSetpoint
 from tests.control.events import PERIOD, Driver, flight, pose
 
 WRONG = [
@@ -61,15 +60,6 @@ def test_a_pose_of_another_target_does_not_hide_that_the_flown_one_is_out_of_sig
         drive.run(0.1)
         drive.tell(PoseSeen(pose(drive.now).model_copy(update={"target": "other"})))
     assert status(drive).pose_age == pytest.approx(drive.done[-1][0] - 1.0)
-
-
-def test_a_strangers_refusals_do_not_hide_the_holders_own(drive):
-    epoch = drive.fly()
-    stranger = StickSetpoint(epoch=epoch, sequence=1, ttl=0.3, pitch=0.0, roll=0.0, yaw=0.0, throttle=0.0)
-    drive.tell(SetpointUnsigned(stranger))
-    drive.put(epoch=epoch - 1)
-    drive.tick()
-    assert [report.result.token for report in drive.of(ReportCommand)] == ["not_holder", "wrong_epoch"]
 
 
 def test_what_was_flown_is_forgotten_with_its_release(drive):

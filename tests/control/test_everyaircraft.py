@@ -121,11 +121,3 @@ def test_a_position_flies_or_is_refused_with_every_set_and_every_configuration(c
 def test_a_hover_throttle_that_carries_no_aircraft_is_no_configuration(hover):
     with pytest.raises(ValidationError, match="hover_throttle"):
         LimiterConfig(min_throttle=-127, max_throttle=127, hover_throttle=hover)
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"rad_per_count": 0.0}, {"yaw_square": -1.0}, {"leak": math.nan}, {"drag": math.inf}]
-)
-def test_a_model_whose_constants_are_not_positive_numbers_is_none(wrong):
-    with pytest.raises(ValueError, match="positive number"):
-        AircraftModel(**wrong)

@@ -10,20 +10,26 @@ import pytest
 from mkdaemon.control.motionmatch import WINDOW, MotionMatch, _vertex
 
 
-def match(lag=0.0, sign=1.0, size=0.05, rate=30.0, seconds=9.0, end=None):
-    """A hand that tilts the aircraft about both axes, as boards and camera tell of it."""
+def tilts(t, size=0.05):
+    """Pitch and roll of a hand that tilts the aircraft about both axes [rad]."""
+    return size * math.sin(7.0 * t) + 0.6 * size * math.sin(11.0 * t), size * math.cos(9.0 * t)
+
+
+def match(lag=0.0, sign=1.0, rate=30.0, seconds=9.0, end=None):
+    """What is found of such a hand, as boards and camera tell of it."""
     motion = MotionMatch()
-
-    def tilt(t):
-        return size * math.sin(7.0 * t) + 0.6 * size * math.sin(11.0 * t), size * math.cos(9.0 * t)
-
     for k in range(int(seconds * 50)):
-        motion.attitude_received(k / 50, *tilt(k / 50))
+        motion.attitude_received(k / 50, *tilts(k / 50))
     for k in range(int(seconds * rate)):
-        pitch, roll = tilt(k / rate)
+        pitch, roll = tilts(k / rate)
         place = (sign * math.tan(pitch), -sign * math.tan(roll), -1.0)
         motion.target_seen("pad", k / rate + lag, place)
     return motion.match(seconds if end is None else end, "pad")
+
+
+@pytest.mark.parametrize("silent", [{"end": 100.0}, {"lag": 7.0, "end": 10.0}])
+def test_old_images_and_those_of_another_time_tell_nothing(silent):
+    assert match(**silent) is None
 
 
 @pytest.mark.parametrize("lag", [-0.08, -0.02, 0.0, 0.033, 0.0365, 0.12])
@@ -37,81 +43,50 @@ def test_a_camera_mounted_the_wrong_way_round_sees_the_opposite():
     assert match(sign=-1.0).likeness < -0.97
 
 
-@pytest.mark.parametrize("silent", [{"size": 0.001}, {"rate": 4.0}, {"rate": 10.0}, {"seconds": 3.0}, {"end": 100.0}])
-def test_too_little_motion_too_few_images_or_old_ones_tell_nothing(silent):
-    assert match(**silent) is None
-
-
-def test_images_of_another_time_tell_nothing():
-    assert match(lag=7.0, end=10.0) is None
-
-
 @pytest.fixture
 def motion():
     return MotionMatch()
 
 
-def test_a_target_above_the_camera_is_none(motion):
-    for k in range(500):
-        motion.attitude_received(k / 50, 0.1 * math.sin(k), 0.0)
-        motion.target_seen("pad", k / 50, (0.0, 0.0, 1.0))
-    assert motion.match(10.0, "pad") is None
-
-
-def beside(sign, *, other_every=1):
-    """A flown target that is seen one way, and another one in view, half a metre beside it."""
+def beside(sign, *, other_every=1, is_late=False):
+    """A flown target that is seen one way, and another one in view, half a metre beside it; perhaps a late camera."""
     motion = MotionMatch()
     for k in range(450):
         t = k / 50
-        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
+        pitch, roll = tilts(t)
         motion.attitude_received(t, pitch, roll)
         x, y = sign * math.tan(pitch), -sign * math.tan(roll)
         motion.target_seen("pad", t, (x, y, -1.0), "down")
         if k % other_every == 0:
             motion.target_seen("other", t + 0.004, (x + 0.5, y - 0.3, -1.0), "down")
+        if is_late:
+            motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
     return motion
 
 
-@pytest.mark.parametrize("other_every", [1, 2])
-def test_a_turned_camera_is_found_although_another_target_is_in_view(other_every):
-    found = beside(-1.0, other_every=other_every).match(9.0, "pad")
-    assert found.likeness < -0.97
-
-
-def test_a_camera_that_sees_right_is_right_although_another_target_is_in_view():
-    found = beside(1.0).match(9.0, "pad")
-    assert found.likeness > 0.97
-    assert found.lag == pytest.approx(0.0, abs=0.003)
-
-
-def test_who_asks_for_one_target_hears_nothing_of_another():
-    motion = beside(-1.0)
+@pytest.mark.parametrize(
+    ("sign", "options", "lag"),
+    [
+        (-1.0, {}, None),
+        (-1.0, {"other_every": 2}, None),
+        (1.0, {}, 0.0),
+        (1.0, {"is_late": True}, 0.06),  # of several cameras the worst counts
+        (-1.0, {"is_late": True}, None),  # and the opposite is worse than late
+    ],
+)
+def test_a_turned_or_late_camera_is_found_although_another_target_is_in_view(sign, options, lag):
+    motion = beside(sign, **options)
+    found = motion.match(9.0, "pad")
+    assert sign * found.likeness > 0.97
+    assert lag is None or found.lag == pytest.approx(lag, abs=0.003)
     assert motion.match(9.0, "third") is None
-    assert motion.match(9.0, "other").likeness < -0.9
-
-
-def test_of_several_cameras_that_see_one_target_the_worst_counts():
-    motion = beside(1.0)
-    for k in range(450):
-        t = k / 50
-        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
-        motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
-    assert motion.match(9.0, "pad").lag == pytest.approx(0.06, abs=0.003)
+    assert sign * motion.match(9.0, "other").likeness > 0.9
 
 
 def test_targets_that_are_seen_no_more_are_forgotten(motion):
     for k in range(50):
         motion.target_seen(f"target {k}", WINDOW * k, (0.1, 0.0, -1.0))
     assert len(motion._seen) == 2, "the one that is seen, and the one of a window before"
-
-
-def test_a_camera_that_sees_the_opposite_is_worse_than_one_that_is_late():
-    motion = beside(-1.0)
-    for k in range(450):
-        t = k / 50
-        pitch, roll = 0.05 * math.sin(7.0 * t) + 0.03 * math.sin(11.0 * t), 0.05 * math.cos(9.0 * t)
-        motion.target_seen("pad", t + 0.06, (math.tan(pitch), -math.tan(roll), -1.0), "late")
-    assert motion.match(9.0, "pad").likeness < -0.97
 
 
 def swinging(size, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0.0)):

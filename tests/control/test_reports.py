@@ -18,11 +18,9 @@ from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.output import StickOutput
 from mkdaemon.control.pilots_hands import CAPPED
 from mkdaemon.control.reports import Reports
-from mkdaemon.control.vehicle import VehicleFacts, VehicleMemory
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import ErrorValue, EstimateValue, Phase, ReleaseOutcome
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.telemetry.setpoint import StickSetpoint
-from mkdaemon.telemetry.status import Status
 from tests.control.admission.situations import eyes, heights
 from tests.control.events import pose
 
@@ -40,36 +38,31 @@ def believed(**fields):
         ({"stick_gain": 1.49}, "1.49 times that of its parameter set, and not 1.00 times"),
     ],
 )
-def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_numbers(fields, words):
-    facts = VehicleFacts()
-    authority = Authority(CFG, first_epoch=1)
-    reports = Reports(authority, StickOutput(CFG, facts), facts)
+def test_an_answer_to_the_sticks_that_is_not_the_models_is_told_once_with_both_numbers(told, fields, words):
     for value in (believed(), believed(stick_gain=1.04), believed(**fields), believed(**fields)):
-        reports.estimate(value, None)
-    [warning] = [action for action in reports.take() if isinstance(action, Warn)]
-    assert words in warning.text
+        told.reports.estimate(value, None)
+    [warning] = told.words()
+    assert words in warning
+    assert told.reports.take() == []
 
 
-def test_heights_that_the_barometer_contradicts_are_told_once_with_their_scale():
-    facts = VehicleMemory()
-    authority = Authority(CFG, first_epoch=1)
-    reports = Reports(authority, StickOutput(CFG, facts), facts)
+def test_heights_that_the_barometer_contradicts_are_told_once_with_their_scale(told):
     for odds in (0.0, 1.9, 2.1, 5.0, 5.0):
-        facts.eye_reported(eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=odds),)))
-        reports.eyes_reported()
-    [warning] = reports.take()
-    assert "the barometer 2.00 +- 0.10 m" in warning.text
-    assert "an error of +20 %" in warning.text
+        told.facts.eye_reported(eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=odds),)))
+        told.reports.eyes_reported()
+    [warning] = told.words()
+    assert "the barometer 2.00 +- 0.10 m" in warning
+    assert "an error of +20 %" in warning
 
 
 class Told:
     """Reports of a flight core that flies nothing."""
 
     def __init__(self):
-        facts = VehicleFacts()
+        self.facts = VehicleMemory()
         self.authority = Authority(CFG, first_epoch=1)
-        self.output = StickOutput(CFG, facts)
-        self.reports = Reports(self.authority, self.output, facts)
+        self.output = StickOutput(CFG, self.facts)
+        self.reports = Reports(self.authority, self.output, self.facts)
 
     def words(self):
         """Warnings since the last call."""
@@ -86,30 +79,6 @@ def told():
 
 
 REFUSED = refuse(Token.NOT_LEASED)
-
-
-def test_what_was_collected_is_handed_out_once(told):
-    told.reports.target_changed("pad", "other")
-    assert told.words() == ["target other is followed now: pad was out of sight for too long"]
-    assert told.reports.take() == []
-
-
-@pytest.mark.parametrize("is_by_holder", [True, False])
-def test_refused_setpoints_are_reported_once_a_second_apart_for_holder_and_strangers(told, is_by_holder):
-    def report(now, by):
-        told.reports.setpoint_refused("setpoint/stick", {"pitch": 1}, REFUSED, now, is_by_holder=by)
-        return len(told.reports.take())
-
-    assert [report(now, is_by_holder) for now in (0.0, 0.5, 0.99, 1.0, 1.5)] == [1, 0, 0, 1, 0]
-    assert report(1.5, not is_by_holder) == 1
-
-
-def test_frames_that_the_line_does_not_take_are_reported_once_a_second(told):
-    counts = []
-    for now in (0.0, 0.5, 1.0, 1.99, 2.0):
-        told.reports.frame_not_sent(REFUSED, now)
-        counts.append(len(told.words()))
-    assert counts == [1, 0, 1, 0, 1]
 
 
 def test_refused_poses_are_all_counted_and_named_once_a_second(told):
@@ -224,11 +193,3 @@ def test_another_phase_tells_the_models_numbers_anew(told):
     told.reports.phase_changed()
     told.reports.estimate(believed(stick_gain=1.5), None)
     assert told.words() == [], "another flight, which has its own first value"
-
-
-def test_the_first_setpoint_of_an_epoch_is_reported_as_accepted(told):
-    sticks = {"pitch": 1.0, "roll": 0.0, "yaw": 0.0, "throttle": 2.0}
-    told.reports.first_setpoint(StickSetpoint(epoch=1, sequence=1, ttl=0.3, **sticks))
-    [report] = told.reports.take()
-    assert (report.key, report.result.status) == ("setpoint/stick", Status.ACCEPTED)
-    assert report.fields["pitch"] == 1.0

@@ -13,7 +13,7 @@ from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
 from mkdaemon.control.events import StateValue
 from mkdaemon.control.regulator.autopilot import LEAP, at_origin
-from mkdaemon.control.throttlelid import LASTING, LEAST_SHARE, ThrottleLid
+from mkdaemon.control.throttlelid import LEAST_SHARE, ThrottleLid
 from mkdaemon.control.vehicle import FRESH, ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
@@ -40,17 +40,6 @@ def lid():
     return ThrottleLid()
 
 
-def test_less_than_every_frame_asked_for_is_the_pilots_throttle_once_it_lasts(lid):
-    now = told(lid, 5.0, 5.0, 1.0)
-    assert lid.pilots_throttle is None
-    now = told(lid, 5.0, -20.0, LASTING, start=now)
-    assert lid.pilots_throttle is None
-    now = told(lid, 5.0, -20.0, 0.2, start=now)
-    assert lid.pilots_throttle == -20.0
-    told(lid, 5.0, 4.0, 0.2, start=now)
-    assert lid.pilots_throttle is None
-
-
 @pytest.mark.parametrize(("throttle", "is_told"), [(-67.0, True), (-68.0, False), (-100.0, False)])
 def test_under_a_throttle_that_carries_no_aircraft_nothing_is_told(lid, throttle, is_told):
     """Genuine numbers after a touch: 27 counts asked for, 18 flown, as the pilot's stick is at its lowest."""
@@ -66,28 +55,6 @@ def test_a_throttle_that_rises_is_not_taken_for_a_lid(lid):
         assert lid.pilots_throttle is None, "the FlightCtrl is 80 ms behind"
 
 
-def test_without_reports_and_with_another_flight_nothing_is_known(lid):
-    now = told(lid, 5.0, None, 2.0)
-    assert lid.pilots_throttle is None
-    now = told(lid, 5.0, -20.0, 2.0, start=now)
-    assert lid.pilots_throttle == -20.0
-    lid.frame_made(5.0, ThrottleReport(-20.0, now), now + 5.0)
-    assert lid.pilots_throttle is None
-
-
-def test_what_is_flown_is_the_pilots_as_soon_as_it_contradicts_ours_and_surely_once_it_lasts(lid):
-    assert lid.use == OURS, "nobody reports"
-    now = told(lid, 5.0, 5.0, 1.0)
-    assert lid.use == OURS
-    now = told(lid, 5.0, -20.0, LASTING, start=now)
-    assert lid.use == ThrottleUse(None, is_ours=False), "ours may not be what acts, and is learnt from no more"
-    now = told(lid, 5.0, -20.0, 0.2, start=now)
-    assert lid.use.cap == pytest.approx(GAS_CENTRE - 20.0)
-    assert not lid.use.is_ours
-    told(lid, 5.0, 4.0, 0.2, start=now)
-    assert lid.use == OURS
-
-
 @pytest.mark.parametrize("scale", [0.76, 0.87, 1.0])
 def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_but_a_scale(lid, scale):
     now = told(lid, 0.0, scale * 127.0 - 127.0, 1.0)
@@ -96,12 +63,6 @@ def test_a_board_that_reports_after_the_compensation_of_its_voltage_has_no_lid_b
     assert lid.use == OURS, "what is reported follows ours"
     told(lid, 60.0, scale * 157.0 - 127.0, 1.5, start=now)
     assert lid.use.cap == pytest.approx(157.0), "no longer: in our own counts"
-
-
-def test_the_first_frames_of_a_flight_are_not_compared_with_a_throttle_of_before():
-    lid = ThrottleLid()
-    told(lid, 5.0, -20.0, 0.4, start=10.0)
-    assert lid.use == OURS
 
 
 def test_a_lid_that_lies_there_from_the_start_is_no_scale_also_without_a_voltage():
@@ -127,21 +88,6 @@ def test_at_no_voltage_is_compensation_a_lid_and_a_real_lid_is_seen_from_the_sta
     assert lid.use.cap == pytest.approx(107.0, abs=2.0)
     told(lid, 10.0, reported(-20.0), 1.0, start=now + 5.0)
     assert lid.pilots_throttle == pytest.approx(-20.0, abs=2.0), "another flight that begins under it"
-
-
-@pytest.mark.parametrize("share", [0.78, 0.87])
-def test_a_board_that_reports_its_stick_is_known_by_a_throttle_above_its_share(lid, share):
-    now = told(lid, 0.0, ThrottleReport(0.0, 0.0, share), 1.0)
-    assert lid.use == OURS
-    told(lid, 20.0, ThrottleReport(0.0, 0.0, share), 1.5, start=now)
-    assert lid.pilots_throttle == 0.0
-    assert lid.use.cap == pytest.approx(127.0)
-
-
-def test_a_throttle_that_is_flown_above_ours_is_not_ours(lid):
-    now = told(lid, 0.0, 0.0, 1.0)
-    told(lid, 0.0, 20.0, 0.4, start=now)
-    assert lid.use == ThrottleUse(None, is_ours=False)
 
 
 def test_once_reports_end_nothing_confirms_that_ours_acts_and_another_flight_begins_anew(lid):
@@ -263,6 +209,9 @@ def test_six_counts_less_than_the_lowest_of_half_a_second_may_be_ours(flown, is_
     assert lid.use.is_ours is not is_capped
     later = compared(steady(10.0, 2.0), [(at, flown) for at, _ in steady(0.0, 2.0)])
     assert (later.use.cap, later.pilots_throttle) == ((flown + 127.0, flown) if is_capped else (None, None))
+    for at in (2.0625, 2.125, 2.1875):
+        later.frame_made(10.0, ThrottleReport(9.0, at), at)
+    assert (later.use, later.pilots_throttle) == (OURS, None), "what is asked for is flown again"
 
 
 @pytest.mark.parametrize(("flown", "is_ours"), [(36.0, True), (36.1, False)])
@@ -314,6 +263,11 @@ def test_a_board_that_reports_its_stick_is_known_where_that_differs_by_more_than
     lid = compared(steady(stick, 1.0), [(at, stick) for at, _ in steady(0.0, 1.0)], share=share)
     assert lid._scale == (1.0 if is_stick else share)
     assert lid.use.is_ours
+    if is_stick:
+        for k in range(1, 20):
+            at = 1.0 + 0.0625 * k
+            lid.frame_made(stick + 20.0, ThrottleReport(stick, at, share), at)
+        assert (lid.pilots_throttle, lid.use.cap) == (stick, pytest.approx(stick + 127.0))
 
 
 @pytest.mark.parametrize(("above", "is_stick"), [(5.9, False), (6.1, True)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.vehicle import FRESH, MOTOR_TEST, REFUSALS_KEPT, VehicleMemory
+from mkdaemon.control.vehicle import MOTOR_TEST, REFUSALS_KEPT, VehicleMemory
 from mkdaemon.telemetry.control import ControlLine, LeaseState, Obstacle
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Pilot, Position
@@ -31,23 +31,10 @@ def test_at_first_nothing_is_known(facts):
     assert not facts.is_testing_motors(0.0)
 
 
-def test_facts_hold_until_they_are_too_old(facts):
-    facts.motors_reported(True, 10.0)
-    facts.state_received(flight(is_flying=True), 10.0)
-    facts.state_received(pilot(20.0), 10.0)
-    facts.link_changed(link_state())
-    last = 10.0 + FRESH
-    assert known(facts, last) == (True, True, 20.0)
-    late = last + 0.01
-    assert known(facts, late) == (None, None, None)
-    assert facts.link == link_state()
-
-
-def test_motors_may_be_asked_for_with_a_stricter_age(facts):
+def test_motors_hold_for_just_two_seconds_or_a_stricter_age(facts):
     facts.motors_reported(False, 10.0)
-    assert facts.motors_running(11.0, within=1.0) is False
-    assert facts.motors_running(11.1, within=1.0) is None
-    assert facts.motors_running(11.1) is False
+    assert [facts.motors_running(at, within=1.0) for at in (11.0, 11.1)] == [False, None]
+    assert [facts.motors_running(at) for at in (11.1, 12.0, 12.01)] == [False, False, None]
 
 
 def test_another_opening_of_the_port_voids_what_the_boards_said(facts):
@@ -75,10 +62,12 @@ def test_values_that_decide_nothing_are_ignored(facts):
 def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
     facts, line = VehicleMemory(), ControlLine(layout="v2")
     facts.motors_reported(False, 10.0)
-    facts.state_received(flight(is_flying=False), 10.0)
+    for value in EACH:
+        facts.state_received(value, 10.0)
     assert facts.limit_line(line) is line
     facts.flightctrl_reported(is_lost=True)
-    assert known(facts, 10.0) == (None, None, None)
+    assert facts.is_fc_lost
+    assert {facts.newest(type(value), 10.0) for value in EACH} | {facts.motors_running(10.0)} == {None}
     limited = facts.limit_line(line)
     assert (limited.layout, limited.obstacle) == (None, Obstacle.READ_ONLY)
     assert "FlightCtrl" in limited.reason
@@ -99,7 +88,10 @@ RECEPTION = Gps(**STAMPED, satellites=9, fix=GpsFix.VALID, is_usable=True, is_ho
 CHARGE = Battery(**STAMPED, voltage=16.0, current=None, used_mah=None, is_low=None)
 
 
-@pytest.mark.parametrize("value", [flight(is_flying=True), PLACE, RECEPTION, pilot(20.0), CHARGE], ids=type)
+EACH = (flight(is_flying=True), PLACE, RECEPTION, pilot(20.0), CHARGE)
+
+
+@pytest.mark.parametrize("value", EACH, ids=type)
 def test_every_fact_holds_for_just_two_seconds(facts, value):
     facts.state_received(value, 10.0)
     assert [facts.newest(type(value), at) for at in (10.0, 12.0, 12.001)] == [value, value, None]
@@ -187,12 +179,3 @@ def test_what_else_is_told_is_kept(facts):
     for one in refused:
         facts.sight_refused(one)
     assert facts.refused_sights == tuple(refused[1:])
-
-
-@pytest.mark.parametrize("value", [PLACE, RECEPTION, CHARGE], ids=type)
-def test_a_lost_flightctrl_voids_every_fact(facts, value):
-    facts.state_received(value, 10.0)
-    assert not facts.is_fc_lost
-    facts.flightctrl_reported(is_lost=True)
-    assert facts.is_fc_lost
-    assert facts.newest(type(value), 10.0) is None
