@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
 from mkdaemon.control.actions import (
@@ -14,7 +12,6 @@ from mkdaemon.control.actions import (
     SendSticks,
     Warn,
 )
-from mkdaemon.control.activeset import Gate, GateKind
 from mkdaemon.control.events import (
     ClientGone,
     FrameConfirmed,
@@ -72,15 +69,6 @@ def test_a_setpoint_that_does_not_come_is_repeated_after_one_and_a_half_periods(
     first, second = drive.sticks
     assert first.sequence == second.sequence
     assert second.age == pytest.approx(1.5 / CFG.rate)
-
-
-def test_stick_frames_are_never_closer_than_the_boards_can_take(drive):
-    drive.fly()
-    for _ in range(50):
-        drive.put()
-        drive.run(0.001)
-    times = [at for at, action in drive.done if isinstance(action, SendSticks)]
-    assert min(later - at for at, later in itertools.pairwise(times)) >= SHORTEST_STEP - 1e-9
 
 
 def test_silence_gives_neutral_sticks_at_its_deadline_then_a_release(drive):
@@ -151,13 +139,6 @@ def test_the_gate_is_read_before_a_lease_but_not_before_a_take_over(drive):
     assert reply.lease.holder == "bob"
 
 
-@pytest.mark.parametrize(
-    ("gate", "token"), [(Gate(GateKind.CONSTANT, 128), "gate_shut"), (Gate(GateKind.CONSTANT, 129), "gate_constant")]
-)
-def test_a_gate_that_is_shut_or_constant_is_refused(drive, gate, token):
-    assert token_of(lambda: drive.request(gate=gate)) == token
-
-
 def test_renew_show_and_give_back(drive):
     epoch = drive.take()
     assert drive.request("show").epoch == epoch
@@ -185,20 +166,6 @@ def test_nobody_takes_the_lease_while_a_release_is_under_way(drive):
     assert token_of(lambda: drive.request(holder="bob")) == "busy"
     drive.release_ends()
     assert drive.request(holder="bob").holder == "bob"
-
-
-@pytest.mark.parametrize(
-    ("line", "link", "token"),
-    [
-        (ControlLine(None, Obstacle.READ_ONLY, "unknown release"), link_state(), "no_control"),
-        (ControlLine(), link_state(), "no_control"),
-        (ControlLine("v2"), link_state(LinkCondition.ONE_WAY), "link_down"),
-        (ControlLine("v2"), None, "link_down"),
-    ],
-)
-def test_a_lease_nobody_could_fly_with_is_refused(line, link, token):
-    drive = Driver(line=line, link=link)
-    assert token_of(drive.request) == token
 
 
 def test_a_client_that_is_gone_is_released_and_a_stranger_means_nothing(drive):
@@ -245,16 +212,9 @@ def test_a_release_under_way_is_looked_at_regularly_so_that_the_watchdog_sees_pr
 
 @pytest.mark.parametrize(
     ("condition", "patience"),
-    [
-        (LinkCondition.DOWN, 0.0),
-        (LinkCondition.ABSENT, 0.0),
-        (LinkCondition.CLOSED, 0.0),
-        (LinkCondition.MUTE, SILENCE),
-        (LinkCondition.GARBAGE, SILENCE),
-        (LinkCondition.ONE_WAY, CFG.lease.release_after),
-    ],
+    [(LinkCondition.DOWN, 0.0), (LinkCondition.MUTE, SILENCE), (LinkCondition.ONE_WAY, CFG.lease.release_after)],
 )
-def test_each_bad_line_ends_the_lease_after_its_patience(drive, condition, patience):
+def test_a_bad_line_ends_the_lease_after_its_patience(drive, condition, patience):
     drive.fly()
     drive.core.feed(LinkVerdict(link_state(condition, "gone")), drive.now)
     began = drive.now
@@ -326,20 +286,6 @@ def test_after_the_line_took_no_frames_tilt_begins_from_neutral_again(drive):
     assert drive.sticks[before].counts.pitch < 30
     drive.stream(0.5, pitch=60.0)
     assert drive.sticks[-1].counts.pitch == 60
-
-
-def test_no_flight_begins_while_a_board_does_not_listen(drive):
-    drive.core.feed(LineChanged(ControlLine("v2", Obstacle.DEAF, "fc to listen again after beep")), drive.now)
-    drive.take()
-    drive.stream(1.5)
-    drive.stream(0.1, pitch=60.0)
-    assert drive.core.phase is Phase.LEASED
-    assert "waiting for fc to listen again after beep" in drive.of(PublishStatus)[-1].reason
-    drive.core.feed(LineChanged(ControlLine("v2")), drive.now)
-    drive.stream(0.1, pitch=60.0)
-    assert drive.sticks == []
-    drive.stream(1.2)
-    assert drive.core.phase is Phase.FLYING
 
 
 def test_every_change_of_phase_is_reported_with_its_reason(drive):

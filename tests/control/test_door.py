@@ -62,14 +62,6 @@ def test_a_pose_of_another_target_does_not_hide_that_the_flown_one_is_out_of_sig
     assert status(drive).pose_age == pytest.approx(drive.done[-1][0] - 1.0)
 
 
-def test_what_was_flown_is_forgotten_with_its_release(drive):
-    drive.fly()
-    assert drive.core._flown.current is not None
-    drive.ask_release()
-    drive.tick()
-    assert drive.core._flown.current is None
-
-
 def test_a_stale_setpoint_is_neutral_at_the_throttle_that_is_estimated_to_carry(drive):
     drive.run(1.0)
     drive.tell(PoseSeen(pose(drive.now)))
@@ -87,16 +79,3 @@ def test_a_stale_setpoint_is_neutral_at_the_throttle_that_is_estimated_to_carry(
     assert drive.core.phase is Phase.STALE
     assert drive.sticks[-1].counts.throttle == round(sight.hover_throttle(drive.now))
     assert drive.sticks[-1].counts.throttle > drive.core._cfg.limiter.hover_throttle + 10
-
-
-def test_an_image_of_another_target_shows_no_take_off_off_the_ground(drive, monkeypatch):
-    drive.tell(PoseSeen(pose(drive.now)))
-    drive.fly()
-    heard = []
-    monkeypatch.setattr(
-        drive.core._flown.current, "height_seen", lambda height, at, is_placed: heard.append((height, at))
-    )
-    drive.tell(PoseSeen(pose(drive.now).model_copy(update={"target": "other"})))
-    assert heard == []
-    drive.tell(PoseSeen(pose(drive.now)))
-    assert heard == [(2.0, drive.now)]

@@ -212,16 +212,3 @@ def test_sticks_grow_stale_while_their_holder_streams_what_is_refused():
     drive.fly()
     refused_stream(drive, 0.4)
     assert drive.core.phase is Phase.STALE
-
-
-def test_a_refused_setpoint_is_spent_and_keeps_the_lease_alive():
-    drive = Driver(rows=ANYWHERE)
-    drive.take(ttl=0.5)
-    refused_stream(drive, 1.0)
-    assert drive.core.phase is Phase.LEASED
-    again = PositionSetpoint(
-        epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD
-    )
-    assert drive.offer(again).token == "stale_sequence"
-    drive.run(0.6)
-    assert drive.core.phase is not Phase.LEASED

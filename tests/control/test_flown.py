@@ -7,10 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from mkdaemon.config.control import ControlConfig
-from mkdaemon.control import flown
 from mkdaemon.control.answers import AnswerWatch
-from mkdaemon.control.flown import Flown
 from mkdaemon.control.limiter import Sticks
 from mkdaemon.control.manoeuvres.by_target import ByTarget
 from mkdaemon.control.manoeuvres.hold import Hold
@@ -18,19 +15,14 @@ from mkdaemon.control.manoeuvres.land import Land
 from mkdaemon.control.manoeuvres.level import Level
 from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
 from mkdaemon.control.manoeuvres.stick import Stick
-from mkdaemon.control.manoeuvres.table import MANOEUVRES
 from mkdaemon.control.manoeuvres.take_off import TakeOffFlight, TakeOffPhase
-from mkdaemon.control.sight import Sight
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Outcome, Phase
-from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
     LandSetpoint,
     StickSetpoint,
     TakeOffSetpoint,
 )
-from tests.control.admission.situations import GOOD
 from tests.control.events import pose
 from tests.control.flying import Flying
 
@@ -42,107 +34,76 @@ LAND = LandSetpoint(**BASE)
 TAKE_OFF = TakeOffSetpoint(**BASE, height=2.0)
 
 
-class Rig:
-    """What is flown, with an admission that says what the test wants, and a note of who was begun after whom."""
-
-    def __init__(self, monkeypatch, *, waits_for=""):
-        cfg = ControlConfig()
-        self.refusal = None
-        self.asked = []
-        self.entered = []
-        monkeypatch.setattr(ByTarget, "enter", lambda new, before, now: self._enter(new, before))
-        monkeypatch.setattr(Level, "enter", lambda new, before, now: self._enter(new, before))
-        sight = Sight(cfg.autopilot, -2.0)
-        monkeypatch.setattr(flown, "refusal", self._refusal)
-        monkeypatch.setattr(flown, "waits_for", lambda wanted, situation: waits_for)
-        self.flown = Flown(cfg, sight, MANOEUVRES)
-
-    def _enter(self, new, before):
-        self.entered.append((type(new), type(before)))
-        return ""
-
-    def _refusal(self, wanted, situation):
-        self.asked.append((wanted.concern.value, None if situation.flown is None else situation.flown.value))
-        return self.refusal
-
-    def step(self, setpoint, phase, now):
-        """Decide the sticks, in a situation that says what is flown."""
-        is_flown = phase.is_in_flight and phase is not Phase.UNANSWERED
-        found = replace(GOOD, now=now, flown=self.flown.concern if is_flown else None)
-        return self.flown.step(setpoint, phase, found)
-
-    def fly(self, *phases_and_setpoints):
-        """Begin with the first setpoint, then fly each in its phase."""
-        setpoint = phases_and_setpoints[0][1]
-        self.step(setpoint, Phase.LEASED, 0.0)
-        for k, (phase, each) in enumerate(phases_and_setpoints):
-            self.step(each, phase, 0.02 * (k + 1))
-        return type(self.flown.current)
-
-
 @pytest.fixture
-def rig(monkeypatch):
-    return Rig(monkeypatch)
+def entered(monkeypatch):
+    """Which manoeuvre was begun after which."""
+    noted = []
+    for kind in (ByTarget, Level):
+        monkeypatch.setattr(kind, "enter", lambda new, before, now: noted.append((type(new), type(before))) or "")
+    return noted
+
+
+def fly(*phases_and_setpoints):
+    """Begin with the first setpoint over the target, then fly each in its phase."""
+    flying = Flying()
+    flying.see(pose(0.0), 0.0)
+    flying.step(phases_and_setpoints[0][1], 0.0)
+    for k, (phase, each) in enumerate(phases_and_setpoints):
+        flying.step(each, 0.02 * (k + 1), is_flying=True, phase=phase)
+    return flying
 
 
 @pytest.mark.parametrize(("setpoint", "shown"), [(HOLD, ("hold", True, True)), (STICK, ("attitude", False, False))])
-def test_what_is_flown_is_shown_from_the_first_setpoint_to_the_end(rig, setpoint, shown):
-    assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
-    rig.fly((Phase.FLYING, setpoint))
-    assert (rig.flown.concern.value, rig.flown.keeps_place, rig.flown.is_by_target) == shown
-    rig.flown.end()
-    assert (rig.flown.concern, rig.flown.keeps_place, rig.flown.is_by_target) == (None, False, False)
+def test_what_is_flown_is_shown_from_the_first_setpoint_to_the_end(setpoint, shown):
+    flown = fly((Phase.FLYING, setpoint)).flown
+    assert (flown.concern.value, flown.keeps_place, flown.is_by_target) == shown
+    for nothing in (Flying().flown, flown):
+        nothing.end()
+        assert (nothing.concern, nothing.keeps_place, nothing.is_by_target) == (None, False, False)
 
 
-def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(rig):
-    rig.fly((Phase.FLYING, HOLD))
-    first = rig.flown.current
-    rig.step(HoldSetpoint(**BASE | {"sequence": 2}), Phase.FLYING, 1.0)
-    assert rig.flown.current is first
-    rig.step(LAND, Phase.FLYING, 1.1)
-    assert type(rig.flown.current) is Land
-    assert rig.entered[-1] == (Land, Hold)
+def test_a_setpoint_of_the_same_kind_changes_nothing_and_one_of_another_does(entered):
+    flying = fly((Phase.FLYING, HOLD))
+    first = flying.flown.current
+    flying.step(HoldSetpoint(**BASE | {"sequence": 2}), 1.0, is_flying=True)
+    assert flying.flown.current is first
+    flying.step(LAND, 1.1, is_flying=True)
+    assert type(flying.flown.current) is Land
+    assert entered[-1] == (Land, Hold)
 
 
-def test_before_the_flight_every_setpoint_is_begun_anew(rig):
-    rig.step(HOLD, Phase.LEASED, 0.0)
-    first = rig.flown.current
-    rig.step(HOLD, Phase.LEASED, 0.1)
-    assert rig.flown.current is not first
-    assert rig.entered == [(Hold, type(None))] * 2
+def test_before_the_flight_every_setpoint_is_begun_anew(entered):
+    flying = Flying()
+    flying.step(HOLD, 0.0)
+    first = flying.flown.current
+    flying.step(HOLD, 0.1)
+    assert flying.flown.current is not first
+    assert entered == [(Hold, type(None))] * 2
 
 
 @pytest.mark.parametrize("setpoint", [HOLD, LAND])
-def test_a_low_battery_lands_once_whatever_is_streamed(rig, setpoint):
-    assert rig.fly((Phase.FLYING, setpoint), (Phase.LANDING, setpoint)) is Land
-    landing = rig.flown.current
-    rig.step(setpoint, Phase.LANDING, 1.0)
-    assert rig.flown.current is landing
-    assert rig.entered.count((Land, Hold)) == (setpoint is HOLD)
+def test_a_low_battery_lands_once_whatever_is_streamed(entered, setpoint):
+    flying = fly((Phase.FLYING, setpoint), (Phase.LANDING, setpoint))
+    landing = flying.flown.current
+    assert type(landing) is Land
+    flying.step(setpoint, 1.0, is_flying=True, phase=Phase.LANDING)
+    assert flying.flown.current is landing
+    assert entered.count((Land, Hold)) == (setpoint is HOLD)
 
 
 @pytest.mark.parametrize("setpoint", [LAND, HOLD])
-def test_an_abort_holds_once(rig, setpoint):
-    rig.fly((Phase.FLYING, setpoint))
-    asked, before = len(rig.asked), rig.flown.current
-    rig.step(setpoint, Phase.ABORTED, 1.0)
-    holding = rig.flown.current
+def test_an_abort_holds_once(entered, setpoint):
+    flying = fly((Phase.FLYING, setpoint))
+    before = flying.flown.current
+    flying.step(setpoint, 0.1, is_flying=True, phase=Phase.ABORTED)
+    holding = flying.flown.current
     assert type(holding) is Hold
     if setpoint is LAND:
-        assert rig.entered[-1] == (Hold, Land)
+        assert entered[-1] == (Hold, Land)
     else:
-        assert (holding is before, len(rig.asked)) == (True, asked), "it holds already"
-    rig.step(setpoint, Phase.ABORTED, 1.1)
-    assert rig.flown.current is holding
-
-
-def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
-    monkeypatch.setattr(rig.flown._sight, "is_fresh", lambda now: True)
-    rig.refusal = refuse(Token.NO_GUIDANCE, name="x", known="y")
-    assert rig.fly((Phase.FLYING, STICK), (Phase.ABORTED, STICK)) is Level
-    assert rig.entered[-1][0] is Level
-    assert rig.flown.concern.value == "attitude"
-    assert rig.asked == [("hold", "attitude")]
+        assert holding is before, "it holds already"
+    flying.step(setpoint, 0.12, is_flying=True, phase=Phase.ABORTED)
+    assert flying.flown.current is holding
 
 
 @pytest.mark.parametrize(
@@ -156,27 +117,18 @@ def test_an_abort_where_no_hold_is_admitted_is_level(rig, monkeypatch):
         (Phase.LANDING, ("land", "land")),
     ],
 )
-def test_admission_hears_what_is_flown_in_flight_only(rig, phase, asked):
-    rig.fly((Phase.FLYING, HOLD))
-    wanted, before = rig.flown.change(LAND, phase)
+def test_admission_hears_what_is_flown_in_flight_only(phase, asked):
+    wanted, before = fly((Phase.FLYING, HOLD)).flown.change(LAND, phase)
     assert (wanted.concern.value, None if before is None else before.value) == asked
 
 
-def test_a_setpoint_that_nothing_follows_is_refused_with_those_that_are():
-    cfg = ControlConfig()
-    rows = {StickSetpoint: MANOEUVRES[StickSetpoint]}
-    none = Flown(cfg, Sight(cfg.autopilot, -2.0), rows)
-    with pytest.raises(CommandRejectedError, match=r"setpoint/hold.*setpoint/stick") as caught:
-        none.change(HOLD, Phase.FLYING)
-    assert caught.value.token == "no_guidance"
-
-
-def test_what_waits_shows_its_stage_and_what_it_waits_for(monkeypatch):
-    waiting = Rig(monkeypatch, waits_for="a certain position")
-    step = waiting.step(TAKE_OFF, Phase.LEASED, 0.0)
-    assert (step.obstacle, step.stage, step.manoeuvre) == ("a certain position", TakeOffPhase.IDLE.value, "takeoff")
-    free = Rig(monkeypatch)
-    assert free.step(TAKE_OFF, Phase.LEASED, 0.0).obstacle == ""
+def test_what_waits_shows_its_stage_and_what_it_waits_for():
+    flying = Flying()
+    flying.see(pose(0.0), 0.0)
+    step = flying.step(TAKE_OFF, 0.0)
+    assert "an aircraft on the ground: its feet are 1.9 m above" in step.obstacle
+    assert (step.stage, step.manoeuvre) == (TakeOffPhase.IDLE.value, "takeoff")
+    assert Flying().step(TAKE_OFF, 0.0).obstacle == ""
 
 
 def test_error_shown_is_that_of_the_last_step_and_none_where_there_is_no_goal():

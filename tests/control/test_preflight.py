@@ -37,15 +37,6 @@ def to_position(drive):
     return drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
 
 
-def test_a_low_battery_prevents_autonomous_flight_until_it_is_charged_but_no_flight_by_sticks(drive):
-    drive.core.feed(StateValue(battery(16.0, is_low=True)), drive.now)
-    drive.take()
-    assert to_position(drive).token == "battery_low"
-    assert drive.put() is None
-    drive.core.feed(StateValue(battery(16.0, is_low=False)), drive.now)
-    assert to_position(drive) is None
-
-
 def test_who_flies_flies_on_whatever_a_check_finds_but_begins_nothing_else(drive):
     drive.take()
     drive.stream(1.6)
@@ -92,19 +83,6 @@ def test_a_model_of_its_own_may_be_what_stands_in_the_way(drive):
     drive.core.feed(ModelKnown(replace(AircraftModel(), a1=1e-200, a2=1e-200)), drive.now)
     with pytest.raises(CommandRejectedError, match="loop_unstable"):
         drive.core.gains()
-
-
-def test_a_gain_on_a_potentiometer_prevents_autonomous_flight_but_no_flight_by_sticks(drive):
-    drive.core.feed(ModelKnown(AircraftModel(), ModelUnknown(Gap.ON_POTENTIOMETER, "gyro_i", 255, 1)), drive.now)
-    drive.take()
-    error = to_position(drive)
-    assert error.token == "gain_on_poti"
-    assert "gyro_i = 255" in error.reason
-    assert "gyro_i=..." in error.fix
-    assert drive.put() is None
-    drive.core.feed(ModelKnown(AircraftModel()), drive.now)
-    drive.now += 0.6
-    assert to_position(drive) is None
 
 
 def read(drive, found):

@@ -22,7 +22,7 @@ from mkdaemon.control.manoeuvres import land
 from mkdaemon.control.manoeuvres.manoeuvre import level_at
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
-from mkdaemon.telemetry.control import Outcome, Phase
+from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
     LandSetpoint,
@@ -150,21 +150,6 @@ def test_with_nothing_flown_an_abort_is_refused_and_says_what_is_the_case():
     refusal = story.abort()
     assert refusal.token == "nothing_flown"
     assert "alice holds the lease" in refusal.reason
-
-
-def test_one_whose_target_is_lost_is_released_with_how_it_ended():
-    story = holding()
-    story.height = None
-    story.streams(HoldSetpoint, SOON.autopilot.exit_after + 0.3)
-    [release] = story.releases
-    assert release.reason.startswith("no image of pad for 3.0")
-    assert story.status.outcome is Outcome.SIGHT_LOST
-    story.release_ends()
-    story.run(0.1)
-    assert [failsafe.released for failsafe in story.of(ReportFailsafe)] == [True]
-    story.take()
-    story.run(0.1)
-    assert story.status.outcome is None, "a new lease, a new flight"
 
 
 def test_from_sticks_to_a_place_only_what_may_begin_begins():

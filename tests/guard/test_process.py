@@ -127,14 +127,6 @@ async def test_an_orderly_end_sends_nothing(line):
         os.read(far, 1)
 
 
-async def test_a_killed_guard_is_noticed(line):
-    guard = await flying(line[1])
-    assert guard.is_alive
-    os.kill(guard.pid, signal.SIGKILL)
-    await wait_until(lambda: not guard.is_alive)
-    await guard.stop()
-
-
 async def test_a_killed_guard_is_reported_at_once(line, monkeypatch):
     monkeypatch.setattr(guardprocess, "PING_PERIOD", 60.0)
     guard, reports = await flying(line[1]), []

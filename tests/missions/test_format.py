@@ -21,27 +21,6 @@ def test_complete_formats_keep_every_field(suffix: str, mission: Mission) -> Non
     assert draft.mission.points == mission.points
 
 
-@given(mission=missions(whole_metres=True))
-def test_wpl_keeps_whole_metres(mission: Mission) -> None:
-    form = FORMATS[".wpl"]
-    # An empty prefix is written as "P", because the tool's own files always have one.
-    named = Mission(points=tuple(p if p.name else p.model_copy(update={"name": "P"}) for p in mission.points))
-    assert form.read(form.write(named), "m.wpl").mission.points == named.points
-
-
-def test_plan_keeps_what_plans_can_express() -> None:
-    form = FORMATS[".plan"]
-    back = form.read(form.write(ROUND), "m.plan").mission.points
-    assert [point.kind for point in back] == [PointKind.POI, PointKind.WAYPOINT, PointKind.WAYPOINT]
-    assert back[1].model_dump(include={"speed", "poi", "hold", "radius", "photo_distance"}) == {
-        "speed": 4.5, "poi": 1, "hold": 5, "radius": 3, "photo_distance": 10,
-    }  # fmt: skip
-    assert (back[2].heading_deg, back[2].poi) == (360, None)
-    assert [(p.latitude_deg, p.longitude_deg, p.altitude) for p in back] == [
-        (p.latitude_deg, p.longitude_deg, p.altitude) for p in ROUND.points
-    ]
-
-
 @pytest.mark.parametrize("suffix", [suffix for suffix, form in FORMATS.items() if not form.is_packed])
 def test_file_round_trip(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"round{suffix}"

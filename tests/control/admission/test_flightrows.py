@@ -141,12 +141,8 @@ def test_every_check_can_stand_but_for_the_target_which_the_flight_itself_waits_
     assert is_ready(findings(replace(GOOD, **dict.fromkeys(("health", "flight", "pilot", "battery", "stamps")))))
 
 
-def test_heights_that_the_barometer_contradicts_are_told_with_their_scale():
+def test_who_flies_by_heights_that_the_barometer_contradicts_flies_on_and_may_land():
     wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
-    assert "camera down over pad measured a climb or descent of 2.50 m, the barometer 2.00 +- 0.10 m" in (
-        finding(replace(GOOD, eyes=(wrong,)), "scale of heights").reason
-    )
-    # Who flies by them flies on, and may land.
     for wanted in (Concern.POSITION, Concern.HOLD, Concern.LAND):
         assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
 

@@ -349,12 +349,6 @@ def test_near_the_ground_thrust_carries_more(height, gain):
     assert fall.climb == pytest.approx(9.81 * (min(expected, 1.25) - 1.0) * STEP, rel=1e-3, abs=1e-5)
 
 
-@pytest.mark.parametrize("yaw", [None, 0.5])
-def test_a_landing_keeps_its_heading(yaw):
-    landing = Landing(LIMITS, estimate(0.0, 1.0))
-    assert landing.goal(estimate(0.0, 1.0), yaw, STEP).yaw == yaw
-
-
 def come_down(seconds, *, from_height=1.5, **fields):
     """An aircraft that follows the wanted height exactly; returns the landing and when it was decided [s]."""
     landing, height = Landing(LIMITS, estimate(0.0, from_height)), from_height
