@@ -155,12 +155,6 @@ def test_an_answer_is_doubted_once_it_is_not_sure_any_more_and_not_before_it_was
     assert not undecided.is_doubted
 
 
-def test_what_does_not_answer_is_never_sure():
-    watch, _ = unanswered()
-    assert watch.evidence == 4.0
-    assert not watch.is_sure
-
-
 @pytest.mark.parametrize(
     ("lean_deg", "reports"),
     [((0.0, 0.0), 23), ((0.5, 0.0), 26), ((0.0, -0.7), 31), ((1.0, 0.0), 49), ((1.4, 0.0), None)],
@@ -168,6 +162,7 @@ def test_what_does_not_answer_is_never_sure():
 def test_under_level_sticks_each_report_weighs_a_level_aircraft_against_one_flown_by_hand(lean_deg, reports):
     """Worked by hand: from 4 to -4 nat, by ln(3 / 0.5) - s2 (1 / 0.5^2 - 1 / 3^2) / 2 of each axis in 0.2 s."""
     watch, begin = unanswered()
+    assert (watch.evidence, watch.is_sure) == (4.0, False)
     assert reports_until_back(watch, begin, np.radians(lean_deg)) == reports
 
 
@@ -228,44 +223,32 @@ def test_a_flight_that_begins_anew_forgets_that_nothing_answered():
     assert watch.evidence == 0.0
 
 
-@pytest.mark.parametrize(("after", "counts"), [(0.3, True), (0.32, False)])
-def test_reports_after_the_last_stick_count_for_three_tenths_of_a_second(after, counts):
-    watch = AnswerWatch(MODEL)
-    for k in range(16):
-        watch.sent(30.0, 0.0, -0.02 * (15 - k))
-    watch.attitude_received(0.1, 0.0, 0.0, says_something=True)
-    watch.attitude_received(0.2, 0.0, 0.0, says_something=True)
-    before = watch.evidence
-    watch.attitude_received(after, 0.0, 0.0, says_something=True)
-    assert (watch.evidence != before) is counts
+FIFTEEN = tuple(0.02 * k for k in range(16))
 
 
-@pytest.mark.parametrize(("apart", "counts"), [(0.14, True), (0.15, True), (0.16, False)])
-def test_reports_that_are_farther_apart_than_150_ms_say_nothing(apart, counts):
-    watch = AnswerWatch(MODEL)
-    for at in (0.0, 0.25):
+@pytest.mark.parametrize(
+    ("sticks", "reports", "counts"),
+    [
+        # After the last stick a report counts for 0.3 s.
+        (FIFTEEN, (0.4, 0.5, 0.6), True),
+        (FIFTEEN, (0.4, 0.5, 0.62), False),
+        # Reports that are farther apart than 150 ms say nothing.
+        ((0.0, 0.25), (0.15, 0.29), True),
+        ((0.0, 0.25), (0.15, 0.3), True),
+        ((0.0, 0.25), (0.15, 0.31), False),
+        # Neither does an older one, nor one while nothing may be said.
+        (FIFTEEN, (0.1, 0.2, 0.15), False),
+        (FIFTEEN, (0.1, 0.2, None), False),
+    ],
+)
+def test_the_last_report_counts_or_does_not(sticks, reports, counts):
+    watch, now = AnswerWatch(MODEL), 0.0
+    for at in sticks:
         watch.sent(30.0, 0.0, at)
-    watch.attitude_received(0.15, 0.0, 0.0, says_something=True)
-    watch.attitude_received(0.15 + apart, 0.0, 0.0, says_something=True)
-    assert (watch.evidence != 0.0) is counts
-
-
-def test_a_report_that_an_older_one_follows_is_counted_once():
-    once, twice = AnswerWatch(MODEL), AnswerWatch(MODEL)
-    for k in range(20):
-        now = 0.02 * k
-        for watch in (once, twice):
-            watch.sent(30.0, 0.0, now)
-            watch.attitude_received(now, 0.0, 0.0, says_something=True)
-        twice.attitude_received(now - 0.05, 0.0, 0.0, says_something=True)
-    assert once.evidence > 0.0
-    assert twice.evidence == once.evidence
-
-
-def test_what_says_nothing_leaves_no_trace():
-    watch, _, _ = swinging(lambda asked, now: 0.0 * asked, seconds=1.0, size=30.0, says_something=False)
-    assert watch.evidence == 0.0
-    assert watch._slow is None
+    for at in reports:
+        before, now = watch.evidence, at or now + 0.05
+        watch.attitude_received(now, 0.0, 0.0, says_something=at is not None)
+    assert (watch.evidence != before) is counts
 
 
 def test_a_gate_that_was_shut_counts_for_two_seconds_and_says_why():

@@ -77,17 +77,16 @@ def rms(found: npt.NDArray[np.float64]) -> float:
     return float(np.sqrt((found**2).mean()))
 
 
-def test_two_equal_cameras_are_better_than_one() -> None:
-    one, _ = errors(replace(SHARP, sd=0.05))
-    both, estimator = errors(replace(SHARP, sd=0.05), replace(SHARP, sd=0.05, delay=11))
-    assert rms(both) < 0.85 * rms(one)
+@pytest.mark.parametrize(
+    ("first", "second", "share"),
+    [(replace(SHARP, sd=0.05), replace(SHARP, sd=0.05, delay=11), 0.85), (SHARP, COARSE, 1.05)],
+    ids=["two equal ones are better than one", "a coarse late one does not spoil a sharp one"],
+)
+def test_a_second_camera_helps_or_does_no_harm(first: Camera, second: Camera, share: float) -> None:
+    one, _ = errors(first)
+    both, estimator = errors(first, second)
+    assert rms(both) < share * rms(one)
     assert estimator.rejected == 0
-
-
-def test_a_coarse_late_camera_does_not_spoil_a_sharp_one() -> None:
-    sharp, _ = errors(SHARP)
-    both, _ = errors(SHARP, COARSE)
-    assert rms(both) < 1.05 * rms(sharp)
 
 
 @pytest.mark.parametrize("dies", [0, 1])

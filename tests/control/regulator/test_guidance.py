@@ -110,34 +110,31 @@ def test_an_error_beyond_its_reach_is_the_references_business(far, same):
     assert bool(asked == pytest.approx(most)) is same
 
 
-def test_throttle_is_that_of_the_cascade():
-    def thrust(**values):
-        """Over hover, without the lead over the motors' lag [share of the weight]."""
-        gains = VerticalGains(lead=1.0)
-        vertical = np.zeros(4)
-        for name, value in values.items():
-            if name in {"h", "s", "e", "f"}:
-                vertical["hsfe".index(name)] = value
-        asked = gas(replace(REST, vertical=vertical), values.get("height", 0.0), values.get("climb", 0.0), gains)
-        return (asked / REST.hover_gas) ** 2 - 1.0
-
-    assert thrust() == pytest.approx(0.0)
-    assert thrust(height=0.1) == pytest.approx(2.7 * 0.2 / 9.81)
-    assert thrust(h=0.1) == pytest.approx(-2.7 * 0.2 / 9.81)
-    assert thrust(height=5.0) == pytest.approx(2.7 * 0.6 / 9.81)
-    assert thrust(h=5.0) == pytest.approx(-2.7 * 0.6 / 9.81)
-    assert thrust(climb=0.2) == pytest.approx(2.7 * 0.2 / 9.81)
-    assert thrust(s=0.2) == pytest.approx(-2.7 * 0.2 / 9.81)
-    assert thrust(e=0.5) == pytest.approx(-0.5 / 9.81)
-    assert thrust(s=-5.0) == pytest.approx(0.5)
-    assert thrust(s=5.0) == pytest.approx(-0.4)
-
-
-def test_throttle_leads_the_motors_and_carries_a_leaning_aircraft():
-    lagging = replace(REST, vertical=np.array([0.0, 0.0, -0.1, 0.0]))
-    assert (gas(lagging, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(0.9 + 1.5 * 0.1)
-    leaning = replace(leant(0.3, 0.0), vertical=np.zeros(4))
-    assert (gas(leaning, 0.0, 0.0, VerticalGains()) / 125.0) ** 2 == pytest.approx(1.0 / math.cos(0.3), rel=0.01)
+@pytest.mark.parametrize(
+    ("vertical", "wanted", "tilt", "share"),
+    [
+        # Height and speed, thrust that lags and acceleration that nothing explains; height and climb that are wanted.
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1.0),
+        ((0.0, 0.0, 0.0, 0.0), (0.1, 0.0), 0.0, 1.0 + 1.5 * 2.7 * 0.2 / 9.81),
+        ((0.1, 0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1.0 - 1.5 * 2.7 * 0.2 / 9.81),
+        ((0.0, 0.0, 0.0, 0.0), (5.0, 0.0), 0.0, 1.0 + 1.5 * 2.7 * 0.6 / 9.81),  # no faster than 0.6 m/s
+        ((5.0, 0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1.0 - 1.5 * 2.7 * 0.6 / 9.81),
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.2), 0.0, 1.0 + 1.5 * 2.7 * 0.2 / 9.81),
+        ((0.0, 0.2, 0.0, 0.0), (0.0, 0.0), 0.0, 1.0 - 1.5 * 2.7 * 0.2 / 9.81),
+        ((0.0, 0.0, 0.0, 0.5), (0.0, 0.0), 0.0, 1.0 - 1.5 * 0.5 / 9.81),
+        ((0.0, 0.0, -0.1, 0.0), (0.0, 0.0), 0.0, 0.9 + 1.5 * 0.1),  # it leads the motors
+        ((0.0, -5.0, 0.0, 0.0), (0.0, 0.0), 0.0, 1.0 + 1.5 * 0.5),
+        ((-9.0, -9.0, 2.0, 0.0), (0.0, 0.0), 0.0, 0.75),  # three weights lift and 1.5 are wanted: 3 - 1.5 x 1.5
+        ((0.0, 9.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.4),  # one lifts and 0.6 is wanted: 1 - 1.5 x 0.4
+        ((0.0, 9.0, 0.5, 0.0), (0.0, 0.0), 0.0, 0.3),  # 1.5 - 1.5 x 0.9 is less than what is ever asked for
+        ((-9.0, -9.0, 0.0, 0.0), (0.0, 0.0), 0.6, 1.9),  # and here more
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), 0.5, 1.0 / math.cos(0.5)),
+        ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0), 0.8, 1.0 / 0.8),  # steeper leans count as 37 degrees
+    ],
+)
+def test_throttle_is_that_of_the_cascade_within_what_motors_can_follow(vertical, wanted, tilt, share):
+    asked = gas(replace(leant(0.0, tilt), vertical=np.array(vertical)), *wanted, VerticalGains())
+    assert asked == pytest.approx(125.0 * math.sqrt(share))
 
 
 LIMITS = ReferenceLimits(speed=1.2, acceleration=1.0)
@@ -265,22 +262,6 @@ def test_a_tilt_that_is_too_steep_keeps_its_direction():
     assert np.hypot(*bound) == pytest.approx(0.05)
     assert bound / 0.05 == pytest.approx(free / np.hypot(*free))
     assert HorizontalCosts().steepest == 0.35
-
-
-@pytest.mark.parametrize(
-    ("vertical", "tilt", "share"),
-    [
-        ([-9.0, -9.0, 2.0, 0.0], 0.0, 0.75),  # three weights lift and 1.5 are wanted: 3 - 1.5 x 1.5
-        ([0.0, 9.0, 0.0, 0.0], 0.0, 0.4),  # one lifts and 0.6 is wanted: 1 - 1.5 x 0.4
-        ([0.0, 9.0, 0.5, 0.0], 0.0, 0.3),  # 1.5 - 1.5 x 0.9 is less than what is ever asked for
-        ([-9.0, -9.0, 0.0, 0.0], 0.6, 1.9),  # and here more
-        ([0.0, 0.0, 0.0, 0.0], 0.5, 1.0 / math.cos(0.5)),
-        ([0.0, 0.0, 0.0, 0.0], 0.8, 1.0 / 0.8),  # steeper leans count as 37 degrees
-    ],
-)
-def test_throttle_stays_within_what_motors_can_follow(vertical, tilt, share):
-    asked = gas(replace(leant(0.0, tilt), vertical=np.array(vertical)), 0.0, 0.0, VerticalGains())
-    assert asked == pytest.approx(125.0 * math.sqrt(share))
 
 
 def test_what_is_left_over_is_carried_over_and_at_the_end_of_the_range_at_most_one():
