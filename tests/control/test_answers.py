@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from lab.control.corerig import CoreRig, stamp
+from lab.control.corerig import stamp
 from lab.control.flights import Flight
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
+from mkdaemon.control.actions import PublishStatus, Warn
 from mkdaemon.control.answers import AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import OURS
@@ -25,11 +25,12 @@ from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
 from mksim.physics.world import StickInput
+from tests.control.coreflights import Told
 
 SHUT, OPENED = 3.0, 6.0
 
 
-class Gated(CoreRig):
+class Gated(Told):
     """A client holds; the pilot shuts the gate, flies by hand, and opens it again.
 
     Attributes:
@@ -64,18 +65,16 @@ class Gated(CoreRig):
     def phases(self):
         """Each phase and when it was first told."""
         shown = {}
-        for at, action in self.actions:
-            if isinstance(action, PublishStatus):
-                shown.setdefault((action.phase), at)
+        for at, action in self.of(PublishStatus):
+            shown.setdefault(action.phase, at)
         return shown
 
     def sticks(self, begin, end):
         """Largest pitch or roll between two times."""
-        counts = [a.counts for at, a in self.actions if isinstance(a, SendSticks) and begin <= at < end]
-        return max(max(abs(each.pitch), abs(each.roll)) for each in counts)
+        return max(max(abs(each.pitch), abs(each.roll)) for each in self.counts(begin, end))
 
     def phase_at(self, when):
-        return [a.phase for at, a in self.actions if isinstance(a, PublishStatus) and at <= when][-1]
+        return self.of(PublishStatus, end=when)[-1][1].phase
 
 
 class Leaning(Gated):
@@ -88,7 +87,7 @@ class Leaning(Gated):
         return super()._sticks()
 
     def _setpoint(self, goal, at):
-        return CoreRig._setpoint(self, goal, at)
+        return Told._setpoint(self, goal, at)
 
     def record_end(self):
         """How far it is from the middle now [m]."""
@@ -140,7 +139,7 @@ def test_a_shut_gate_is_noticed_told_and_nothing_winds_up(silent):
     # goes on with small ones.
     assert silent.sticks(noticed + 0.3, noticed + 0.8) == 0
     assert silent.sticks(OPENED - 0.1, OPENED) <= 30
-    warnings = [action.text for _, action in silent.actions if isinstance(action, Warn)]
+    warnings = [action.text for _, action in silent.of(Warn)]
     assert any("does not answer its sticks" in text and "open the gate" in text for text in warnings)
 
 
@@ -155,8 +154,7 @@ def test_nothing_is_learnt_from_sticks_that_do_not_act(silent):
     gains = [value.stick_gain for value in silent.estimates]
     assert gains[-1] == 1.0
     noticed = silent.phases()[Phase.UNANSWERED]
-    told = [a.text for at, a in silent.actions if isinstance(a, Warn) and at > noticed]
-    assert not any("angle per stick count" in text for text in told)
+    assert not any("angle per stick count" in action.text for _, action in silent.of(Warn, noticed))
 
 
 def test_an_opened_gate_is_flown_through_again_where_the_aircraft_is(silent):

@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishEstimate, PublishStatus, ReleaseAircraft, ReportMode, SendSticks
+from mkdaemon.control.actions import PublishEstimate, ReleaseAircraft, ReportMode, SendSticks
 from mkdaemon.control.events import SetpointAccepted
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint
 from mksim.config import WindClass
+from tests.control.coreflights import Plan
 
 CALM = Flight(seed=4, wind=WindClass.NONE, seconds=5.5, start=3.0)
 LEVEL = {"roll": 0.0, "pitch": 0.0, "yaw_rate": 0.0, "thrust": 1.0}
@@ -26,12 +26,12 @@ SILENT = 5.1
 """From then on the client of a flight that leans says nothing [s]."""
 
 
-class Leans(CoreRig):
+class Leans(Plan):
     """Streams a level attitude, from 3 s on another one, and nothing after a while; poses come or not."""
 
-    def __init__(self, flight, *, until=math.inf, sees=True, **wanted):
-        super().__init__(flight)
-        self.wanted, self.until, self.sees = LEVEL | wanted, until, sees
+    def __init__(self, flight, *, until=math.inf, sees=True, leans=3.0, **wanted):
+        super().__init__(flight, (0.0, AttitudeSetpoint, LEVEL), (leans, AttitudeSetpoint, LEVEL | wanted))
+        self.until, self.sees = until, sees
 
     def _see(self, view, at):
         if self.sees:
@@ -43,17 +43,6 @@ class Leans(CoreRig):
         if at >= self.until:
             self.is_silent = True
         super()._control(at)
-
-    def _setpoint(self, goal, at):
-        fields = self.wanted if at >= 3.0 else LEVEL
-        return AttitudeSetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **fields)
-
-    def counts(self, start, end=math.inf):
-        """Sticks that left between two times."""
-        return [action.counts for at, action in self.actions if isinstance(action, SendSticks) and start <= at < end]
-
-    def began(self):
-        return next(at for at, a in self.actions if isinstance(a, ReportMode) and a.after is Phase.FLYING)
 
 
 def turned(rig, seconds):
@@ -90,10 +79,10 @@ def flown(rig):
 @pytest.mark.parametrize(("flight", "sees"), [("turning", True), ("level", False)])
 def test_a_level_attitude_begins_a_flight_after_a_second_with_and_without_a_target(flight, sees, request):
     rig = request.getfixturevalue(flight)
-    assert rig.began() == pytest.approx(rig.cfg.lease.engage_after, abs=0.1)
-    status = [action for _, action in rig.actions if isinstance(action, PublishStatus)][-1]
-    assert (status.phase, status.manoeuvre) == (Phase.FLYING, "attitude")
-    assert any(isinstance(action, PublishEstimate) for _, action in rig.actions) is sees
+    began, _ = rig.first(ReportMode, after=Phase.FLYING)
+    assert began == pytest.approx(rig.cfg.lease.engage_after, abs=0.1)
+    assert (rig.status.phase, rig.status.manoeuvre) == (Phase.FLYING, "attitude")
+    assert bool(rig.of(PublishEstimate)) is sees
 
 
 def test_an_attitude_leans_the_aircraft_the_way_it_says(leaning, level):
@@ -115,19 +104,14 @@ def test_thrust_is_a_share_of_the_weight_and_a_yaw_rate_turns(turning, level):
 def test_an_attitude_that_is_too_old_gives_neutral_sticks_and_then_a_release_never_a_frozen_tilt(leaning):
     ttl, after = leaning.cfg.limiter.setpoint_ttl, leaning.cfg.lease.release_after
     assert {(c.pitch, c.roll) for c in leaning.counts(SILENT + ttl + 0.03, SILENT + after)} == {(0, 0)}
-    released = next(at for at, action in leaning.actions if isinstance(action, ReleaseAircraft))
-    assert released == pytest.approx(SILENT + after, abs=0.1)
+    assert leaning.first(ReleaseAircraft)[0] == pytest.approx(SILENT + after, abs=0.1)
 
 
 def test_an_attitude_begins_no_flight_while_it_leans_and_reaches_no_wire_under_an_old_epoch():
-    rig = Leans(replace(CALM, seconds=3.0), sees=False)
-    rig._setpoint = lambda goal, at: AttitudeSetpoint(
-        epoch=rig._epoch, sequence=rig._sequence, ttl=0.3, **(LEVEL | {"pitch": LEAN})
-    )
+    rig = Leans(replace(CALM, seconds=3.0), sees=False, leans=0.0, pitch=LEAN)
     rig.fly()
-    assert rig.counts(0.0) == []
-    status = [action for _, action in rig.actions if isinstance(action, PublishStatus)][-1]
-    assert status.reason.endswith("waiting for a level attitude")
+    assert rig.counts() == []
+    assert rig.status.reason.endswith("waiting for a level attitude")
     old = AttitudeSetpoint(epoch=rig._epoch - 1, sequence=9999, ttl=0.3, **LEVEL)
     refused = rig.core.feed(SetpointAccepted(old, rig._epoch), 3.5).refusal
     assert refused.token == "wrong_epoch"
@@ -136,7 +120,7 @@ def test_an_attitude_begins_no_flight_while_it_leans_and_reaches_no_wire_under_a
 def test_the_limiter_bounds_tilt_and_its_rate_of_change():
     rig = Leans(replace(CALM, seconds=3.4), sees=False, pitch=math.radians(44.0), yaw_rate=3.0)
     rig.fly()
-    sent = [(at, a) for at, a in rig.actions if isinstance(a, SendSticks) and 2.9 < at < 3.3]
+    sent = rig.of(SendSticks, 2.9, 3.3)
     limits = rig.cfg.limiter
     assert max(a.counts.pitch for _, a in sent) == limits.max_pitch
     assert max(a.counts.yaw for _, a in sent) <= limits.max_yaw

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from lab.control.corerig import CoreRig, stamp
+from lab.control.corerig import stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.activeset import UNREAD
@@ -17,6 +17,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
 from mksim.config import WindClass
 from tests.control.admission.situations import situation_of
+from tests.control.coreflights import UntilReleased
 from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2
@@ -101,7 +102,7 @@ def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
         drive.run(2 * LASTING)
 
 
-class RunsEmpty(CoreRig):
+class RunsEmpty(UntilReleased):
     """The simulated battery loses voltage in flight; the board's alarm is at 12.8 V."""
 
     drop_at = 3.0
@@ -117,18 +118,12 @@ class RunsEmpty(CoreRig):
         voltage = self._world.sensors.battery_voltage
         self.core.feed(StateValue(battery(voltage, is_low=voltage < 12.8, at=at)), at)
 
-    def _is_over(self, at):
-        return super()._is_over(at) or bool(self.of(ReleaseAircraft))
-
-    def of(self, kind):
-        return [(at, action) for at, action in self.actions if isinstance(action, kind)]
-
 
 def test_over_its_target_it_lands_there_whatever_is_streamed():
     rig = RunsEmpty(CALM)
     record = rig.fly()
     assert record.lost == ""
-    began, landing = next((at, a) for at, a in rig.of(ReportMode) if a.after is Phase.LANDING)
+    began, landing = rig.first(ReportMode, after=Phase.LANDING)
     assert began == pytest.approx(RunsEmpty.drop_at + LASTING, abs=0.4)
     assert landing.reason.endswith("It lands on the target.")
     [(_, failsafe)] = rig.of(ReportFailsafe)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from lab.rigs.confirmingboard import ConfirmingBoard
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
@@ -16,13 +15,14 @@ from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mksim.config import WindClass
+from tests.control.coreflights import Told
 from tests.control.test_answers import SHUT, Gated
 
 STEP = 6.0
 """The client asks for a place 1 m away, and the uplink breaks [s]."""
 
 
-class Stepping(ConfirmingBoard, CoreRig):
+class Stepping(ConfirmingBoard, Told):
     """A client holds a place beside the target, then asks for one on its other side."""
 
     farthest = 0.0
@@ -45,7 +45,7 @@ class Stepping(ConfirmingBoard, CoreRig):
             self.beside.append(math.dist(self.estimates[-1].position[:2], self._place(at)[:2]))
 
     def phases(self):
-        return {action.phase for _, action in self.actions if isinstance(action, PublishStatus)}
+        return {action.phase for _, action in self.of(PublishStatus)}
 
 
 def stepping(seed, seconds=5.0):
@@ -59,7 +59,7 @@ def test_a_broken_uplink_is_no_aircraft_that_does_not_obey():
     rig.broken = (STEP, STEP + 0.6)
     rig.record = rig.fly()
     assert rig.record.lost == ""
-    assert not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
+    assert not rig.of(ReleaseAircraft)
     assert Phase.UNANSWERED not in rig.phases()
     assert rig.farthest < 1.2
 
@@ -73,7 +73,8 @@ def test_sticks_that_did_not_arrive_are_not_believed_to_act():
     rig = stepping(5)
     rig.broken = (STEP + 0.15, STEP + 0.85)
     record = rig.fly()
-    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
+    assert record.lost == ""
+    assert not rig.of(ReleaseAircraft)
     assert max(rig.beside) < 0.4
 
 
@@ -87,7 +88,8 @@ def test_an_uplink_that_heals_while_the_downlink_is_silent_gets_no_correction_tw
     breaks = STEP + 0.4
     rig.broken, rig.silent = (breaks, breaks + 0.32), (breaks + 0.32, breaks + 0.72)
     record = rig.fly()
-    assert record.lost == "" and not [action for _, action in rig.actions if isinstance(action, ReleaseAircraft)]
+    assert record.lost == ""
+    assert not rig.of(ReleaseAircraft)
     assert rig.farthest < 1.2
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig, stamp
+from lab.control.corerig import stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, Warn
 from mkdaemon.control.causes import ATTITUDE_OVERDUE, causes
@@ -17,6 +17,7 @@ from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Cause, CauseKind, trouble_words
 from mkdaemon.telemetry.vision import PoseRefusal, PoseRefused
 from mksim.config import WindClass
+from tests.control.coreflights import Told
 
 GONE = 3.5
 """From then on no image gives a pose [s]."""
@@ -76,7 +77,7 @@ def test_the_line_begins_with_the_effect_and_ends_with_the_time_left():
     assert trouble_words((), None) == ""
 
 
-class Refused(CoreRig):
+class Refused(Told):
     """The target stays in the image, and every pose is refused."""
 
     def _control(self, at):
@@ -94,23 +95,22 @@ def flown():
 
 
 def test_the_release_names_its_causes(flown):
-    release = next(action for _, action in flown.actions if isinstance(action, ReleaseAircraft))
+    _, release = flown.first(ReleaseAircraft)
     assert release.reason.startswith("no image of pad for 3.0 s; tag in view, ")
     assert "poses refused off_course" in release.reason
 
 
 def test_the_status_counts_down_to_the_release(flown):
-    told = [(at, action) for at, action in flown.actions if isinstance(action, PublishStatus) and action.causes]
+    told = [(at, action) for at, action in flown.of(PublishStatus) if action.causes]
     assert told[0][0] == pytest.approx(GONE + 0.5, abs=0.2)
     left = [action.releases_in for _, action in told]
     assert left == sorted(left, reverse=True)
     assert left[-1] < 0.3
     assert max(b - a for (a, _), (b, _) in pairwise(told)) < 0.25
-    warnings = [action.text for _, action in flown.actions if isinstance(action, Warn) and "NO POSE" in action.text]
-    assert len(warnings) == 1
+    assert ["NO POSE" in action.text for _, action in flown.of(Warn)].count(True) == 1
 
 
 def test_a_flight_with_poses_is_not_in_trouble(flown):
-    early = [action for at, action in flown.actions if isinstance(action, PublishStatus) and at < GONE]
+    early = [action for _, action in flown.of(PublishStatus, end=GONE)]
     assert early
     assert not any(action.causes or action.trouble for action in early)

@@ -4,14 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.control.actions import (
-    PublishStatus,
-    ReportCommand,
-    ReportFailsafe,
-    ReportMode,
-    SendSticks,
-    Warn,
-)
+from mkdaemon.control.actions import PublishStatus, ReportCommand, ReportFailsafe, ReportMode, SendSticks, Warn
 from mkdaemon.control.events import (
     ClientGone,
     FrameConfirmed,

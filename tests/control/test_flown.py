@@ -17,12 +17,7 @@ from mkdaemon.control.manoeuvres.manoeuvre import Step, level_at
 from mkdaemon.control.manoeuvres.stick import Stick
 from mkdaemon.control.manoeuvres.take_off import TakeOffFlight, TakeOffPhase
 from mkdaemon.telemetry.control import Outcome, Phase
-from mkdaemon.telemetry.setpoint import (
-    HoldSetpoint,
-    LandSetpoint,
-    StickSetpoint,
-    TakeOffSetpoint,
-)
+from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
 from tests.control.events import pose
 from tests.control.flying import Flying
 

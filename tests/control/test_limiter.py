@@ -10,16 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER, LimiterConfig
-from mkdaemon.control.limiter import (
-    GESTURE_LOW,
-    GESTURE_YAW,
-    LONGEST_STEP,
-    RANGES,
-    StickCounts,
-    Sticks,
-    count,
-    limit,
-)
+from mkdaemon.control.limiter import GESTURE_LOW, GESTURE_YAW, LONGEST_STEP, RANGES, StickCounts, Sticks, count, limit
 
 WIDE = LimiterConfig(
     max_pitch=127, max_roll=127, max_yaw=127, min_throttle=-127, max_throttle=127, slew=20_000, throttle_slew=20_000

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig, stamp
+from lab.control.corerig import stamp
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, SendSticks
-from mkdaemon.control.events import AbortAsked, MotorsReported
+from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, ReportMode
+from mkdaemon.control.events import AbortAsked
 from mkdaemon.telemetry.command import AbortRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import (
@@ -25,6 +25,7 @@ from mkdaemon.telemetry.setpoint import (
 )
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
+from tests.control.coreflights import Plan, UntilReleased
 from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -32,31 +33,9 @@ GROUND = Flight(seed=4, wind=WindClass.INDOOR, seconds=9.2, start=0.0, place=(0.
 CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
 
 
-class Plan(CoreRig):
-    """Streams what a plan says: times [s] and setpoints, and asks for an abort at a time [s]."""
-
-    def __init__(self, flight, *plan, abort_at=math.inf, motors=True):
-        super().__init__(flight)
-        self.plan, self.abort_at, self.motors = plan, abort_at, motors
-
-    def _control(self, at):
-        self.core.feed(MotorsReported(self.motors), at)
-        if at >= self.abort_at:
-            self.abort_at = math.inf
-            self.core.feed(AbortAsked(AbortRequest(reason="the operator saw something")), 0.0)
-        super()._control(at)
-
-    def _setpoint(self, goal, at):
-        kind, fields = next((k, f) for start, k, f in reversed(self.plan) if at >= start)
-        return kind(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **fields)
-
-    def statuses(self):
-        """What was published, without repetitions."""
-        shown = [action for _, action in self.actions if isinstance(action, PublishStatus)]
-        return list(dict.fromkeys((s.manoeuvre, s.stage, s.is_done) for s in shown))
-
-    def release_reason(self):
-        return next(action.reason for _, action in self.actions if isinstance(action, ReleaseAircraft))
+def statuses(rig):
+    """What was published, without repetitions."""
+    return list(dict.fromkeys((s.manoeuvre, s.stage, s.is_done) for _, s in rig.of(PublishStatus)))
 
 
 def hold():
@@ -68,34 +47,28 @@ def takeoff(height=1.2):
 
 
 def test_it_takes_off_from_a_target_it_hardly_sees_and_holds_over_its_middle():
-    rig = Plan(GROUND, takeoff())
+    rig = Plan(GROUND, takeoff(), motors=True)
     record = rig.fly()
     assert record.lost == ""
     assert record.positions[-1] == pytest.approx([0.0, 0.0, 1.2], abs=0.15)
-    assert [stage for manoeuvre, stage, _ in rig.statuses() if manoeuvre == "takeoff"] == [
-        "idle: the pilot raises his throttle",
-        "throttle rises",
-        "climbs",
-        "at height",
-    ]
-    assert rig.statuses()[-1] == ("takeoff", "at height", True)
-    before = [a.counts.throttle for at, a in rig.actions if isinstance(a, SendSticks) and at < 3.9]
-    assert set(before) == {-100}
+    stages = [stage for manoeuvre, stage, _ in statuses(rig) if manoeuvre == "takeoff"]
+    assert stages == ["idle: the pilot raises his throttle", "throttle rises", "climbs", "at height"]
+    assert statuses(rig)[-1] == ("takeoff", "at height", True)
+    assert {counts.throttle for counts in rig.counts(end=3.9)} == {-100}
 
 
 def test_a_take_off_that_no_image_shows_ends_with_a_release_that_says_what_to_look_at():
-    rig = Plan(replace(GROUND, camera=CameraModel(missing=1.0), seconds=8.0), takeoff())
+    rig = Plan(replace(GROUND, camera=CameraModel(missing=1.0), seconds=8.0), takeoff(), motors=True)
     rig.fly()
-    assert rig.release_reason().startswith("take-off ended: no image shows it off the ground")
-    # Blind throttle is bounded: it was released low.
-    released = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
-    assert released < 6.5
+    released_at, release = rig.first(ReleaseAircraft)
+    assert release.reason.startswith("take-off ended: no image shows it off the ground")
+    assert released_at < 6.5, "blind throttle is bounded: it was released low"
 
 
 def test_an_abort_before_the_lift_off_releases():
-    rig = Plan(replace(GROUND, seconds=3.0), takeoff(), abort_at=2.0)
+    rig = Plan(replace(GROUND, seconds=3.0), takeoff(), abort_at=2.0, motors=True)
     rig.fly()
-    assert rig.release_reason() == "take-off ended: aborted"
+    assert rig.first(ReleaseAircraft)[1].reason == "take-off ended: aborted"
 
 
 @pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
@@ -119,11 +92,6 @@ def stick(**fields):
     return StickSetpoint, {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": -2.0} | fields
 
 
-def goals(rig, start, end):
-    """Where the aircraft was to be between two times."""
-    return [np.array(a.value.goal) for at, a in rig.actions if isinstance(a, PublishError) and start < at < end]
-
-
 def place(record, at):
     return record.positions[next(k for k, time in enumerate(record.times) if time >= at)]
 
@@ -141,8 +109,8 @@ def held():
 
 def test_hold_stays_where_the_aircraft_is_and_says_so(held):
     rig, _ = held
-    assert [manoeuvre for manoeuvre, _, _ in rig.statuses()][-2:] == ["hold", "stick"]
-    errors = [a.value for at, a in rig.actions if isinstance(a, PublishError) and 4.6 < at < 6.0]
+    assert [manoeuvre for manoeuvre, _, _ in statuses(rig)][-2:] == ["hold", "stick"]
+    errors = [action.value for _, action in rig.of(PublishError, 4.6, 6.0)]
     assert len({error.goal for error in errors}) == 1
     assert np.linalg.norm(errors[-1].error_pad) < 0.2
     assert np.linalg.norm(errors[-1].error_body) == pytest.approx(np.linalg.norm(errors[-1].error_pad))
@@ -150,11 +118,11 @@ def test_hold_stays_where_the_aircraft_is_and_says_so(held):
 
 def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then(held):
     rig, record = held
-    first, second = goals(rig, 4.6, 6.0)[-1], goals(rig, 7.8, 8.6)
+    first, second = np.array(rig.goals(4.6, 6.0)[-1]), np.array(rig.goals(7.8, 8.6))
     moved = np.linalg.norm(place(record, 7.7)[:2] - first[:2])
     assert moved > 0.2, "the sticks moved it"
-    assert max(np.linalg.norm(goal - second[0]) for goal in second) < 1e-9
-    assert np.linalg.norm(second[0][:2] - first[:2]) > 0.8 * moved, "it does not fly back"
+    assert np.abs(second - second[0]).max() < 1e-9
+    assert np.linalg.norm(second[0, :2] - first[:2]) > 0.8 * moved, "it does not fly back"
 
 
 def test_an_aborted_landing_holds_where_the_aircraft_is_then():
@@ -163,30 +131,26 @@ def test_an_aborted_landing_holds_where_the_aircraft_is_then():
     record = rig.fly()
     assert record.lost == ""
     assert rig.core.phase is Phase.ABORTED
-    held, before = goals(rig, 4.2, 4.5)[-1], place(record, 7.5)
-    after = goals(rig, 7.7, 9.0)
+    held, before = np.array(rig.goals(4.2, 4.5)[-1]), place(record, 7.5)
     assert np.linalg.norm(before - held) > 0.4, "it had come nearer to the target"
-    assert max(np.linalg.norm(goal - before) for goal in after) < 0.35
+    assert max(np.linalg.norm(goal - before) for goal in np.array(rig.goals(7.7, 9.0))) < 0.35
+
+
+class AbortedLow(UntilReleased, Plan):
+    """Somebody asks for an abort as soon as the landing has committed."""
+
+    def _control(self, at):
+        landing = getattr(self.core._flown.current, "landing", None)
+        if landing is not None and landing.phase.value == "commit" and self.core.phase is Phase.FLYING:
+            self.abort_at = at
+        super()._control(at)
 
 
 def test_a_landing_below_its_last_decision_is_not_aborted():
-    rig = Plan(replace(CALM, seconds=14.0, land_at=2.5), hold(), (2.5, LandSetpoint, {}))
-
-    def is_committed():
-        landing = getattr(rig.core._flown.current, "landing", None)
-        return landing is not None and landing.phase.value == "commit"
-
-    flown = rig._control
-
-    def control(at):
-        if is_committed() and rig.core.phase is Phase.FLYING:
-            rig.core.feed(AbortAsked(AbortRequest()), 0.0)
-        flown(at)
-
-    rig._control = control
-    rig._is_over = lambda at: any(isinstance(action, ReleaseAircraft) for _, action in rig.actions[-9:])
+    rig = AbortedLow(replace(CALM, seconds=14.0, land_at=2.5), hold(), (2.5, LandSetpoint, {}))
     record = rig.fly()
-    assert rig.release_reason() == "landed on pad"
+    assert rig.first(ReportMode, after=Phase.ABORTED)
+    assert rig.first(ReleaseAircraft)[1].reason == "landed on pad"
     assert record.touch_error < 0.2
 
 
@@ -212,22 +176,20 @@ def aborted():
 def test_an_abort_holds_the_place_and_keeps_the_lease(aborted):
     rig, record = aborted
     assert math.hypot(*place(record, RESUMED)[:2]) < 0.4
-    shown = [action for at, action in rig.actions if isinstance(action, PublishStatus) and at < RESUMED]
-    assert (shown[-1].phase, shown[-1].reason) == (Phase.ABORTED, "aborted: the operator saw something")
+    _, shown = rig.of(PublishStatus, end=RESUMED)[-1]
+    assert (shown.phase, shown.reason) == (Phase.ABORTED, "aborted: the operator saw something")
 
 
 def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others(aborted):
     rig, _ = aborted
-    shown = [(at, action) for at, action in rig.actions if isinstance(action, PublishStatus)]
-    first = next(at for at, action in shown if action.phase is Phase.ABORTED)
-    resumed = next(at for at, action in shown if action.phase is Phase.FLYING and at > first)
+    first, _ = rig.first(PublishStatus, phase=Phase.ABORTED)
+    resumed, status = rig.first(PublishStatus, first, phase=Phase.FLYING)
     assert (first, resumed) == pytest.approx((ABORTED, RESUMED), abs=0.03)
-    assert {action.manoeuvre for at, action in shown if first < at < resumed} == {"hold"}
-    assert {(action.manoeuvre, action.aborts) for at, action in shown if at == resumed} == {("position", 1)}
+    assert {action.manoeuvre for at, action in rig.of(PublishStatus, first, resumed) if at > first} == {"hold"}
+    assert (status.manoeuvre, status.aborts) == ("position", 1)
 
 
 def test_a_second_abort_is_not_ended_by_the_number_of_the_first(aborted):
     rig, _ = aborted
-    phases = [action.phase for _, action in rig.actions if isinstance(action, PublishStatus)]
-    changes = [phase for phase, before in zip(phases[1:], phases, strict=False) if phase is not before]
+    changes = [action.after for _, action in rig.of(ReportMode)]
     assert changes[-3:] == [Phase.ABORTED, Phase.FLYING, Phase.ABORTED]

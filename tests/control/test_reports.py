@@ -5,14 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mkdaemon.config.control import ControlConfig
-from mkdaemon.control.actions import (
-    PublishError,
-    PublishEstimate,
-    PublishStatus,
-    ReportFailsafe,
-    ReportMode,
-    Warn,
-)
+from mkdaemon.control.actions import PublishError, PublishEstimate, PublishStatus, ReportFailsafe, ReportMode, Warn
 from mkdaemon.control.authority import Authority
 from mkdaemon.control.estimator.values import ViewFault
 from mkdaemon.control.output import StickOutput

@@ -13,14 +13,7 @@ from mkdaemon.control.estimator.liftoff import LiftOff
 from mkdaemon.control.estimator.model import LEVEL_STATES, NO_FILTER, AircraftModel, D, P, T, V
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, TargetView, ViewFault
 from mkdaemon.control.limiter import StickCounts
-from mkdaemon.control.sight import (
-    FORGOTTEN,
-    Sight,
-    checked_view,
-    turned,
-    velocity_between,
-    view_of,
-)
+from mkdaemon.control.sight import FORGOTTEN, Sight, checked_view, turned, velocity_between, view_of
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.link import LinkHealth
 from mkdaemon.telemetry.state import AngleScale, Attitude

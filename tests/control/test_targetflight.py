@@ -9,36 +9,27 @@ import numpy as np
 import pytest
 
 from lab.control.camera import CameraModel, rotation_of
-from lab.control.corerig import CoreRig, stamp
 from lab.control.flights import Flight
 from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import (
     PublishError,
     PublishEstimate,
-    PublishStatus,
     ReleaseAircraft,
     ReportCommand,
     ReportFailsafe,
     ReportMode,
     SendSticks,
 )
-from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.events import Released
 from mkdaemon.control.manoeuvres.land import LandingPhase
 from mkdaemon.control.sight import velocity_between
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.telemetry.setpoint import (
-    LandSetpoint,
-    SetpointFrame,
-    VelocitySetpoint,
-)
-from mkdaemon.telemetry.state import AngleScale, Attitude
+from mkdaemon.telemetry.setpoint import LandSetpoint, SetpointFrame, VelocitySetpoint
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
-from tests.control.events import pose
-from tests.control.flying import Flying
+from tests.control.coreflights import Plan, Told, UntilReleased
 
 CFG = AutopilotConfig()
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -48,7 +39,7 @@ CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=7.0)
 @pytest.fixture(scope="module")
 def held():
     """A flight that holds a position, one second of it out of sight, and its record; nobody changes either."""
-    rig = CoreRig(replace(CALM, camera=CameraModel(gone=((3.0, 4.0),))))
+    rig = Told(replace(CALM, camera=CameraModel(gone=((3.0, 4.0),))))
     return rig, rig.fly()
 
 
@@ -64,53 +55,41 @@ def test_the_core_holds_a_position_after_a_short_loss_of_sight_too_and_says_what
     spread = np.array(last.covariance)
     assert np.sqrt(spread[:, 0]) == pytest.approx(last.position_sd)
     assert (spread[:, 0] * spread[:, 2] > spread[:, 1] ** 2).all(), "positive definite"
-    sent = [action for _, action in rig.actions if isinstance(action, SendSticks)]
-    assert all(s.is_limited is (s.wanted != s.counts) for s in sent[-50:])
+    assert all(s.is_limited is (s.wanted != s.counts) for _, s in rig.of(SendSticks)[-50:])
 
 
 def test_no_flight_begins_before_images_have_agreed_for_a_while(held):
     rig, _ = held
-    began = next(at for at, action in rig.actions if isinstance(action, ReportMode) and action.after is Phase.FLYING)
+    began, _ = rig.first(ReportMode, after=Phase.FLYING)
     assert began >= CFG.entry_clean
-    assert not any(isinstance(action, SendSticks) for at, action in rig.actions if at < began)
+    assert not rig.of(SendSticks, end=began)
 
 
 def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_released():
     gone = 3.5
     rig = UntilReleased(replace(CALM, camera=CameraModel(gone=((gone, 99.0),))))
     record = rig.fly()
-    released = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
+    released, release = rig.first(ReleaseAircraft)
     assert released == pytest.approx(gone + CFG.exit_after, abs=0.3)
+    assert "no image of pad" in release.reason
     place = dict(zip(record.times, record.positions, strict=True))
     before, after = place[min(place, key=lambda at: abs(at - gone))], record.positions[-1]
     assert after[2] > before[2] + 0.4
     # Without images only the model tells where it is, to 1.7 m after 3 s.
     assert np.hypot(*after[:2]) < max(rig.estimates[-1].position_sd[:2]), "it stays over the target"
-    reason = next(a.reason for at, a in rig.actions if isinstance(a, ReleaseAircraft))
-    assert "no image of pad" in reason
 
 
 LANDS = 4.0
 """When the client asks to land [s]."""
 
 
-class UntilReleased(CoreRig):
-    """Ends with its release: who flies afterwards would have to be told of the whole flight."""
-
-    def _is_over(self, at):
-        super()._is_over(at)
-        return any(isinstance(action, ReleaseAircraft) for _, action in self.actions[-9:])
-
-
-class Lands(UntilReleased):
+class Lands(UntilReleased, Plan):
     """From then on the client asks to land; keeps what was true when it was said to be down."""
 
     stood: bool | None = None
 
-    def _setpoint(self, goal, at):
-        if at < LANDS:
-            return super()._setpoint(goal, at)
-        return LandSetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3)
+    def __init__(self, flight):
+        super().__init__(flight, (LANDS, LandSetpoint, {}))
 
     def _control(self, at):
         super()._control(at)
@@ -128,24 +107,17 @@ def landed():
 
 def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(landed):
     rig, record = landed
-    released_at, released = next((at, action) for at, action in rig.actions if isinstance(action, ReleaseAircraft))
+    released_at, released = rig.first(ReleaseAircraft)
     assert record.touch_error < 0.12
     assert record.touch_sink < 0.6
     assert released.reason == "landed on pad"
-    hands = [action.hands for at, action in rig.actions if isinstance(action, PublishStatus)][-1]
-    assert hands.startswith("pulls the throttle down")
+    assert rig.status.hands.startswith("pulls the throttle down")
     assert released_at >= record.touched + 0.3
-    last = [action.counts.throttle for at, action in rig.actions if isinstance(action, SendSticks)][-1]
-    assert last <= -90
-    refused = [at for at, action in rig.actions if isinstance(action, ReportCommand) and action.result.token]
-    assert not [at for at in refused if LANDS < at < released_at]
+    assert rig.counts()[-1].throttle <= -90
+    assert not [report for _, report in rig.of(ReportCommand, LANDS, released_at) if report.result.token]
     rig.core.feed(Released(None), released_at)
-    assert not any(isinstance(action, ReportFailsafe) for at, action in [*rig.actions, *told(rig.core, released_at)])
-
-
-def told(core, at):
-    """What the core says next, with its time."""
-    return [(at, action) for action in core.tick(at)]
+    rig.actions += [(released_at, action) for action in rig.core.tick(released_at)]
+    assert not rig.of(ReportFailsafe)
 
 
 def land_in_wind(gone):
@@ -165,13 +137,11 @@ def blind_at_its_end():
 def test_the_estimate_ends_where_the_feet_stand(flight, request):
     rig, record = request.getfixturevalue(flight)
     assert record.touch_error < 0.2
-    released_at = next(at for at, action in rig.actions if isinstance(action, ReleaseAircraft))
-    last_at, last = [(at, action.value) for at, action in rig.actions if isinstance(action, PublishEstimate)][-1]
-    errors_until = max(at for at, action in rig.actions if isinstance(action, PublishError))
-    assert last_at < released_at - 0.3
-    assert errors_until <= last_at
+    last_at, last = rig.of(PublishEstimate)[-1]
+    assert last_at < rig.first(ReleaseAircraft)[0] - 0.3
+    assert rig.of(PublishError)[-1][0] <= last_at
     assert min(value.position[2] for value in rig.estimates) > 0.0
-    assert last.velocity[2] > -1.0
+    assert last.value.velocity[2] > -1.0
 
 
 def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air(blind_at_its_end):
@@ -184,12 +154,11 @@ def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air(blind
 def test_a_descent_without_images_before_the_commit_rises_then_is_released_and_never_down():
     gone = 8.05
     rig, _ = land_in_wind(gone)
-    released_at, release = next((at, action) for at, action in rig.actions if isinstance(action, ReleaseAircraft))
+    released_at, release = rig.first(ReleaseAircraft)
     assert rig.stood is None
     assert released_at == pytest.approx(gone + CFG.exit_after, abs=0.2)
     assert "no image of pad" in release.reason
-    search = [a.counts for at, a in rig.actions if isinstance(a, SendSticks) and gone + 1.2 < at < released_at]
-    assert min(counts.throttle for counts in search) > -30
+    assert min(counts.throttle for counts in rig.counts(gone + 1.2, released_at)) > -30
 
 
 class ByFewImages(Lands):
@@ -208,19 +177,10 @@ def test_a_landing_by_two_images_a_second_comes_down():
     assert rig.stood is True
 
 
-class ByVelocity(CoreRig):
-    """From 4 s on the client asks for 0.3 m/s forward, from 6 s on to turn left on the spot."""
-
-    def _setpoint(self, goal, at):
-        if at < 4.0:
-            return super()._setpoint(goal, at)
-        velocity = {"velocity": (0.3, 0.0, 0.0), "frame": SetpointFrame.BODY}
-        turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
-        return VelocitySetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3, **(velocity if at < 6.0 else turn))
-
-
 def test_a_velocity_is_flown_in_its_frame_and_then_turns():
-    rig = ByVelocity(replace(CALM, seconds=8.0))
+    forward = {"velocity": (0.3, 0.0, 0.0), "frame": SetpointFrame.BODY}
+    turn = {"velocity": (0.0, 0.0, 0.0), "frame": SetpointFrame.PAD, "yaw_rate": 0.15}
+    rig = Plan(replace(CALM, seconds=8.0), (4.0, VelocitySetpoint, forward), (6.0, VelocitySetpoint, turn))
     record = rig.fly()
     start, end = (next(k for k, time in enumerate(record.times) if time > at) for at in (4.0, 6.0))
     x, y, z = record.positions[end] - record.positions[start]
@@ -241,32 +201,9 @@ def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_he
     assert math.hypot(*record.errors[-1][:2]) < 0.5
 
 
-@pytest.mark.parametrize(("scale", "factor"), [(AngleScale.FLIGHTCTRL, 1.13), (AngleScale.STICKS, 1.0)])
-def test_the_flightctrls_own_attitude_is_larger_than_what_its_sticks_ask_for(scale, factor, monkeypatch):
-    flying = Flying()
-    flying.see(pose(1.0), 1.0)
-    target, taken = flying.sight, []
-    monkeypatch.setattr(target.estimator, "attitude_received", lambda at, *angles: taken.append(angles))
-    quaternion = (1.0, 0.0, 0.0, 0.0)
-    target.attitude_received(
-        Attitude(stamp=stamp(1.1), source="", quaternion=quaternion, pitch=0.113, roll=-0.113, yaw=0.5, scale=scale)
-    )
-    assert taken == [pytest.approx((0.113 / factor, -0.113 / factor, 0.5))]
-
-
 def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_aircraft():
     spread = np.diag([0.5, 0.5, 0.1, 0.5, 0.5, 0.01]) ** 2
     before = TargetView(1.0, np.array([-0.30, 0.0, -1.00]), rotation_of(np.array([0.0, 0.3, 0.0])), spread)
     view = TargetView(1.04, np.array([-0.32, 0.0, -1.04]), rotation_of(np.array([0.2, -0.2, 0.0])), spread)
     assert velocity_between(before, view) == pytest.approx([0.5, 0.0, 1.0], abs=0.02)
     assert velocity_between(before, before) is None
-
-
-def test_another_model_begins_the_estimate_anew():
-    flying = Flying()
-    flying.see(pose(1.0), 1.0)
-    target = flying.sight
-    target.model_known(AircraftModel())
-    assert target.estimate(1.1) is not None
-    target.model_known(replace(AircraftModel(), drag=0.2))
-    assert target.estimate(1.2) is None

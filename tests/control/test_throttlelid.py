@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.control.corerig import CoreRig, stamp
+from lab.control.corerig import stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishStatus, SendSticks, Warn
 from mkdaemon.control.estimator.values import GAS_CENTRE, OURS, ThrottleUse
@@ -18,6 +18,7 @@ from mkdaemon.control.vehicle import FRESH, ThrottleReport
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
+from tests.control.coreflights import Told
 
 PERIOD = 0.02
 LID = -14.0
@@ -100,7 +101,7 @@ def test_once_reports_end_nothing_confirms_that_ours_acts_and_another_flight_beg
     assert lid.use == OURS
 
 
-class Capped(CoreRig):
+class Capped(Told):
     """The pilot's throttle is a lid for a while; the FlightCtrl reports what it flies with five times a second."""
 
     lid, begins, ends, scale = LID, 4.0, 5.5, 1.0
@@ -135,11 +136,7 @@ class Pinned(Capped):
 
     def sent(self, start, end):
         """Throttles that were made when the lid was known: it takes 0.4 s to know one."""
-        return [
-            action.counts.throttle
-            for at, action in self.actions
-            if isinstance(action, SendSticks) and start <= at < end and at in self.known
-        ]
+        return [action.counts.throttle for at, action in self.of(SendSticks, start, end) if at in self.known]
 
 
 def test_no_throttle_winds_up_under_a_lid_and_none_leaps_when_the_pilot_raises_it():
@@ -174,13 +171,13 @@ def test_a_pilot_who_holds_his_throttle_too_low_is_noticed_and_the_flight_goes_o
     rig = Capped(Flight(seed=4, wind=WindClass.INDOOR, seconds=9.0))
     record = rig.fly()
     assert record.lost == ""
-    shown = [(at, action.pilots_throttle) for at, action in rig.actions if isinstance(action, PublishStatus)]
+    shown = [(at, action.pilots_throttle) for at, action in rig.of(PublishStatus)]
     capped = [at for at, lid in shown if lid is not None]
     assert 4.4 < capped[0] < 5.0
     assert {lid for _, lid in shown} == {None, LID}
     assert 5.5 < next(at for at, lid in shown if lid is None and at > capped[0]) < 6.1
-    [warning] = [action.text for _, action in rig.actions if isinstance(action, Warn)]
-    assert warning.startswith("the pilot's throttle (-14) caps ours: the aircraft sinks")
+    [(_, warning)] = rig.of(Warn)
+    assert warning.text.startswith("the pilot's throttle (-14) caps ours: the aircraft sinks")
     heights = np.array(record.positions)[:, 2]
     times = np.array(record.times)
     assert heights[(times > 5.0) & (times < 6.2)].min() < 1.7, "nothing could be done"

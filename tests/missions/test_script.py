@@ -9,15 +9,7 @@ import pytest
 
 from lab.places import ROOT
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions.script import (
-    GotoStep,
-    LandStep,
-    PathStep,
-    PathStepPoint,
-    TakeOffStep,
-    WaitStep,
-    read_script,
-)
+from mkdaemon.missions.script import GotoStep, LandStep, PathStep, PathStepPoint, TakeOffStep, WaitStep, read_script
 
 GOOD = """
 [[step]]

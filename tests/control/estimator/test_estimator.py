@@ -16,15 +16,7 @@ from mkdaemon.control.estimator.cameras import TOGETHER, Cameras
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, B, D, P, S, T, V
 from mkdaemon.control.estimator.rollback import MEMORY, STEP, RollbackFilter
-from mkdaemon.control.estimator.values import (
-    FUTURE,
-    OURS,
-    StickCommand,
-    TargetView,
-    ThrottleUse,
-    ViewFault,
-    fault_of,
-)
+from mkdaemon.control.estimator.values import FUTURE, OURS, StickCommand, TargetView, ThrottleUse, ViewFault, fault_of
 from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference
 

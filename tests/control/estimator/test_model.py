@@ -7,23 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mkdaemon.control.estimator.model import (
-    LEVEL_STATES,
-    TH,
-    US,
-    AircraftModel,
-    B,
-    D,
-    E,
-    F,
-    H,
-    P,
-    S,
-    T,
-    V,
-    W,
-    Z,
-)
+from mkdaemon.control.estimator.model import LEVEL_STATES, TH, US, AircraftModel, B, D, E, F, H, P, S, T, V, W, Z
 
 MODEL = AircraftModel()
 TINY = 1e-6

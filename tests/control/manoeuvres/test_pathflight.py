@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import CoreRig
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishError, PublishPath, PublishStatus, ReleaseAircraft
 from mkdaemon.control.events import AbortAsked, PathUploaded, SetpointAccepted
@@ -24,6 +23,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.path import PathPoint, PathUploadRequest
 from mkdaemon.telemetry.setpoint import HoldSetpoint, PathSetpoint
 from mksim.config import WindClass
+from tests.control.coreflights import Told
 from tests.control.events import Driver
 
 CIRCLE = PathUploadRequest(
@@ -42,7 +42,7 @@ PAUSED, GOES_ON, GONE, ABORTED = AGAIN + 4.0, AGAIN + 7.0, AGAIN + 7.5, AGAIN + 
 CHANGES = ((AGAIN, {"run": 1}), (PAUSED, {"paused": True}), (GOES_ON, {"paused": False}))
 
 
-class PathRig(CoreRig):
+class PathRig(Told):
     """Holds, flies along the circle, and begins it again: with a pause, a loss of sight and an abort.
 
     Attributes:
@@ -80,9 +80,6 @@ class PathRig(CoreRig):
                 self.away.append(math.dist(self._world.truth.position_enu[:2], action.value.goal[:2]))
         self._looked = len(self.actions)
 
-    def published(self, kind, since=0.0, until=math.inf):
-        return [(at, action) for at, action in self.actions if isinstance(action, kind) and since <= at < until]
-
 
 @pytest.fixture(scope="module")
 def flown():
@@ -99,8 +96,8 @@ def test_a_path_is_followed_to_its_end_and_shown(flown):
     assert float(np.sqrt(np.mean(np.square(rig.away)))) < 0.08
     end = record.positions[next(k for k, at in enumerate(record.times) if at > AGAIN)]
     assert end == pytest.approx([0.4, 0.0, 2.0], abs=0.15)
-    assert rig.published(PublishStatus, until=AGAIN)[-1][1].is_done
-    shown = [action.value for _, action in rig.published(PublishPath, until=AGAIN)]
+    assert rig.of(PublishStatus, end=AGAIN)[-1][1].is_done
+    shown = [action.value for _, action in rig.of(PublishPath, end=AGAIN)]
     assert {(value.id, value.target, value.is_paused) for value in shown} == {(rig.id, "pad", False)}
     assert all(len(value.points) == 100 and value.points[0] == (0.4, 0.0, 2.0) for value in shown)
     progress = [value.progress for value in shown]
@@ -115,18 +112,18 @@ def test_another_run_begins_at_the_first_point_again_and_an_abort_holds(flown):
     run = [stage for at, stage in rig.stages if at >= AGAIN]
     assert run == [APPROACHES, FOLLOWS, PAUSES, FOLLOWS, SEARCHES, APPROACHES, FOLLOWS]
     assert rig.core.phase is Phase.ABORTED
-    assert rig.published(PublishStatus)[-1][1].manoeuvre == "hold"
-    last = rig.published(PublishPath)[-1]
+    assert rig.of(PublishStatus)[-1][1].manoeuvre == "hold"
+    last = rig.of(PublishPath)[-1]
     assert last[0] < ABORTED + 0.1 and 0.0 < last[1].value.progress < 0.9
 
 
 def test_a_pause_stops_smoothly_and_the_flight_goes_on_from_there(flown):
     rig, _ = flown
-    paused = [(at, action.value) for at, action in rig.published(PublishPath) if action.value.is_paused]
+    paused = [(at, action.value) for at, action in rig.of(PublishPath) if action.value.is_paused]
     standing = {round(value.progress, 6) for at, value in paused if at > PAUSED + 2.0}
     assert len(standing) == 1 and 0.1 < next(iter(standing)) < 0.9
     assert {value.rate for at, value in paused if at > PAUSED + 2.0} == {0.0}
-    errors = rig.published(PublishError, PAUSED - 0.5, PAUSED + 2.0)
+    errors = rig.of(PublishError, PAUSED - 0.5, PAUSED + 2.0)
     goals = [(at, action.value.goal) for at, action in errors]
     steps = [math.dist(before, after) / (until - since) for (since, before), (until, after) in pairwise(goals)]
     assert max(steps) < 0.5 and steps[-1] == 0.0
@@ -136,8 +133,8 @@ def test_a_pause_stops_smoothly_and_the_flight_goes_on_from_there(flown):
 
 def test_a_target_out_of_sight_stops_the_clock_and_after_the_search_the_flight_goes_on(flown):
     rig, _ = flown
-    assert not rig.published(ReleaseAircraft)
-    progress = [action.value.progress for _, action in rig.published(PublishPath, AGAIN + 1.0)]
+    assert not rig.of(ReleaseAircraft)
+    progress = [action.value.progress for _, action in rig.of(PublishPath, AGAIN + 1.0)]
     assert progress == sorted(progress), "it never begins again"
 
 
