@@ -60,14 +60,17 @@ def test_a_navictrl_that_steers_too_ends_a_flight_by_position(mode):
         assert drive.core.phase is Phase.FLYING
 
 
-@pytest.mark.parametrize("is_on", [True, False])
-def test_height_control_that_is_switched_on_ends_every_flight(is_on):
+@pytest.mark.parametrize(
+    ("is_flying", "is_on", "ends"), [(True, True, True), (True, False, False), (False, True, False)]
+)
+def test_height_control_that_is_switched_on_ends_every_flight_and_on_the_ground_no_lease(is_flying, is_on, ends):
     drive = Driver()
-    drive.fly()
-    drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"altitude_control": is_on})), drive.now)
+    drive.fly() if is_flying else drive.take()
+    drive.core.feed(StateValue(flight(is_flying=is_flying).model_copy(update={"altitude_control": is_on})), drive.now)
     drive.stream(0.1)
     reasons = [release.reason for release in drive.releases]
-    assert [("height control is on, so the throttle is a climb rate" in reason) for reason in reasons] == [True] * is_on
+    assert [("height control is on, so the throttle is a climb rate" in reason) for reason in reasons] == [True] * ends
+    assert ends or drive.core.phase is (Phase.FLYING if is_flying else Phase.LEASED)
 
 
 @pytest.mark.parametrize("mode", [GpsMode.HOLD, GpsMode.COME_HOME])
@@ -77,14 +80,6 @@ def test_a_flight_by_hand_goes_on_while_the_navictrl_steers(mode):
     drive.core.feed(StateValue(flight(is_flying=True).model_copy(update={"gps_mode": mode})), drive.now)
     drive.stream(0.3)
     assert drive.core.phase is Phase.FLYING
-
-
-def test_height_control_on_the_ground_ends_no_lease():
-    drive = Driver()
-    drive.take()
-    drive.core.feed(StateValue(flight(is_flying=False).model_copy(update={"altitude_control": True})), drive.now)
-    drive.run(0.2)
-    assert drive.core.phase is Phase.LEASED
 
 
 @pytest.mark.parametrize("told_by", ["flight", "pilot"])

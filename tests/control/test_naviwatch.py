@@ -83,22 +83,44 @@ def test_a_stage_that_lasts_is_told_once_a_second_and_a_quiet_one_once(seen):
     assert sum(quiet.tell() is not None for _ in range(30)) == 1
 
 
-def test_the_end_of_a_list_is_its_last_point_or_the_way_home_after_it(seen):
-    assert not seen.tell(**GOING).is_route_done
-    done = seen.tell(**GOING | {"target": HOME})
-    assert (done.stage, done.is_route_done, done.is_home) == (NaviStage.HOME, True, False)
-    assert seen.tell(**GOING | {"target": HOME, "home_distance": 5.0}).is_home
-    direct = Watched()
-    direct.tell(**GOING | {"target": HOME})
-    assert direct.tell(**GOING | {"target": HOME, "target_reached": True}).is_route_done, "a point at home"
+REACHED, HOMEWARD = GOING | {"target_reached": True}, GOING | {"target": HOME}
+WITHOUT_LIST = {"gps_mode": GpsMode.COME_HOME, "target": AWAY}
+
+
+@pytest.mark.parametrize(
+    ("told", "stage", "is_done"),
+    [
+        ([GOING], NaviStage.ROUTE, False),
+        ([GOING, HOMEWARD], NaviStage.HOME, True),  # the end of a list is its last point, or the way home after it
+        ([REACHED], NaviStage.AT_POINT, True),
+        ([REACHED | {"waypoint_count": 3}], NaviStage.AT_POINT, False),
+        ([HOMEWARD], NaviStage.ROUTE, False),  # a point at home is not reached yet
+        ([HOMEWARD, HOMEWARD | {"target_reached": True}], NaviStage.AT_POINT, True),
+        ([REACHED, GOING | {"waypoint_count": 2}], NaviStage.ROUTE, False),  # another list begins anew
+        ([REACHED, GOING | {"is_flying": False, "gps_mode": GpsMode.FREE}], NaviStage.GROUND, False),
+        ([REACHED, GOING | {"is_flying": False, "gps_mode": GpsMode.FREE}, LIST], NaviStage.READY, False),
+        ([{}], NaviStage.FREE, False),
+        ([WITHOUT_LIST, WITHOUT_LIST | {"target": HOME}], NaviStage.HOME, False),
+        # Within a metre of home is home.
+        ([GOING, GOING | {"target": (HOME[0] + 0.9 / 111_000.0, HOME[1])}], NaviStage.HOME, True),
+        ([GOING, GOING | {"target": (HOME[0] + 1.1 / 111_000.0, HOME[1])}], NaviStage.ROUTE, False),
+    ],
+)
+def test_a_list_is_done_at_its_last_point_or_on_the_way_home_after_it(seen, told, stage, is_done):
+    for each in told:
+        seen.now += PERIOD
+        found = seen.tell(**each)
+    assert (found.stage, found.is_route_done, found.is_home) == (stage, is_done, False)
+
+
+def test_who_flies_home_is_there_within_five_metres_and_nowhere_without_a_target(seen):
+    seen.tell(**GOING)
+    assert not seen.tell(**HOMEWARD).is_home
+    assert seen.tell(**HOMEWARD | {"home_distance": 5.0}).is_home
     nowhere = Watched()
     nowhere.tell(**GOING)
     assert nowhere.tell(**GOING | {"target": None}) is None
-
-
-def test_a_point_before_the_last_ends_no_list(seen):
-    found = seen.tell(**GOING | {"waypoint_count": 3, "target_reached": True})
-    assert (found.stage, found.is_route_done) == (NaviStage.AT_POINT, False)
+    assert (Watched().tell().waypoint, Watched().tell().waypoints) == (0, 0)
 
 
 @pytest.mark.parametrize("later", [0.15, 0.1])
@@ -129,36 +151,3 @@ def test_a_list_changed_in_flight_is_ready_before_a_navictrl_counts_its_points(i
     seen.facts.list_changed(seen.now)
     told = [seen.tell(is_flying=is_flying, **uncounted), seen.tell(**uncounted)]
     assert [found.stage for found in told if found is not None][-1] is stage
-
-
-def test_without_a_list_there_is_no_route_that_could_be_done():
-    found = Watched().tell()
-    assert (found.waypoint, found.waypoints, found.is_route_done) == (0, 0, False)
-    homing = Watched()
-    homing.tell(gps_mode=GpsMode.COME_HOME, target=AWAY)
-    homing.now += PERIOD
-    found = homing.tell(gps_mode=GpsMode.COME_HOME, target=HOME)
-    assert (found.stage, found.is_route_done) == (NaviStage.HOME, False)
-
-
-def test_a_list_whose_one_point_is_home_is_not_done_before_it_is_reached():
-    assert not Watched().tell(**GOING | {"target": HOME}).is_route_done
-
-
-def test_another_list_begins_anew(seen):
-    assert seen.tell(**GOING | {"target_reached": True}).is_route_done
-    assert not seen.tell(**GOING | {"waypoint_count": 2}).is_route_done
-
-
-def test_a_route_that_is_done_is_forgotten_on_the_ground(seen):
-    assert seen.tell(**GOING | {"target_reached": True}).is_route_done
-    assert not seen.tell(**GOING | {"is_flying": False, "gps_mode": GpsMode.FREE}).is_route_done
-    assert seen.tell(**LIST).stage is NaviStage.READY
-
-
-@pytest.mark.parametrize(("metres", "stage"), [(0.9, NaviStage.HOME), (1.1, NaviStage.ROUTE)])
-def test_a_target_within_a_metre_of_home_is_home(seen, metres, stage):
-    seen.tell(**GOING)
-    seen.now += PERIOD
-    near = (HOME[0] + metres / 111_000.0, HOME[1])
-    assert seen.tell(**GOING | {"target": near}).stage is stage

@@ -25,7 +25,8 @@ def facts():
     return VehicleMemory()
 
 
-def test_at_first_nothing_is_known(facts):
+def test_at_first_and_by_values_that_decide_nothing_nothing_is_known(facts):
+    facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
     assert facts.link is None
     assert known(facts, 0.0) == (None, None, None)
     assert not facts.is_testing_motors(0.0)
@@ -52,11 +53,6 @@ def test_a_motor_test_explains_turning_motors_for_a_while(facts):
     facts.motor_test_sent(5.0)
     assert facts.is_testing_motors(5.0 + MOTOR_TEST)
     assert not facts.is_testing_motors(5.01 + MOTOR_TEST)
-
-
-def test_values_that_decide_nothing_are_ignored(facts):
-    facts.state_received(LeaseState(holder="a", epoch=1, ttl=1, left=1), 0.0)
-    assert facts.newest(Flight, 0.0) is None
 
 
 def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():

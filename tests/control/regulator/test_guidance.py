@@ -86,20 +86,26 @@ def state(**values):
     return replace(REST, axes=axes)
 
 
-def test_what_leans_the_accelerometers_and_what_pushes_is_leant_against():
-    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
-    # At rest under a push of 0.5 m/s2 the true tilt is -0.5 / g; the board believes it crooked by what leans it.
-    still = state(d=0.5, b=0.02, t=-0.5 / 9.81, th=-0.5 / 9.81 + 0.02)
-    still.axes[0, US] = -0.5 / 9.81 + 0.02
-    assert regulator.tilt(still, Reference(np.zeros(2)))[0] == pytest.approx(-0.5 / 9.81 + 0.02)
+DRAG, PUSH, MORE = 0.35 * 0.8 / 9.81, -0.5 / 9.81, 0.6 / 9.81
 
 
-def test_a_reference_that_flies_is_flown_after_with_the_tilt_of_its_drag():
-    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
-    lean = 0.35 * 0.8 / 9.81
-    flying = state(v=0.8, t=lean, th=lean)
-    flying.axes[0, US] = lean
-    assert regulator.tilt(flying, Reference(np.zeros(2), np.array([0.8, 0.0])))[0] == pytest.approx(lean)
+@pytest.mark.parametrize(
+    ("values", "stick", "velocity", "acceleration", "tilt"),
+    [
+        # At rest under a push of 0.5 m/s2 the board believes the tilt crooked by what leans its accelerometers.
+        ({"d": 0.5, "b": 0.02, "t": PUSH, "th": PUSH + 0.02}, PUSH + 0.02, 0.0, 0.0, PUSH + 0.02),
+        # A reference that flies is flown after with the tilt of its drag.
+        ({"v": 0.8, "t": DRAG, "th": DRAG}, DRAG, 0.8, 0.0, DRAG),
+        # One that accelerates, with the tilt that accelerates.
+        ({"t": MORE}, 0.0, 0.0, 0.6, 0.0),
+    ],
+)
+def test_in_balance_the_stick_stays_as_it_is(values, stick, velocity, acceleration, tilt):
+    balanced, reference = state(**values), Reference(np.zeros(2), np.array([velocity, 0.0]))
+    balanced.axes[0, US] = stick
+    reference.acceleration = np.array([acceleration, 0.0])
+    found = HorizontalRegulator(MODEL, HorizontalCosts()).tilt(balanced, reference)
+    assert found == pytest.approx([tilt, 0.0])
 
 
 @pytest.mark.parametrize(("far", "same"), [(0.5, False), (0.6, True), (5.0, True)])
@@ -243,14 +249,6 @@ def test_the_gain_is_that_of_the_costs():
         gain = (g @ to_go @ f) / (0.02 * 3.0 + g @ to_go @ g)
         to_go = weights + f.T @ to_go @ (f - np.outer(g, gain))
     assert HorizontalRegulator(MODEL, HorizontalCosts()).gain == pytest.approx(gain, rel=1e-4, abs=1e-6)
-
-
-def test_a_reference_that_accelerates_is_flown_with_the_tilt_that_accelerates():
-    regulator = HorizontalRegulator(MODEL, HorizontalCosts())
-    reference = Reference(np.zeros(2))
-    reference.acceleration = np.array([0.6, 0.0])
-    assert regulator.tilt(state(t=0.6 / 9.81), reference) == pytest.approx([0.0, 0.0])
-    assert regulator.tilt(state(t=-0.6 / 9.81), reference)[0] > 0.0
 
 
 def test_a_tilt_that_is_too_steep_keeps_its_direction():

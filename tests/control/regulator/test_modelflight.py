@@ -105,33 +105,26 @@ NEEDED = ACCELEROMETER_SCALE * MODEL.drag * 2.0 / 9.81
 what their accelerometers show of it."""
 
 
-@pytest.mark.parametrize("axis", ["max_pitch", "max_roll"])
-def test_the_sticks_must_reach_as_far_as_the_light_wind_needs(axis):
-    """The flight begins half a metre beside, with the wind in its back."""
-    counts = NEEDED / MODEL.rad_per_count
-    assert 8.0 < counts < 9.0
-    assert rest(limiter={axis: 8}).level > 0.5
-    assert rest(limiter={axis: 10}).level < 0.1
-
-
-def test_the_tilt_that_may_be_asked_for_must_be_as_large_as_the_light_wind_needs():
-    assert rest(autopilot={"max_tilt": 0.95 * NEEDED}).level > 0.5
-    assert rest(autopilot={"max_tilt": 1.25 * NEEDED}).level < 0.1
-
-
 @pytest.mark.parametrize(
-    ("limits", "holds"),
+    ("part", "options", "holds"),
     [
+        # The flight begins half a metre beside, with the wind in its back, which needs 8 to 9 counts.
+        *(("level", {"limiter": {axis: 8}}, False) for axis in ("max_pitch", "max_roll")),
+        *(("level", {"limiter": {axis: 10}}, True) for axis in ("max_pitch", "max_roll")),
+        ("level", {"autopilot": {"max_tilt": 0.95 * NEEDED}}, False),
+        ("level", {"autopilot": {"max_tilt": 1.25 * NEEDED}}, True),
         # A tenth more or less thrust than believed is 4.9 % or 5.1 % of the throttle that hovers: 6.1 or 6.4 counts.
-        ({"max_throttle": 5}, False),
-        ({"max_throttle": 8}, True),
-        ({"min_throttle": -5}, False),
-        ({"min_throttle": -9}, True),
+        ("height", {"limiter": {"hover_throttle": 0, "max_throttle": 5}}, False),
+        ("height", {"limiter": {"hover_throttle": 0, "max_throttle": 8}}, True),
+        ("height", {"limiter": {"hover_throttle": 0, "min_throttle": -5}}, False),
+        ("height", {"limiter": {"hover_throttle": 0, "min_throttle": -9}}, True),
     ],
 )
-def test_the_throttle_must_reach_as_far_as_a_tenth_of_the_weight_needs(limits, holds):
-    found = rest(limiter={"hover_throttle": 0, **limits}).height
-    assert (found < 0.05) if holds else (found > 0.3)
+def test_sticks_must_reach_as_far_as_the_light_wind_and_a_tenth_of_the_weight_need(part, options, holds):
+    assert 8.0 < NEEDED / MODEL.rad_per_count < 9.0
+    bound, lost = {"level": (0.1, 0.5), "height": (0.05, 0.3)}[part]
+    found = getattr(rest(**options), part)
+    assert (found < bound) if holds else (found > lost)
 
 
 def test_it_is_judged_by_its_last_three_seconds_of_twelve():
