@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mkdaemon.errors import ConfigError
-from mkdaemon.missions import FORMATS, qgc
+from mkdaemon.missions import FORMATS
 from mkdaemon.missions.items import ARDUPILOT, COMMANDS, GENERIC, PX4, Otherwise
 from mkdaemon.missions.source import MissionDraft
 
@@ -183,15 +183,12 @@ def test_a_take_off_is_where_the_list_begins_and_told() -> None:
 
 
 def test_a_mission_that_waits_is_refused_except_where_the_word_is_not_read() -> None:
+    waits = [{**WAY, "autoContinue": False}, {**HIGH, "autoContinue": False}]
     with pytest.raises(ConfigError, match="wait here"):
-        drafted({**WAY, "autoContinue": False}, HIGH)
-    assert len(drafted({**WAY, "autoContinue": False}, HIGH, autopilot=ARDUPILOT).mission.points) == 2
-
-
-def test_a_plan_for_ardupilot_that_waits_says_that_it_goes_on() -> None:
-    plan = {"firmwareType": ARDUPILOT, "items": [{**WAY, "autoContinue": False}, {**HIGH, "autoContinue": False}]}
-    notes = qgc.read(json.dumps({"fileType": "Plan", "mission": plan}), "x.plan").notes
-    assert notes == ("x.plan:1: autoContinue is false, and ArduPilot goes on all the same",)
+        drafted(waits[0], HIGH)
+    draft = drafted(*waits, autopilot=ARDUPILOT)
+    assert len(draft.mission.points) == 2
+    assert draft.notes == ("a.plan:1: autoContinue is false, and ArduPilot goes on all the same",)
 
 
 def test_a_short_hold_is_no_flight_through() -> None:

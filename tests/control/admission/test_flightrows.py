@@ -25,6 +25,7 @@ from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes,
 from tests.control.events import link_state
 
 UNKNOWN = CheckState.UNKNOWN
+CONSTANT = ControlConfig(lease=LeaseConfig(allow_constant_gate=True))
 FOUND = [
     ("guard", "guard_dead", {"has_guard": False}),
     ("firmware and layout", "no_control", {"line": ControlLine(reason="FC 0.1 is not known")}),
@@ -37,6 +38,8 @@ FOUND = [
     ("link losses", UNKNOWN, {"health": health(sent=0)}),
     ("gate", "gate_shut", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 128))}),
     ("gate", "gate_constant", {"active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 129))}),
+    ("gate", None, {"cfg": CONSTANT, "active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 200))}),
+    ("gate", "gate_shut", {"cfg": CONSTANT, "active_set": replace(SET, gate=Gate(GateKind.CONSTANT, 100))}),
     ("gate", UNKNOWN, {"active_set": UNREAD}),
     ("gate and height control", "gate_switches_altitude", {"active_set": replace(SET, gate=SHARED)}),
     ("gate and height control", UNKNOWN, {"active_set": UNREAD}),
@@ -145,40 +148,6 @@ def test_who_flies_by_heights_that_the_barometer_contradicts_flies_on_and_may_la
     wrong = eyes(selfcal=(heights(20.0, sd=4.0, covered=2.5, odds=4.2),))
     for wanted in (Concern.POSITION, Concern.HOLD, Concern.LAND):
         assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
-
-
-def test_a_camera_that_tells_nothing_more_is_named_with_since_when():
-    later = replace(GOOD, now=GOOD.now + 7.0)
-    found = finding(later, "camera")
-    assert found.state is CheckState.STANDS
-    assert f"{later.eyes[0].camera}: silent: nothing was heard of it for " in found.reason
-    assert later.eyes[0].camera in finding(later, "age of images").reason
-
-
-def test_an_accepted_constant_gate_passes_and_a_shut_one_does_not():
-    for value, token in ((200, None), (100, "gate_shut")):
-        gate = replace(SET, gate=Gate(GateKind.CONSTANT, value))
-        known = replace(GOOD, cfg=ControlConfig(lease=LeaseConfig(allow_constant_gate=True)), active_set=gate)
-        assert finding(known, "gate").token == token
-
-
-@pytest.mark.parametrize(
-    ("part", "limit"),
-    [("speed", "entry_speed"), ("sd", "entry_sd"), ("offset", "entry_offset")],
-)
-def test_an_entry_condition_holds_up_to_its_limit_and_not_beyond(part, limit):
-    edge = getattr(GOOD.cfg.autopilot, limit) * (GOOD.entry.height if part == "offset" else 1.0)
-    at_edge = replace(GOOD, **sees(**{part: edge}))
-    beyond = replace(GOOD, **sees(**{part: edge + 1e-6}))
-    assert waits_for(NewManoeuvre(Concern.HOLD), at_edge) == ""
-    assert waits_for(NewManoeuvre(Concern.HOLD), beyond) != ""
-
-
-def test_an_emergency_throttle_that_falls_is_told_with_the_range_that_carries():
-    found = finding(replace(GOOD, active_set=replace(SET, emergency_throttle=65), hover_gas=125.0), "emergency descent")
-    assert "NotGas 65 for 90" in found.reason
-    assert "27 % of the weight" in found.reason  # (65 / 125)^2
-    assert "107 to 118" in found.fix  # 0.85 of hover, and below what climbs
 
 
 @pytest.mark.parametrize("concern", [Concern.HOLD, Concern.POSITION, Concern.VELOCITY, Concern.LAND, Concern.TAKE_OFF])

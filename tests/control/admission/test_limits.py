@@ -11,7 +11,9 @@ from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, Procedu
 from mkdaemon.control.admission.rows import findings, refusal, waits_for
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import Phase
-from tests.control.admission.situations import BLIND, GOOD, battery, eyes, flags, health, reception, sees
+from tests.control.admission.situations import BLIND, GOOD, SET, battery, eyes, flags, health, reception, sees
+
+FALLS = replace(SET, emergency_throttle=65)
 
 
 def found(known, name):
@@ -62,11 +64,15 @@ def test_what_is_shown_where_all_is_well():
         ("disk", {"free_disk": 50e6}, ("50 MB", "200 MB")),
         ("target", {"target_age": 7.0}, ("7 s old",)),
         ("agreement of cameras", {"contradicting": ("a", "b")}, ("a, b",)),
+        ("camera", {"now": 8.0}, ("down: silent: nothing was heard of it for ",)),
+        ("age of images", {"now": 8.0}, ("down",)),
+        # (65 / 125)^2 of the weight; from 0.85 of hover to below what climbs.
+        ("emergency descent", {"active_set": FALLS}, ("NotGas 65 for 90", "27 % of the weight", "107 to 118")),
     ],
 )
-def test_what_is_wrong_is_told_with_its_number_and_its_limit(name, change, words):
-    reason = found(replace(GOOD, **change), name).reason
-    assert all(word in reason for word in words), reason
+def test_what_is_wrong_is_told_with_its_number_and_its_limit_or_remedy(name, change, words):
+    told = found(replace(GOOD, **change), name)
+    assert all(word in told.reason + told.fix for word in words), told
 
 
 CFG = GOOD.cfg.autopilot
@@ -78,6 +84,12 @@ STANDING = replace(GOOD, **sees(height=CFG.stand_height))
     [
         (Concern.HOLD, sees(age=CFG.entry_age), False),
         (Concern.HOLD, sees(age=CFG.entry_age + 1e-6), True),
+        (Concern.HOLD, sees(speed=CFG.entry_speed), False),
+        (Concern.HOLD, sees(speed=CFG.entry_speed + 1e-6), True),
+        (Concern.HOLD, sees(sd=CFG.entry_sd), False),
+        (Concern.HOLD, sees(sd=CFG.entry_sd + 1e-6), True),
+        (Concern.HOLD, sees(offset=CFG.entry_offset * 2.0, height=2.0), False),
+        (Concern.HOLD, sees(offset=CFG.entry_offset * 2.0 + 1e-6, height=2.0), True),
         (Concern.HOLD, sees(clean=CFG.entry_clean), False),
         (Concern.HOLD, sees(clean=CFG.entry_clean - 1e-6), True),
         (Concern.TAKE_OFF, sees(height=CFG.stand_height + 0.149), False),
@@ -91,7 +103,8 @@ STANDING = replace(GOOD, **sees(height=CFG.stand_height))
     ],
 )
 def test_a_stream_waits_up_to_a_limit_and_not_beyond(concern, change, waits):
-    assert bool(waits_for(NewManoeuvre(concern), replace(STANDING, **change))) is waits
+    begins_in = STANDING if concern is Concern.TAKE_OFF else GOOD
+    assert bool(waits_for(NewManoeuvre(concern), replace(begins_in, **change))) is waits
 
 
 def test_what_a_take_off_waits_for_is_told_with_its_number():

@@ -218,12 +218,6 @@ def test_every_manoeuvre_is_a_setpoint_and_everything_may_begin_where_all_is_wel
     assert NewManoeuvre.by(given) == NewManoeuvre(Concern.POSITION, SetpointFrame.HOME)
 
 
-def test_what_stands_since_the_last_setpoint_holds_the_flight_back():
-    assert "the battery is low" in waits_for(
-        NewManoeuvre(Concern.HOLD), replace(GOOD, battery=battery(16.0, is_low=True))
-    )
-
-
 def test_a_step_of_a_procedure_is_not_refused_for_its_procedure():
     step = request(is_slow=True, is_step=True, danger=IN_FLIGHT, is_confirmed=True)
     assert refusal(step, replace(GOOD, work=Work(RUNNING, is_alone=True, owed=OWED), phase=Phase.LEASED)) is None

@@ -171,13 +171,6 @@ def test_after_a_change_one_refused_image_is_enough():
     assert Cameras(3).contradicting == ()
 
 
-def test_an_image_that_comes_late_is_one_cameras_and_another_makes_two():
-    cameras = Cameras(3)
-    assert cameras.seen("down", 2.0) == 1
-    assert cameras.seen("down", 1.5) == 1
-    assert cameras.seen("forward", 1.95) == 2
-
-
 def command(at, tilt=0.1):
     return StickFrame(at, (tilt, 0.0), 0.0)
 
