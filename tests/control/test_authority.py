@@ -305,6 +305,8 @@ def test_a_stranger_who_knows_the_epoch_neither_flies_nor_keeps_the_lease_alive(
     assert desk.authority.refuse_unsigned(setpoint(epoch=6)).token == "wrong_epoch"
     assert refused(lambda: desk.authority.check_setpoint(setpoint(), 6)) == "not_holder"
     assert not desk.authority.is_resumed_by(setpoint()), "nothing was aborted"
+    desk.send()
+    assert refused(lambda: desk.authority.check_setpoint(setpoint(1), 7)) == "stale_sequence"
     desk.authority.refuse_setpoint(setpoint(5), 11.0, goes_on=False)
     desk.authority.refuse_setpoint(setpoint(9, epoch=6), 99.0, goes_on=False)
     assert desk.authority.lease(11.0).left == CFG.lease.ttl, "another lease's setpoint is no sign of life"
