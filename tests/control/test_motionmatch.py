@@ -89,7 +89,7 @@ def test_targets_that_are_seen_no_more_are_forgotten(motion):
     assert len(motion._seen) == 2, "the one that is seen, and the one of a window before"
 
 
-def swinging(size, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0.0)):
+def swinging(size=0.05, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0.0)):
     """A pitch that swings at 7 rad/s, with no images in a gap [s]."""
     motion = MotionMatch()
     for k in range(round(seconds * reports)):
@@ -100,27 +100,29 @@ def swinging(size, *, seconds=9.0, rate=30.0, reports=50.0, lag=0.0, gap=(0.0, 0
     return motion.match(seconds, "pad")
 
 
-@pytest.mark.parametrize(("mean_deg", "tells"), [(0.38, False), (0.42, True)])
-def test_a_motion_of_four_tenths_of_a_degree_in_the_mean_tells(mean_deg, tells):
-    """Of what swings at 7 rad/s a mean over 0.6 s leaves sin(2.1) / 2.1, which is taken away."""
-    left = (1.0 - math.sin(2.1) / 2.1) / math.sqrt(2.0)
-    assert (swinging(math.radians(mean_deg) / left) is not None) is tells
+LEFT = (1.0 - math.sin(2.1) / 2.1) / math.sqrt(2.0)
+"""Of what swings at 7 rad/s a mean over 0.6 s leaves sin(2.1) / 2.1, which is taken away."""
 
 
-@pytest.mark.parametrize(("rate", "tells"), [(11.9, False), (12.1, True)])
-def test_twelve_images_a_second_tell(rate, tells):
-    assert (swinging(0.05, rate=rate) is not None) is tells
-    assert (swinging(0.05, reports=rate) is not None) is tells
-
-
-@pytest.mark.parametrize(("seconds", "tells"), [(3.9, False), (4.2, True)])
-def test_half_of_the_window_must_have_been_seen(seconds, tells):
-    assert (swinging(0.05, seconds=seconds) is not None) is tells
-
-
-@pytest.mark.parametrize(("gap", "tells"), [((2.0, 5.9), True), ((1.5, 7.6), False)])
-def test_half_of_the_images_may_be_missing(gap, tells):
-    assert (swinging(0.05, rate=14.0, gap=gap) is not None) is tells
+@pytest.mark.parametrize(
+    ("options", "tells"),
+    [
+        # Four tenths of a degree in the mean.
+        ({"size": math.radians(0.38) / LEFT}, False),
+        ({"size": math.radians(0.42) / LEFT}, True),
+        # Twelve images and reports a second.
+        *(({name: 11.9}, False) for name in ("rate", "reports")),
+        *(({name: 12.1}, True) for name in ("rate", "reports")),
+        # Half of the window.
+        ({"seconds": 3.9}, False),
+        ({"seconds": 4.2}, True),
+        # Half of the images.
+        ({"rate": 14.0, "gap": (1.5, 7.6)}, False),
+        ({"rate": 14.0, "gap": (2.0, 5.9)}, True),
+    ],
+)
+def test_so_much_motion_so_many_images_and_so_long_a_time_tell(options, tells):
+    assert (swinging(**options) is not None) is tells
 
 
 def test_what_is_older_than_the_window_is_not_compared(motion):

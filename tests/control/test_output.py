@@ -95,25 +95,27 @@ def test_an_answer_to_an_image_is_beside_the_rate():
 
 
 @pytest.mark.parametrize(
-    ("is_flying", "stick", "throttle"),
+    ("is_flying", "stick", "hover", "throttle"),
     [
-        (True, None, 5),  # nothing known: hover
-        (True, -30.0, -30),  # the pilot's stick is lower
-        (True, 30.0, 5),
-        (False, None, -20),  # on the ground: no more than now
-        (False, -30.0, -30),
-        (False, 30.0, -20),
-        (None, None, -20),
+        (True, None, None, 5),  # nothing known: hover
+        (True, None, 12.0, 12),  # what the estimate knows to carry
+        (True, None, -8.0, -8),
+        (True, -30.0, None, -30),  # the pilot's stick is lower
+        (True, 30.0, None, 5),
+        (False, None, None, -20),  # on the ground: no more than now
+        (False, -30.0, None, -30),
+        (False, 30.0, None, -20),
+        (None, None, None, -20),
     ],
 )
-def test_stale_throttle_is_capped_by_the_pilot_and_on_the_ground_by_what_was_sent(is_flying, stick, throttle):
+def test_stale_throttle_is_capped_by_the_pilot_and_on_the_ground_by_what_was_sent(is_flying, stick, hover, throttle):
     facts = VehicleMemory()
     if is_flying is not None:
         facts.state_received(flight(is_flying=is_flying), 10.0)
     if stick is not None:
         facts.state_received(pilot(stick), 10.0)
     out = output(facts=facts, engaged=10.0, sticks=Sticks(0.0, 0.0, 0.0, -20.0))
-    assert out.make(order(age=0.9), "v2", 10.0).counts == StickCounts(0, 0, 0, throttle)
+    assert out.make(order(age=0.9), "v2", 10.0, hover=hover).counts == StickCounts(0, 0, 0, throttle)
 
 
 def test_where_the_ground_may_be_touched_nothing_that_nobody_asked_for_raises_the_throttle():
@@ -158,14 +160,6 @@ def test_frames_are_counted_from_the_hand_over_to_the_confirmation():
     out.frame_confirmed(9)
     out.frame_confirmed(9)
     assert out.confirmed == 1
-
-
-@pytest.mark.parametrize(("hover", "throttle"), [(None, 5), (12.0, 12), (-8.0, -8)])
-def test_a_stale_command_holds_the_throttle_that_the_estimate_knows_to_carry(hover, throttle):
-    facts = VehicleMemory()
-    facts.state_received(flight(is_flying=True), 10.0)
-    out = output(facts=facts, engaged=10.0)
-    assert out.make(order(age=0.9), "v2", 10.0, hover=hover).counts == StickCounts(0, 0, 0, throttle)
 
 
 def test_the_lid_is_shown_the_throttle_that_leaves_and_what_it_is_reported_as():

@@ -199,28 +199,33 @@ def steady(throttle, seconds, start=0.0):
     return [(start + 0.0625 * k, throttle) for k in range(round(seconds / 0.0625) + 1)]
 
 
-@pytest.mark.parametrize(("flown", "is_capped"), [(4.0, False), (3.75, True)])
-def test_six_counts_less_than_the_lowest_of_half_a_second_may_be_ours(flown, is_capped):
-    frames = [(at, 10.0 if at == 0.5 else 30.0) for at, _ in steady(0.0, 1.0)]
-    lid = compared(frames, [(1.0, flown)])
-    assert lid.use.is_ours is not is_capped
-    later = compared(steady(10.0, 2.0), [(at, flown) for at, _ in steady(0.0, 2.0)])
-    assert (later.use.cap, later.pilots_throttle) == ((flown + 127.0, flown) if is_capped else (None, None))
-    for at in (2.0625, 2.125, 2.1875):
-        later.frame_made(10.0, ThrottleReport(9.0, at), at)
-    assert (later.use, later.pilots_throttle) == (OURS, None), "what is asked for is flown again"
-
-
-@pytest.mark.parametrize(("flown", "is_ours"), [(36.0, True), (36.1, False)])
-def test_six_counts_more_than_the_highest_may_be_ours(flown, is_ours):
-    frames = [(at, 30.0 if at == 0.5 else 10.0) for at, _ in steady(0.0, 1.0)]
+@pytest.mark.parametrize(
+    ("usual", "other", "when", "flown", "is_ours"),
+    [
+        # Six counts less than the lowest of half a second, and six more than the highest.
+        (30.0, 10.0, 0.5, 4.0, True),
+        (30.0, 10.0, 0.5, 3.75, False),
+        (10.0, 30.0, 0.5, 36.0, True),
+        (10.0, 30.0, 0.5, 36.1, False),
+        # The half second before the report.
+        (10.0, -30.0, 0.4375, -30.0, False),
+        (10.0, -30.0, 0.5, -30.0, True),
+        (10.0, -30.0, 1.0, -30.0, True),
+        (10.0, -30.0, 1.0625, -30.0, False),
+    ],
+)
+def test_what_is_near_a_frame_of_the_half_second_before_may_be_ours(usual, other, when, flown, is_ours):
+    frames = [(at, other if at == when else usual) for at, _ in steady(0.0, 1.0625)]
     assert compared(frames, [(1.0, flown)]).use == ThrottleUse(None, is_ours=is_ours)
 
 
-@pytest.mark.parametrize(("dip", "is_ours"), [(0.4375, False), (0.5, True), (1.0, True), (1.0625, False)])
-def test_a_report_is_of_a_frame_of_the_half_second_before_it(dip, is_ours):
-    frames = [(at, -30.0 if at == dip else 10.0) for at, _ in steady(0.0, 1.0625)]
-    assert compared(frames, [(1.0, -30.0)]).use.is_ours is is_ours
+@pytest.mark.parametrize(("flown", "is_capped"), [(4.0, False), (3.75, True)])
+def test_what_stays_below_is_the_pilots_until_ours_is_flown_again(flown, is_capped):
+    lid = compared(steady(10.0, 2.0), [(at, flown) for at, _ in steady(0.0, 2.0)])
+    assert (lid.use.cap, lid.pilots_throttle) == ((flown + 127.0, flown) if is_capped else (None, None))
+    for at in (2.0625, 2.125, 2.1875):
+        lid.frame_made(10.0, ThrottleReport(9.0, at), at)
+    assert (lid.use, lid.pilots_throttle) == (OURS, None), "what is asked for is flown again"
 
 
 def test_before_half_a_second_of_frames_nothing_is_compared():

@@ -78,6 +78,9 @@ def mark(mode: str) -> str:
 
 
 EXTRA = '<extensions><point xmlns="urn:mkdaemon:mission:1" altitude="5" {}="{}"/></extensions>'
+PATH = "<LineString><coordinates>8,53,1 8.1,53,1</coordinates></LineString>"
+ROUTE = '<rte><rtept lat="1" lon="2"/></rte>'
+LIST = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t53\t8\t10\t1\n"
 
 BAD = [
     ("a.gpx", "<gpx><rte>", r"a\.gpx:1: no well-formed XML"),
@@ -128,6 +131,18 @@ BAD = [
     ("a.plan", simple(16), "the place is 0 N 0 E"),
     ("a.plan", simple(16, frame=10), "altitude frame 10"),
     ("a.plan", simple(16, latitude='"x"'), "latitude is 'x'"),
+    ("a.csv", "lat,lon,alt\n1,2,3\n", r"a\.csv:1: .*'alt' does not say .*; call it altitude \(above the start\)"),
+    ("a.csv", "53.1,8.1,10\n53.2,8.2,10\n", "the first line names no columns; begin the file with latitude_deg"),
+    ("a.csv", "lat,latitude,lon,altitude\n1,1,2,3\n", "column 'latitude_deg' stands twice"),
+    ("a.csv", "lat,lon,altitude\n53,8,1_5\n", "altitude is '1_5', no number"),
+    ("a.csv", "lat,lon,altitude\n53,8,inf\n", "altitude is 'inf', no finite number"),
+    ("a.kml", f"<kml>{PATH}{PATH}</kml>", "the file holds 2 paths; join them"),
+    ("a.kml", f"<kml>{mark('absolute')}{PATH}</kml>", "both 1 placemarks with a point and a path"),
+    ("a.gpx", f"<gpx>{ROUTE}{ROUTE}</gpx>", "the file holds 2 routes; keep"),
+    ("a.kmz", "no zip", "no KMZ file that can be read"),
+    ("a.kmz", "PK\x05\x06" + "\0" * 18, "no KML document in this file"),
+    ("a.waypoints", LIST + "1\t0\t3\t177\t0\t0\t0\t0\t53\t8\t9\t1\n", r"a\.waypoints:3: .*command 177 \(jump\)"),
+    ("a.waypoints", LIST + "1\t0\t3\t16\t0\t0\t0\t0\t53\t8\t9\n", r"a\.waypoints:3: 11 cells in place of 12"),
 ]  # fmt: skip
 
 

@@ -240,45 +240,40 @@ def phase_after(height, *, east=0.0, speed=0.0, age=0.1, sd=0.01):
     return landing.phase
 
 
+WAITS, SINKS, FINAL = LandingPhase.APPROACH, LandingPhase.DESCEND, LandingPhase.COMMIT
+
+
 @pytest.mark.parametrize(
-    ("fields", "descends"),
+    ("fields", "phase"),
     [
         # The cone: 7 cm at the ground and 12 cm wider a metre, on both sides of its wall.
-        ({"height": 1.0, "east": 0.185}, True),
-        ({"height": 1.0, "east": 0.195}, False),
-        ({"height": 1.0, "east": -0.195}, False),
-        ({"height": 2.0, "east": 0.305}, True),
-        ({"height": 2.0, "east": 0.315}, False),
-        ({"height": 0.3, "east": 0.1}, True),
-        ({"height": 0.3, "east": 0.112}, False),
-        ({"height": -0.2, "east": 0.068, "sd": 0.06}, True),
+        ({"height": 1.0, "east": 0.185}, SINKS),
+        ({"height": 1.0, "east": 0.195}, WAITS),
+        ({"height": 1.0, "east": -0.195}, WAITS),
+        ({"height": 2.0, "east": 0.305}, SINKS),
+        ({"height": 2.0, "east": 0.315}, WAITS),
+        ({"height": 0.3, "east": 0.1}, SINKS),
+        ({"height": 0.3, "east": 0.112}, WAITS),
+        ({"height": -0.2, "east": 0.068, "sd": 0.06}, SINKS),
         # Its speed, and the oldest image.
-        ({"height": 1.0, "speed": 0.34}, True),
-        ({"height": 1.0, "speed": 0.36}, False),
-        ({"height": 1.0, "speed": -0.36}, False),
-        ({"height": 1.0, "age": 0.24}, True),
-        ({"height": 1.0, "age": 0.26}, False),
+        ({"height": 1.0, "speed": 0.34}, SINKS),
+        ({"height": 1.0, "speed": 0.36}, WAITS),
+        ({"height": 1.0, "speed": -0.36}, WAITS),
+        ({"height": 1.0, "age": 0.24}, SINKS),
+        ({"height": 1.0, "age": 0.26}, WAITS),
+        # Close to the ground the decision is final, over the target only.
+        ({"height": 0.12}, FINAL),
+        ({"height": 0.14}, SINKS),
+        ({"height": 0.12, "east": 0.12, "speed": 1.0}, FINAL),
+        ({"height": 0.12, "east": 0.14}, WAITS),
+        ({"height": 0.12, "age": 0.59}, FINAL),
+        ({"height": 0.12, "age": 0.61}, WAITS),
+        ({"height": 0.12, "sd": 0.049}, FINAL),
+        ({"height": 0.12, "sd": 0.051}, SINKS),
     ],
 )
-def test_it_goes_down_inside_the_cone_slowly_and_by_a_fresh_image_only(fields, descends):
-    assert phase_after(**fields) is (LandingPhase.DESCEND if descends else LandingPhase.APPROACH)
-
-
-@pytest.mark.parametrize(
-    ("fields", "commits"),
-    [
-        ({"height": 0.12}, True),
-        ({"height": 0.14}, False),
-        ({"height": 0.12, "east": 0.12, "speed": 1.0}, True),
-        ({"height": 0.12, "east": 0.14}, False),
-        ({"height": 0.12, "age": 0.59}, True),
-        ({"height": 0.12, "age": 0.61}, False),
-        ({"height": 0.12, "sd": 0.049}, True),
-        ({"height": 0.12, "sd": 0.051}, False),
-    ],
-)
-def test_close_to_the_ground_the_decision_is_final_over_the_target_only(fields, commits):
-    assert (phase_after(**fields) is LandingPhase.COMMIT) is commits
+def test_it_goes_down_inside_the_cone_slowly_and_by_a_fresh_image_and_commits_close_to_the_ground(fields, phase):
+    assert phase_after(**fields) is phase
 
 
 @pytest.mark.parametrize(("height", "sink"), [(1.0, 0.40), (0.51, 0.40), (0.49, 0.28), (0.2, 0.28)])
@@ -318,21 +313,22 @@ def test_throttle_of_the_commit_goes_down_further_after_a_while_and_ends_when_it
     assert landing.down_since == 1.02
 
 
-@pytest.mark.parametrize(("height", "age", "stands"), [(0.029, 0.14, True), (0.031, 0.14, False), (0.029, 0.16, False)])
-def test_only_a_fresh_image_of_feet_at_the_ground_shows_that_they_stand(height, age, stands):
+@pytest.mark.parametrize(
+    ("fields", "stands", "is_on_target"),
+    [
+        ({"height": 0.029, "age": 0.14}, True, True),
+        ({"height": 0.031, "age": 0.14}, False, False),
+        ({"height": 0.029, "age": 0.16}, False, False),
+        # It is on the target where two standard deviations are on it too.
+        ({"height": 0.0, "east": 0.31}, True, True),
+        ({"height": 0.0, "east": 0.33}, True, False),
+    ],
+)
+def test_only_a_fresh_image_of_feet_at_the_ground_shows_that_they_stand_and_where(fields, stands, is_on_target):
     landing = land([0.12] * 2)
     for k in range(2, 9):
-        landing.goal(estimate(k * STEP, height, age=age, thrust=1.0), None, STEP)
-    assert (landing.phase is LandingPhase.DOWN) is stands
-
-
-@pytest.mark.parametrize(("east", "is_on_target"), [(0.31, True), (0.33, False)])
-def test_on_the_target_it_stands_where_two_standard_deviations_are_on_it_too(east, is_on_target):
-    landing = land([0.12] * 2)
-    for k in range(2, 9):
-        landing.goal(estimate(k * STEP, 0.0, east=east), None, STEP)
-    assert landing.phase is LandingPhase.DOWN
-    assert landing.is_on_target is is_on_target
+        landing.goal(estimate(k * STEP, **fields, thrust=1.0), None, STEP)
+    assert (landing.phase is LandingPhase.DOWN, landing.is_on_target) == (stands, is_on_target)
 
 
 def test_a_fall_begins_where_the_aircraft_may_be_highest_and_slowest():
