@@ -23,6 +23,7 @@ from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mkdaemon.telemetry.state import Flight, GpsMode, Pilot
 from mkdaemon.telemetry.vision import VisionPose
+from tests.values import made
 
 CFG = ControlConfig()
 STAMP = Stamp(monotonic=0.0, wall=0.0)
@@ -33,21 +34,14 @@ PERIOD = 0.02
 
 
 def link_state(condition=LinkCondition.UP, reason="all is well", openings=1):
-    return LinkState(
-        condition=condition, reason=reason, since=STAMP, stamp=STAMP, port="p", baud=57600, hears_board=True,
-        board_hears_us=True, openings=openings,
-    )  # fmt: skip
+    port = {"port": "p", "baud": 57600, "hears_board": True, "board_hears_us": True}
+    return made(LinkState, STAMP, condition=condition, reason=reason, openings=openings, since=STAMP, **port)
 
 
 def flight(*, is_flying, motors_running=True):
-    return Flight(
-        stamp=STAMP, source="nc/osd", motors_running=motors_running, is_flying=is_flying,
-        is_calibrating=False, is_starting=False, emergency_landing=False, battery_low=False, care_free=None,
-        altitude_control=None, rc_failsafe=None, waiting_for_takeoff=None, auto_starting=None, auto_landing=None,
-        gps_mode=GpsMode.FREE, manual_control=False, range_limit=False, target_reached=False, serial_link_lost=False,
-        error_code=0, error="", flying_time=None, waypoint_index=None, waypoint_count=None, target_distance=None,
-        altitude_setpoint=None,
-    )  # fmt: skip
+    well = dict.fromkeys(("is_calibrating", "is_starting", "emergency_landing", "battery_low"), False)
+    told = {"source": "nc/osd", "gps_mode": GpsMode.FREE, "motors_running": motors_running, "is_flying": is_flying}
+    return made(Flight, STAMP, **told, **well)
 
 
 def pilot(throttle):

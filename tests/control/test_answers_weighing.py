@@ -12,6 +12,7 @@ from mkdaemon.control.answers import REACH, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.stickresponse import STEP
 from mkdaemon.control.linear import discretise
+from tests.control.estimator.test_stickresponse import by_equations
 
 UPLINK = 0.05
 MODEL = replace(AircraftModel(), uplink=UPLINK)
@@ -21,16 +22,7 @@ ROUGH = math.radians(1.0)
 
 def believed(seconds, stick, first):
     """Believed tilt after a stick was held so long, of an aircraft that flew by the stick `first` [rad]."""
-    k = 1.0 / MODEL.rate_lag
-    a = np.array(
-        [
-            [-1.0 / MODEL.leak, 0.0, 1.0, 0.0],
-            [1.0, 0.0, 0.0, -1.0],
-            [-k * MODEL.a1, -k * MODEL.a2, -k, k * MODEL.a1],
-            [0.0, 0.0, 0.0, -1.0 / MODEL.stick_filter],
-        ]
-    )
-    f, g = discretise(a, np.array([[0.0], [0.0], [0.0], [1.0 / MODEL.stick_filter]]), seconds)
+    f, g = discretise(*by_equations(MODEL), seconds)
     return (f @ np.array([first, 0.0, 0.0, first]) + g[:, 0] * stick)[0]
 
 

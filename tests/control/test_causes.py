@@ -18,22 +18,14 @@ from mkdaemon.telemetry.control import Cause, CauseKind, trouble_words
 from mkdaemon.telemetry.vision import PoseRefusal, PoseRefused
 from mksim.config import WindClass
 from tests.control.coreflights import Told
+from tests.values import made
 
 GONE = 3.5
 """From then on no image gives a pose [s]."""
 
 
 def refusal_at(at, refusal=PoseRefusal.OFF_COURSE, decode_age=0.0):
-    return PoseRefused(
-        stamp=stamp(at),
-        camera="down",
-        sequence=1,
-        stamped_by="driver",
-        target="pad",
-        refusal=refusal,
-        decode_age=decode_age,
-        has_attitude=False,
-    )
+    return made(PoseRefused, stamp(at), camera="down", target="pad", refusal=refusal, decode_age=decode_age)
 
 
 def test_refusals_since_the_last_pose_count_and_older_ones_do_not():

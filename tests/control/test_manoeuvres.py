@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from lab.control.camera import CameraModel
-from lab.control.corerig import stamp
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, ReportMode
 from mkdaemon.control.events import AbortAsked
@@ -23,9 +22,9 @@ from mkdaemon.telemetry.setpoint import (
     StickSetpoint,
     TakeOffSetpoint,
 )
-from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
 from tests.control.coreflights import Plan, UntilReleased
+from tests.control.events import pilot
 from tests.control.flying import Flying
 
 BASE = {"epoch": 1, "sequence": 1, "ttl": 0.3}
@@ -74,16 +73,7 @@ def test_an_abort_before_the_lift_off_releases():
 @pytest.mark.parametrize(("throttle", "age", "waits"), [(-3.0, 0.2, True), (-100.0, 0.2, False), (-3.0, 1.2, False)])
 def test_a_take_off_waits_while_the_pilots_throttle_may_carry_the_aircraft(throttle, age, waits):
     flying = Flying()
-    flown = Pilot(
-        stamp=stamp(1.0),
-        source="fc/debug",
-        rc_quality=1.0,
-        has_signal=True,
-        throttle=None,
-        sticks=None,
-        throttle_in_use=throttle,
-    )
-    flying.facts.state_received(flown, 1.0)
+    flying.facts.state_received(pilot(None).model_copy(update={"throttle_in_use": throttle}), 1.0)
     guided = flying.step(TakeOffSetpoint(**BASE, height=2.0), 1.0 + age)
     assert ("the pilot's throttle at its lowest" in guided.obstacle) is waits
 

@@ -10,6 +10,7 @@ from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.navi import NaviStage
 from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
 from tests.control.events import flight
+from tests.values import made
 
 HOME = (53.0, 8.0)
 AWAY = (53.001, 8.0)
@@ -35,10 +36,8 @@ class Watched:
 
 
 def at(home_distance, stamp):
-    return Position(
-        stamp=stamp, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
-        position_enu=None, home_latitude_deg=HOME[0], home_longitude_deg=HOME[1], home_distance=home_distance,
-    )  # fmt: skip
+    home = {"home_latitude_deg": HOME[0], "home_longitude_deg": HOME[1], "home_distance": home_distance}
+    return made(Position, stamp, latitude_deg=53.0, longitude_deg=8.0, altitude_above_start=2.0, **home)
 
 
 LIST = {"waypoint_index": 1, "waypoint_count": 1}
@@ -134,7 +133,7 @@ def test_a_list_that_was_changed_makes_what_came_before_old_and_what_is_said_at_
 def test_a_receiver_that_is_silent_has_no_position_though_the_board_shows_the_last(seen):
     seen.tell(**GOING)
     stamp = Stamp(monotonic=seen.now, wall=seen.now)
-    lost = Gps(stamp=stamp, source="nc/osd", satellites=0, fix=GpsFix.NONE, is_usable=False, is_home_set=True)
+    lost = made(Gps, stamp, satellites=0, fix=GpsFix.NONE, is_home_set=True)
     seen.facts.state_received(lost, seen.now)
     assert seen.tell(**GOING).stage is NaviStage.NO_POSITION
 

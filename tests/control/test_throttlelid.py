@@ -19,6 +19,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Pilot
 from mksim.config import WindClass
 from tests.control.coreflights import Told
+from tests.values import made
 
 PERIOD = 0.02
 LID = -14.0
@@ -156,15 +157,7 @@ def test_no_throttle_winds_up_under_a_lid_and_none_leaps_when_the_pilot_raises_i
 
 
 def reported(at, gas):
-    return Pilot(
-        stamp=stamp(at),
-        source="nc/osd",
-        rc_quality=1.0,
-        has_signal=True,
-        throttle=None,
-        sticks=None,
-        throttle_in_use=gas - 127.0,
-    )
+    return made(Pilot, stamp(at), rc_quality=1.0, has_signal=True, throttle_in_use=gas - 127.0)
 
 
 def test_a_pilot_who_holds_his_throttle_too_low_is_noticed_and_the_flight_goes_on_when_he_raises_it():

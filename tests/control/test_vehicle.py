@@ -11,6 +11,7 @@ from mkdaemon.telemetry.state import Battery, Flight, Gps, GpsFix, Pilot, Positi
 from mkdaemon.telemetry.vision import PoseRefused, VisionStats
 from tests.control.admission.situations import situation_of
 from tests.control.events import STAMP, flight, link_state, pilot
+from tests.values import made
 
 
 def known(facts, at):
@@ -75,13 +76,9 @@ def test_what_a_lost_flightctrl_said_is_unknown_at_once_and_nobody_may_fly():
     assert facts.limit_line(line) is line
 
 
-STAMPED = {"stamp": STAMP, "source": "nc/osd"}
-PLACE = Position(
-    **STAMPED, latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0, position_enu=None,
-    home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
-)  # fmt: skip
-RECEPTION = Gps(**STAMPED, satellites=9, fix=GpsFix.VALID, is_usable=True, is_home_set=True)
-CHARGE = Battery(**STAMPED, voltage=16.0, current=None, used_mah=None, is_low=None)
+PLACE = made(Position, STAMP, latitude_deg=53.0, longitude_deg=8.0, altitude_above_start=2.0)
+RECEPTION = made(Gps, STAMP, satellites=9, fix=GpsFix.VALID, is_usable=True)
+CHARGE = made(Battery, STAMP, voltage=16.0)
 
 
 EACH = (flight(is_flying=True), PLACE, RECEPTION, pilot(20.0), CHARGE)

@@ -12,12 +12,10 @@ from mkdaemon.control.admission.rows import refusal
 from mkdaemon.telemetry.mission import MissionPoint, PointKind
 from mkdaemon.telemetry.state import Gps, GpsFix, GpsMode, Position
 from tests.control.admission.situations import GOOD, flags
-from tests.control.events import STAMP
+from tests.values import made
 
-HOME = Position(
-    stamp=STAMP, source="nc/osd", latitude_deg=53.0, longitude_deg=8.0, altitude=None, altitude_above_start=2.0,
-    position_enu=None, home_latitude_deg=53.0, home_longitude_deg=8.0, home_distance=0.0,
-)  # fmt: skip
+PLACE = {"latitude_deg": 53.0, "longitude_deg": 8.0, "home_latitude_deg": 53.0, "home_longitude_deg": 8.0}
+HOME = made(Position, altitude_above_start=2.0, home_distance=0.0, **PLACE)
 FAR, HIGH, LEAST_SATELLITES = 5000.0, 500.0, 6
 """Limits of docs/waypoints.md [m], and NaviGpsMinSat from the factory."""
 METRE = 1.0 / 111_200.0
@@ -27,7 +25,7 @@ EAST = math.cos(math.radians(53.0))
 
 
 def gps(satellites=10, fix=GpsFix.VALID):
-    return Gps(stamp=STAMP, source="nc/osd", satellites=satellites, fix=fix, is_usable=True, is_home_set=True)
+    return made(Gps, satellites=satellites, fix=fix, is_usable=True, is_home_set=True)
 
 
 def upload(*places, **fields):

@@ -22,12 +22,7 @@ def flown(gain, *, size=0.08, seconds=5.0, late=0.024, hold=0.0, model=MODEL, ai
     Its reports come `late`, and are taken to be of the time `stamped` before; sticks of the time `lost` do not act.
     They are at rest at first, and in the time `weak` ask for half of what they should.
     """
-    a, b = np.zeros((4, 4)), np.zeros((4, 1))
-    a[0, 0], a[0, 2] = -1.0 / aircraft.leak, 1.0
-    a[1, 0], a[1, 3] = 1.0, -1.0
-    a[2] = np.array([-aircraft.a1, -aircraft.a2, -1.0, aircraft.a1]) / aircraft.rate_lag
-    a[3, 3], b[3, 0] = -1.0 / aircraft.stick_filter, 1.0 / aircraft.stick_filter
-    f, g = discretise(a, b, STEP)
+    f, g = discretise(*by_equations(aircraft), STEP)
     found, state = StickResponse(model, start), np.zeros((2, 4))
     reports, acting = [], np.zeros(2)
     for k in range(round(seconds / STEP)):

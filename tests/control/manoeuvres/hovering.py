@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
-from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.sight import Sight
+from tests.control.estimator.test_parts import level_view
 
 STEP = 0.02
 """Time between two steps [s]."""
@@ -17,9 +15,7 @@ CFG = AutopilotConfig()
 
 def view(at, place, yaw=0.0):
     """What an image shows of a target from a place (3,) [m], level, at a heading [rad]."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    target_from_flu = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return TargetView(at, -target_from_flu.T @ np.array(place), target_from_flu, 1e-4 * np.eye(6))
+    return level_view(at, place=place, yaw=yaw, covariance=1e-4 * np.eye(6))
 
 
 class Hovering:

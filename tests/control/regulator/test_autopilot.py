@@ -10,11 +10,12 @@ import pytest
 
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel, E, V
-from mkdaemon.control.estimator.values import OURS, StickCommand, TargetView, ThrottleUse
+from mkdaemon.control.estimator.values import OURS, StickCommand, ThrottleUse
 from mkdaemon.control.regulator.autopilot import UNKNOWN_SPEED, Autopilot, Goal, at_origin
 from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
+from tests.control.estimator.test_parts import level_view
 
 MODEL = AircraftModel()
 HOVER = 125.0
@@ -22,8 +23,7 @@ HOVER = 125.0
 
 def look(at, east):
     """A level aircraft beside the target, two metres up."""
-    spread = [1e-3] * 6
-    return TargetView(at, np.array([-east, 0.0, -2.0]), np.eye(3), np.diag(spread) ** 2)
+    return level_view(at, place=(east, 0.0, 2.0))
 
 
 def begin(view):
@@ -93,11 +93,9 @@ def test_the_regulator_is_that_of_the_stick_filter_that_was_found():
 
 def held(seconds, *, east=0.4, yaw=0.0, goal=None, climb=0.0, **fields):
     """An autopilot that saw an aircraft stand still for a time, and all sticks it asked for."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    r = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def seen(at):
-        return TargetView(at, -r.T @ np.array([east, 0.0, 2.0 + climb * at]), r, np.diag([1e-3] * 6) ** 2)
+        return level_view(at, place=(east, 0.0, 2.0 + climb * at), yaw=yaw)
 
     autopilot, sticks = begin(seen(0.0)), []
     for k in range(1, round(seconds / 0.02)):
