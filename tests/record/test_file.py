@@ -104,11 +104,8 @@ def test_readers_of_mcap_find_messages_indexes_and_metadata() -> None:
 
     assert [message.data for _, _, message in found] == [entry.payload for entry in entries]
     assert found[0][1].metadata["key"] == "mk/mk1/state/attitude"
-    assert found[0][0] is not None
     assert found[0][0].name == "mk.Attitude.v1"
     summary = reader.get_summary()
-    assert summary is not None
-    assert summary.statistics is not None
     assert summary.statistics.message_count == len(entries)
     assert len(summary.chunk_indexes) == 40
     assert all(one.chunk_start_offset < two.chunk_start_offset for one, two in pairwise(summary.chunk_indexes))

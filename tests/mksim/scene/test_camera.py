@@ -107,7 +107,6 @@ def test_a_webcam_rolls_its_shutter_and_finds_its_own_exposure() -> None:
     camera = SceneCamera(SceneConfig(kind="c270", light=light), seed=1)
     assert camera.view(state()).line_time == pytest.approx(30e-3 / 480)
     leaves = camera.conditions(0.5).leaves
-    assert leaves is not None
     assert leaves.shift != (0.0, 0.0)
     means = [float(camera.expose(state()).mean()) for _ in range(8)]
     assert means[-1] > 1.2 * means[0]

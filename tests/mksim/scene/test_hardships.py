@@ -158,7 +158,6 @@ def test_configured_light_and_print_come_on_top_of_the_camera() -> None:
     )
     found = fair_conditions(light, CAMERA_KINDS["c270"].conditions, SIDE, 1)
     assert found.processing == CAMERA_KINDS["c270"].conditions.processing
-    assert found.curl is not None
     assert found.curl.height(np.array([0.0, 0.5 * SIDE])) @ [1, -1] == pytest.approx(0.01 * SIDE, rel=0.02)
     assert (found.leaves is not None, found.gloss is not None, found.dirt is not None) == (True, True, True)
     assert (found.fog, found.drops.count, found.flicker.rate) == (Fog(9.0), 5, 200.0)

@@ -131,7 +131,6 @@ def test_the_board_survives_poor_light() -> None:
     layer = board_layer(CHARUCO.cells, 0.27, 0.18)
     (image,) = board_views((layer,), 0.27, places=PLACES[:1], conditions=LightConditions(exposure=0.3, gradient=4.0))
     found = CHARUCO.find(image)
-    assert found is not None
     assert len(found.ids) > 30
 
 

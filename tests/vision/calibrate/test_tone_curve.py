@@ -21,7 +21,6 @@ def levels_of(processing: Processing) -> np.ndarray:
     found = []
     for image in board_views((layer,), 0.27, places=PLACES[:2], conditions=LightConditions(processing=processing)):
         view = BOARD.find(image)
-        assert view is not None
         found.append(view.levels)
     return np.concatenate(found)
 

@@ -49,9 +49,6 @@ def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
     view = View(TARGET, place(1.2, 0.4, around=0.5), conditions)
     found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start_of(view))
     flat = EdgeFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
-    assert found is not None
-    assert flat is not None
-    assert found.bend is not None
     assert np.abs(found.bend.mean - rise).max() < 0.15 * RISE
     assert angle_deg(found.rotation, view.rotation) < min(0.1, 0.3 * angle_deg(flat.rotation, view.rotation))
     assert nees(found, view) < 4.0
@@ -64,9 +61,7 @@ def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
     known = replace(start_of(view), known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
     fitted = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, start) for start in (known, start_of(view))]
     flat = PhotoFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
-    assert fitted[0] is not None
     assert fitted[1] is not None
-    assert flat is not None
     assert angle_deg(fitted[0].rotation, view.rotation) < 0.7 * angle_deg(flat.rotation, view.rotation)
     assert max(nees(pose, view) for pose in fitted if pose is not None) < 2.0
     sure, unsure = (largest_variance(pose.covariance[3:, 3:]) for pose in fitted if pose is not None)
@@ -103,8 +98,6 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
     assert (learned.at(0.1) or told).mean[0] == 0.0
     learned.learn(0.0, pose)
     soon, late = learned.at(1.0), learned.at(3000.0)
-    assert soon is not None
-    assert late is not None
     assert soon.mean[0] == pytest.approx(0.01, rel=0.01)
     assert soon.covariance[0, 0] < 2e-6
     assert late.mean[0] == pytest.approx(0.0, abs=1e-6)
@@ -122,7 +115,6 @@ def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
     moved = replace(told, mean=told.mean + np.array([0.0, 5e-4, 0.0]))
     learned.learn(0.1, replace(pose, bend=moved, known_bend=told))
     known = learned.at(0.1)
-    assert known is not None
     assert known.covariance == pytest.approx(prior.covariance)
 
 

@@ -72,7 +72,6 @@ def test_a_highlight_does_not_turn_the_pose(beside: float, distance: float) -> N
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
     view = View(TARGET, place(distance, 0.03, around=7.0 * beside), LightConditions(gloss=gloss))
     pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
-    assert pose is not None
     assert angle_deg(view.rotation, pose.rotation) < 1.5
     assert nees(view, pose, pose.covariance) < 5.5
     assert pose.inliers > LIMITS.agreement.blind
@@ -88,7 +87,6 @@ def test_motion_moves_blown_edges_across_it_only() -> None:
         rate = 2.4 / VGA.fx / 0.004 * np.array([np.sin(around), np.cos(around), 0.0])
         view = View(TARGET, replace(place(2.9, 0.15, around), rate_cam=rate, exposure_time=0.004), OVER)
         pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
-        assert pose is not None
         off.append(angle_deg(view.rotation, pose.rotation))
         surprise.append(nees(view, pose, pose.covariance))
     assert np.mean(off) < 0.5
@@ -108,6 +106,5 @@ def test_small_cells_of_blown_paper_are_measured_by_grey_values(exposure: float,
     """Their corners are dimmer and clipped less: edges of 5 px cells put the print 4 mm too far, 1.6 claimed."""
     view = View(TARGET, place(4.4, 0.2), LightConditions(exposure=exposure))
     pose = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
-    assert pose is not None
     assert pose.source == source
     assert nees(view, pose, pose.covariance) < 3.0

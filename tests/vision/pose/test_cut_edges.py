@@ -31,7 +31,6 @@ def test_a_fit_goes_on_until_its_reach_is_as_long_as_edges_are_wide(distance: fl
         about = turn(np.eye(3), np.array([0.0, off, 0.0]))
         turned = turn(about @ rotation, np.array([0.004, 0.006, -0.008]))
         found = fitter.fit(pixels, Pose(turned, 1.004 * about @ position, np.eye(6), "corners", 4, 0.1))
-        assert found is not None
         error = error_of(found.rotation, found.position, rotation, position)
         vector = np.array([*error.xyz, *error.rpy])
         # 0.7-3.7 at 0.01-0.04 degrees; 3706 where a fit ended before.

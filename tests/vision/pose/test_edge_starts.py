@@ -44,7 +44,6 @@ def test_cells_that_do_not_reach_their_edges_hold_no_first_step_back(off_px: flo
     off = np.array([off_px, -off_px, 0.0]) * 0.7 / VGA.fx
     start = Pose(rotation, position + off, np.eye(6), "corners", 4, 0.1)
     found = EdgeFit(pad.target, Projection(VGA)).fit(pixels, start, iterations=1)
-    assert found is not None
     left_px = VGA.fx * float(np.linalg.norm((found.position - position)[:2])) / 0.7
     assert left_px < 0.3
 
@@ -57,8 +56,6 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
     start = Pose(turn(rotation, np.array([0.08, -0.05, 0.0])), 0.99 * position, np.eye(6), "corners", 4, 0.1)
     fitter = EdgeFit(pad.target, Projection(VGA))
     broken_off, arrived = (fitter.fit(pixels, start, iterations=count) for count in (1, 12))
-    assert broken_off is not None
-    assert arrived is not None
     off = error_of(broken_off.rotation, broken_off.position, rotation, position)
     assert largest_variance(arrived.covariance[3:, 3:]) < np.radians(0.1) ** 2
     assert off.angle_deg > 0.5

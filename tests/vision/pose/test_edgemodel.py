@@ -35,5 +35,4 @@ def test_all_edges_of_a_plain_nested_target_agree(distance: float) -> None:
     rotation, position = cam_from_target(pad, view)
     pixels = Scene([pad], ground=None, seed=4, fine=False).render(view, LightConditions())
     found = EdgeFit(pad.target, Projection(VGA)).fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
-    assert found is not None
     assert found.inliers > 0.985  # 0.957 with the edges beside the inner tag's paper

@@ -130,7 +130,6 @@ def test_an_edge_in_the_shade_is_trusted_less() -> None:
     assert half.trust[rows < 30].min() > 0.9
     assert half.trust[rows > 34].max() < 0.1
     assert dark.trust.min() > 0.9
-    assert blown.light is not None
     moved = blown.light.rows[:2].sum(axis=0)
     assert (blown.trust * (1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2)).min() > 0.9
 
@@ -146,7 +145,6 @@ def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:
         view = View(target, place(3.5 + k / 24, 0.05 + 0.01 * k, around=0.9 * k, roll=0.7 * k), sky)
         start = turn(view.rotation, np.radians(0.7) * rng.standard_normal(3))
         found = fit.fit(view.pixels, Pose(start, view.position, np.eye(6), "corners", 8, 0.1))
-        assert found is not None
         error = np.concatenate([found.position - view.position, rotation_vector(found.rotation @ view.rotation.T)])
         nees.append(error @ np.linalg.solve(found.covariance, error) / 6)
         turned.append(angle_deg(found.rotation, view.rotation))

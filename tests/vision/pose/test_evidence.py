@@ -33,7 +33,6 @@ def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
     fit = EdgeFit(target, PROJECTION)
     fitted = fit.fit(view.pixels, start)
-    assert fitted is not None
     assert angle_deg(fitted.rotation, view.rotation) < 0.5
     evidence = fit.evidence(view.pixels, fitted)
     assert evidence.supports, evidence
@@ -78,6 +77,5 @@ def test_a_covered_target_is_posed_at_first_sight_without_attitude(reflectance):
     view = View(target, place(0.9, 0.4, around=2.0, roll=1.0), strip(target.tags[0].size, 0.2, reflectance))
     tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
     found = tracker.update(view.image(), None).pose_of(target.name)
-    assert found is not None
     assert np.linalg.norm(found.pose.position - view.position) < 0.01
     assert angle_deg(found.pose.rotation, view.rotation) < 1.0

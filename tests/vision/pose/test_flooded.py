@@ -34,7 +34,6 @@ def test_edges_that_a_highlight_floods_are_not_missed() -> None:
     view = View(target, place(1.2, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, (0.1, 0.0, 1.0)), exposure=1.2))
     start = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
     found = EdgeFit(target, projection).fit(view.pixels, start)
-    assert found is not None
     assert found.inliers > 0.9
     assert np.linalg.norm(found.position - view.position) < 0.005
     covered = view.pixels.copy()

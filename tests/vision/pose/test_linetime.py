@@ -100,7 +100,6 @@ def test_behind_an_untold_rolling_shutter_that_vibrates_no_pose_is_wrong_and_the
             posed += 1
     assert posed > 0.8 * len(shaken)
     assert np.median(squares) < 10.0  # 35 to 60 when it was taken for a global shutter
-    assert tracker.shutter is not None
     line_time, sd = tracker.shutter.estimate
     assert abs(line_time - READOUT) < 3.0 * sd
     assert f"{1e6 * line_time:.0f} +- " in tracker.shutter.words

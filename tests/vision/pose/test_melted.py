@@ -40,7 +40,6 @@ def smeared(
 def test_a_smeared_target_is_measured_by_its_grey_values(way: float) -> None:
     view = smeared(6.0, way)
     found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
-    assert found is not None
     assert found.source == "photometric"
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.6
     assert nees(view, found, with_floor(found)) < 3.0
@@ -49,7 +48,6 @@ def test_a_smeared_target_is_measured_by_its_grey_values(way: float) -> None:
 def test_a_sharp_target_is_measured_by_its_edges() -> None:
     view = smeared(0.5, 0.9)
     found = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
-    assert found is not None
     assert found.source == "edges"
 
 
@@ -80,10 +78,8 @@ def test_the_mirror_image_is_fitted_at_the_resolution_of_the_pose() -> None:
     view = smeared(12.0, 0.1, distance=2.8, tilt=0.3)
     fitter = TargetFitter(TARGET, Projection(VGA))
     found = fitter.refine(view.pixels, nearly(view))
-    assert found is not None
     assert found.is_halved
     rival = fitter.fit_mirrored(view.pixels, found)
-    assert rival is not None
     assert rival.is_halved
 
 
@@ -93,6 +89,5 @@ def test_edges_that_a_streak_melts_are_believed_less_than_those_along_it() -> No
     for around in np.arange(24) * np.pi / 12:
         view = smeared(6.0, round(around) % 2 * np.pi / 2, distance=4.4, tilt=0.25, around=around)
         found = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
-        assert found is not None
         honest.append(nees(view, found, found.covariance))
     assert np.median(honest) < 1.9

@@ -25,7 +25,6 @@ def test_the_mirror_image_is_fitted_as_the_pose(distance, source):
     truth = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
     pose = truth if source == "edges" else fitter.fit_grey_values(view.pixels, [truth])[0]
     rival = fitter.fit_mirrored(view.pixels, pose)
-    assert rival is not None
     assert rival.source == source
     assert angle_deg(rival.rotation, view.rotation) > 15.0
 

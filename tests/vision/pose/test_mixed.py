@@ -44,8 +44,6 @@ def test_cells_of_four_to_five_pixels_are_measured_by_grey_values() -> None:
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
         view = View(TARGET, place(DISTANCE, tilt, around), LightConditions(psf_px=1.0))
         found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
-        assert found is not None
-        assert alone is not None
         assert (found.source, alone.source) == ("photometric", "edges")
         mixed_errors.append(off(found, view))
         edge_errors.append(off(alone, view))
@@ -59,7 +57,6 @@ def test_in_dusk_all_pixels_measure_what_noisy_edges_have_found() -> None:
     for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
         view = View(TARGET, place(VGA.fx * CELL / 8.0, tilt, around), dusk)
         found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
-        assert found is not None
         assert alone is not None
         assert found.source == "photometric"
         assert found.rms_px > LIMITS.certainty.blind_rms_px > found.unexplained_px
@@ -74,7 +71,6 @@ def test_what_lies_over_a_small_print_is_in_the_covariance() -> None:
     corner = ((-half, -half), (-0.35 * half, -half), (-0.35 * half, 0.1 * half), (-half, 0.1 * half))
     view = View(TARGET, place(DISTANCE, 0.3, 1.0), LightConditions(covers=(Cover(corner, 0.5),)))
     found = TargetFitter(TARGET, PROJECTION).refine(view.pixels, beside(view))
-    assert found is not None
     turned = np.asarray(cv2.Rodrigues(view.rotation @ found.rotation.T)[0], dtype=np.float64).ravel()
     error = np.concatenate([view.position - found.position, turned])
     assert float(error @ np.linalg.solve(found.covariance, error)) / 6 < 2.0
@@ -87,7 +83,6 @@ def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float
     moved = replace(start, position=start.position + np.array([cells * CELL, 0.5 * cells * CELL, 0.0]))
     assert PhotoFit(TARGET, PROJECTION).fit(view.pixels, moved) is None
     near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
-    assert near is not None
     assert float(np.linalg.norm(near.position - view.position)) < 0.01
 
 

@@ -67,7 +67,6 @@ def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[floa
     view = View(target, moving, LightConditions())
     fit = PhotoFit(target, Projection(VGA))
     found = fit.fit(view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 200, 0.05))
-    assert found is not None
     again = fit.fit(view.pixels, found, blur_px=found.blur_px)
     assert again is not None and again.cost is not None
     assert found.cost == pytest.approx(again.cost, rel=0.02)
@@ -81,8 +80,6 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pyt
     arrived = fit.fit(view.pixels, start)
     monkeypatch.setattr(photofit, "STEPS", 1)
     broken_off = fit.fit(view.pixels, start)
-    assert broken_off is not None
-    assert arrived is not None
     turned = np.asarray(cv2.Rodrigues(broken_off.rotation @ arrived.rotation.T)[0], dtype=np.float64).ravel()
     apart = np.concatenate([broken_off.position - arrived.position, turned])
     assert float(apart @ np.linalg.solve(arrived.covariance, apart)) > 100.0
@@ -139,7 +136,6 @@ def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(aroun
     view = View(target, place(4.4, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, sun)))
     start = Pose(turn(view.rotation, np.radians([2.0, -1.0, 0.5])), view.position, np.eye(6), "edges", 9, 0.1)
     found = PhotoFit(target, Projection(VGA)).fit(view.pixels, start)
-    assert found is not None
     turned = np.asarray(cv2.Rodrigues(found.rotation @ view.rotation.T)[0], dtype=np.float64).ravel()
     apart = np.concatenate([found.position - view.position, turned])
     assert np.degrees(np.linalg.norm(turned)) < 1.5
@@ -167,7 +163,6 @@ def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypat
         grey = replace(start, position=1.03 * view.position, rms_px=rms_px, **explained)
         monkeypatch.setattr(PhotoFit, "fit", lambda *_, found=grey, **__: found)
         fitted = fitter.refine(view.pixels, start)
-        assert fitted is not None
         assert fitted.source == source
 
 
@@ -180,7 +175,6 @@ def test_far_poses_behind_a_tone_curve_are_believed() -> None:
         view = View(target, far, toned)
         start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "corners", 4, 0.1)
         pose = fit.fit(view.pixels, start)
-        assert pose is not None
         found.append(nees(view, pose, pose.covariance))
     assert 0.55 < np.mean(found) < 1.5
 
@@ -201,7 +195,6 @@ def test_large_cells_are_fitted_in_an_image_of_half_the_size():
         fit(view.pixels, start)
         for fit in (PhotoFit(target, Projection(VGA)).fit, PhotoFit(target, Projection(VGA)).fit_whole)
     )
-    assert half is not None and whole is not None
     assert half.points < whole.points / 3
     assert nees(view, half, half.covariance) < 3.0
     assert half.blur_px == pytest.approx(whole.blur_px, rel=0.3)

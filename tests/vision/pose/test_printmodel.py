@@ -33,7 +33,6 @@ def white_of(target: Target, distance: float) -> float:
     model = Prints(target, projection).all[0]
     pixels = np.zeros((480, 640), dtype=np.uint8)
     seen = model.samples(pixels, ABOVE, np.array([0.01, 0.02, distance]), 0.2 * np.eye(2))
-    assert seen is not None
     return float(seen.value.sum() * (distance / projection.focal[0]) ** 2)
 
 
@@ -73,7 +72,6 @@ def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place(distance: float, ti
     rotation, position = turn(ABOVE, np.array([tilt, 0.0, 0.0])), np.array([0.013, 0.021, distance])
     model = Prints(target, Projection(STRAIGHT)).all[0]
     seen = model.samples(np.zeros((480, 640), dtype=np.uint8), rotation, position, BLUR_PX**2 * np.eye(2))
-    assert seen is not None
     height, width = seen.used.shape
     exact = drawn(target, rotation, position)[seen.top : seen.top + height, seen.left : seen.left + width]
     assert float(np.abs(seen.value - exact[seen.used]).max()) < 0.016
@@ -86,7 +84,6 @@ def test_the_range_of_such_a_tag_is_right(distance: float, tilt: float) -> None:
     image = np.rint(10.0 + 160.0 * drawn(target, rotation, position)).astype(np.uint8)
     start = Pose(rotation, position, np.eye(6), "corners", 4, 0.0)
     found = TargetFitter(target, Projection(STRAIGHT)).refine(image, start)
-    assert found is not None
     assert found.source == "photometric"
     assert abs(found.range_m - float(np.linalg.norm(position))) < 0.001 * distance
 
@@ -113,12 +110,9 @@ def test_what_a_growing_point_spread_changes(streak_px: float, way: float) -> No
     spread = 0.36 * np.eye(2) + streak_px**2 / 12.0 * np.outer(along, along)
     black = np.zeros((480, 640), dtype=np.uint8)
     here = model.samples(black, rotation, position, spread)
-    assert here is not None
     ways = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]]])
     for more, slope in zip(0.1 * ways, here.by_spread, strict=True):
         wider, narrower = (model.samples(black, rotation, position, spread + sign * more) for sign in (1.0, -1.0))
-        assert wider is not None
-        assert narrower is not None
         found = (wider.value - narrower.value) / 0.2
         assert np.std(found - slope) < 0.25 * np.std(found)
 

@@ -54,7 +54,6 @@ def fit(lens: Intrinsics, known: UnknownsEstimate | None = None) -> tuple[Pose, 
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
     found = EdgeFit(PAD.target, Projection(lens)).fit(SCENE.render(view, CLEAN), start)
-    assert found is not None
     error = error_of(found.rotation, found.position, rotation, position)
     return found, error.distance, error.angle_deg
 
@@ -81,7 +80,6 @@ def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
     assert turned < 0.15
     assert off < 0.2 * plain_off
     assert turned < 0.2 * plain_turned
-    assert found.motion is not None
     assert np.sign(found.motion[2]) == np.sign(RATE[2])
 
 
@@ -172,7 +170,6 @@ def test_a_turn_about_the_optical_axis_bends_a_far_print_and_turns_no_pose() -> 
         known = UnknownsEstimate(np.array([*rate, 0.0]), np.diag([0.05, 0.05, 0.05, 0.1]) ** 2)
         start = Pose(rotation, position * 1.002, np.eye(6), "corners", 4, 0.1, known_motion=known)
         found = PhotoFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, CLEAN), start)
-        assert found is not None
         errors.append(np.degrees(error_of(found.rotation, found.position, rotation, position).rpy))
     # 0.8 where all rows share one homography.
     assert float(np.linalg.norm(errors[1] - errors[0])) < 0.15
@@ -221,7 +218,6 @@ def test_a_fit_to_edges_from_the_mirror_image_goes_on_while_its_steps_are_long(s
     mirrored = turn(rotation, axis / np.linalg.norm(axis) * 2.0 * np.arccos(rotation[:, 2] @ toward))
     start = Pose(mirrored, position, np.eye(6), "corners", 4, 0.1)
     found = EdgeFit(PAD.target, Projection(LENS)).fit(SCENE.render(view, LightConditions()), start)
-    assert found is not None
     off = error_of(found.rotation, found.position, rotation, position)
     error = np.array([*off.xyz, *off.rpy])
     assert float(error @ np.linalg.solve(found.covariance, error)) / 6.0 < 3.3  # chance: one in 300

@@ -58,7 +58,6 @@ def test_costs_fall_along_the_way_to_the_place(monkeypatch: pytest.MonkeyPatch) 
         with monkeypatch.context() as patched:
             patched.setattr(photofit, "STEPS", FAR)
             found = fitter.fit(pixels, start)
-        assert best is not None
         assert best.cost is not None
         if found is None or found.cost is None:
             continue
@@ -79,7 +78,6 @@ def test_how_far_a_fit_is_from_its_place_is_told_without_damping() -> None:
     at = prior.begin(0.7)
     models = prints.seen(at.rotation, at.position)
     step = PhotoFit(PAD.target, projection).step(pixels, models, at, prior)
-    assert step is not None
     taken = step.change(1.0)[:6]
     assert length2(taken, step.pose(at, prior).covariance) < 0.5 * step.length2
     np.testing.assert_allclose(step.to_go, step.change(1e-7)[:6], rtol=1e-2, atol=1e-5)

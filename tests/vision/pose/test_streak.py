@@ -49,7 +49,6 @@ def test_a_tone_curve_shifts_edges_that_motion_widens_more_than_others(way: floa
     """By one shift for all, a print that looks shorter one way was tilted by a degree."""
     view = smeared("single", 2.2, 3.0, way, LightConditions(processing=Processing(gamma=2.2)))
     found = EdgeFit(shipped("single"), PROJECTION).fit(view.pixels, start(view))
-    assert found is not None
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.35
 
 
@@ -59,7 +58,6 @@ def test_wide_edges_of_a_near_target_are_found_in_their_middle(streak_px: float,
     """Cells of 27 px; those of the inner tag have 4 px and melt."""
     view = smeared("nested", 0.85, streak_px, way)
     found = EdgeFit(shipped("nested"), PROJECTION).fit(view.pixels, start(view))
-    assert found is not None
     assert np.degrees(angle_between(found.rotation, view.rotation)) < 0.15
     assert np.linalg.norm(found.position - view.position) < 0.001
     assert nees(view, found) < 4.0
@@ -89,7 +87,6 @@ def test_edges_that_the_grey_values_contradict_are_as_uncertain_as_both_are_apar
     assert edges is not None
     monkeypatch.setattr(fitter._photo, "explains", lambda _grey: False)
     found = fitter.refine(view.pixels, start(view))
-    assert found is not None
     assert found.source == "edges"
     assert nees(view, edges) > 4.0
     assert nees(view, found) < 1.0
@@ -100,7 +97,6 @@ def test_a_sharp_target_below_a_cover_stays_certain(distance: float) -> None:
     cover = Cover(((-0.3, 0.11), (0.3, 0.11), (0.3, 0.3), (-0.3, 0.3)), 0.4)
     view = smeared("single", distance, 0.5, 0.8, LightConditions(covers=(cover,)))
     found = TargetFitter(shipped("single"), PROJECTION).refine(view.pixels, start(view))
-    assert found is not None
     assert found.source == "edges"
     assert found.inliers > LIMITS.agreement.blind
     assert np.degrees(np.sqrt(np.linalg.eigvalsh(found.covariance[3:, 3:])[-1])) < 0.3

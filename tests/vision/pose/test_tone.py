@@ -40,7 +40,6 @@ def fit(fitter: EdgeFit | PhotoFit, distance: float, processing: Processing) -> 
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
     found = fitter.fit(rendered(view, processed(processing)), start)
-    assert found is not None
     return found, found.range_m / float(np.linalg.norm(position)) - 1.0
 
 
@@ -85,7 +84,6 @@ def test_a_far_print_smeared_by_motion_is_fitted_with_its_smear(angle: float) ->
     rotation, position = cam_from_target(PAD, view)
     start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
     found = PhotoFit(PAD.target, Projection(VGA)).fit(rendered(view, LightConditions()), start)
-    assert found is not None
     error = error_of(found.rotation, found.position, rotation, position)
     assert error.distance < 0.012
     assert error.angle_deg < 1.2

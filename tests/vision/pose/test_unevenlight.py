@@ -66,7 +66,6 @@ def test_light_that_grows_is_asked_for_beside_a_shadow_too(distance: float) -> N
     view = View(TARGET, place(distance, 0.2))
     for pixels, grows in ((view.pixels, False), (shaded(view, lit(view, 0.4)), True)):
         located = EdgeFit(TARGET, PROJECTION).locate(pixels, fitted(view, pixels))
-        assert located is not None
         assert ("grown" in located[2]) == grows
 
 

@@ -61,7 +61,6 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
     covariance = np.eye(len(unknowns.rows))
     covariance[unknowns["motion"], unknowns["motion"]] = np.linalg.inv(image + asked.information)
     seen = prior.seen_motion(state, unknowns, covariance)
-    assert seen is not None
     np.testing.assert_allclose(seen.information, image, atol=2.0 * RIDGE)
     np.testing.assert_allclose(image @ seen.mean, -asked.information @ asked.mean, rtol=2.0 * RIDGE)
     assert Prior(START, None, Projection(VGA, Shutter(30e-6)), None).seen_motion(state, unknowns, covariance) is None

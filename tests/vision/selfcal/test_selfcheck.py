@@ -213,7 +213,6 @@ def watching(target: Target, projection: Projection) -> CameraFilter:
 def focal_information(found: CameraFilter, pixels: np.ndarray, pose: Pose) -> float:
     """Of an exact print and lens of one unknown, whatever the pose and a shift."""
     evidence = found.look(pixels, pose)
-    assert evidence is not None
     own = len(evidence.pull) - len(found.mean)
     asked = [*range(own), own + LENS_AT]
     return float(1.0 / np.linalg.inv(evidence.matrix[np.ix_(asked, asked)])[-1, -1])

@@ -38,7 +38,6 @@ def judge_of(fitter: TargetFitter) -> Judge:
 
 
 def off(pose: Pose | None, view: View) -> float:
-    assert pose is not None
     return float(np.linalg.norm(pose.position - view.position))
 
 

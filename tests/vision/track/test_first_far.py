@@ -37,7 +37,6 @@ def test_the_first_image_decides(name: str, lens: Intrinsics, distance: float, t
     target = shipped(name)
     view = View(target, replace(place(distance, tilt), intrinsics=lens))
     found = Tracker(TagMap((target,)), lens, None).update(view.image()).pose_of("pad")
-    assert found is not None
     assert found.decided_by == "image"
     assert angle_deg(found.pose.rotation, view.rotation) < 1.0
     assert np.linalg.norm(found.pose.position - view.position) < 0.01 * distance
@@ -50,7 +49,6 @@ def test_a_fit_that_ended_between_both_readings_is_asked_for_another() -> None:
     axis = np.cross(view.rotation[:, 2], -view.position)
     beyond = cv2.Rodrigues(np.radians(6.4) * axis / np.linalg.norm(axis))[0] @ view.rotation
     saddle = fitter.refine(view.pixels, Pose(beyond, view.position, 1e-6 * np.eye(6), "photometric", 800, 0.05))
-    assert saddle is not None
     assert np.degrees(saddle.tilt) < 2.5
     assert angle_deg(saddle.rotation, view.rotation) > 4.0
     cfg = TrackerSection()

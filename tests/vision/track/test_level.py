@@ -217,7 +217,6 @@ def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
 def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:
     history = AttitudeHistory(AttitudeSample(k / 50, 0.4 * k / 50, 0.0, 0.0) for k in range(5))
     turning = history.turning_at(0.03)
-    assert turning is not None
     assert turning.rate == pytest.approx([0.4, 0.0, 0.0], abs=1e-6)
     assert history.turning_at(0.2) is None
     assert AttitudeHistory([]).turning_at(0.0) is None
@@ -228,7 +227,6 @@ def test_turning_is_known_best_half_way_between_attitudes_and_worse_the_closer_t
         turning = AttitudeHistory(AttitudeSample(k * apart, 0.4 * k * apart, 0.0, 0.0) for k in range(9)).turning_at(
             time
         )
-        assert turning is not None
         return turning.sd
 
     assert sd_at(0.05, 0.02) == pytest.approx(np.sqrt(2.0) * np.radians(0.1) / 0.02, rel=1e-3)

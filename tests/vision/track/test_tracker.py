@@ -75,7 +75,6 @@ def test_a_fit_begins_where_the_image_shows_the_target(monkeypatch, shaken, firs
         view = View(target, turned)
         starts.clear()
         found = follower.update(view.image(k / 30, k), attitude_of(View(target, steady))).pose_of("pad")
-    assert found is not None
     assert found.mode == first
     assert len(starts) == 1
     assert np.linalg.norm(found.pose.position - view.position) < 0.01
@@ -84,7 +83,6 @@ def test_a_fit_begins_where_the_image_shows_the_target(monkeypatch, shaken, firs
 def test_covariance_carries_the_calibration_floor():
     view = View(shipped("nested"), place(2.0, 0.3))
     found = tracker().update(view.image(), attitude_of(view)).pose_of("pad")
-    assert found is not None
     assert np.sqrt(found.covariance[2, 2]) >= 0.9 * FLOOR_RANGE * 2.0
     assert np.sqrt(found.covariance[5, 5]) >= FLOOR_ANGLE
     rotation, centre, covariance = found.camera_in_target()
@@ -243,14 +241,12 @@ def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
     for k in range(14):
         view = View(shipped("single"), place(4.2 + 0.01 * k, 0.3, around=0.3 + 0.004 * k))
         found = follower.update(view.image(k / 30, k), attitude_of(view)).pose_of("pad")
-    assert found is not None
     judge, before = follower.followers[0].judge, follower.followers[0].track.branches
     seen = ImageSight(view.pixels, 13 / 30 + 0.001, view.view.enu_from_cam)
     vague = replace(found.pose, covariance=found.pose.covariance + np.diag([1e-5, 1e-5, 4e-4, 1e-4, 1e-4, 1e-4]))
     assert certainty_refusal(vague, has_attitude=True) is PoseRefusal.POSITION_UNCERTAIN
     helped = judge.judge_with_attitude(seen, vague, before)
     assert helped.refusal is None
-    assert helped.pose is not None
     assert np.linalg.norm(helped.pose.position - view.position) < 0.01
     elsewhere = replace(vague, position=vague.position * 1.03)
     refused = judge.judge_with_attitude(seen, elsewhere, before)
