@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -131,32 +132,30 @@ GENUINE_TILT = {0.25: 3.4, 0.5: 7.4, 1.0: 12.8, 2.0: 19.3, 3.0: 22.2, 4.0: 21.4}
 GENUINE_BELIEVED = {0.25: 3.0, 0.5: 5.9, 1.0: 7.8, 2.0: 8.6, 4.0: 8.8}
 
 
-def test_a_constant_command_tilts_as_on_the_genuine_firmware_where_the_accelerometer_is_weakest() -> None:
-    sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79, "acc_scale_max": 0.79})
-    world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=1, start=StartState(height=60.0))
+def leaning(seed: int, **scale: float) -> list[tuple[float, float]]:
+    """True and believed pitch [deg] of 4 s with a constant 18 counts, for a scale of the accelerometer."""
+    sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79, **scale})
+    world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=seed, start=StartState(height=60.0))
     tilts = []
     for _ in range(round(4.0 / DT)):
         world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
         tilts.append((math.degrees(world.truth.pitch), math.degrees(world.sensors.fc_angle_pitch)))
+    return tilts
+
+
+def test_a_constant_command_tilts_as_on_the_genuine_firmware_where_the_accelerometer_is_weakest() -> None:
+    tilts = leaning(1, acc_scale_max=0.79)
     waited = RC_PERIOD / 2.0  # here the stick meets a receiver frame at once
-    for when, tilt in GENUINE_TILT.items():
-        assert tilts[round((when - waited) / DT) - 1][0] == pytest.approx(tilt, abs=0.15)
-    for when, tilt in GENUINE_BELIEVED.items():
-        assert tilts[round((when - waited) / DT) - 1][1] == pytest.approx(tilt, abs=0.15)
+    for column, genuine in enumerate((GENUINE_TILT, GENUINE_BELIEVED)):
+        for when, tilt in genuine.items():
+            assert tilts[round((when - waited) / DT) - 1][column] == pytest.approx(tilt, abs=0.15)
 
 
 def test_the_scale_of_the_accelerometer_is_drawn_once_per_seed() -> None:
-    def tilt(seed: int) -> float:
-        sensors = SensorConfig.ideal().model_copy(update={"acc_scale_min": 0.79})
-        world = World(FlightConfig(wind=WindClass.NONE, sensors=sensors), seed=seed, start=StartState(height=60.0))
-        for _ in range(round(4.0 / DT)):
-            world.step(StickInput(18.0, 0.0, 0.0, 127.0, motors_running=True))
-        return math.degrees(world.truth.pitch)
-
-    tilts = [tilt(seed) for seed in range(8)]
+    tilts = [leaning(seed)[-1][0] for seed in range(8)]
     assert 16.9 < min(tilts) < max(tilts) < 21.5
     assert max(tilts) - min(tilts) > 1.0
-    assert tilt(3) == tilts[3]
+    assert leaning(3)[-1][0] == tilts[3]
 
 
 @pytest.mark.parametrize("truncate", [False, True])
@@ -176,12 +175,10 @@ def test_constant_command_runs_away_while_the_board_sees_nothing(truncate: bool)
 @pytest.mark.parametrize(("count", "kept"), [(10.0, 9.5), (-10.0, -9.5), (1.0, 0.5)])
 def test_a_growing_stick_stalls_half_a_count_short(count: float, kept: float) -> None:
     loop = AxisLoop(gains_of("easy"), LoopConfig())
-    for _ in range(60):
-        loop.take_stick(count)
-    assert loop.stick == pytest.approx(kept, abs=1e-9)
-    for _ in range(60):
-        loop.take_stick(0.0)
-    assert loop.stick == 0.0
+    for wanted, reached in ((count, kept), (0.0, 0.0)):
+        for _ in range(60):
+            loop.take_stick(wanted)
+        assert loop.stick == pytest.approx(reached, abs=1e-9)
 
 
 def test_the_stick_filter_takes_a_quarter_of_every_receiver_frame_in_whole_units() -> None:
@@ -241,48 +238,40 @@ def test_the_integral_rests_on_the_ground() -> None:
     assert loop.integral == 0.0
 
 
-def turn(stick: float, seconds: float, *, lock: bool = True) -> tuple[YawLoop, float]:
-    """Turn an aircraft that follows its rate loop exactly; returns the loop and the yaw reached [deg]."""
-    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(compass_lock=lock), 0.0)
-    yaw = rate = 0.0
+def turning(loop: YawLoop, stick: float, seconds: float, yaw: float = 0.0) -> Iterator[tuple[float, float]]:
+    """Rate [rad/s] and yaw [rad] of an aircraft that follows its rate loop exactly, pass by pass."""
+    rate = 0.0
     for _ in range(round(seconds / DT)):
         loop.update(stick, rate, yaw, flying=True)
         rate += loop.acceleration * DT
         yaw += rate * DT
-    return loop, math.degrees(yaw)
+        yield rate, yaw
+
+
+def turn(stick: float, *, lock: bool = True) -> list[float]:
+    """Yaw [deg] of 20 s with a stick."""
+    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(compass_lock=lock), 0.0)
+    return [math.degrees(yaw) for _, yaw in turning(loop, stick, 20.0)]
 
 
 @pytest.mark.parametrize(
-    ("stick", "rate_deg"), [(0, 0), (4, 0), (8, 1.65), (-8, -1.65), (12, 3.4), (20, 7.2), (40, 18.46), (-40, -18.46)]
+    ("stick", "rate_deg", "genuine_deg"),
+    [
+        *((0, 0, 0), (4, 0, 0), (8, 1.65, 1.5), (-8, -1.65, -1.5), (12, 3.4, 3.25)),
+        *((20, 7.2, 7.5), (40, 18.46, 19.3), (-40, -18.46, -19.3)),
+    ],
 )
-def test_yaw_is_a_rate_with_a_dead_band(stick: float, rate_deg: float) -> None:
-    _, early = turn(stick, 2.0)
-    _, late = turn(stick, 4.0)
-    assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.01, abs=1e-9)
-
-
-GENUINE_YAW = [(8, 1.5), (12, 3.25), (20, 7.5), (40, 19.3)]
-"""Stick and yaw rate [deg/s] of the genuine firmware, Easy set."""
-
-
-@pytest.mark.parametrize(("stick", "rate_deg"), GENUINE_YAW)
-def test_yaw_rates_of_the_easy_set_are_the_genuine_ones(stick: float, rate_deg: float) -> None:
-    _, early = turn(stick, 2.0)
-    _, late = turn(stick, 4.0)
-    assert (late - early) / 2.0 == pytest.approx(rate_deg, rel=0.1)
+def test_yaw_is_a_rate_with_a_dead_band(stick: float, rate_deg: float, genuine_deg: float) -> None:
+    """Beside the rates of the genuine firmware, Easy set."""
+    yaws = turn(stick)
+    rate = (yaws[round(4.0 / DT)] - yaws[round(2.0 / DT)]) / 2.0
+    assert rate == pytest.approx(rate_deg, rel=0.01, abs=1e-9)
+    assert rate == pytest.approx(genuine_deg, rel=0.1, abs=1e-9)
 
 
 def test_a_yaw_step_overshoots_by_40_percent_and_settles_in_0_35_s() -> None:
-    loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
-    yaw = rate = 0.0
-    rates = []
-    for _ in range(round(1.5 / DT)):
-        loop.update(40.0, rate, yaw, flying=True)
-        rate += loop.acceleration * DT
-        yaw += rate * DT
-        rates.append(rate)
-    final = rates[-1]
-    share = [value / final for value in rates]
+    rates = [rate for rate, _ in turning(YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0), 40.0, 1.5)]
+    share = [value / rates[-1] for value in rates]
     assert next(k for k, value in enumerate(share) if value >= 0.63) * DT == pytest.approx(0.08, abs=0.01)
     assert max(share) - 1.0 == pytest.approx(0.40, abs=0.04)
     assert max(k for k, value in enumerate(share) if abs(value - 1.0) > 0.05) * DT == pytest.approx(0.35, abs=0.04)
@@ -290,21 +279,14 @@ def test_a_yaw_step_overshoots_by_40_percent_and_settles_in_0_35_s() -> None:
 
 def test_the_compass_lock_pulls_with_0_8_of_the_error_a_second() -> None:
     loop = YawLoop(AttitudeGains.from_parameters(), LoopConfig(), 0.0)
-    yaw, rate, turned = math.radians(10.0), 0.0, 0.0
-    loop.locked_yaw, loop.heading = 0.0, yaw
-    for _ in range(round(1.5 / DT)):
-        loop.update(0.0, rate, yaw, flying=True)
-        rate += loop.acceleration * DT
-        yaw += rate * DT
-        turned = rate
-    assert -turned / yaw == pytest.approx(0.8, rel=0.1)
+    loop.locked_yaw, loop.heading = 0.0, math.radians(10.0)
+    *_, (rate, yaw) = turning(loop, 0.0, 1.5, loop.heading)
+    assert -rate / yaw == pytest.approx(0.8, rel=0.1)
 
 
 @pytest.mark.parametrize("stick", [6, 7, -7])
 def test_a_small_yaw_stick_creeps_against_the_compass_lock(stick: float) -> None:
-    _, early = turn(stick, 10.0)
-    _, late = turn(stick, 20.0)
-    assert 0.3 < abs(late) < 5.0
-    assert late == pytest.approx(early, abs=0.1)
-    _, free = turn(stick, 20.0, lock=False)
-    assert abs(free) > 10.0
+    yaws = turn(stick)
+    assert 0.3 < abs(yaws[-1]) < 5.0
+    assert yaws[-1] == pytest.approx(yaws[len(yaws) // 2], abs=0.1)
+    assert abs(turn(stick, lock=False)[-1]) > 10.0

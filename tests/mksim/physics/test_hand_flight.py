@@ -8,7 +8,6 @@ import pytest
 from mksim.config import BatteryConfig, FlightConfig, WindClass
 from mksim.physics.attitude_loop import FAST, AttitudeGains
 from mksim.physics.hand_flight import CircleFlight, HandFlight, HandPhase
-from mksim.physics.pilot import DelayedProgram, PilotProgram
 from mksim.physics.world import StartState, World
 
 from .steering import RcBoard
@@ -67,26 +66,3 @@ def test_flies_other_parameter_sets_too(wind: WindClass) -> None:
     board.run(20.0)
     assert np.hypot(*world.truth.position_enu[:2]) < 1.5
     assert world.truth.position_enu[2] == pytest.approx(2.1, abs=0.3)
-
-
-def armed_after(program: PilotProgram) -> float:
-    return armed_in(board_of(program))
-
-
-def armed_in(board: RcBoard) -> float:
-    while not board.armed:
-        board.run(0.05)
-    return board.world.now
-
-
-def test_the_pilot_leaves_the_sticks_alone_until_it_is_time() -> None:
-    late = armed_after(DelayedProgram(HandFlight(height=1.0), 3.0)) - armed_after(HandFlight(height=1.0))
-    assert late == pytest.approx(3.0, abs=0.1)
-
-
-def test_the_pilot_begins_when_he_is_asked() -> None:
-    program = DelayedProgram(HandFlight(height=1.0), 60.0)
-    board = board_of(program)
-    board.run(2.0)
-    program.start()
-    assert armed_in(board) - armed_after(HandFlight(height=1.0)) == pytest.approx(2.0, abs=0.1)

@@ -9,11 +9,12 @@ import signal
 import socket
 import time
 import tty
+from unittest.mock import AsyncMock
 
 import pytest
 import structlog
 
-from lab.rigs.programs import PATIENCE, mkdaemon, run_mkdaemon
+from lab.rigs.programs import PATIENCE, mkdaemon
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
@@ -57,48 +58,46 @@ def test_the_first_line_names_a_port_that_answers(board, address, asked):
         assert program.stderr.read() == ""
 
 
-MISTAKES = [
-    (("--fc", "9.99"), 2, "sim.fc"),
-    (("--config", "no-such.toml"), 2, "no-such.toml"),
-    (("--gas", "3"), 2, "--gas"),
-    (("--listen", "127.0.0.1:99999"), 2, "sim.listen"),
-    (("--seconds", "-1"), 2, "--seconds"),
-]
-
-
-@pytest.mark.parametrize(("options", "code", "says"), MISTAKES)
-def test_a_mistake_is_one_line(options, code, says, capsys, monkeypatch):
-    monkeypatch.setattr(sim, "let_signals_kill", lambda: None)  # this process goes on
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """It goes on, and logs as before."""
+    monkeypatch.setattr(sim, "let_signals_kill", lambda: None)
     monkeypatch.setattr(sim, "configure", lambda level: None)
-    assert run(app, [*ALONE, *options]) == code
+
+
+@pytest.fixture
+def taken():
+    """A TCP port in use."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (("--fc", "9.99"), 2, "sim.fc"),
+        (("--config", "no-such.toml"), 2, "no-such.toml"),
+        (("--gas", "3"), 2, "--gas"),
+        (("--listen", "127.0.0.1:99999"), 2, "sim.listen"),
+        (("--listen", "127.0.0.1:{}"), 1, "sim.listen"),
+        (("--seconds", "-1"), 2, "--seconds"),
+    ],
+)
+@pytest.mark.usefixtures("in_this_process")
+def test_a_mistake_is_one_line(options, code, says, taken, capsys):
+    assert run(app, [*ALONE, *(option.format(taken) for option in options)]) == code
     out, err = capsys.readouterr()
-    assert out == ""
+    assert (out, len(err.splitlines())) == ("", 1)
     assert says in err
-    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(("text", "count"), [('[bus]\nlisten = ["tcp/127.0.0.1:7450"]\n', 1), ("[sim]\nseed = 2\n", 0)])
+@pytest.mark.usefixtures("in_this_process")
 def test_a_section_of_the_bus_is_told_to_be_the_daemons(text, count, tmp_path, monkeypatch):
-    async def serve(*_):
-        """Nothing is simulated."""
-
     log = structlog.testing.CapturingLogger()
     monkeypatch.setattr(sim, "_log", log)
-    monkeypatch.setattr(sim, "_serve", serve)
-    monkeypatch.setattr(sim, "let_signals_kill", lambda: None)
-    monkeypatch.setattr(sim, "configure", lambda level: None)
+    monkeypatch.setattr(sim, "_serve", AsyncMock())
     file = tmp_path / "aircraft.toml"
     file.write_text(text, encoding="utf-8")
     assert run(app, [*ALONE, "--config", str(file)]) == 0
     assert [call.kwargs for call in log.calls] == [{"file": str(file), "connects_to": ("tcp/127.0.0.1:9",)}] * count
-
-
-def test_a_tcp_port_in_use_is_one_line():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        code, out, err = run_mkdaemon(*ALONE, "--listen", f"127.0.0.1:{taken.getsockname()[1]}")
-    assert code == 1
-    assert out == ""
-    assert "sim.listen" in err
-    assert len(err.strip().splitlines()) == 1
