@@ -9,6 +9,7 @@ import pytest
 
 from mksim.config import FlightConfig, SensorConfig, WindClass
 from mksim.physics.deck import MovingDeck, TiltedDeck
+from mksim.physics.truth import Truth
 from mksim.physics.world import DT, MOTORS_OFF, StartState, World
 
 STILL_AIR = FlightConfig(wind=WindClass.NONE, sensors=SensorConfig.ideal())
@@ -18,6 +19,16 @@ def straight(now: float) -> np.ndarray:
     return np.array([0.5 * now, 0.0, 0.4])
 
 
+def landed(ground, seconds: float, **start: float) -> Truth:
+    """The truth of an aircraft that stood so long."""
+    world = World(STILL_AIR, seed=1, start=StartState(**start), ground=ground)
+    for _ in range(round(seconds / DT)):
+        world.step(MOTORS_OFF)
+    assert world.truth.on_ground
+    assert not world.truth.crashed
+    return world.truth
+
+
 def test_only_the_deck_is_high_and_moves() -> None:
     deck = MovingDeck(straight, radius=0.6)
     assert deck.at(1.0, 0.0, 2.0) == pytest.approx((0.4, 0.5, 0.0, 0.0))
@@ -25,21 +36,12 @@ def test_only_the_deck_is_high_and_moves() -> None:
     assert deck.at(1.605, 0.0, 2.0 + 5 * DT)[0] == pytest.approx(0.4), "it moves between its samples"
 
 
-def test_an_aircraft_on_the_deck_rides_along() -> None:
-    world = World(STILL_AIR, seed=1, ground=MovingDeck(straight, radius=0.6))
-    for _ in range(round(6.0 / DT)):
-        world.step(MOTORS_OFF)
-    assert world.truth.on_ground
-    assert not world.truth.crashed
-    assert world.truth.position_enu == pytest.approx([3.0, 0.0, 0.5], abs=0.05)
-    assert world.truth.velocity_enu == pytest.approx([0.5, 0.0, 0.0], abs=1e-6)
-
-
-def test_an_aircraft_beside_the_deck_stays() -> None:
-    world = World(STILL_AIR, seed=1, start=StartState(east=0.0, north=2.0), ground=MovingDeck(straight, radius=0.6))
-    for _ in range(round(2.0 / DT)):
-        world.step(MOTORS_OFF)
-    assert world.truth.position_enu == pytest.approx([0.0, 2.0, 0.1], abs=1e-9)
+def test_an_aircraft_on_the_deck_rides_along_and_one_beside_it_stays() -> None:
+    truth = landed(MovingDeck(straight, radius=0.6), 6.0)
+    assert truth.position_enu == pytest.approx([3.0, 0.0, 0.5], abs=0.05)
+    assert truth.velocity_enu == pytest.approx([0.5, 0.0, 0.0], abs=1e-6)
+    beside = landed(MovingDeck(straight, radius=0.6), 2.0, north=2.0)
+    assert beside.position_enu == pytest.approx([0.0, 2.0, 0.1], abs=1e-9)
 
 
 @pytest.mark.parametrize("tilt_deg", [4.0, 12.0])
@@ -47,18 +49,10 @@ def test_an_aircraft_beside_the_deck_stays() -> None:
 def test_an_aircraft_on_a_tilted_deck_stands_as_the_deck_slopes(tilt_deg: float, yaw_deg: float) -> None:
     """The deck slopes down towards the east: who faces east has the nose low, who faces north the right side."""
     deck = TiltedDeck((0.0, 0.0, 0.2), tilt=math.radians(tilt_deg), heading=0.0, radius=0.6)
-    yaw = math.radians(yaw_deg)
-    world = World(STILL_AIR, seed=1, start=StartState(yaw=yaw), ground=deck)
-    for _ in range(round(2.0 / DT)):
-        world.step(MOTORS_OFF)
-    slope = math.tan(math.radians(tilt_deg))
-    assert world.truth.pitch == pytest.approx(math.atan(slope * math.cos(yaw)), abs=2e-3)
-    assert world.truth.roll == pytest.approx(math.atan(slope * math.sin(yaw)), abs=2e-3)
-    assert world.truth.on_ground
-    assert world.truth.position_enu == pytest.approx([0.0, 0.0, 0.3], abs=1e-3)
-
-
-def test_beside_a_tilted_deck_the_ground_is_flat() -> None:
-    deck = TiltedDeck((0.0, 0.0, 0.2), tilt=0.2, heading=0.0, radius=0.6)
+    yaw, slope = math.radians(yaw_deg), math.tan(math.radians(tilt_deg))
+    truth = landed(deck, 2.0, yaw=yaw)
+    assert truth.pitch == pytest.approx(math.atan(slope * math.cos(yaw)), abs=2e-3)
+    assert truth.roll == pytest.approx(math.atan(slope * math.sin(yaw)), abs=2e-3)
+    assert truth.position_enu == pytest.approx([0.0, 0.0, 0.3], abs=1e-3)
     assert deck.at(0.5, 0.0, 0.0)[0] < deck.at(-0.5, 0.0, 0.0)[0]
     assert deck.at(0.7, 0.0, 0.0) == (0.0, 0.0, 0.0, 0.0)

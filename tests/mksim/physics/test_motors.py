@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from mksim.config import AirframeConfig
@@ -17,8 +18,12 @@ HOVER_GAS = 126.0
 """At the hover voltage: the mixer loses nine tenths of a count."""
 
 
-def settled(gas: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, v: float = HOVER_V) -> Motors:
-    motors = Motors(CONFIG, CELLS)
+def settled(
+    gas: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, v: float = HOVER_V, front: float = 1.0, **airframe
+) -> Motors:
+    """Motors after two seconds of gas, torques and voltage; the front one with a share of its thrust."""
+    motors = Motors(AirframeConfig(**airframe), CELLS)
+    motors.health[0] = front
     for _ in range(1000):
         motors.update(gas, x, y, z, v, EXACT, DT)
     return motors
@@ -26,22 +31,17 @@ def settled(gas: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, *, v: fl
 
 @pytest.mark.parametrize("mass", [1.25, 1.75])
 def test_hover_count_carries_the_mass(mass: float) -> None:
-    motors = Motors(AirframeConfig(mass=mass), CELLS)
-    for _ in range(1000):
-        motors.update(HOVER_GAS, 0.0, 0.0, 0.0, HOVER_V, EXACT, DT)
+    motors = settled(HOVER_GAS, mass=mass)
     # the mixer loses nine tenths of a count, so a whole count of gas is a tenth off
     assert motors.thrust == pytest.approx(mass * GRAVITY * (125.1 / 125.0) ** 2, rel=1e-6)
     assert motors.load == pytest.approx((125.1 / 125.0) ** 3, rel=1e-6)
 
 
-def thrust_of_gas(gas: float) -> float:
-    return settled(gas, v=14.8).thrust
-
-
 def test_at_14_8_v_one_count_in_seven_is_dead_and_the_others_are_1_85_percent_of_thrust() -> None:
-    steps = [thrust_of_gas(gas + 1) / thrust_of_gas(gas) - 1.0 for gas in range(120, 134)]
-    assert sum(step == 0.0 for step in steps) == 2
-    assert [step for step in steps if step] == pytest.approx([0.0185] * 12, abs=0.0015)
+    thrusts = np.array([settled(gas, v=14.8).thrust for gas in range(120, 135)])
+    steps = thrusts[1:] / thrusts[:-1] - 1.0
+    assert (steps == 0.0).sum() == 2
+    assert steps[steps != 0.0] == pytest.approx(0.0185, abs=0.0015)
 
 
 def test_gas_counts_are_whole_numbers() -> None:
@@ -74,10 +74,10 @@ def test_collective_follows_in_the_motor_lag() -> None:
     assert reached == pytest.approx(125.0 + 25.0 * 0.632, abs=0.5)
 
 
-def test_torque_gives_the_acceleration_asked_for_at_hover() -> None:
-    assert settled(HOVER_GAS, x=5.0).torque_x / CONFIG.inertia_roll == pytest.approx(5.0, rel=0.01)
-    assert settled(HOVER_GAS, y=-5.0).torque_y / CONFIG.inertia_pitch == pytest.approx(-5.0, rel=0.01)
-    assert settled(HOVER_GAS, z=3.0).torque_z / CONFIG.inertia_yaw == pytest.approx(3.0, rel=0.01)
+@pytest.mark.parametrize(("axis", "turn", "wanted"), [("x", "roll", 5.0), ("y", "pitch", -5.0), ("z", "yaw", 3.0)])
+def test_torque_gives_the_acceleration_asked_for_at_hover(axis: str, turn: str, wanted: float) -> None:
+    torque = getattr(settled(HOVER_GAS, **{axis: wanted}), f"torque_{axis}")
+    assert torque / getattr(CONFIG, f"inertia_{turn}") == pytest.approx(wanted, rel=0.01)
 
 
 def test_authority_goes_with_gas() -> None:
@@ -109,10 +109,7 @@ def test_below_the_reference_thrust_fades() -> None:
 
 
 def test_weak_motor_loses_its_share_and_turns_the_aircraft() -> None:
-    motors = Motors(CONFIG, CELLS)
-    motors.health = [0.8, 1.0, 1.0, 1.0]
-    for _ in range(1000):
-        motors.update(HOVER_GAS, 0.0, 0.0, 0.0, HOVER_V, EXACT, DT)
+    motors = settled(HOVER_GAS, front=0.8)
     assert motors.thrust == pytest.approx(0.95 * CONFIG.mass * GRAVITY, rel=2e-3)
     assert motors.torque_y > 0.0, "a weak front motor drops the nose"
 

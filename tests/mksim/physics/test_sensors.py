@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -41,6 +42,15 @@ def enu_of(config: FlightConfig, sensors: Sensors) -> tuple[float, float, float]
     )
 
 
+def watched(seed: int, seconds: float, yaw: float = math.pi / 2) -> Iterator[Sensors]:
+    """Noisy sensors of an aircraft that stands, after each of their slow readings."""
+    airframe, battery = standing(yaw), SimulatedBattery(NOISY.battery)
+    sensors = sensors_of(NOISY, airframe, seed)
+    for k in range(round(seconds / PERIOD)):
+        sensors.update_slow(airframe, battery, k * PERIOD)
+        yield sensors
+
+
 def test_ideal_sensors_tell_the_truth() -> None:
     airframe, battery = standing(), SimulatedBattery(IDEAL.battery)
     sensors = sensors_of(IDEAL, airframe)
@@ -56,63 +66,37 @@ def test_ideal_sensors_tell_the_truth() -> None:
 
 
 @pytest.mark.parametrize(("yaw_deg", "heading_deg"), [(90.0, 0.0), (0.0, 90.0), (180.0, 270.0), (-90.0, 180.0)])
-def test_headings_run_clockwise_from_north(yaw_deg: float, heading_deg: float) -> None:
+def test_headings_run_clockwise_from_north_and_a_fault_turns_the_compass(yaw_deg: float, heading_deg: float) -> None:
     airframe = standing(math.radians(yaw_deg))
     sensors = sensors_of(IDEAL, airframe)
-    sensors.update_slow(airframe, SimulatedBattery(IDEAL.battery), 0.0)
-    sensors.report(0.0, 0.0, math.radians(yaw_deg), [0] * 12)
-    assert math.remainder(sensors.compass_deg - heading_deg, 360.0) == pytest.approx(0.0, abs=1e-9)
-    assert math.remainder(sensors.heading_deg - heading_deg, 360.0) == pytest.approx(0.0, abs=1e-9)
+    for fault in (0.0, 30.0):
+        sensors.compass_fault_deg = fault
+        sensors.update_slow(airframe, SimulatedBattery(IDEAL.battery), 0.0)
+        sensors.report(0.0, 0.0, math.radians(yaw_deg), [0] * 12)
+        assert math.remainder(sensors.compass_deg - heading_deg - fault, 360.0) == pytest.approx(0.0, abs=1e-9)
+        assert math.remainder(sensors.heading_deg - heading_deg, 360.0) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_compass_has_a_bias_per_seed_and_noise() -> None:
-    biases, spreads = [], []
-    for seed in range(40):
-        airframe, battery = standing(math.radians(-90.0)), SimulatedBattery(NOISY.battery)
-        sensors = sensors_of(NOISY, airframe, seed)
-        headings = []
-        for k in range(100):
-            sensors.update_slow(airframe, battery, k * PERIOD)
-            headings.append(sensors.compass_deg - 180.0)
-        biases.append(np.mean(headings))
-        spreads.append(np.std(headings))
-    assert max(abs(b) for b in biases) < 5.7
+    headings = np.array(
+        [[s.compass_deg - 180.0 for s in watched(seed, 100 * PERIOD, -math.pi / 2)] for seed in range(40)]
+    )
+    biases = headings.mean(axis=1)
+    assert np.abs(biases).max() < 5.7
     assert np.std(biases) == pytest.approx(5.0 / math.sqrt(3.0), rel=0.3)
-    assert np.mean(spreads) == pytest.approx(1.5, rel=0.1)
-
-
-def test_compass_fault_turns_the_heading_clockwise() -> None:
-    airframe = standing(math.radians(-90.0))
-    sensors = sensors_of(IDEAL, airframe)
-    sensors.compass_fault_deg = 30.0
-    sensors.update_slow(airframe, SimulatedBattery(IDEAL.battery), 0.0)
-    assert sensors.compass_deg == pytest.approx(210.0)
+    assert headings.std(axis=1).mean() == pytest.approx(1.5, rel=0.1)
 
 
 def test_baro_wanders_by_15_cm_in_steps_of_5() -> None:
-    heights = []
-    for seed in range(60):
-        airframe, battery = standing(), SimulatedBattery(NOISY.battery)
-        sensors = sensors_of(NOISY, airframe, seed)
-        for k in range(1500):
-            sensors.update_slow(airframe, battery, k * PERIOD)
-        heights.append(sensors.baro_height)
-        assert math.remainder(sensors.baro_height, 0.05) == pytest.approx(0.0, abs=1e-9)
+    heights = [list(watched(seed, 1500 * PERIOD))[-1].baro_height for seed in range(60)]
+    assert [math.remainder(height, 0.05) for height in heights] == pytest.approx([0.0] * 60, abs=1e-9)
     assert np.std(heights) == pytest.approx(0.15, rel=0.3)
 
 
 def test_gps_reports_at_5_hz_within_two_or_three_metres() -> None:
-    errors, reports = [], 0
-    for seed in range(60):
-        airframe, battery = standing(), SimulatedBattery(NOISY.battery)
-        sensors = sensors_of(NOISY, airframe, seed)
-        for k in range(round(4.0 / PERIOD)):
-            sensors.update_slow(airframe, battery, k * PERIOD)
-        reports = sensors.gps.sequence
-        east, north, _ = enu_of(NOISY, sensors)
-        errors.append(math.hypot(east, north))
-        assert sensors.gps.has_fix
-    assert reports == 20
+    last = [list(watched(seed, 4.0))[-1] for seed in range(60)]
+    assert {(sensors.gps.sequence, sensors.gps.has_fix) for sensors in last} == {(20, True)}
+    errors = [math.hypot(*enu_of(NOISY, sensors)[:2]) for sensors in last]
     assert math.sqrt(np.mean(np.square(errors))) == pytest.approx(2.2, rel=0.25)
 
 

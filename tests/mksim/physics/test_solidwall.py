@@ -31,17 +31,18 @@ def test_who_flies_into_a_wall_is_lost_and_does_not_pass_it():
     assert world.truth.on_ground
 
 
-@pytest.mark.parametrize(("height", "north"), [(2.5, 0.0), (1.0, 1.4)])
-def test_over_it_and_beside_it_is_free(height, north):
-    world, farthest = flown(height, 2.0, north=north)
+HANGING = WallConfig(start=(1.5, -1.0), end=(1.5, 1.0), bottom=2.0)
+
+
+@pytest.mark.parametrize(
+    ("height", "north", "wall"),
+    [(2.5, 0.0, AHEAD), (1.0, 1.4, AHEAD), (1.0, 0.0, HANGING)],
+    ids=["over", "by", "under"],
+)
+def test_over_it_beside_it_and_below_one_that_hangs_is_free(height, north, wall):
+    world, farthest = flown(height, 2.0, (wall,), north)
     assert not world.truth.crashed
     assert farthest > 2.0
-
-
-def test_below_one_that_hangs_is_free():
-    hanging = WallConfig(start=(1.5, -1.0), end=(1.5, 1.0), bottom=2.0)
-    world, farthest = flown(1.0, 2.0, walls=(hanging,))
-    assert (world.truth.crashed, farthest > 2.0) == (False, True)
 
 
 def test_without_contact_a_wall_changes_nothing():

@@ -88,14 +88,11 @@ async def test_another_program_flies_and_our_camera_sees_the_target_from_there()
     assert np.linalg.norm(pose.pose.position) == pytest.approx(np.hypot(2.0, 0.2), abs=0.05)
 
 
-class Feed:
-    """Keeps what is shown."""
-
-    def __init__(self):
-        self.shown = []
+class Feed(list):
+    """What is shown, with its time."""
 
     def show(self, state, at):
-        self.shown.append((state, at))
+        self.append((state, at))
 
 
 @pytest.mark.parametrize(
@@ -109,7 +106,7 @@ def test_json_and_msgpack_are_read_and_a_stamp_of_this_machine_is_when_it_was(en
     now = CLOCK.stamp().model_dump()
     turning = {"enu_from_flu": (0.0, 0.0, 0.0, 2.0), "rates": (0.0, 0.0, 1.0), "stamp": now}
     stream.take(encoding, pack(PLACE | turning))
-    (state, at), (turned, arrived) = feed.shown
+    (state, at), (turned, arrived) = feed
     assert at == then.monotonic
     assert state.position_enu == pytest.approx([0.0, 0.0, 2.0])
     assert turned.enu_from_flu[0] == pytest.approx([-1.0, 0.0, 0.0])
@@ -121,7 +118,7 @@ def test_the_truth_of_our_own_simulator_is_such_a_pose():
     assert {name for name, field in ScenePose.model_fields.items() if field.is_required()} < set(SimTruth.model_fields)
     feed = Feed()
     PoseStream(feed, CLOCK).take("application/msgpack", encode(ScenePose(**PLACE, stamp=CLOCK.stamp())))
-    assert len(feed.shown) == 1
+    assert len(feed) == 1
 
 
 @pytest.mark.parametrize(
@@ -144,7 +141,7 @@ def test_what_is_no_pose_is_counted_and_named_once_a_second(raw, words, capsys):
     raw = raw.replace(b'"NOW"', json.dumps(CLOCK.stamp().model_dump()).encode())
     stream.take("application/json", raw)
     stream.take("application/json", raw)
-    assert (stream.taken, stream.refused, feed.shown) == (0, 2, [])
+    assert (stream.taken, stream.refused, feed) == (0, 2, [])
     told = capsys.readouterr().out
     assert told.count("pose refused") == 1
     assert words in told

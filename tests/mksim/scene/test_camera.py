@@ -85,12 +85,10 @@ def test_a_camera_off_the_centre_moves_when_the_body_turns() -> None:
 def test_faults_take_the_light_and_hide_the_target() -> None:
     camera = SceneCamera(SceneConfig(), seed=1)
     fair = camera.expose(state())
-    dark = camera.expose(state(), light=0.02)
-    assert dark.mean() < 0.05 * fair.mean()
+    assert camera.expose(state(), light=0.02).mean() < 0.05 * fair.mean()
     assert len(look(camera, fair).tags) == 2
     assert len(look(camera, camera.expose(state(), covered=1.0)).tags) == 0
-    half = camera.expose(state(), covered=0.5)
-    assert len(look(camera, half).tags) < 2
+    assert len(look(camera, camera.expose(state(), covered=0.5)).tags) < 2
 
 
 def test_light_follows_its_configuration() -> None:
@@ -195,8 +193,6 @@ def test_a_video_is_what_was_rendered(tmp_path: Path) -> None:
     capture.release()
     assert found
     assert np.abs(image[:, :, 0].astype(int) - pixels).max() <= 2
-    with pytest.raises(ConfigError, match=r"sim\.scene\.video"):
-        VideoWriter(tmp_path / "none" / "flight.avi", 640, 480, 30.0)
 
 
 def test_a_loop_device_is_told_its_format(tmp_path: Path) -> None:

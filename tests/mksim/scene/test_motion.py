@@ -19,15 +19,11 @@ def test_still_stays_with_its_attitude() -> None:
     assert euler_from_rotation(pose.enu_from_body) == pytest.approx((0.1, -0.2, 0.3))
 
 
-def test_straight_keeps_its_speed() -> None:
-    platform = Platform("straight", heading=np.pi / 2, speed=0.7)
-    np.testing.assert_allclose(velocity(platform, 3.0), (0.0, 0.7, 0.0), atol=1e-6)
-
-
-def test_a_platform_stands_at_its_start_until_it_moves() -> None:
-    platform = Platform("straight", start_enu=(1.0, 0.0, 0.0), speed=0.5, delay=3.0)
-    np.testing.assert_allclose(platform.pose_at(2.9).position_enu, (1.0, 0.0, 0.0))
-    np.testing.assert_allclose(platform.pose_at(5.0).position_enu, (2.0, 0.0, 0.0))
+def test_a_straight_platform_stands_at_its_start_until_it_moves_and_keeps_its_speed() -> None:
+    platform = Platform("straight", start_enu=(1.0, 0.0, 0.0), heading=np.pi / 2, speed=0.5, delay=3.0)
+    for time, north in ((2.9, 0.0), (5.0, 1.0)):
+        np.testing.assert_allclose(platform.pose_at(time).position_enu, (1.0, north, 0.0), atol=1e-12)
+    np.testing.assert_allclose(velocity(platform, 6.0), (0.0, 0.5, 0.0), atol=1e-6)
 
 
 def test_a_circle_closes_and_faces_along_its_path() -> None:
