@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-
+import numpy as np
 import pytest
 
-from mkdaemon.protocol.flags import FlightStatus, FlightStatus2
+from mkdaemon.protocol.flags import FlightStatus
 from mkdaemon.protocol.framing import encode_frame
-from mksim.boards.parameters import Parameters
 from mksim.config import GasLaw
 from tests.sim_conformance.bench import fc_bench
 
@@ -36,52 +34,47 @@ def sticks(bench):
     return bench.aircraft.sticks[-1][1]
 
 
+def steered(word, given, *, options=None, **pilot):
+    """The board and the sticks that it flies with after one `b` frame, and what the pilot does."""
+    bench = started(word, **(options or {}))
+    for name, value in pilot.items():
+        setattr(bench.aircraft.pilot, name, value)
+    bench.send(control(word, **given), 2.0)
+    bench.run(2.1)
+    return bench.board, sticks(bench)
+
+
 @pytest.mark.parametrize("word", GENERATIONS)
 @pytest.mark.parametrize(
-    ("parameter", "gate", "acts"),
+    ("parameter", "gate", "config", "acts"),
     [
-        (0, 255, False),
-        (128, 255, False),
-        (129, 0, True),
-        (255, 128, False),
-        (255, 129, True),
-        (255, 255, True),
-        (254, 255, False),
+        (0, 255, 1, False),
+        (128, 255, 1, False),
+        (129, 0, 1, True),
+        (255, 128, 1, False),
+        (255, 129, 1, True),
+        (255, 255, 1, True),
+        (255, 255, 0, False),
+        (254, 255, 1, False),
     ],
 )
-def test_the_gate_must_be_above_128(word, parameter, gate, acts):
-    bench = started(word, gate_parameter=parameter)
-    bench.aircraft.pilot.gate = gate
-    bench.send(control(word, pitch=40), 2.0)
-    bench.run(2.1)
-    assert (sticks(bench).pitch == 40) is acts
-
-
-@pytest.mark.parametrize("word", GENERATIONS)
-def test_config_bit_0_is_needed(word):
-    bench = started(word)
-    bench.send(control(word, pitch=40, config=0), 2.0)
-    bench.run(2.1)
-    assert sticks(bench).pitch == 0
+def test_the_gate_must_be_above_128_and_bit_0_of_config_set(word, parameter, gate, config, acts):
+    given = {"pitch": 40, "config": config}
+    _, flown = steered(word, given, options={"gate_parameter": parameter}, gate=gate)
+    assert flown.pitch == (40 if acts else 0)
 
 
 @pytest.mark.parametrize(("word", "yaw"), [("early", -30), ("2.08", -30), ("2.12a", 30), ("2.14", 30)])
 def test_sticks_are_added_and_yaw_has_two_signs(word, yaw):
-    bench = started(word)
-    bench.aircraft.pilot.pitch, bench.aircraft.pilot.roll, bench.aircraft.pilot.yaw = 10, -20, 5
-    bench.send(control(word, pitch=30, roll=30, yaw=30), 2.0)
-    bench.run(2.1)
-    assert (sticks(bench).pitch, sticks(bench).roll, sticks(bench).yaw) == (40, 10, 5 + yaw)
+    _, flown = steered(word, {"pitch": 30, "roll": 30, "yaw": 30}, pitch=10, roll=-20, yaw=5)
+    assert (flown.pitch, flown.roll, flown.yaw) == (40, 10, 5 + yaw)
 
 
 @pytest.mark.parametrize("word", ["2.12a", "2.14"])
 @pytest.mark.parametrize(("pilot", "value", "result"), [(100, 100, 127), (-100, -100, -127), (127, -127, 0)])
 def test_sums_are_clipped(word, pilot, value, result):
-    bench = started(word)
-    bench.aircraft.pilot.pitch = bench.aircraft.pilot.roll = pilot
-    bench.send(control(word, pitch=value, roll=value), 2.0)
-    bench.run(2.1)
-    assert (sticks(bench).pitch, sticks(bench).roll) == (result, result)
+    _, flown = steered(word, {"pitch": value, "roll": value}, pitch=pilot, roll=pilot)
+    assert (flown.pitch, flown.roll) == (result, result)
 
 
 GAS = [
@@ -103,13 +96,10 @@ GAS = [
 
 @pytest.mark.parametrize(("law", "word", "pilot", "value", "config", "mixed"), GAS)
 def test_gas_laws(law, word, pilot, value, config, mixed):
-    bench = started(word, gas_law=law)
-    bench.aircraft.pilot.gas = pilot
-    bench.send(control(word, gas=value, config=config), 2.0)
-    bench.run(2.1)
-    assert bench.board.core.mixed.throttle == mixed
+    board, flown = steered(word, {"gas": value, "config": config}, options={"gas_law": law}, gas=pilot)
+    assert board.core.mixed.throttle == mixed
     # Gas_Max 230 keeps a margin of 20 for the mixer
-    assert sticks(bench).gas == min(mixed + 127, 210)
+    assert flown.gas == min(mixed + 127, 210)
 
 
 DEAD_MAN = [
@@ -138,12 +128,7 @@ def test_silence_ends_control_and_gas_falls_to_the_pilots_stick(word, hold_time)
 
 @pytest.mark.parametrize(
     ("word", "hold_time", "letter", "keeps"),
-    [
-        (word, hold_time, letter, keeps)
-        for word, hold_time, yes, no in DEAD_MAN
-        for letters, keeps in ((yes, True), (no, False))
-        for letter in letters
-    ],
+    [(word, hold_time, letter, letter in yes) for word, hold_time, yes, no in DEAD_MAN for letter in yes + no],
 )
 def test_what_refreshes_the_dead_man(word, hold_time, letter, keeps):
     bench = started(word)
@@ -153,15 +138,11 @@ def test_what_refreshes_the_dead_man(word, hold_time, letter, keeps):
     for number in range(30):
         bench.send(frame, 2.1 + number * 0.4)
     bench.run(14.0)
-    until = next((at for at, told in bench.aircraft.sticks if at > 2.1 and told.pitch == 0), 14.5)
-    held = until - 2.0
-    if keeps:
-        assert held > 11.6
-    else:
-        assert held == pytest.approx(hold_time, rel=0.05, abs=0.03)
+    held = next((at for at, told in bench.aircraft.sticks if at > 2.1 and told.pitch == 0), 14.5) - 2.0
+    assert held > 11.6 if keeps else held == pytest.approx(hold_time, rel=0.05, abs=0.03)
 
 
-def test_control_needs_a_good_receiver():
+def test_control_needs_a_good_receiver_and_emergency_throttle_lasts_9_2_s():
     bench = started("2.12a")
     bench.run(4.0)
     bench.send(control("2.12a", pitch=40), 4.0)
@@ -171,17 +152,10 @@ def test_control_needs_a_good_receiver():
         bench.send(control("2.12a", pitch=40), 4.1 + 0.05 * number)
     bench.run(4.5)
     assert bench.board.core.emergency
-    first = next(at for at, told in bench.aircraft.sticks if at > 4.1 and told.gas == 65)
-    assert first - 4.1 <= 0.3
+    began = next(at for at, told in bench.aircraft.sticks if at > 4.1 and told.gas == 65)
+    assert began - 4.1 <= 0.3
     assert sticks(bench).pitch == 0
-
-
-def test_emergency_throttle_lasts_9_2_s():
-    bench = started("2.12a")
-    bench.run(4.0)
-    bench.aircraft.pilot.rc_quality = 0
     bench.run(20.0)
-    began = next(at for at, told in bench.aircraft.sticks if told.gas == 65)
     ended = next(at for at, told in bench.aircraft.sticks if at > began and not told.motors_running)
     assert ended - began == pytest.approx(9.2, rel=0.02)
 
@@ -239,15 +213,15 @@ def test_old_firmware_cannot_be_armed_through_b(word):
     assert not bench.board.core.running
 
 
-REFUSALS = [
-    ("not calibrated", lambda bench: setattr(bench.board.core, "calibrated", False)),
-    ("weak receiver", lambda bench: setattr(bench.aircraft.pilot, "rc_quality", 120)),
-    ("NaviCtrl error", lambda bench: setattr(bench.board, "companion_error", 5)),
-    ("gate closed", lambda bench: setattr(bench.aircraft.pilot, "gate", 0)),
-]
-
-
-@pytest.mark.parametrize("spoil", [row[1] for row in REFUSALS], ids=[row[0] for row in REFUSALS])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        pytest.param(lambda bench: setattr(bench.board.core, "calibrated", False), id="not calibrated"),
+        pytest.param(lambda bench: setattr(bench.aircraft.pilot, "rc_quality", 120), id="weak receiver"),
+        pytest.param(lambda bench: setattr(bench.board, "companion_error", 5), id="NaviCtrl error"),
+        pytest.param(lambda bench: setattr(bench.aircraft.pilot, "gate", 0), id="gate closed"),
+    ],
+)
 def test_arming_is_refused(spoil):
     bench = fc_bench()
     spoil(bench)
@@ -262,28 +236,26 @@ def test_without_pulses_sticks_are_looked_at_twice_a_second():
     bench.aircraft.pilot.rc_quality = 0
     bench.send(control("2.14", config=0xC1), 4.2)
     bench.run(5.2)
-    times = []
     for number in range(60):
         bench.send(control("2.14", pitch=1 + number, config=0xC1), 5.2 + 0.1 * number)
     bench.run(11.2)
-    times = [at for at, _ in bench.aircraft.sticks if at > 5.4]
-    gaps = [b - a for a, b in itertools.pairwise(times)]
-    assert gaps
-    assert all(gap == pytest.approx(0.53, abs=0.02) for gap in gaps)
+    gaps = np.diff([at for at, _ in bench.aircraft.sticks if at > 5.4])
+    assert gaps.size
+    assert gaps == pytest.approx(0.53, abs=0.02)
 
 
-CHOICES = [
+@pytest.mark.parametrize(
+    ("choice", "active"),
     # sticks held while calibrating, set made active: left 1, left forward 2, forward 3, right forward 4, right 5
-    ({"roll": 127}, 1),
-    ({"roll": 127, "pitch": 127}, 2),
-    ({"pitch": 127}, 3),
-    ({"roll": -127, "pitch": 127}, 4),
-    ({"roll": -127}, 5),
-    ({}, 3),
-]
-
-
-@pytest.mark.parametrize(("choice", "active"), CHOICES)
+    [
+        ({"roll": 127}, 1),
+        ({"roll": 127, "pitch": 127}, 2),
+        ({"pitch": 127}, 3),
+        ({"roll": -127, "pitch": 127}, 4),
+        ({"roll": -127}, 5),
+        ({}, 3),
+    ],
+)
 def test_calibrating_chooses_a_parameter_set(choice, active):
     bench = fc_bench(gas_law=GasLaw.FORK, calibrated=False)
     hold(bench, "2.12a", 2.0, 1.0, gas=127, yaw=127, **choice)
@@ -296,26 +268,3 @@ def test_low_battery_counts_per_cell(voltage, low):
     bench = started("2.12a")
     bench.aircraft.sensors.battery_voltage = voltage
     assert bool(bench.board.core.status(bench.board.live) & FlightStatus.LOW_BATTERY) is low
-
-
-def test_height_control_is_told_to_the_loop_and_shown():
-    bench = started("2.12a")
-    raw = Parameters(bench.board.live.raw).with_value("global_config", bench.board.live["global_config"] | 1)
-    bench.board.live = Parameters(Parameters(raw).with_value("altitude_channel", 6))
-    for switch, on in ((255, True), (0, False)):
-        bench.aircraft.pilot.switches[2] = switch
-        bench.run(bench.board.now + 0.2)
-        assert sticks(bench).height_control is on
-        assert bool(bench.board.core.status_2() & FlightStatus2.ALTITUDE_CONTROL) is on
-
-
-def test_a_lost_receiver_on_the_ground_stops_the_motors_at_once():
-    bench = fc_bench()
-    bench.aircraft.pilot.gas = -127
-    bench.run(1.2)
-    bench.board.core.start()
-    bench.run(2.5)
-    assert not bench.board.core.flying
-    bench.aircraft.pilot.rc_quality = 0
-    bench.run(2.9)
-    assert not bench.board.core.running

@@ -6,6 +6,7 @@ import itertools
 
 import pytest
 
+from mkdaemon.protocol.flags import FlightStatus2
 from mkdaemon.protocol.framing import encode_frame
 from mksim.boards.line import HOST_CHAR
 from mksim.config import GasLaw
@@ -121,14 +122,18 @@ def test_height_control_follows_the_value_of_its_channel(gate, on):
     assert bench.board.core.height_control is on
 
 
-def test_height_control_goes_off_below_50():
+def test_height_control_goes_off_below_50_is_told_to_the_loop_and_shown():
     bench = fc_bench()
     with_height_control(bench)
+    core = bench.board.core
+    core.start()
     seen = []
     for gate in (255, 180, 175, 190, 255):
         bench.aircraft.pilot.gate = gate
         bench.run(bench.board.now + 0.2)
-        seen.append(bench.board.core.height_control)
+        seen.append(core.height_control)
+        assert bench.aircraft.sticks[-1][1].height_control is seen[-1]
+        assert bool(core.status_2() & FlightStatus2.ALTITUDE_CONTROL) is seen[-1]
     assert seen == [True, True, False, False, True]
 
 

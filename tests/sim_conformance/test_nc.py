@@ -146,14 +146,6 @@ def test_periods_are_exact(bench, letter, interval):
     assert all(b - a == pytest.approx(interval * 0.01, abs=2e-4) for a, b in itertools.pairwise(times))
 
 
-@pytest.mark.parametrize("letter", ["o", "d", "c", "h"])
-def test_streams_share_one_4_0_s_timer(bench, letter):
-    frame = encode_frame(2, "h", b"\xff\x0a") if letter == "h" else stream(letter, 10)
-    bench.send(frame, 2.0)
-    last = max(received.first for received in bench.run(9.0))
-    assert last - 2.0 == pytest.approx(4.0, abs=0.15)
-
-
 RENEWALS = [("o", True), ("d", True), ("c", True), ("h", True), ("z", False), ("v", False), ("a", False), ("l", False)]
 
 

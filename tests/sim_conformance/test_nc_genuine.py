@@ -76,9 +76,11 @@ def test_the_serial_link_flag_is_checked_once_a_second(bench, address, letter):
     assert int(osd(bench).nc_flags) == 0x01
 
 
-@pytest.mark.parametrize(("letter", "interval", "frames"), [("o", 10, 40), ("d", 10, 40), ("c", 10, 40), ("o", 5, 80)])
+@pytest.mark.parametrize(
+    ("letter", "interval", "frames"), [("o", 10, 40), ("d", 10, 40), ("c", 10, 40), ("h", 10, 40), ("o", 5, 80)]
+)
 def test_a_stream_ends_before_the_frame_that_is_due_with_the_time_out(bench, letter, interval, frames):
-    bench.send(encode_frame(2, letter, bytes([interval])), 2.0)
+    bench.send(encode_frame(2, letter, b"\xff" * (letter == "h") + bytes([interval])), 2.0)
     times = [received.last for received in bench.run(9.0)]
     assert len(times) == frames
     assert times[-1] - 2.0 == pytest.approx(4.0 - 0.01 * interval + 0.02, abs=0.02)

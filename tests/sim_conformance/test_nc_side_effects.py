@@ -94,14 +94,6 @@ def test_ten_writes_back_to_back_are_all_stored_and_not_all_confirmed(bench):
     assert 3 <= confirmed <= 8
 
 
-def test_writing_alone_never_starts_the_route(bench):
-    flying(bench)
-    for index in (1, 2):
-        bench.ask(point(index, north=2000 * index), 3.0 + 0.1 * index, 0.05)
-    bench.run(8.0)
-    assert not bench.board.navigator.points.is_flown
-
-
 @pytest.mark.parametrize("word", ["0.24", "2.14"])
 def test_a_change_to_coming_home_flies_it_and_leaving_ends_that(word):
     bench = nc_bench(word)
