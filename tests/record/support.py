@@ -12,7 +12,7 @@ from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.folder import RawFile, RecordingFolder, RoomLimits
 from mkdaemon.record.layout import Session
 from mkdaemon.record.queue import EntryQueue
-from mkdaemon.record.recorder import Recorder
+from mkdaemon.record.recorder import FLUSH, Recorder
 
 BASE = TimeBase("0123abcd", 1_760_000_000_123_456_789)
 SESSION = Session("blackbox", "mk1-20261122T080000Z", 0, "mkdaemon 0.1.0", "box", BASE.boot, BASE.offset_ns, "mk1")
@@ -89,6 +89,11 @@ class Bench:
         """Put samples of these numbers."""
         for number in range(first, last + 1):
             self.queue.put(sample(number, size=size))
+
+    def record(self, first: int, last: int) -> None:
+        """Put samples of these numbers, and let them be flushed."""
+        self.put(first, last)
+        self.run(FLUSH + 0.1)
 
     def run(self, seconds: float) -> None:
         """Let time pass."""

@@ -25,16 +25,6 @@ def numbers(folder: Path) -> list[int]:
     return [entry.sequence for path in sorted(folder.glob("*.mcap")) for entry in Recording(path).entries()]
 
 
-def test_everything_is_in_the_file_one_flush_later(tmp_path):
-    bench = Bench(tmp_path)
-    bench.put(1, 100)
-
-    bench.run(FLUSH + 0.1)
-
-    assert numbers(tmp_path) == list(range(1, 101))
-    assert bench.recorder.report.state is RecorderState.RECORDING
-
-
 def test_an_empty_queue_makes_no_file(tmp_path):
     bench = Bench(tmp_path / "new")
     bench.run(5.0)
@@ -95,8 +85,7 @@ def test_the_oldest_recordings_are_deleted_where_that_is_allowed(tmp_path):
 def test_without_room_it_stops_readable_says_why_and_goes_on_when_there_is_room(tmp_path, change, words):
     limits = replace(ROOMY, total_bytes=20_000 if not change else 10**9, free_bytes=100)
     bench = Bench(tmp_path, limits=limits)
-    bench.put(1, 50)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 50)
     bench.free = change.get("free", bench.free)
     if not change:
         (tmp_path / "mk1-20200101T000000Z-000.mcap").write_bytes(b"x" * 30_000)
@@ -120,11 +109,9 @@ def test_without_room_it_stops_readable_says_why_and_goes_on_when_there_is_room(
 
 def test_a_disk_that_is_full_costs_nothing_before_the_queue_is_full_and_the_file_stays_readable(tmp_path):
     bench = Bench(tmp_path, capacity=100_000)
-    bench.put(1, 50)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 50)
     bench.disk.error = errno.ENOSPC
-    bench.put(51, 70)
-    bench.run(FLUSH + 0.1)
+    bench.record(51, 70)
     assert bench.recorder.report.state is RecorderState.FAULT
     assert "No space left" in bench.recorder.report.reason
     assert bench.queue.lost == 0
@@ -175,8 +162,7 @@ def test_entries_that_are_written_once_are_not_written_again_after_a_fault(tmp_p
 
 def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
     bench = Bench(tmp_path)
-    bench.put(1, 50)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 50)
     (path,) = tmp_path.glob("*.mcap")
     size = path.stat().st_size
     write = os.write
@@ -189,8 +175,7 @@ def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
         return calls[0]
 
     monkeypatch.setattr("mkdaemon.record.folder.os.write", cut)
-    bench.put(51, 60)
-    bench.run(FLUSH + 0.1)
+    bench.record(51, 60)
 
     assert calls[0] > 0
     assert path.stat().st_size == size
@@ -199,8 +184,7 @@ def test_what_a_short_write_left_behind_is_taken_back(tmp_path, monkeypatch):
 def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
     folder = tmp_path / "recordings"
     bench = Bench(folder)
-    bench.put(1, 50)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 50)
     shutil.rmtree(folder)
     bench.put(51, 60)
     bench.run(1.2)
@@ -217,8 +201,7 @@ def test_a_removed_folder_is_noticed_and_made_again(tmp_path):
 
 def test_a_file_removed_before_its_end_is_lost_and_counted(tmp_path):
     bench = Bench(tmp_path)
-    bench.put(1, 20)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 20)
     for path in tmp_path.glob("*.mcap"):
         path.unlink()
     bench.recorder.close(bench.now)
@@ -250,8 +233,7 @@ def test_a_folder_that_may_not_be_written_is_tried_again(tmp_path):
 
 def test_a_disk_that_fails_at_the_end_of_a_file_is_a_fault(tmp_path):
     bench = Bench(tmp_path)
-    bench.put(1, 10)
-    bench.run(FLUSH + 0.1)
+    bench.record(1, 10)
     bench.disk.error = errno.EIO
     bench.recorder.close(bench.now)
     assert bench.recorder.report.state is RecorderState.FAULT
