@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -199,46 +200,32 @@ def test_eyes_that_see_the_target_larger_are_named(tmp_path, monkeypatch):
 
 
 def test_what_does_not_come_out_any_more_and_what_is_new_are_counted():
-    recorded = read_recorded([STICKS])
+    recorded = sticks_with()
     outputs = replay(recorded, recorded.config).outputs
     without = [output for output in outputs if output.suffix != "state/gps" and not output.suffix.startswith("event/")]
-    stranger = replace(outputs[0], suffix="state/gps")
-    report = compare(recorded, [*without, stranger]).keys
+    report = compare(recorded, [*without, replace(outputs[0], suffix="state/gps")]).keys
     assert report["event/mode"].missing == report["event/mode"].recorded > 0
     assert report["state/gps"].new == 1
     assert report["raw/rx"].differences == 0
 
 
-def test_a_recording_that_ends_without_an_orderly_exit_is_compared_as_far_as_it_goes():
-    whole = list(Recording(STICKS).entries())
-    session = Recording(STICKS).read_session()
-    recorded = Recorded(session, whole[: len(whole) * 2 // 3])
-    assert compare(recorded, replay(recorded, recorded.config).outputs).differences == 0
-
-
-def signed_for_another(entry):
-    """The setpoint of an entry, signed for another lease than it was."""
-    event = unpack_event(entry.suffix, entry.payload)
-    return entry._replace(payload=pack_event(replace(event, signed_for=event.signed_for + 1), NOTED))
-
-
 @pytest.mark.parametrize("kind", [EntryKind.PORT_READ, EntryKind.PORT_WRITTEN, EntryKind.EVENT])
 def test_a_recording_that_breaks_off_between_what_came_in_and_what_came_out_of_it_has_no_difference(kind):
-    whole, session = list(Recording(STICKS).entries()), Recording(STICKS).read_session()
+    whole = list(Recording(STICKS).entries())
     places = [place for place, entry in enumerate(whole) if entry.kind is kind and place > 300]
     for place in places[:: max(len(places) // 4, 1)]:
-        recorded = Recorded(session, whole[: place + 1])
-        found = compare(recorded, replay(recorded, recorded.config).outputs).keys.values()
+        found = compared(sticks_with(lambda entries, end=place + 1: entries[:end])).values()
         assert [report.first for report in found if report.differences] == []
 
 
 def test_what_the_core_answers_otherwise_is_named_with_the_event():
-    entries = [
-        signed_for_another(entry) if entry.suffix == "core/SetpointAccepted" else entry
-        for entry in Recording(STICKS).entries()
-    ]
-    recorded = Recorded(Recording(STICKS).read_session(), entries)
-    keys = compare(recorded, replay(recorded, recorded.config).outputs).keys
+    def sign_for_another(entry):
+        if entry.suffix != "core/SetpointAccepted":
+            return entry
+        event = unpack_event(entry.suffix, entry.payload)
+        return entry._replace(payload=pack_event(replace(event, signed_for=event.signed_for + 1), NOTED))
+
+    keys = compared(sticks_with(lambda entries: [sign_for_another(entry) for entry in entries]))
     assert keys["core/SetpointAccepted"].fields["reply.refusal"] > 0
     assert keys["control/output"].missing == keys["control/output"].recorded > 0
     assert keys["state/attitude"].differences == 0
@@ -249,8 +236,7 @@ def test_a_regulator_that_flies_otherwise_is_named(monkeypatch):
     monkeypatch.chdir(ROOT)
     count = CountShaper.count
     monkeypatch.setattr(CountShaper, "count", lambda self, wanted: count(self, wanted * 1.02))
-    recorded = read_recorded([OVER_TARGET])
-    keys = compare(recorded, replay(recorded, recorded.config).outputs).keys
+    keys = compared(read_recorded([OVER_TARGET]))
     assert keys["control/output"].differing > 0
     assert not {key for key, found in keys.items() if found.differences and not key.startswith(("control/", "event/"))}
 
@@ -266,15 +252,10 @@ def test_a_regulator_that_flies_otherwise_is_named(monkeypatch):
     ],
 )
 def test_what_cannot_be_replayed_is_refused_with_the_fix(tmp_path, change, words):
-    path = tmp_path / "changed.mcap"
     recording = Recording(STICKS)
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, replace(recording.read_session(), **change))
-        for entry in list(recording.entries())[:20]:
-            writer.add(entry)
-        writer.finish()
+    session = replace(recording.read_session(), **change)
     with pytest.raises(ConfigError, match=words):
-        verify([path])
+        verify([written(tmp_path / "changed.mcap", list(recording.entries())[:20], session)])
 
 
 def test_a_recording_of_before_events_were_kept_is_refused_with_what_can_still_be_done(tmp_path):
@@ -284,25 +265,20 @@ def test_a_recording_of_before_events_were_kept_is_refused_with_what_can_still_b
 
 
 def test_keys_of_a_configuration_of_another_time_are_left_out_and_named(tmp_path):
-    path, recording = tmp_path / "older.mcap", Recording(STICKS)
+    recording = Recording(STICKS)
     session = recording.read_session()
     older = json.loads(session.config) | {"gone": {"a": 1}}
     older["link"]["nonsense"] = 1
-    with path.open("wb") as file:
-        writer = RecordingWriter(file, replace(session, config=json.dumps(older)))
-        for entry in recording.entries():
-            writer.add(entry)
-        writer.finish()
-    report = verify([path])
+    session = replace(session, config=json.dumps(older))
+    report = verify([written(tmp_path / "older.mcap", recording.entries(), session)])
     assert report.comparison.differences == 0
     assert any("link.nonsense" in note and "gone" in note for note in report.notes)
 
 
 def test_an_event_of_another_version_ends_the_replay_with_its_key(tmp_path):
-    entries = [
-        entry._replace(payload=b"\x80") if entry.suffix == "core/LineChanged" else entry
-        for entry in Recording(STICKS).entries()
-    ]
+    entries = list(Recording(STICKS).entries())
+    place = first_of(entries, "core/LineChanged")
+    entries[place] = entries[place]._replace(payload=b"\x80")
     with pytest.raises(MkError, match="core/LineChanged: not as the event is today"):
         verify([written(tmp_path / "other.mcap", entries)])
 
@@ -347,50 +323,57 @@ def test_the_command_tells_differences_by_its_exit_code(tmp_path, capsys):
     assert set(report["keys"]["control/output"]["fields"]) == {"pitch", "limited"}
 
 
-def sticks_with(change):
+def sticks_with(change=list):
     """The recording flown by sticks, its entries changed."""
     return Recorded(Recording(STICKS).read_session(), change(list(Recording(STICKS).entries())))
 
 
+def first_of(entries, suffix):
+    """The place of the first entry of a key."""
+    return next(place for place, entry in enumerate(entries) if entry.suffix == suffix)
+
+
+def compared(recorded):
+    """What differs between a recording and what comes out of it, by key."""
+    return compare(recorded, replay(recorded, recorded.config).outputs).keys
+
+
 def test_a_frame_that_the_line_refused_is_published_by_nobody():
     def refuse_first(entries):
-        first = next(place for place, entry in enumerate(entries) if entry.suffix == "control/output")
-        event = FrameNotSent(refuse(Token.RELEASING))
-        payload = pack_event(event, NOTED)
+        first = first_of(entries, "control/output")
+        payload = pack_event(FrameNotSent(refuse(Token.RELEASING)), NOTED)
         key = entries[first].key.replace("control/output", "core/FrameNotSent")
-        refused = entries[first]._replace(kind=EntryKind.EVENT, key=key, payload=payload)
-        return [*entries[:first], refused, *entries[first + 1 :]]
+        entries[first] = entries[first]._replace(kind=EntryKind.EVENT, key=key, payload=payload)
+        return entries
 
-    whole, recorded = read_recorded([STICKS]), sticks_with(refuse_first)
-    sent = [output for output in replay(whole, whole.config).outputs if output.suffix == "control/output"]
-    fewer = [output for output in replay(recorded, recorded.config).outputs if output.suffix == "control/output"]
-    assert len(fewer) == len(sent) - 1
+    sent, fewer = (
+        sum(output.suffix == "control/output" for output in replay(recorded, recorded.config).outputs)
+        for recorded in (sticks_with(), sticks_with(refuse_first))
+    )
+    assert fewer == sent - 1
 
 
 def test_a_frame_whose_number_was_not_recorded_is_found_missing_and_no_other():
     def leave_out_first(entries):
-        first = next(place for place, entry in enumerate(entries) if entry.suffix == "control/output")
-        return [*entries[:first], *entries[first + 1 :]]
+        del entries[first_of(entries, "control/output")]
+        return entries
 
-    recorded = sticks_with(leave_out_first)
-    report = compare(recorded, replay(recorded, recorded.config).outputs).keys["control/output"]
+    report = compared(sticks_with(leave_out_first))["control/output"]
     assert (report.new, report.missing) == (1, 0)
 
 
 def test_bytes_that_were_never_written_come_out_as_they_were_dropped():
     def drop_first(entries):
-        first = next(place for place, entry in enumerate(entries) if entry.suffix == "raw/tx")
+        first = first_of(entries, "raw/tx")
         fields = fields_of(entries[first]) | {"dropped": DropReason.CHECKSUM.value}
-        return [*entries[:first], entries[first]._replace(payload=msgpack.packb(fields)), *entries[first + 1 :]]
+        entries[first] = entries[first]._replace(payload=msgpack.packb(fields))
+        return entries
 
     recorded = sticks_with(drop_first)
     outputs = [msgpack.unpackb(o.payload) for o in replay(recorded, recorded.config).outputs if o.suffix == "raw/tx"]
-    dropped = [fields["dropped"] for fields in outputs if fields["dropped"]]
-    assert dropped.count(DropReason.CHECKSUM.value) == 1
-    assert set(dropped) <= {
-        DropReason.CHECKSUM.value,
-        DropReason.EXPIRED.value,
-    }
+    dropped = Counter(fields["dropped"] for fields in outputs if fields["dropped"])
+    assert dropped[DropReason.CHECKSUM.value] == 1
+    assert dropped.keys() <= {DropReason.CHECKSUM.value, DropReason.EXPIRED.value}
 
 
 def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_from_nothing():
@@ -405,9 +388,8 @@ def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_fro
     [
         *(
             (EntryKind.NOTICE, "notice/layouts", msgpack.packb(one))
-            for one in ({}, {"layouts": 3}, {"layouts": [["x"]]}, [])
+            for one in ({}, {"layouts": 3}, {"layouts": [["x"]]}, [], {"layouts": [["nobody", "v", "1"]]})
         ),
-        (EntryKind.NOTICE, "notice/layouts", msgpack.packb({"layouts": [["nobody", "v", "1"]]})),
         (EntryKind.NOTICE, "notice/layouts", b"\x81\x91\x01\x02"),
         (EntryKind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "by nobody", "raw": b""})),
         (EntryKind.SAMPLE, "raw/tx", msgpack.packb({"dropped": "expired"})),
@@ -419,27 +401,19 @@ def test_a_recording_without_a_lease_or_a_stamp_of_its_own_clock_is_replayed_fro
     ],
 )
 def test_what_no_daemon_records_is_named_and_no_defect_of_ours(tmp_path, kind, suffix, payload):
-    entries = list(Recording(DATA / "recordings" / "fc_sticks.mcap").entries())
-    place = next(
-        number for number, one in enumerate(entries) if (one.kind, one.suffix) == (EntryKind.EVENT, "core/Tick")
-    )
+    entries = list(Recording(STICKS).entries())
+    place = first_of(entries, "core/Tick")
     strange = entries[place]._replace(kind=kind, key=f"mk/mk1/{suffix}", payload=payload, issuer="nobody")
     path = written(tmp_path / "a.mcap", [*entries[: place + 1], strange, *entries[place + 1 :]])
     with pytest.raises(MkError, match=f"{suffix}"):
         verify([path])
 
 
-def test_stamps_of_strangers_do_not_set_the_clock(tmp_path):
-    entries = list(Recording(DATA / "recordings" / "fc_sticks.mcap").entries())
+def test_stamps_of_strangers_do_not_set_the_clock():
     stamps = ({"wall": "a", "monotonic": 1.0}, {"wall": b"a"}, {"wall": float("inf"), "monotonic": 0.0}, 3, None)
-    strange = [
-        entries[0]._replace(
-            kind=EntryKind.SAMPLE,
-            key="mk/mk1/event/log",
-            encoding="application/msgpack",
-            payload=msgpack.packb({"stamp": one}),
-        )
-        for one in stamps
-    ]
-    before = read_recorded([written(tmp_path / "a.mcap", entries)]).wall_offsets()
-    assert read_recorded([written(tmp_path / "b.mcap", [*entries, *strange])]).wall_offsets() == before
+
+    def add_strangers(entries):
+        told = {"kind": EntryKind.SAMPLE, "key": "mk/mk1/event/log", "encoding": "application/msgpack"}
+        return entries + [entries[0]._replace(payload=msgpack.packb({"stamp": one}), **told) for one in stamps]
+
+    assert sticks_with(add_strangers).wall_offsets() == sticks_with().wall_offsets()
