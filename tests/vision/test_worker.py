@@ -21,18 +21,22 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
+from mkdaemon.control.sight import view_of
 from mkdaemon.daemon.priority import EYES
 from mkdaemon.errors import ConfigError
-from mkdaemon.frames import rotation_from_quaternion
+from mkdaemon.frames import rotation_from_euler, rotation_from_quaternion
+from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.image import CameraFrame
 from mkdaemon.telemetry.vision import Alarm, AttitudeLoss, EyeState, Tags, Transform, VisionPose, VisionStats
 from mkdaemon.vision.camera.calibration_file import load_camera, mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
-from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline
+from mkdaemon.vision.pipeline import ALARM_ADVICE, CameraPipeline, pose_of
+from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_LATERAL, FLOOR_RANGE, Pose
 from mkdaemon.vision.tags.targetfile import load
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
+from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.worker import VisionWorker
 from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
@@ -447,3 +451,25 @@ def test_what_a_camera_is_and_looks_for_is_told_from_its_files() -> None:
 def test_a_camera_without_files_says_what_is_not_known() -> None:
     setup = CameraPipeline(section(calibration=None), VisionSection(), CLOCK).setup(CLOCK.stamp())
     assert (setup.lens, setup.position_flu, setup.quaternion_flu_from_cam) == (None, None, None)
+
+
+DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+"""Body from camera: it looks down, its top to the front."""
+
+
+def test_what_all_images_have_in_common_is_told_apart_and_leaves_what_was_measured():
+    """Off the middle and leaning: what the image itself does not know of the target's place, in body axes."""
+    measured = np.diag([1e-4, 2e-4, 5e-4]) ** 2
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3], covariance[3:, 3:] = measured, 1e-3**2 * np.eye(3)
+    rotation = rotation_from_euler(0.2, -0.1, 0.7) @ np.diag([1.0, -1.0, -1.0])
+    found = Pose(rotation, np.array([0.3, -0.2, 2.0]), covariance, "edges", 100, 0.1, 1.0)
+    target = TargetPose("pad", "pad", found, 9.0, "image", "predicted", 0.0)
+    image = CameraImage(np.zeros((4, 4), np.uint8), 1.0, 1.02, 7, "down", "header")
+    pose = pose_of(target, image, Stamp(monotonic=1.0, wall=1.0), Mounting(DOWN, np.zeros(3)), 1.05)
+    assert pose.calibration_sd == pytest.approx(
+        (FLOOR_RANGE * found.range_m, FLOOR_LATERAL * found.range_m, FLOOR_ANGLE)
+    )
+    view = view_of(pose)
+    left = view.sight_covariance - view.calibration_covariance
+    assert left == pytest.approx(DOWN @ measured @ DOWN.T, abs=1e-9)

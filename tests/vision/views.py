@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.tags.targetfile import load
 from mksim.scene.ground import Ground
-from mksim.scene.light import LightConditions
+from mksim.scene.light import CLEAN, LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from mksim.scene.view import CameraView
@@ -70,6 +70,22 @@ class View:
         return CameraImage(self.pixels, time, time, sequence, "test", "driver")
 
 
+class PlainView(View):
+    """A print on nothing, by a scene of its own: the noise of a shared one would depend on which tests ran before."""
+
+    def __init__(self, target: Target, view: CameraView, conditions: LightConditions = CLEAN) -> None:
+        placed = on_the_ground(target)
+        self.view = view
+        self.pixels = Scene([placed], ground=None, seed=4, fine=False).render(view, conditions)
+        self.rotation, self.position = cam_from_target(placed, view)
+
+
+def start_at(view: View, off_deg: float = 0.0, nearer: float = 1.0, sd: float = 1e-3, source: str = "edges") -> Pose:
+    """A pose to begin with: the true one, turned about all axes [deg], its range scaled, by a deviation [m, rad]."""
+    rotation = turn(view.rotation, np.radians(off_deg) * np.ones(3))
+    return Pose(rotation, nearer * view.position, sd**2 * np.eye(6), source, 200, 0.05)
+
+
 def printed(cells: npt.NDArray[np.uint8], pixels_per_cell: int = 20, margin: int = 3) -> npt.NDArray[np.uint8]:
     """A print held upright: cells magnified, white around; the first black pixel is at `margin * pixels_per_cell`."""
     return np.kron(np.pad(cells, margin, constant_values=255), np.ones((pixels_per_cell,) * 2, np.uint8))
@@ -85,8 +101,35 @@ def nearly(view: View) -> Pose:
     return Pose(turned, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
 
 
-def nees(view: View, pose: Pose, covariance: npt.NDArray[np.float64]) -> float:
-    """Per degree of freedom, the truth against what is claimed."""
+def nees(view: View, pose: Pose, covariance: npt.NDArray[np.float64] | None = None) -> float:
+    """Per degree of freedom, the truth against what is claimed, by the pose where nothing else is given."""
     turned = cv2.Rodrigues(view.rotation @ pose.rotation.T)[0].ravel()
     error = np.concatenate([view.position - pose.position, turned])
-    return float(error @ np.linalg.solve(covariance, error)) / 6
+    return float(error @ np.linalg.solve(pose.covariance if covariance is None else covariance, error)) / 6
+
+
+def assert_near(
+    pose: Pose | None,
+    view: View,
+    *,
+    deg: float = np.inf,
+    m: float = np.inf,
+    claims: float = np.inf,
+    inliers: float = 0.0,
+    source: str = "",
+) -> None:
+    """Assert that a pose is where a view has its target.
+
+    Args:
+        deg: most by which its rotation may be off [deg].
+        m: most by which its position may be off [m].
+        claims: largest NEES of its covariance for each degree of freedom.
+        inliers: least share of edges that agree.
+        source: what it was measured by; anything where it is empty.
+    """
+    assert pose is not None
+    assert angle_deg(pose.rotation, view.rotation) < deg
+    assert np.linalg.norm(pose.position - view.position) < m
+    assert claims == np.inf or nees(view, pose) < claims
+    assert pose.inliers >= inliers
+    assert source in ("", pose.source)

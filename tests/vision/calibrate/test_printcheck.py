@@ -17,7 +17,7 @@ from mkdaemon.vision.tags.tagmap import single
 from mksim.scene.curl import Curl
 from mksim.scene.light import LightConditions
 from tests.places import CONFIGS
-from tests.vision.test_webots import CAMERA, ROWS, WEBOTS
+from tests.vision.test_still import CAMERA, ROWS, WEBOTS
 from tests.vision.views import VGA, View, place, printed, shipped
 
 GOOD, BAD, UNKNOWN = PrintState.GOOD, PrintState.BAD, PrintState.UNKNOWN

@@ -1,4 +1,4 @@
-"""The line time from the bands of a flickering lamp, into the camera file; refused where there are none."""
+"""Line time and tone curve of a camera, measured from pictures; nothing stored that is not known."""
 
 from __future__ import annotations
 
@@ -12,8 +12,14 @@ import pytest
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK, run
 from mkdaemon.errors import VisionError
-from mkdaemon.vision.calibrate.calibration import line_time_of
+from mkdaemon.vision.calibrate.board import CharucoBoard, edge_levels
+from mkdaemon.vision.calibrate.calibration import line_time_of, tone_curve
 from mkdaemon.vision.camera.calibration_file import Camera, Intrinsics, load_camera, save_camera
+from mkdaemon.vision.camera.image import in_light
+from mksim.scene.layers import board_layer
+from mksim.scene.light import LightConditions
+from mksim.scene.processing import Processing
+from tests.vision.calibrate.boardviews import PLACES, board_views
 
 WIDTH, HEIGHT = 80, 240
 
@@ -74,3 +80,77 @@ def test_a_readout_that_no_camera_has_is_refused(tmp_path: Path, capsys: pytest.
     save_camera(Camera(intrinsics=Intrinsics(width=WIDTH, height=HEIGHT, fx=80.0, fy=80.0, cx=40.0, cy=120.0)), file)
     assert shutter(file, tmp_path) == EXIT_FAILURE
     assert "something else moves" in capsys.readouterr().err
+
+
+BOARD = CharucoBoard(9, 6, 0.03)
+
+
+def levels_of(processing: Processing) -> np.ndarray:
+    layer = board_layer(BOARD.cells, 0.27, 0.18)
+    found = []
+    for image in board_views((layer,), 0.27, places=PLACES[:2], conditions=LightConditions(processing=processing)):
+        view = BOARD.find(image)
+        found.append(view.levels)
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize(
+    ("processing", "gamma"),
+    [(Processing(), 1.0), (Processing(gamma=2.2), 2.2), (Processing(gamma=2.2, sharpening=0.8, mosaic=True), 2.2)],
+    ids=["none", "gamma", "webcam"],
+)
+def test_a_known_curve_is_found(processing: Processing, gamma: float) -> None:
+    found, words = tone_curve(levels_of(processing))
+    assert found == pytest.approx(gamma, rel=0.08)
+    assert "edges" in words
+
+
+def test_exact_levels_give_the_exact_curve() -> None:
+    black, white = np.linspace(20, 60, 80), np.linspace(150, 230, 80)
+    for gamma in (0.7, 1.0, 1.8, 3.0):
+        middle = ((black**gamma + white**gamma) / 2) ** (1 / gamma)
+        found, words = tone_curve(np.column_stack([black, middle, white]))
+        assert found == pytest.approx(gamma, abs=0.011)
+        assert " +- 0.00 from 80 edges" in words
+
+
+def test_what_shows_no_curve_is_not_stored() -> None:
+    few = np.tile([30.0, 120.0, 200.0], (5, 1))
+    odd = np.tile([30.0, 199.0, 200.0], (80, 1))
+    noisy = np.column_stack([np.full(80, 90.0), 112.0 + 30 * np.sin(np.arange(80.0) ** 2), np.full(80, 135.0)])
+    for levels, words in ((few, "60 edges"), (odd, "no tone curve"), (noisy, "not known")):
+        gamma, reason = tone_curve(levels)
+        assert gamma == 1.0
+        assert words in reason
+
+
+def test_edges_that_are_pale_crushed_or_short_are_left_out() -> None:
+    image = np.full((80, 80), 200, np.uint8)
+    image[:, 40:] = 20
+    edge = np.array([[[39.5, 10.0]], [[39.5, 70.0]]])
+    assert edge_levels(image, edge) == pytest.approx(np.array([[20.0, 110.0, 200.0]]))
+    for other in (image // 10, np.where(image > 100, 255, 60).astype(np.uint8), np.full_like(image, 90)):
+        assert len(edge_levels(other, edge)) == 0
+    assert len(edge_levels(image, np.array([[[39.5, 10.0]], [[39.5, 22.0]]]))) == 0
+    assert len(edge_levels(image, np.full_like(edge, np.nan))) == 0
+
+
+def test_taken_back_grey_values_are_in_proportion_to_light() -> None:
+    light = np.tile(np.linspace(0.02, 0.9, 160), (120, 1))
+    image = (255 * light ** (1 / 2.2)).round().astype(np.uint8)
+    found = in_light(image, 2.2).astype(float)
+    assert np.corrcoef(found.ravel(), light.ravel())[0, 1] > 0.9999
+    assert found.max() == pytest.approx(225.0, abs=4.0)
+    assert in_light(image, 1.0) is image
+    assert in_light(np.full((8, 8), 255, np.uint8), 2.2).min() == 255
+    assert in_light(np.full((8, 8), 5, np.uint8), 2.2).max() < 10
+
+
+def test_the_small_bright_paper_of_a_far_target_is_not_clipped() -> None:
+    image = np.full((480, 640), 120, np.uint8)
+    image[200:240, 300:340] = 232  # 0.5 % of the image
+    image[210:230, 310:330] = 60
+    light = in_light(image, 2.2).astype(float)
+    paper, ink = light[205, 305], light[220, 320]
+    assert paper < 253.0
+    assert ink / paper == pytest.approx((60 / 232) ** 2.2, rel=0.1)

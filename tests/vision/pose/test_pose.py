@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lab.vision.stills import search_in_turn
+from mkdaemon.config.vision import TagPlacement, TargetSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.gates import CellReader
@@ -16,10 +17,9 @@ from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_varian
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.tags.targetfile import load
+from mkdaemon.vision.tags.tagmap import TagMap, build
 from mksim.scene.light import Glare, LightConditions
-from tests.vision.views import VGA, View, angle_deg, place, shipped
+from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped, start_at
 
 PROJECTION = Projection(VGA)
 
@@ -43,11 +43,9 @@ def target():
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
 def test_both_solutions_are_found_and_the_better_one_is_true(target, distance):
     view = View(target, place(distance, 0.6))
-    candidates = cold(view, target)
-    assert len(candidates) == 2
-    assert candidates[0].rms_px < candidates[1].rms_px
-    assert angle_deg(candidates[0].rotation, view.rotation) < 1.0
-    assert np.linalg.norm(candidates[0].position - view.position) < 0.004 * distance
+    better, worse = cold(view, target)
+    assert better.rms_px < worse.rms_px
+    assert_near(better, view, deg=1.0, m=0.004 * distance)
 
 
 @pytest.mark.parametrize(("name", "distance"), [("single", 1.0), ("nested", 0.4), ("nested", 2.0), ("landing", 1.5)])
@@ -57,25 +55,21 @@ def test_edge_fit_is_precise_and_beats_a_bad_start(name, distance):
     start = cold(view, target)[0]
     start = replace(start, rotation=turn(start.rotation, np.array([0.03, -0.02, 0.02])))
     fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    assert np.linalg.norm(fitted.position - view.position) < 0.0005 * distance
-    assert angle_deg(fitted.rotation, view.rotation) < 0.1
-    assert fitted.inliers > 0.9
+    assert_near(fitted, view, deg=0.1, m=0.0005 * distance, inliers=0.9)
     assert fitted.rms_px < 0.06
 
 
 def test_edge_fit_follows_a_tag_larger_than_the_image(target):
     view = View(target, place(0.3, 0.1))
     start = Pose(view.rotation, view.position + np.array([0.003, -0.002, 0.004]), np.eye(6), "edges", 0, 0.0)
-    fitted = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    assert np.linalg.norm(fitted.position - view.position) < 0.0005
+    assert_near(EdgeFit(target, PROJECTION).fit(view.pixels, start), view, m=0.0005)
 
 
-def test_edge_fit_refuses_an_empty_image_and_a_hopeless_start():
-    fit = EdgeFit(shipped("single"), PROJECTION)
-    start = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2.0]), np.eye(6), "edges", 0, 0.0)
-    assert fit.fit(np.full((480, 640), 90, np.uint8), start) is None
-    aside = replace(start, position=np.array([9.0, 0.0, 2.0]))
-    assert fit.fit(np.full((480, 640), 90, np.uint8), aside) is None
+@pytest.mark.parametrize("kind", [EdgeFit, PhotoFit])
+@pytest.mark.parametrize("at", [(0.0, 0.0, 2.0), (0.0, 0.0, 0.5), (9.0, 0.0, 2.0), (5.0, 0.0, 8.0)])
+def test_a_fit_refuses_an_empty_image_and_a_hopeless_start(target, kind, at):
+    start = Pose(np.diag([1.0, -1.0, -1.0]), np.array(at), np.eye(6), "edges", 0, 0.0)
+    assert kind(target, PROJECTION).fit(np.full((480, 640), 90, np.uint8), start) is None
 
 
 DOUBTING = Projection(VGA, aspect_sd=FLOOR_RANGE)
@@ -86,9 +80,8 @@ def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(target, distance
     lens = VGA.model_copy(update={"fx": VGA.fx * 1.01, "fy": VGA.fy / 1.01})
     view = View(target, replace(place(distance, tilt), intrinsics=lens))
     start = cold(view, target)[0]
-    exact = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    doubting = EdgeFit(target, DOUBTING).fit(view.pixels, start)
-    assert angle_deg(doubting.rotation, view.rotation) < 0.5 * angle_deg(exact.rotation, view.rotation)
+    doubting, exact = (EdgeFit(target, camera).fit(view.pixels, start) for camera in (DOUBTING, PROJECTION))
+    assert_near(doubting, view, deg=0.5 * angle_deg(exact.rotation, view.rotation))
     assert doubting.rms_px < 0.6 * exact.rms_px
 
 
@@ -97,7 +90,7 @@ def test_a_right_lens_is_not_doubted_away():
     view = View(target, place(1.0, 0.3))
     start = cold(view, target)[0]
     doubting, exact = (EdgeFit(target, camera).fit(view.pixels, start) for camera in (DOUBTING, PROJECTION))
-    assert angle_deg(doubting.rotation, view.rotation) < 0.2
+    assert_near(doubting, view, deg=0.2)
     assert largest_variance(doubting.covariance[3:, 3:]) > largest_variance(exact.covariance[3:, 3:])
 
 
@@ -106,8 +99,7 @@ def test_a_tilt_by_grey_values_is_unsure_by_the_share_that_any_image_may_be_long
     target = replace(shipped("single"), bend=0.0)
     tilt, distance = 0.05, 5.0
     view = View(target, place(distance, tilt))
-    start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
-    found = PhotoFit(target, PROJECTION).fit(view.pixels, start)
+    found = PhotoFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1.0))
     share = LIMITS.edges.systematic_px / (VGA.fx * target.tags[0].size / 2 / distance)
     assert np.sqrt(largest_variance(found.covariance[3:, 3:])) > 0.5 * share / max(found.tilt, tilt)
 
@@ -129,79 +121,54 @@ def test_grey_values_polish_a_pose_from_edges(target):
 
 
 def test_grey_values_do_not_polish_what_they_contradict(target):
-    view = View(target, place(3.0, 0.3))
-    fit = PhotoFit(target, PROJECTION)
-    edges = EdgeFit(target, PROJECTION).fit(view.pixels, cold(view, target)[0])
+    fit, (view, large) = PhotoFit(target, PROJECTION), (View(target, place(far, 0.3)) for far in (3.0, 1.0))
+    edges, near = (EdgeFit(target, PROJECTION).fit(seen.pixels, cold(seen, target)[0]) for seen in (view, large))
     elsewhere = replace(edges, rotation=turn(edges.rotation, np.array([0.05, 0.0, 0.0])))
-    assert fit.polish(view.pixels, elsewhere) is elsewhere
-    hidden = replace(edges, inliers=0.8)
-    assert fit.polish(view.pixels, hidden) is hidden
-    large = View(target, place(1.0, 0.3))
-    near = EdgeFit(target, PROJECTION).fit(large.pixels, cold(large, target)[0])
-    assert near is not None
-    assert fit.polish(large.pixels, near) is near
-    assert fit.polish(np.full((480, 640), 90, np.uint8), edges) is edges
+    blank = np.full((480, 640), 90, np.uint8)
+    for pixels, pose in (
+        (view.pixels, elsewhere),
+        (view.pixels, replace(edges, inliers=0.8)),
+        (large.pixels, near),
+        (blank, edges),
+    ):
+        assert fit.polish(pixels, pose) is pose
 
 
 def test_level_holds_the_tilt(target):
     view = View(target, place(3.0, 0.3))
     off = turn(view.rotation, 0.05 * np.cross(view.rotation[:, 2], [1.0, 0, 0]))
     start = Pose(off, view.position, np.eye(6), "edges", 0, 0.0)
-    wrong_up = TargetLevel(off[:, 2], np.radians(0.001))
-    held = EdgeFit(target, PROJECTION).fit(view.pixels, start, level=wrong_up)
-    free = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    assert angle_deg(free.rotation, view.rotation) < 0.3
+    fit, wrong_up = EdgeFit(target, PROJECTION), TargetLevel(off[:, 2], np.radians(0.001))
+    assert_near(fit.fit(view.pixels, start), view, deg=0.3)
+    held = fit.fit(view.pixels, start, level=wrong_up)
     assert np.degrees(np.arccos(held.rotation[:, 2] @ off[:, 2])) < 0.3
 
 
 @pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (8.0, 0.012), (11.0, 0.04)])
 def test_photometric_fit_of_far_tags(target, distance, most):
-    errors = []
+    errors, fit = [], PhotoFit(target, PROJECTION)
     for k in range(4):
         view = View(target, place(distance, 0.5, around=1.3 * k, roll=0.8 * k))
-        tagged = cold(view, target)
-        fits = [PhotoFit(target, PROJECTION).fit(view.pixels, start) for start in tagged]
-        best = min((fit for fit in fits if fit is not None), key=lambda pose: pose.loss)
+        fits = [fit.fit(view.pixels, start) for start in cold(view, target)]
+        best = min((pose for pose in fits if pose is not None), key=lambda pose: pose.loss)
         assert best.source == "photometric"
-        assert best.likeness is not None
         assert best.likeness > 0.999
         errors.append(np.linalg.norm(best.position - view.position))
     assert np.median(errors) < most
 
 
-def test_photometric_fit_refuses_what_it_cannot_do(target):
-    fit = PhotoFit(target, PROJECTION)
-    near = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.5]), np.eye(6), "corners", 4, 0.1)
-    assert fit.fit(np.full((480, 640), 90, np.uint8), near) is None
-    outside = replace(near, position=np.array([5.0, 0.0, 8.0]))
-    assert fit.fit(np.full((480, 640), 90, np.uint8), outside) is None
-
-
-def test_tags_of_two_faces_solve_together(tmp_path):
-    text = (
-        '[[targets]]\nname = "box"\nlevel = false\n'
-        "[[targets.tags]]\nid = 2\nsize = 0.2\nposition = [0, 0, 0.15]\n"
-        "[[targets.tags]]\nid = 3\nsize = 0.2\nposition = [0, -0.15, 0]\nrpy_deg = [90, 0, 0]\n"
-    )
-    path = tmp_path / "box.toml"
-    path.write_text(text)
-    target = load([path]).targets[0]
+def test_tags_of_two_faces_solve_together():
+    faces = ((2, (0, 0, 0.15), (0, 0, 0)), (3, (0, -0.15, 0), (90, 0, 0)))
+    tags = tuple(TagPlacement(id=code, size=0.2, position=at, rpy_deg=turned) for code, at, turned in faces)
+    target = build([TargetSection(name="box", level=False, tags=tags)], origin="test").targets[0]
     view = View(target, place(1.6, 0.75, around=-np.pi / 2))
-    candidates = cold(view, target)
-    assert len(candidates) == 1
-    assert np.linalg.norm(candidates[0].position - view.position) < 0.01
-    assert angle_deg(candidates[0].rotation, view.rotation) < 0.5
+    (found,) = cold(view, target)
+    assert_near(found, view, deg=0.5, m=0.01)
 
 
 def test_floor_and_inverse():
-    pose = Pose(
-        turn(np.diag([1.0, -1.0, -1.0]), np.array([0.2, 0.1, 0.4])),
-        np.array([0.3, -0.2, 2.0]),
-        np.zeros((6, 6)),
-        "edges",
-        100,
-        0.02,
-    )
+    rotation = turn(np.diag([1.0, -1.0, -1.0]), np.array([0.2, 0.1, 0.4]))
+    pose = Pose(rotation, np.array([0.3, -0.2, 2.0]), np.zeros((6, 6)), "edges", 100, 0.02)
     covariance = with_floor(pose)
     sight = pose.position / pose.range_m
     assert np.sqrt(sight @ covariance[:3, :3] @ sight) == pytest.approx(FLOOR_RANGE * pose.range_m)
@@ -210,20 +177,16 @@ def test_floor_and_inverse():
     assert np.allclose(back @ pose.rotation, np.eye(3))
     assert np.allclose(pose.rotation @ centre + pose.position, 0)
     # Monte Carlo: the propagated covariance is that of drawn poses.
-    rng = np.random.default_rng(5)
-    drawn = rng.multivariate_normal(np.zeros(6), covariance, 20000)
-    centres = np.array([-turn(pose.rotation, d[3:]).T @ (pose.position + d[:3]) for d in drawn[:4000]])
+    drawn = np.random.default_rng(5).multivariate_normal(np.zeros(6), covariance, 4000)
+    centres = np.array([-turn(pose.rotation, d[3:]).T @ (pose.position + d[:3]) for d in drawn])
     assert np.allclose(np.cov(centres.T), turned[:3, :3], atol=0.15 * np.abs(turned[:3, :3]).max())
 
 
 def test_covariance_is_honest(target):
     """NEES per degree of freedom of 12 views; the campaign of `python -m lab vision` draws hundreds."""
-    fit = EdgeFit(target, PROJECTION)
-    values = []
+    fit, noisy, values = EdgeFit(target, PROJECTION), LightConditions(noise_sd=2.0), []
     for k in range(0, 24, 2):
-        view = View(
-            target, place(1.0 + 0.12 * k, 0.1 + 0.02 * k, around=0.9 * k, roll=0.7 * k), LightConditions(noise_sd=2.0)
-        )
+        view = View(target, place(1.0 + 0.12 * k, 0.1 + 0.02 * k, around=0.9 * k, roll=0.7 * k), noisy)
         fitted = fit.fit(view.pixels, cold(view, target)[0])
         error = fitted.position - view.position
         values.append(error @ np.linalg.solve(fitted.covariance[:3, :3], error) / 3)
@@ -233,12 +196,9 @@ def test_covariance_is_honest(target):
 def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
     """A glare on the inner tag of a near target hides half of all edges and cells; the border is seen as ever."""
     target = shipped("nested")
-    spot = LightConditions(glare=(Glare((0.0, 0.0), 0.05),))
-    view = View(target, place(0.55, 0.15), spot)
-    start = Pose(view.rotation, view.position, np.eye(6) * 1e-8, "corners", 4, 0.1)
-    found = EdgeFit(target, PROJECTION).fit(view.pixels, start)
-    assert found.inliers > 0.6
-    assert np.linalg.norm(found.position - view.position) < 0.003
+    view = View(target, place(0.55, 0.15), LightConditions(glare=(Glare((0.0, 0.0), 0.05),)))
+    found = EdgeFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1e-4))
+    assert_near(found, view, m=0.003, inliers=0.6)
     cells = CellReader(target, PROJECTION)
     assert cells.evidence(view.pixels, found).is_clear
     beside = replace(found, position=found.position + np.array([0.02, 0.0, 0.0]))

@@ -1,16 +1,25 @@
-"""One table of unknowns: what a step is solved from, what is known beforehand, and where a fit is after it."""
+"""One table of unknowns, and the bend of a print among them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mkdaemon.vision.arrays import UnknownsEstimate
-from mkdaemon.vision.pose.pose import Pose, angle_between, turn
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.photofit import PhotoFit
+from mkdaemon.vision.pose.pose import Pose, angle_between, largest_variance, turn
+from mkdaemon.vision.pose.prints import Sheet, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
 from mkdaemon.vision.pose.unknowns import RIDGE, Prior, TargetLevel, UnknownRow, Unknowns
-from tests.vision.views import VGA
+from mkdaemon.vision.tags.tagmap import Target
+from mkdaemon.vision.track.follower import LearnedBend
+from mksim.scene.curl import Curl
+from mksim.scene.light import LightConditions
+from tests.vision.views import VGA, View, angle_deg, place, shipped
 
 RNG = np.random.default_rng(3)
 PLACE = np.array([0.1, -0.2, 1.5])
@@ -73,3 +82,123 @@ def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> Non
 def test_a_fit_that_leaves_the_neighbourhood_of_its_start_ran_away(place: tuple[float, ...], ran: bool) -> None:
     begun = Prior(Pose(START.rotation, np.array(place), np.eye(6), "corners", 4, 0.1), None, STILL, None).begin()
     assert begun.ran_away(START) is ran
+
+
+TARGET = replace(shipped("nested"), bend=0.01)
+"""On paper that lies by itself."""
+SIDE = TARGET.tags[0].size
+RISE = 0.01
+PROJECTION = Projection(VGA)
+
+
+def curled(axis: float) -> tuple[LightConditions, np.ndarray]:
+    """A print bent about an axis, its middle up by 1 % of the side, and the rise that is."""
+    across = np.array([-np.sin(axis), np.cos(axis)])
+    rise = -RISE * np.array([across[0] ** 2, 2 * across[0] * across[1], across[1] ** 2])
+    return LightConditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
+
+
+def start_of(view: View) -> Pose:
+    return Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+
+
+def nees(pose: Pose, view: View) -> float:
+    turn = np.array([1.0, -1.0, 1.0]) * (view.rotation @ pose.rotation.T)[[1, 0, 0], [2, 2, 1]]
+    error = np.concatenate([pose.position - view.position, turn])
+    return float(error @ np.linalg.solve(pose.covariance, error)) / 6
+
+
+@pytest.mark.parametrize("axis", [0.0, 1.6, 2.2, 2.8])
+def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
+    conditions, rise = curled(axis)
+    view = View(TARGET, place(1.2, 0.4, around=0.5), conditions)
+    found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start_of(view))
+    flat = EdgeFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
+    assert np.abs(found.bend.mean - rise).max() < 0.15 * RISE
+    assert angle_deg(found.rotation, view.rotation) < min(0.1, 0.3 * angle_deg(flat.rotation, view.rotation))
+    assert nees(found, view) < 4.0
+    assert nees(flat, view) > 5.0
+
+
+def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
+    conditions, rise = curled(0.6)
+    view = View(TARGET, place(6.5, 0.25), conditions)
+    known = replace(start_of(view), known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
+    fitted = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, start) for start in (known, start_of(view))]
+    flat = PhotoFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
+    assert fitted[1] is not None
+    assert angle_deg(fitted[0].rotation, view.rotation) < 0.7 * angle_deg(flat.rotation, view.rotation)
+    assert max(nees(pose, view) for pose in fitted if pose is not None) < 2.0
+    sure, unsure = (largest_variance(pose.covariance[3:, 3:]) for pose in fitted if pose is not None)
+    assert sure < unsure
+
+
+def test_a_bent_print_is_no_shorter_than_a_flat_one() -> None:
+    """To third order, against the arc of the simulated sheet."""
+    sheet = Sheet(TARGET.tags[0], RISE)
+    curl = Curl(SIDE / (8 * RISE), 0.0, 1.4 * SIDE)
+    arc = np.linspace(-0.6, 0.6, 13) * SIDE
+    flat = np.column_stack([np.zeros_like(arc), arc, np.zeros_like(arc)])
+    bent = sheet.bent(flat, sheet.terms(flat), np.array([0.0, 0.0, -RISE]))
+    assert curl.along_paper(bent[:, 1]) == pytest.approx(arc, abs=2e-6)
+    assert bent[:, 2] - bent[6, 2] == pytest.approx(curl.height(bent[:, 1]) - curl.height(np.zeros(1)), abs=5e-6)
+
+
+def test_who_bends() -> None:
+    assert sheet_of(TARGET) is not None
+    assert sheet_of(replace(TARGET, bend=0.0)) is None
+    beside = replace(TARGET.tags[0], tag_id=3, position=np.array([1.0, 0.0, 0.0]))
+    several: Target = replace(TARGET, tags=(*TARGET.tags, beside))
+    assert sheet_of(several) is None
+    assert LearnedBend(None).at(0.0) is None
+
+
+def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
+    prior = UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3))
+    learned = LearnedBend(prior)
+    told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    learned.learn(0.0, replace(pose, source="photometric"))
+    assert learned.at(0.1) is not None
+    assert (learned.at(0.1) or told).mean[0] == 0.0
+    learned.learn(0.0, pose)
+    soon, late = learned.at(1.0), learned.at(3000.0)
+    assert soon.mean[0] == pytest.approx(0.01, rel=0.01)
+    assert soon.covariance[0, 0] < 2e-6
+    assert late.mean[0] == pytest.approx(0.0, abs=1e-6)
+    assert late.covariance == pytest.approx(prior.covariance, rel=1e-3)
+
+
+def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
+    prior, told = (
+        UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3)),
+        UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3)),
+    )
+    learned = LearnedBend(prior)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    learned.learn(0.0, pose)
+    moved = replace(told, mean=told.mean + np.array([0.0, 5e-4, 0.0]))
+    learned.learn(0.1, replace(pose, bend=moved, known_bend=told))
+    known = learned.at(0.1)
+    assert known.covariance == pytest.approx(prior.covariance)
+
+
+@pytest.mark.parametrize("distance", [0.25, 0.5])
+def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
+    """Whatever step a fit ends with: what was known of the bend is weighed once."""
+    known = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3))
+    for k in range(8):
+        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), LightConditions(noise_sd=6.0))
+        found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, replace(start_of(view), known_bend=known))
+        if found is not None and found.bend is not None:
+            spread = np.linalg.eigvalsh(found.bend.covariance)
+            assert 0.0 < spread[0] <= spread[2] < 1.001e-10
+
+
+def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
+    prior = UnknownsEstimate(np.zeros(3), 0.002**2 * np.eye(3))
+    told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
+    learned = LearnedBend(prior)
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    learned.learn(0.0, pose)
+    assert (learned.at(0.1) or prior).mean[0] == pytest.approx(0.01, rel=0.01)

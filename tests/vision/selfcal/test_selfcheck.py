@@ -1,4 +1,4 @@
-"""Rendered views with one wrong figure in the camera file or the target file: the alarm names it with both numbers."""
+"""Files that a flight contradicts: wrong figures are named with both numbers, what cannot be told apart is not."""
 
 from __future__ import annotations
 
@@ -12,12 +12,25 @@ import pytest
 
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.camera import MountSection
+from mkdaemon.frames import rotation_from_euler
+from mkdaemon.telemetry.selfcal import HEIGHTS_SURE
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.selfcal.selfcheck import LENS_AT, CameraFilter, SelfCheck, TargetWatch
+from mkdaemon.vision.selfcal.selfcheck import (
+    DECK,
+    LENS_AT,
+    MOUNTING,
+    SIZES_AT,
+    TILT_SCALE,
+    CameraFilter,
+    HeightFilter,
+    ImageEvidence,
+    SelfCheck,
+    TargetWatch,
+)
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from tests.vision.views import VGA, View, place, shipped
 
@@ -242,3 +255,158 @@ def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
     )
     assert rolling < 0.1 * still
     assert watching(target, Projection(VGA)).look(np.zeros_like(shot.pixels), pose) is None
+
+
+BELIEVED = LOOKING_DOWN.flu_from_cam
+RIGID = replace(shipped("single"), bend=0.0)
+PROJECTION = Projection(VGA)
+TURN = np.radians([2.0, -2.2, 0.0])
+DECK_NORMAL = np.array([np.radians(1.5), np.radians(-1.0), 1.0])
+
+
+def evidence(rotation: np.ndarray, lens: np.ndarray | None = None) -> ImageEvidence:
+    """An image that shows a pose exactly, and knows the lens where one is given."""
+    known = np.zeros(SIZES_AT + 1)
+    matrix = np.diag([*[1e6] * 6, *known])
+    if lens is not None:
+        known[LENS_AT:] = 1e6, 1.0, 1.0, 1e6, 0.0
+        matrix = np.diag([*[1e6] * 6, *known])
+        known[LENS_AT:] *= lens
+    return ImageEvidence(rotation, matrix, np.array([*[0.0] * 6, *known]))
+
+
+def turned(
+    yaw: Callable[[float], float], *, moving: bool = False, reported: float = 1.0, seconds: float = 10.0
+) -> CameraFilter:
+    """Ten images a second of a tilted deck with a camera that hangs otherwise than believed."""
+    found = CameraFilter(replace(RIGID, moving=moving), PROJECTION, np.radians(1.0), BELIEVED)
+    rng = np.random.default_rng(4)
+    true_mounting = rotation_from_euler(float(TURN[0]), float(TURN[1]), 0.0) @ BELIEVED
+    normal = DECK_NORMAL / np.linalg.norm(DECK_NORMAL)
+    deck = np.column_stack([np.cross([0.0, 1.0, 0.0], normal), [0.0, 1.0, 0.0], normal])
+    for time in np.arange(0.0, seconds, 0.1):
+        roll, pitch = 0.07 * np.sin(1.3 * time), 0.07 * np.sin(2.1 * time + 1.0)
+        seen = (rotation_from_euler(roll, pitch, yaw(time)) @ true_mounting).T @ deck
+        tilt = reported * np.array([roll, pitch]) + np.radians(0.3) * rng.standard_normal(2)
+        found.image_seen(float(time), evidence(seen), rotation_from_euler(*tilt, yaw(time)))
+    return found
+
+
+def test_yaw_tells_a_turned_mounting_from_a_tilted_deck() -> None:
+    found = turned(lambda time: np.radians(60.0) * np.sin(0.6 * time))
+    assert np.degrees(found.mean[MOUNTING] - TURN)[:2] == pytest.approx([0.0, 0.0], abs=0.3)
+    assert np.degrees(found.mean[DECK] - DECK_NORMAL[:2]) == pytest.approx([0.0, 0.0], abs=0.3)
+    assert np.degrees(found.sd[MOUNTING][:2]).max() < 0.3
+
+
+def test_without_yaw_a_mounting_and_a_deck_look_alike_and_the_deviation_says_so() -> None:
+    found = turned(lambda _time: 0.4)
+    assert np.degrees(found.sd[MOUNTING][:2]).min() > 2.0
+    assert (np.abs(found.mean[MOUNTING] - TURN)[:2] < 2 * found.sd[MOUNTING][:2]).all()
+
+
+def test_a_vehicle_that_reports_too_much_tilt_is_no_turned_mounting() -> None:
+    found = turned(lambda time: 0.7 * time, reported=1.1)
+    assert found.mean[TILT_SCALE] == pytest.approx(0.1, abs=0.06)
+    assert np.degrees(found.mean[MOUNTING] - TURN)[:2] == pytest.approx([0.0, 0.0], abs=0.3)
+
+
+def test_on_a_moving_deck_more_time_is_needed() -> None:
+    still, moving = (turned(lambda time: 0.7 * time, moving=moves) for moves in (False, True))
+    assert moving.sd[MOUNTING][0] > 1.1 * still.sd[MOUNTING][0]
+
+
+def test_without_attitude_or_mounting_only_the_lens_is_learned() -> None:
+    off = np.array([0.02, 3.0, -2.0, 0.01, 0.0])
+    for mounting, attitude in ((None, np.eye(3)), (BELIEVED, None)):
+        found = CameraFilter(RIGID, PROJECTION, np.radians(1.0), mounting)
+        for k in range(20):
+            found.image_seen(0.1 * k, evidence(BELIEVED.T, off), attitude)
+        np.testing.assert_allclose(found.mean[LENS_AT:], off, rtol=0.01)
+        assert np.degrees(found.sd[MOUNTING][0]) == pytest.approx(5.0, abs=0.1)
+
+
+DELAY = 0.1
+
+
+def descend(time: float) -> float:
+    return 4.0 - 3.0 * float(np.clip((time - 1.0) / 6.0, 0.0, 1.0))
+
+
+def climbed(
+    scale: float, height: Callable[[float], float] = descend, wander: float = 0.0, flights: int = 1, gap: float = 0.0
+) -> HeightFilter:
+    found = HeightFilter()
+    rng = np.random.default_rng(2)
+    off, start = 0.0, 0.0
+    for _ in range(flights):
+        for k in range(240):
+            time = k / 30
+            off = 0.9967 * off + wander * 0.0816 * rng.standard_normal()
+            if k % 6 == 0:
+                reading = 7.0 + round((height(time - DELAY) + off) / 0.05) * 0.05
+                found.reading_received(start + time - 0.005, reading)
+            found.pose_seen(start + time, height(time) * (1 + scale) + 0.005 * rng.standard_normal())
+        start += 8.0 + gap
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.2, -0.15])
+def test_a_way_down_gives_the_scale_within_its_deviation(scale: float) -> None:
+    found, sd = climbed(scale, wander=0.15).scale
+    assert found == pytest.approx(scale / (1 + scale), abs=2.5 * sd)
+    assert sd < 0.08
+
+
+def test_a_barometer_that_wanders_says_more_after_many_ways() -> None:
+    once, often = (climbed(0.05, wander=0.15, flights=n).scale[1] for n in (1, 12))
+    assert often < 0.5 * once
+
+
+def test_a_hover_says_nothing() -> None:
+    found = climbed(0.2, height=lambda _time: 2.0)
+    assert found.scale[1] > 0.3
+    assert found.covered < 0.05
+
+
+def test_near_the_ground_the_rotors_press_on_the_barometer() -> None:
+    assert climbed(0.2, height=lambda time: 0.12 * descend(time)).covered == 0.0
+
+
+def test_after_a_pause_the_offset_may_be_another_one() -> None:
+    found = climbed(0.1, flights=2, gap=60.0)
+    assert found.scale[0] == pytest.approx(0.1 / 1.1, abs=0.06)
+
+
+def test_images_that_are_missing_are_not_guessed() -> None:
+    found = HeightFilter()
+    for time, height in ((0.0, 4.0), (1.0, 3.0), (1.0, 3.0)):
+        found.reading_received(time - 0.01, 9.0)
+        found.pose_seen(time, height)
+    assert found.covered == 0.0
+
+
+def rise_and_sink(time: float) -> float:
+    """A take-off, a hold, a descent: 0.7 m to 2.1 m and back."""
+    return 0.7 + 1.4 * float(np.clip(min(time - 1.0, 7.0 - time) / 2.3, 0.0, 1.0))
+
+
+def test_a_focal_length_wrong_by_a_quarter_is_told_and_then_sure() -> None:
+    once = climbed(0.25, height=rise_and_sink, wander=0.08)
+    assert once.contradicts
+    assert climbed(0.25, height=rise_and_sink, wander=0.08, flights=3).odds > HEIGHTS_SURE
+    assert once.scale[0] == pytest.approx(0.2, abs=2.5 * once.scale[1])
+
+
+@pytest.mark.parametrize("flights", [1, 4])
+def test_right_heights_are_likelier_right_than_wrong(flights: int) -> None:
+    assert climbed(0.0, height=rise_and_sink, wander=0.15, flights=flights).odds < 0.0
+
+
+def test_a_barometer_that_does_not_move_says_nothing() -> None:
+    found = HeightFilter()
+    for k in range(240):
+        found.reading_received(k / 30 - 0.005, 0.0)
+        found.pose_seen(k / 30, descend(k / 30))
+    assert found.covered > 2.0
+    assert found.odds == 0.0

@@ -1,17 +1,22 @@
-"""What the attitude says about a target's tilt, and how a deck that lies otherwise is learned."""
+"""The attitude and a target's tilt: decks that are learned, tilts that are held, attitudes that are left out."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import radians
 
 import numpy as np
 import pytest
 
-from lab.vision.flight import LOOKING_DOWN, VGA
+from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.frames import rotation_from_euler
+from mkdaemon.frames import euler_from_rotation, rotation_from_euler
+from mkdaemon.telemetry.vision import PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.vision.pose.edgefit import EdgeFit
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
+from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import (
@@ -22,13 +27,15 @@ from mkdaemon.vision.track.attitude import (
     fuse_normal,
     without_normal,
 )
+from mkdaemon.vision.track.branches import Branches
+from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView
 from tests.vision.track.decks import Deck
-from tests.vision.views import angle_deg, shipped
+from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
 DOWN = LOOKING_DOWN.flu_from_cam.T
 SHARP = np.radians(0.2)
@@ -258,3 +265,200 @@ def test_a_deck_is_learned_more_slowly_from_a_pose_whose_edges_partly_disagree()
             level.learn(seen(time=k / 30), replace(pose_of(tilted, np.radians(1.0) ** 2), inliers=inliers))
         angles.append(tilt_of(level, seen(time=0.2), pose_of(DOWN)))
     assert angles[1] < 0.9 * angles[0]
+
+
+RIGHT, WRONG = radians(1.0), radians(12.0)
+STEP = 1 / 30
+FEWEST = 3
+"""Images that contradict which leave the attitude out: what lies over a target misleads neighbouring images alike."""
+SEEN = radians(1.2)
+
+
+def tell(
+    deck: Deck, time: float, east: float, north: float = 0.0, yaw: float = 0.0, *, of_vehicle: bool = False
+) -> bool:
+    """An image in which the target's normal leans by so much; returns whether the attitude is left out."""
+    enu_from_flu = rotation_from_euler(0.0, 0.0, yaw)
+    lean = np.array([east, north, 0.0])
+    lean = enu_from_flu @ lean if of_vehicle else lean
+    deck.measured(time, enu_from_flu, np.array([*lean[:2], np.sqrt(1.0 - lean @ lean)]), SEEN)
+    return deck.is_contradicted_at(time)
+
+
+def shown(deck: Deck, offs: list[float], start: float = 0.0) -> float:
+    """Show images in which the attitude is off by so much; returns the time of the next one."""
+    for k, off in enumerate(offs):
+        tell(deck, start + k * STEP, off)
+    return start + len(offs) * STEP
+
+
+def test_single_contradictions_leave_the_attitude_in_use() -> None:
+    deck = Deck()
+    for k, off in enumerate([WRONG, *[RIGHT] * 5] * 20):
+        assert not tell(deck, k * STEP, off)
+
+
+@pytest.mark.parametrize("known", [0, 100])
+def test_a_lasting_contradiction_is_told_with_its_angle(known: int) -> None:
+    deck = Deck()
+    start = shown(deck, [RIGHT] * known)
+    told = [tell(deck, start + k * STEP, WRONG) for k in range(10)]
+    assert told == [k >= FEWEST - 1 for k in range(10)]
+    assert round(deck.level.contradicted_deg) == pytest.approx(12, abs=1)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_contradictions_that_do_not_agree_accuse_nobody(seed: int) -> None:
+    """A vibration behind a rolling shutter turns the normal another way in every image."""
+    rng, deck = np.random.default_rng([seed, 0x517]), Deck()
+    wobble = rng.normal(0.0, WRONG / 2, (75, 2))
+    assert np.count_nonzero(np.linalg.norm(wobble, axis=1) > radians(5.0)) > 4 * FEWEST
+    assert not any(tell(deck, k * STEP, *off) for k, off in enumerate(wobble))
+
+
+@pytest.mark.parametrize("of_vehicle", [False, True])
+def test_contradictions_that_agree_in_the_world_or_on_the_vehicle_leave_it_out(of_vehicle: bool) -> None:
+    """A deck stays while the vehicle yaws by half a turn, a mounting turns with it."""
+    deck = Deck()
+    told = [tell(deck, k * STEP, WRONG, yaw=np.pi * k / 10, of_vehicle=of_vehicle) for k in range(10)]
+    assert told[-1]
+
+
+def test_a_swapped_sign_that_passes_level_stays_left_out() -> None:
+    """Where the vehicle is level for a moment a swapped sign agrees with everything."""
+    deck = Deck()
+    told = [tell(deck, k * STEP, WRONG * np.cos(2 * np.pi * k / 60)) for k in range(240)]
+    assert all(told[FEWEST - 1 :])
+
+
+def test_the_attitude_is_taken_up_again_after_it_agreed_and_left_out_again_as_soon() -> None:
+    deck, now = Deck(), 0.0
+    for _ in range(3):
+        now = shown(deck, [WRONG] * 30, now)
+        assert deck.is_contradicted_at(now)
+        assert tell(deck, now, RIGHT)
+        now = shown(deck, [RIGHT] * 30, now + STEP)
+        assert not deck.is_contradicted_at(now)
+
+
+def test_without_images_that_tell_the_attitude_is_tried_again() -> None:
+    deck = Deck()
+    now = shown(deck, [WRONG] * FEWEST)
+    assert deck.is_contradicted_at(now + LONGEST / 2)
+    assert not deck.is_contradicted_at(now + LONGEST)
+
+
+def test_a_clock_that_is_set_back_begins_anew() -> None:
+    deck = Deck()
+    shown(deck, [WRONG] * FEWEST, 100.0)
+    assert not deck.is_contradicted_at(1.0)
+    assert not tell(deck, 1.0, RIGHT)
+
+
+def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_comes_back() -> None:
+    target = shipped("nested")
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    view = View(target, place(2.0, 0.3))
+    right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+    posed = []
+    for k in range(45):
+        rpy = (-right[0], -right[1], right[2]) if k < 15 else right
+        time = k * 0.1
+        noisy = np.roll(view.pixels, k % 2, axis=1)  # images that repeat count as frozen
+        image = CameraImage(noisy, time, time, k, "down")
+        result = tracker.update(image, AttitudeHistory([AttitudeSample(time, *rpy)]))
+        posed.append(bool(result.poses))
+        assert k >= 15 or posed[k] == (tracker.contradicted_deg is not None)
+        if k == 14:
+            assert tracker.contradicted_deg is not None
+            assert np.degrees(0.5) < tracker.contradicted_deg < np.degrees(0.7)
+    assert not posed[0]
+    assert all(posed[FEWEST - 1 :])
+    assert tracker.contradicted_deg is None
+
+
+def test_a_level_target_far_from_level_contradicts_the_attitude_however_slowly_it_got_there() -> None:
+    """A swapped sign grows with the angle: learned as a deck that moves, it would be followed to any tilt."""
+    target = shipped("nested")
+    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
+    left_out = []
+    view = View(target, place(2.0, 0.3))
+    right = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
+    for k in range(60):
+        time = k * STEP
+        noisy = np.roll(view.pixels, k % 2, axis=1)
+        off = radians(15.0) * k / 60
+        reported = AttitudeHistory([AttitudeSample(time, right[0] + off, right[1], right[2])])
+        assert len(tracker.update(CameraImage(noisy, time, time, k, "down"), reported).poses) <= 1
+        left_out.append(tracker.contradicted_deg is not None)
+    assert not any(left_out[:30])
+    assert left_out[-1]
+
+
+KNOWN = 30
+"""Images that told the tilt."""
+
+
+def judge_of(name: str) -> Judge:
+    """Judge of a target over a level place."""
+    fitter = TargetFitter(shipped(name), Projection(VGA))
+    return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
+
+
+def judged(name: str, off_deg: float) -> FitVerdict:
+    """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
+    view = View(shipped(name), place(3.8, 0.25))
+    right = view.view.enu_from_cam
+    truth = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
+    judge = judge_of(name)
+    for k in range(KNOWN):
+        judge.level.learn(ImageSight(view.pixels, k / 30, right), truth)
+    now = KNOWN / 30
+    flu_from_cam = LOOKING_DOWN.flu_from_cam
+    off = right @ flu_from_cam.T @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0) @ flu_from_cam
+    return judge.measure(ImageSight(view.pixels, now, off), truth)
+
+
+@pytest.mark.parametrize("name", ["single", "nested"])
+@pytest.mark.parametrize("off_deg", [7.0, -7.0, 10.0])
+def test_an_attitude_that_a_whole_target_contradicts_is_not_held(name: str, off_deg: float) -> None:
+    verdict = judged(name, off_deg)
+    assert verdict.contradicts
+    assert verdict.refusal is PoseRefusal.ATTITUDE
+
+
+def test_what_the_image_cannot_tell_inertia_does() -> None:
+    """A tilt held to an attitude that jumps by 6 degrees was published once in some thousand images after the jump."""
+    view, judge = View(shipped("nested"), place(3.8, 0.25)), judge_of("nested")
+    right = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05, loss=1.0)
+    leaning = replace(right, rotation=turn(view.rotation, np.radians([6.0, 0.0, 0.0])))
+    seen = ImageSight(view.pixels, KNOWN / 30)
+    assert not judge.prefers(seen, right, leaning, None)
+    before = Branches.begin(0.0, [right])
+    for k in range(1, KNOWN):
+        before = before.after(k / 30, [right])
+    assert judge.prefers(seen, right, leaning, before)
+    assert not judge.prefers(seen, leaning, right, before)
+
+
+@pytest.mark.parametrize("name", ["single", "nested"])
+def test_a_whole_target_that_agrees_is_posed(name: str) -> None:
+    verdict = judged(name, 1.0)
+    assert verdict.pose is not None
+    assert verdict.refusal is None
+
+
+@pytest.mark.parametrize(("name", "distance"), [("single", 3.0), ("single", 4.0), ("nested", 3.5)])
+@pytest.mark.parametrize("off_deg", [0.0, 0.8])
+def test_a_tilt_that_a_fit_is_told_counts_as_much_as_it_is_known(name: str, distance: float, off_deg: float) -> None:
+    """A fit that is told a normal ends where a free one ends that hears of it afterwards, and is as certain."""
+    view = View(shipped(name), place(distance, 0.5))
+    spread = np.radians(0.6)
+    up = turn(view.rotation, np.radians([off_deg, 0.0, 0.0]))[:, 2]
+    fit = EdgeFit(shipped(name), Projection(VGA))
+    free, told = fit.fit(view.pixels, nearly(view)), fit.fit(view.pixels, nearly(view), level=TargetLevel(up, spread))
+    assert free is not None
+    fused = fuse_normal(free, TargetLevel(up, spread))
+    assert np.linalg.norm(told.position - fused.position) < 0.6 * np.sqrt(np.trace(fused.covariance[:3, :3]))
+    assert angle_deg(told.rotation, fused.rotation) < 0.6 * np.degrees(np.sqrt(np.trace(fused.covariance[3:, 3:])))
+    assert np.trace(told.covariance[3:, 3:]) > 0.5 * np.trace(fused.covariance[3:, 3:])
