@@ -6,14 +6,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from lab.vision.stills import error_of, target_named
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefind import FoundEdges, find_edges
 from mkdaemon.vision.pose.edgefit import EdgeFit, shifts
-from mkdaemon.vision.pose.edgemodel import Samples
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
@@ -22,15 +19,14 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Unknowns
 from mksim.scene.gloss import Gloss
 from mksim.scene.light import LightConditions
-from mksim.scene.motion import Platform
 from mksim.scene.processing import NO_PROCESSING, Processing
-from mksim.scene.scene import Scene, SceneTarget, cam_from_target
-from mksim.scene.view import CameraView, view_towards
-from tests.vision.views import VGA, View, angle_deg, nearly, nees, place, shipped
+from mksim.scene.view import view_towards
+from tests.vision.pose.test_edgefit import upright_edges
+from tests.vision.views import VGA, PlainView, View, angle_deg, assert_near, nearly, nees, place, shipped, start_at
 
-TARGET = replace(shipped("nested"), bend=0.0)
-COUNT = 60
-CONTRAST = 150.0
+PROJECTION = Projection(VGA)
+NESTED = shipped("nested")
+TARGET = replace(NESTED, bend=0.0)
 EDGE_AT = 32.3
 FINE = 8
 """Sub-samples a pixel."""
@@ -46,17 +42,9 @@ def edge(seen: float, growing: float = 0.0) -> FoundEdges:
     place = np.arange(64 * FINE) / FINE - 0.5 + 0.5 / FINE
     sharp = (place > EDGE_AT).astype(np.float32)[None]
     blurred = cv2.GaussianBlur(sharp, (0, 0), 0.6 * FINE)[0].reshape(64, FINE).mean(axis=1)
-    rise = CONTRAST * blurred + growing * (np.arange(64) - EDGE_AT)
-    rows = np.vstack([np.tile(50.0 + rise, (32, 1)), np.tile(255.0 - seen * CONTRAST + rise, (32, 1))])
-    samples = Samples(
-        np.arange(COUNT),
-        np.column_stack([np.full(COUNT, 32.0), np.linspace(2.0, 61.0, COUNT)]),
-        np.tile([1.0, 0.0], (COUNT, 1)),
-        np.full(COUNT, 2.5),
-        np.full(COUNT, 30.0),
-        np.ones(COUNT, dtype=bool),
-    )
-    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), samples)
+    rise = 150.0 * blurred + growing * (np.arange(64) - EDGE_AT)
+    rows = np.vstack([np.tile(50.0 + rise, (32, 1)), np.tile(255.0 - 150.0 * seen + rise, (32, 1))])
+    return find_edges(np.clip(np.rint(rows), 0, 255).astype(np.uint8), upright_edges(np.linspace(2.0, 61.0, 60)))
 
 
 @pytest.mark.parametrize("seen", [0.9, 0.7, 0.5, 0.35])
@@ -80,10 +68,32 @@ def test_a_highlight_does_not_turn_the_pose(beside: float, distance: float) -> N
     """It lies over one side of a print seen from nearly above; without what clipping does 2.8 to 7.6 degrees."""
     gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
     view = View(TARGET, place(distance, 0.03, around=7.0 * beside), LightConditions(gloss=gloss))
-    pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
-    assert angle_deg(view.rotation, pose.rotation) < 1.5
-    assert nees(view, pose, pose.covariance) < 5.5
-    assert pose.inliers > LIMITS.agreement.blind
+    pose = EdgeFit(TARGET, PROJECTION).fit(view.pixels, nearly(view))
+    assert_near(pose, view, deg=1.5, claims=5.5, inliers=LIMITS.agreement.blind)
+
+
+def flooded_view(sun: float) -> View:
+    """A print from nearly above, its ink under a highlight as bright as its paper."""
+    return View(NESTED, place(1.2, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, (sun, 0.0, 1.0)), exposure=1.2))
+
+
+@pytest.mark.parametrize("sun", [0.0, 0.03, 0.06])
+def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(sun: float) -> None:
+    view = flooded_view(sun)
+    pose, cells = start_at(view, sd=1e-4), CellReader(NESTED, PROJECTION)
+    assert cells.evidence(view.pixels, pose).vouches
+    for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
+        aside = pose.position + NESTED.tags[0].module * np.array([column, row, 0.0])
+        assert not cells.evidence(view.pixels, replace(pose, position=aside)).vouches
+
+
+def test_edges_that_a_highlight_floods_are_not_missed() -> None:
+    view, fit = flooded_view(0.1), EdgeFit(NESTED, PROJECTION)
+    assert_near(fit.fit(view.pixels, start_at(view, sd=1e-4)), view, m=0.005, inliers=0.9)
+    column, row = PROJECTION.project(view.position[None])[0][0].astype(int)
+    view.pixels[row:, column:] = 255
+    found = fit.fit(view.pixels, start_at(view, sd=1e-4))
+    assert found is None or found.inliers < 0.9
 
 
 OVER = LightConditions(exposure=1.8)
@@ -91,140 +101,83 @@ OVER = LightConditions(exposure=1.8)
 
 def test_motion_moves_blown_edges_across_it_only() -> None:
     """Edges of one way are wider and clipped farther from their middle: one blur for both turned poses by 1.1 deg."""
-    off, surprise = [], []
+    off = []
     for around in (0.0, 1.3, 2.6):
         rate = 2.4 / VGA.fx / 0.004 * np.array([np.sin(around), np.cos(around), 0.0])
         view = View(TARGET, replace(place(2.9, 0.15, around), rate_cam=rate, exposure_time=0.004), OVER)
-        pose = EdgeFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))
-        off.append(angle_deg(view.rotation, pose.rotation))
-        surprise.append(nees(view, pose, pose.covariance))
-    assert np.mean(off) < 0.5
-    assert np.mean(surprise) < 1.5
+        pose = EdgeFit(TARGET, PROJECTION).fit(view.pixels, nearly(view))
+        off.append((angle_deg(view.rotation, pose.rotation), nees(view, pose)))
+    turned, claims = np.mean(off, axis=0)
+    assert turned < 0.5
+    assert claims < 1.5
 
 
 def test_blown_paper_tells_grey_values_nothing() -> None:
     """Fitted as if it ended at the largest grey value it put a print 3 to 4 mm too near or too far at 5 m."""
     views = [View(TARGET, place(5.0, tilt, 7.0 * tilt), OVER) for tilt in (0.05, 0.15, 0.25, 0.35)]
-    found = [(view, PhotoFit(TARGET, Projection(VGA)).fit(view.pixels, nearly(view))) for view in views]
-    assert np.mean([nees(view, pose, pose.covariance) for view, pose in found if pose is not None]) < 3.0
-    assert all(pose is not None and pose.likeness is not None and pose.likeness > 0.95 for _, pose in found)
+    found = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, nearly(view)) for view in views]
+    assert np.mean([nees(view, pose) for view, pose in zip(views, found, strict=True)]) < 3.0
+    assert min(pose.likeness for pose in found) > 0.95
 
 
 @pytest.mark.parametrize(("exposure", "source"), [(1.8, "photometric"), (1.0, "edges")])
 def test_small_cells_of_blown_paper_are_measured_by_grey_values(exposure: float, source: str) -> None:
     """Their corners are dimmer and clipped less: edges of 5 px cells put the print 4 mm too far, 1.6 claimed."""
     view = View(TARGET, place(4.4, 0.2), LightConditions(exposure=exposure))
-    pose = TargetFitter(TARGET, Projection(VGA)).refine(view.pixels, nearly(view))
-    assert pose.source == source
-    assert nees(view, pose, pose.covariance) < 3.0
+    pose = TargetFitter(TARGET, PROJECTION).refine(view.pixels, nearly(view))
+    assert_near(pose, view, claims=3.0, source=source)
 
 
-@pytest.mark.parametrize("tilt", [0.0, 0.03, 0.06])
-def test_cells_that_a_highlight_floods_contradict_no_pose_and_the_others_do(tilt: float) -> None:
-    target = shipped("nested")
-    view = View(target, place(1.2, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, (tilt, 0.0, 1.0)), exposure=1.2))
-    pose = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
-    cells = CellReader(target, Projection(VGA))
-    assert cells.evidence(view.pixels, pose).vouches
-    for column, row in ((1, 0), (0, 1), (2, 0), (0, 2), (1, 1), (3, 0), (-1, 0), (0, -1)):
-        aside = pose.position + target.tags[0].module * np.array([column, row, 0.0])
-        assert not cells.evidence(view.pixels, replace(pose, position=aside)).vouches
+SINGLE = shipped("single")
+GAMMA, WEBCAM = Processing(gamma=2.2), Processing(gamma=2.2, sharpening=0.8)
 
 
-def test_edges_that_a_highlight_floods_are_not_missed() -> None:
-    target = shipped("nested")
-    projection = Projection(VGA)
-    view = View(target, place(1.2, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, (0.1, 0.0, 1.0)), exposure=1.2))
-    start = Pose(view.rotation, view.position, 1e-8 * np.eye(6), "edges", 40, 0.1)
-    found = EdgeFit(target, projection).fit(view.pixels, start)
-    assert found.inliers > 0.9
-    assert np.linalg.norm(found.position - view.position) < 0.005
-    covered = view.pixels.copy()
-    column, row = projection.project(view.position[None])[0][0].astype(int)
-    covered[row:, column:] = 255
-    found = EdgeFit(target, projection).fit(covered, start)
-    assert found is None or found.inliers < 0.9
+def toned(distance: float, processing: Processing) -> PlainView:
+    """A print in light that is processed."""
+    conditions = LightConditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
+    return PlainView(SINGLE, view_towards(VGA, distance * np.array([0.3, 0.2, 0.93]), np.zeros(3)), conditions)
 
 
-PAD = SceneTarget.of(target_named("single"), Platform())
-GAMMA = Processing(gamma=2.2)
-WEBCAM = Processing(gamma=2.2, sharpening=0.8)
-
-
-def processed(processing: Processing) -> LightConditions:
-    return LightConditions(vignetting=0.0, noise_sd=0.5, shot_gain=0.0, processing=processing)
-
-
-def rendered(view: CameraView, conditions: LightConditions) -> npt.NDArray[np.uint8]:
-    """An image by a scene of its own: the noise of a shared one would depend on which tests ran before."""
-    return Scene([PAD], ground=None, seed=4, fine=False).render(view, conditions)
-
-
-def fit(fitter: EdgeFit | PhotoFit, distance: float, processing: Processing) -> tuple[Pose, float]:
-    """A fitted pose, and its distance over the true one, less 1."""
-    view = view_towards(VGA, distance * np.array([0.3, 0.2, 0.93]), np.zeros(3))
-    rotation, position = cam_from_target(PAD, view)
-    start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
-    found = fitter.fit(rendered(view, processed(processing)), start)
-    return found, found.range_m / float(np.linalg.norm(position)) - 1.0
-
-
-@pytest.mark.parametrize("processing", [NO_PROCESSING, GAMMA, WEBCAM], ids=["linear", "gamma", "webcam"])
-@pytest.mark.parametrize("distance", [1.0, 3.0])
-def test_the_range_by_edges_is_right_under_any_tone_curve(distance: float, processing: Processing) -> None:
-    found, farther = fit(EdgeFit(PAD.target, Projection(VGA)), distance, processing)
-    assert abs(farther) < 0.001  # without the common shift 0.3 and 0.6 % under gamma
-    assert (found.shift_px < -0.15) == (processing is not NO_PROCESSING)
-
-
-@pytest.mark.parametrize("processing", [NO_PROCESSING, GAMMA], ids=["linear", "gamma"])
-def test_the_range_by_grey_values_is_right_under_a_tone_curve(processing: Processing) -> None:
-    _, farther = fit(PhotoFit(PAD.target, Projection(VGA)), 8.0, processing)
-    assert abs(farther) < 0.002  # without the term of the tone curve 0.5 % under gamma
+@pytest.mark.parametrize(
+    ("kind", "distance", "processing"),
+    [
+        *((EdgeFit, distance, tone) for distance in (1.0, 3.0) for tone in (NO_PROCESSING, GAMMA, WEBCAM)),
+        *((PhotoFit, 8.0, tone) for tone in (NO_PROCESSING, GAMMA)),
+    ],
+)
+def test_the_range_is_right_under_any_tone_curve(kind, distance: float, processing: Processing) -> None:
+    """Without the common shift of edges 0.3 and 0.6 % off under gamma, without the term in grey values 0.5 %."""
+    view = toned(distance, processing)
+    found = kind(SINGLE, PROJECTION).fit(view.pixels, start_at(view, nearer=1.003, sd=1.0))
+    farther = found.range_m / np.linalg.norm(view.position) - 1.0
+    assert abs(farther) < (0.001 if kind is EdgeFit else 0.002)
+    assert kind is PhotoFit or (found.shift_px < -0.15) == (processing is not NO_PROCESSING)
 
 
 def test_grey_values_follow_a_tone_curve_to_the_noise() -> None:
-    fitter = PhotoFit(replace(PAD.target, bend=0.0), Projection(VGA))
-    linear, curved = (fit(fitter, 5.0, processing)[0].rms_px for processing in (NO_PROCESSING, GAMMA))
+    fitter = PhotoFit(replace(SINGLE, bend=0.0), PROJECTION)
+    views = [toned(5.0, processing) for processing in (NO_PROCESSING, GAMMA)]
+    linear, curved = (fitter.fit(view.pixels, start_at(view, nearer=1.003, sd=1.0)).rms_px for view in views)
     assert curved < 1.1 * linear  # 1.27 with a cubic polynomial alone
 
 
 def test_located_edges_lie_at_the_pose_when_their_common_shift_is_known() -> None:
-    fitter = EdgeFit(PAD.target, Projection(VGA))
-    view = view_towards(VGA, np.array([0.3, 0.2, 2.0]), np.zeros(3))
-    rotation, position = cam_from_target(PAD, view)
-    pixels = rendered(view, processed(GAMMA))
-    found = fitter.fit(pixels, Pose(rotation, position, np.eye(6), "corners", 4, 0.1))
-    assert found is not None
-    located = fitter.locate(pixels, found)
-    assert located is not None
-    _, edges, _ = located
+    view, fitter = toned(2.0, GAMMA), EdgeFit(SINGLE, PROJECTION)
+    _, edges, _ = fitter.locate(view.pixels, fitter.fit(view.pixels, start_at(view, sd=1.0)))
     assert abs(float(np.median(edges.offsets[edges.found]))) < 0.03
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.8, 2.2])
 def test_a_far_print_smeared_by_motion_is_fitted_with_its_smear(angle: float) -> None:
     rate = 1.2 * np.array([np.sin(angle), np.cos(angle), 0.0])
-    view = view_towards(VGA, np.array([1.2, -0.8, 6.5]), np.array([0.1, 0.0, 0.0]))
-    view = replace(view, rate_cam=rate, exposure_time=0.004)
-    rotation, position = cam_from_target(PAD, view)
-    start = Pose(rotation, position * 1.003, np.eye(6), "corners", 4, 0.1)
-    found = PhotoFit(PAD.target, Projection(VGA)).fit(rendered(view, LightConditions()), start)
-    error = error_of(found.rotation, found.position, rotation, position)
-    assert error.distance < 0.012
-    assert error.angle_deg < 1.2
-
-
-NESTED = shipped("nested")
-PROJECTION = Projection(VGA)
+    seen = view_towards(VGA, np.array([1.2, -0.8, 6.5]), np.array([0.1, 0.0, 0.0]))
+    view = PlainView(SINGLE, replace(seen, rate_cam=rate, exposure_time=0.004), LightConditions())
+    found = PhotoFit(SINGLE, PROJECTION).fit(view.pixels, start_at(view, nearer=1.003, sd=1.0))
+    assert_near(found, view, m=0.012, deg=1.2)
 
 
 def fitted(view: View, pixels: np.ndarray) -> Pose:
-    found = EdgeFit(NESTED, PROJECTION).fit(
-        pixels, Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-    )
-    assert found is not None
-    return found
+    return EdgeFit(NESTED, PROJECTION).fit(pixels, start_at(view, nearer=1.002))
 
 
 def farther(view: View, pixels: np.ndarray) -> float:
