@@ -73,10 +73,10 @@ class View:
 class PlainView(View):
     """A print on nothing, by a scene of its own: the noise of a shared one would depend on which tests ran before."""
 
-    def __init__(self, target: Target, view: CameraView, conditions: LightConditions = CLEAN) -> None:
+    def __init__(self, target: Target, view: CameraView, conditions: LightConditions = CLEAN, seed: int = 4) -> None:
         placed = on_the_ground(target)
         self.view = view
-        self.pixels = Scene([placed], ground=None, seed=4, fine=False).render(view, conditions)
+        self.pixels = Scene([placed], ground=None, seed=seed, fine=False).render(view, conditions)
         self.rotation, self.position = cam_from_target(placed, view)
 
 
