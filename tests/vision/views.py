@@ -71,12 +71,19 @@ class View:
 
 
 class PlainView(View):
-    """A print on nothing, by a scene of its own: the noise of a shared one would depend on which tests ran before."""
+    """A print on nothing, or on a ground, by a scene that no other test shares: its noise depends on no order."""
 
-    def __init__(self, target: Target, view: CameraView, conditions: LightConditions = CLEAN, seed: int = 4) -> None:
+    def __init__(
+        self,
+        target: Target,
+        view: CameraView,
+        conditions: LightConditions = CLEAN,
+        seed: int = 4,
+        ground: Ground | None = None,
+    ) -> None:
         placed = on_the_ground(target)
         self.view = view
-        self.pixels = Scene([placed], ground=None, seed=seed, fine=False).render(view, conditions)
+        self.pixels = Scene([placed], ground=ground, seed=seed, fine=False).render(view, conditions)
         self.rotation, self.position = cam_from_target(placed, view)
 
 

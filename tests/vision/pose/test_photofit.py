@@ -21,10 +21,11 @@ from mksim.scene.light import LightConditions
 from mksim.scene.processing import Processing
 from mksim.scene.view import CameraView
 from tests.places import CONFIGS
-from tests.vision.views import VGA, View, nees, place, shipped
+from tests.vision.views import VGA, View, assert_near, nees, place, shipped, start_at
 
 CAMERA = load_camera(CONFIGS / "cameras" / "sim.toml")
 TARGET = load([CONFIGS / "targets" / "landing.toml"]).targets[0]
+NESTED, SINGLE, PROJECTION = shipped("nested"), shipped("single"), Projection(VGA)
 HALF = np.sqrt(0.5)
 DIAMOND = np.diag([1.0, -1.0, -1.0]) @ np.array([[HALF, -HALF, 0.0], [HALF, HALF, 0.0], [0.0, 0.0, 1.0]])
 """Turned by 45 degrees: the frame around the print overlaps the image before the print does."""
@@ -62,121 +63,89 @@ def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(
 @pytest.mark.parametrize("rate", [(0.9, 0.0), (0.0, 1.1), (0.8, 0.8), (1.2, -0.6)])
 def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[float, float]) -> None:
     """By what it leaves it is compared with its mirror image, which takes more steps to get there."""
-    target = shipped("nested")
     moving = replace(place(5.4, 0.08, 0.7, 0.4), rate_cam=np.array([*rate, 0.0]), exposure_time=3e-3)
-    view = View(target, moving, LightConditions())
-    fit = PhotoFit(target, Projection(VGA))
-    found = fit.fit(view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 200, 0.05))
+    view, fit = View(NESTED, moving, LightConditions()), PhotoFit(NESTED, PROJECTION)
+    found = fit.fit(view.pixels, start_at(view, sd=1.0))
     again = fit.fit(view.pixels, found, blur_px=found.blur_px)
-    assert again is not None and again.cost is not None
     assert found.cost == pytest.approx(again.cost, rel=0.02)
 
 
 def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    target = shipped("nested")
-    view = View(target, place(6.5, 0.3, 0.7, 0.4), LightConditions())
+    view, fit = View(NESTED, place(6.5, 0.3, 0.7, 0.4), LightConditions()), PhotoFit(NESTED, PROJECTION)
     start = Pose(turn(view.rotation, np.radians([6.0, -3.0, 0.0])), view.position * 0.98, np.eye(6), "edges", 9, 0.1)
-    fit = PhotoFit(target, Projection(VGA))
     arrived = fit.fit(view.pixels, start)
     monkeypatch.setattr(photofit, "STEPS", 1)
     broken_off = fit.fit(view.pixels, start)
-    turned = np.asarray(cv2.Rodrigues(broken_off.rotation @ arrived.rotation.T)[0], dtype=np.float64).ravel()
-    apart = np.concatenate([broken_off.position - arrived.position, turned])
-    assert float(apart @ np.linalg.solve(arrived.covariance, apart)) > 100.0
-    assert float(apart @ np.linalg.solve(broken_off.covariance, apart)) < 6.0
+    assert 6.0 * nees(broken_off, arrived) > 100.0
+    assert 6.0 * nees(arrived, broken_off) < 6.0
 
 
-def test_under_a_rolling_shutter_pixels_know_a_first_pose_no_better_than_its_edges() -> None:
-    target = shipped("single")
-    view = View(target, place(2.8, 0.3, 0.7, 0.4), LightConditions())
-    start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-    for line_time in (0.0, 30e-6):
-        projection = Projection(VGA.model_copy(update={"line_time": line_time}))
-        edges = EdgeFit(target, projection).fit(view.pixels, start)
-        assert edges is not None
-        assert (PhotoFit(target, projection).polish(view.pixels, edges) is edges) is (line_time > 0.0)
+@pytest.mark.parametrize("line_time", [0.0, 30e-6])
+def test_under_a_rolling_shutter_pixels_know_a_first_pose_no_better_than_its_edges(line_time: float) -> None:
+    view = View(SINGLE, place(2.8, 0.3, 0.7, 0.4), LightConditions())
+    projection = Projection(VGA.model_copy(update={"line_time": line_time}))
+    edges = EdgeFit(SINGLE, projection).fit(view.pixels, start_at(view, nearer=1.002))
+    assert (PhotoFit(SINGLE, projection).polish(view.pixels, edges) is edges) is (line_time > 0.0)
 
 
 def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
     """Weights that change from step to step change the cost, too: fits ended two deviations beside the place."""
-    target = shipped("nested")
-    fit, rng = PhotoFit(target, Projection(VGA)), np.random.default_rng(4)
-    apart = []
+    fit, rng, apart = PhotoFit(NESTED, PROJECTION), np.random.default_rng(4), []
     for k in range(7):
-        view = View(target, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), LightConditions(exposure=0.06))
+        view = View(NESTED, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), LightConditions(exposure=0.06))
         ends = []
         for _ in range(2):
             rotation = turn(view.rotation, np.radians(1.0) * rng.standard_normal(3))
-            found = fit.fit(
-                view.pixels, Pose(rotation, view.position * rng.normal(1.0, 0.003), np.eye(6), "edges", 9, 0.1)
-            )
-            assert found is not None
-            ends.append(found)
+            start = Pose(rotation, view.position * rng.normal(1.0, 0.003), np.eye(6), "edges", 9, 0.1)
+            ends.append(fit.fit(view.pixels, start))
         one, other = ends
-        turned = np.asarray(cv2.Rodrigues(one.rotation @ other.rotation.T)[0], dtype=np.float64).ravel()
-        error = np.concatenate([one.position - other.position, turned])
-        apart.append(float(error @ np.linalg.solve(one.covariance, error)))
+        apart.append(6.0 * nees(other, one))
     assert np.median(apart) < 0.3
 
 
 def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
     """No pixel then knows anything of the pose, and light and its slope are one."""
-    target = shipped("nested")
     rotation = cv2.Rodrigues(np.array([1.646, 2.02, -1.366]))[0]
     start = Pose(rotation, np.array([0.413, -0.227, 0.429]), np.eye(6), "corners", 4, 0.1)
     pixels = np.random.default_rng(3).normal(20.0, 5.0, (480, 640)).clip(0, 255).astype(np.uint8)
-    found = PhotoFit(target, Projection(VGA)).fit(pixels, start)
+    found = PhotoFit(NESTED, PROJECTION).fit(pixels, start)
     assert found is None or found.covariance[0, 0] > 1.0
 
 
 @pytest.mark.parametrize("around", [1.0, 2.0, 3.0])
 def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(around: float) -> None:
-    target = shipped("nested")
     sun = (0.15 * np.cos(around), 0.15 * np.sin(around), 1.0)
-    view = View(target, place(4.4, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, sun)))
+    view = View(NESTED, place(4.4, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, sun)))
     start = Pose(turn(view.rotation, np.radians([2.0, -1.0, 0.5])), view.position, np.eye(6), "edges", 9, 0.1)
-    found = PhotoFit(target, Projection(VGA)).fit(view.pixels, start)
-    turned = np.asarray(cv2.Rodrigues(found.rotation @ view.rotation.T)[0], dtype=np.float64).ravel()
-    apart = np.concatenate([found.position - view.position, turned])
-    assert np.degrees(np.linalg.norm(turned)) < 1.5
-    assert float(apart @ np.linalg.solve(found.covariance, apart)) < 22.5
+    assert_near(PhotoFit(NESTED, PROJECTION).fit(view.pixels, start), view, deg=1.5, claims=22.5 / 6)
 
 
-def test_a_print_of_which_a_corner_is_left_is_not_fitted_by_its_grey_values() -> None:
+@pytest.mark.parametrize(("off", "is_fitted"), [(0.15, True), (0.43, False)])
+def test_a_print_of_which_a_corner_is_left_is_not_fitted_by_its_grey_values(off: float, is_fitted: bool) -> None:
     """Two sides of a corner and a streak change places: such fits were off by 7 mm with a NEES of 18 and 409."""
-    target = shipped("single")
-    fit, shown = PhotoFit(target, Projection(VGA)), []
-    for off in (0.15, 0.43):
-        view = View(target, aside(place(2.0, np.radians(61.0)), off))
-        start = Pose(view.rotation, view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-        shown.append(fit.fit(view.pixels, start) is not None)
-    assert shown == [True, False]
+    view = View(SINGLE, aside(place(2.0, np.radians(61.0)), off))
+    assert (PhotoFit(SINGLE, PROJECTION).fit(view.pixels, start_at(view)) is not None) is is_fitted
 
 
-def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    target = shipped("single")
-    view = View(target, place(1.5, np.radians(61.0)))
-    start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-    fitter = TargetFitter(target, Projection(VGA))
-    for rms_px, source in ((0.1, "photometric"), (0.8, "edges")):
-        explained = {"source": "photometric", "inliers": 1.0, "likeness": 1.0}
-        grey = replace(start, position=1.03 * view.position, rms_px=rms_px, **explained)
-        monkeypatch.setattr(PhotoFit, "fit", lambda *_, found=grey, **__: found)
-        fitted = fitter.refine(view.pixels, start)
-        assert fitted.source == source
+@pytest.mark.parametrize(("rms_px", "source"), [(0.1, "photometric"), (0.8, "edges")])
+def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypatch, rms_px: float, source: str) -> None:
+    view = View(SINGLE, place(1.5, np.radians(61.0)))
+    start = start_at(view, nearer=1.002)
+    explained = {"source": "photometric", "inliers": 1.0, "likeness": 1.0}
+    grey = replace(start, position=1.03 * view.position, rms_px=rms_px, **explained)
+    monkeypatch.setattr(PhotoFit, "fit", lambda *_, **__: grey)
+    assert TargetFitter(SINGLE, PROJECTION).refine(view.pixels, start).source == source
 
 
 def test_far_poses_behind_a_tone_curve_are_believed() -> None:
     """Slopes tell a pose, not even paper: mean NEES 0.47 by the noise of all pixels, 0.62 by that of slopes."""
-    target, toned = shipped("nested"), LightConditions(processing=Processing(gamma=2.2))
-    fit, rng, found = PhotoFit(target, Projection(VGA)), np.random.default_rng(3), []
+    toned, rng, claims = LightConditions(processing=Processing(gamma=2.2)), np.random.default_rng(3), []
     for _ in range(20):
         far = place(rng.uniform(5.0, 8.0), rng.uniform(0.1, 0.4), rng.uniform(0.0, 6.0), rng.uniform(-0.5, 0.5))
-        view = View(target, far, toned)
-        start = Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "corners", 4, 0.1)
-        pose = fit.fit(view.pixels, start)
-        found.append(nees(view, pose, pose.covariance))
-    assert 0.55 < np.mean(found) < 1.5
+        view = View(NESTED, far, toned)
+        pose = PhotoFit(NESTED, PROJECTION).fit(view.pixels, start_at(view, nearer=1.002, source="corners"))
+        claims.append(nees(view, pose))
+    assert 0.55 < np.mean(claims) < 1.5
 
 
 def test_a_halved_camera_sees_the_mean_of_four_pixels_and_rows_twice_as_long():
@@ -188,15 +157,11 @@ def test_a_halved_camera_sees_the_mean_of_four_pixels_and_rows_twice_as_long():
 
 
 def test_large_cells_are_fitted_in_an_image_of_half_the_size():
-    target = shipped("single")
-    view = View(target, place(1.8, 0.4))
+    view, fit = View(SINGLE, place(1.8, 0.4)), PhotoFit(SINGLE, PROJECTION)
     start = Pose(turn(view.rotation, np.full(3, 0.005)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
-    half, whole = (
-        fit(view.pixels, start)
-        for fit in (PhotoFit(target, Projection(VGA)).fit, PhotoFit(target, Projection(VGA)).fit_whole)
-    )
+    half, whole = (one(view.pixels, start) for one in (fit.fit, fit.fit_whole))
+    assert_near(half, view, claims=3.0)
     assert half.points < whole.points / 3
-    assert nees(view, half, half.covariance) < 3.0
     assert half.blur_px == pytest.approx(whole.blur_px, rel=0.3)
 
 
@@ -216,27 +181,32 @@ def test_a_print_with_hardly_any_black_counts_evenly() -> None:
     assert (clarity(RNG.standard_normal(205), value) == 1.0).all()
 
 
-def test_independent_noise_is_shared_by_nobody() -> None:
-    used = np.ones((60, 60), bool)
-    factor, common = shared_by(RNG.standard_normal(3600), [used])
-    assert factor < 1.1
-    assert common < 0.05
+ROUGH = np.random.default_rng(5).standard_normal((61, 61))
+
+
+@pytest.mark.parametrize(
+    ("noise", "factor", "common"),
+    [
+        pytest.param(ROUGH[1:, 1:], (0.9, 1.1), (0.0, 0.05), id="independent"),
+        # a correlation of one half each way
+        pytest.param(
+            ROUGH[1:, 1:] + ROUGH[:-1, 1:] + ROUGH[1:, :-1] + ROUGH[:-1, :-1],
+            (0.85 * 1.5**2 / 0.5, 1.15 * 1.5**2 / 0.5),
+            (0.9 * 0.5 / 0.7, 1.1 * 0.5 / 0.7),
+            id="shared by neighbours",
+        ),
+    ],
+)
+def test_noise_that_neighbours_share_counts_more(noise, factor, common) -> None:
+    found, share = shared_by(noise.ravel(), [np.ones((60, 60), bool)])
+    assert factor[0] < found < factor[1]
+    assert common[0] <= share < common[1]
 
 
 def test_few_pixels_cannot_tell_that_they_share_nothing() -> None:
     used = np.ones((6, 6), bool)
     independent = np.indices((6, 6)).sum(axis=0) % 2 - 0.5  # neighbours are opposites
     assert shared_by(independent.ravel(), [used])[1] == pytest.approx(1.0 / 6.0)
-
-
-def test_noise_that_neighbours_share_counts_more() -> None:
-    used = np.ones((60, 60), bool)
-    rough = RNG.standard_normal((61, 61))
-    smooth = rough[1:, 1:] + rough[:-1, 1:] + rough[1:, :-1] + rough[:-1, :-1]
-    # a correlation of one half each way
-    factor, common = shared_by(smooth.ravel(), [used])
-    assert factor == pytest.approx(1.5**2 / 0.5, rel=0.15)
-    assert common == pytest.approx(0.5 / 0.7, rel=0.1)
 
 
 def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:

@@ -15,11 +15,10 @@ from mkdaemon.vision.pose.prints import Sheet, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
 from mkdaemon.vision.pose.unknowns import RIDGE, Prior, TargetLevel, UnknownRow, Unknowns
-from mkdaemon.vision.tags.tagmap import Target
 from mkdaemon.vision.track.follower import LearnedBend
 from mksim.scene.curl import Curl
 from mksim.scene.light import LightConditions
-from tests.vision.views import VGA, View, angle_deg, place, shipped
+from tests.vision.views import VGA, View, angle_deg, assert_near, nees, place, shipped, start_at
 
 RNG = np.random.default_rng(3)
 PLACE = np.array([0.1, -0.2, 1.5])
@@ -86,6 +85,7 @@ def test_a_fit_that_leaves_the_neighbourhood_of_its_start_ran_away(place: tuple[
 
 TARGET = replace(shipped("nested"), bend=0.01)
 """On paper that lies by itself."""
+FLAT = replace(TARGET, bend=0.0)
 SIDE = TARGET.tags[0].size
 RISE = 0.01
 PROJECTION = Projection(VGA)
@@ -98,39 +98,27 @@ def curled(axis: float) -> tuple[LightConditions, np.ndarray]:
     return LightConditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
 
 
-def start_of(view: View) -> Pose:
-    return Pose(view.rotation, 1.002 * view.position, 1e-6 * np.eye(6), "edges", 200, 0.05)
-
-
-def nees(pose: Pose, view: View) -> float:
-    turn = np.array([1.0, -1.0, 1.0]) * (view.rotation @ pose.rotation.T)[[1, 0, 0], [2, 2, 1]]
-    error = np.concatenate([pose.position - view.position, turn])
-    return float(error @ np.linalg.solve(pose.covariance, error)) / 6
-
-
 @pytest.mark.parametrize("axis", [0.0, 1.6, 2.2, 2.8])
 def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
     conditions, rise = curled(axis)
     view = View(TARGET, place(1.2, 0.4, around=0.5), conditions)
-    found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start_of(view))
-    flat = EdgeFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
+    start = start_at(view, nearer=1.002)
+    found, flat = (EdgeFit(target, PROJECTION).fit(view.pixels, start) for target in (TARGET, FLAT))
     assert np.abs(found.bend.mean - rise).max() < 0.15 * RISE
-    assert angle_deg(found.rotation, view.rotation) < min(0.1, 0.3 * angle_deg(flat.rotation, view.rotation))
-    assert nees(found, view) < 4.0
-    assert nees(flat, view) > 5.0
+    assert_near(found, view, deg=min(0.1, 0.3 * angle_deg(flat.rotation, view.rotation)), claims=4.0)
+    assert nees(view, flat) > 5.0
 
 
 def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
     conditions, rise = curled(0.6)
     view = View(TARGET, place(6.5, 0.25), conditions)
-    known = replace(start_of(view), known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
-    fitted = [PhotoFit(TARGET, PROJECTION).fit(view.pixels, start) for start in (known, start_of(view))]
-    flat = PhotoFit(replace(TARGET, bend=0.0), PROJECTION).fit(view.pixels, start_of(view))
-    assert fitted[1] is not None
-    assert angle_deg(fitted[0].rotation, view.rotation) < 0.7 * angle_deg(flat.rotation, view.rotation)
-    assert max(nees(pose, view) for pose in fitted if pose is not None) < 2.0
-    sure, unsure = (largest_variance(pose.covariance[3:, 3:]) for pose in fitted if pose is not None)
-    assert sure < unsure
+    start = start_at(view, nearer=1.002)
+    known = replace(start, known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
+    sure, unsure = (PhotoFit(TARGET, PROJECTION).fit(view.pixels, one) for one in (known, start))
+    flat = PhotoFit(FLAT, PROJECTION).fit(view.pixels, start)
+    assert_near(sure, view, deg=0.7 * angle_deg(flat.rotation, view.rotation), claims=2.0)
+    assert_near(unsure, view, claims=2.0)
+    assert largest_variance(sure.covariance[3:, 3:]) < largest_variance(unsure.covariance[3:, 3:])
 
 
 def test_a_bent_print_is_no_shorter_than_a_flat_one() -> None:
@@ -145,22 +133,24 @@ def test_a_bent_print_is_no_shorter_than_a_flat_one() -> None:
 
 
 def test_who_bends() -> None:
-    assert sheet_of(TARGET) is not None
-    assert sheet_of(replace(TARGET, bend=0.0)) is None
     beside = replace(TARGET.tags[0], tag_id=3, position=np.array([1.0, 0.0, 0.0]))
-    several: Target = replace(TARGET, tags=(*TARGET.tags, beside))
-    assert sheet_of(several) is None
+    several = replace(TARGET, tags=(*TARGET.tags, beside))
+    assert [sheet_of(one) is not None for one in (TARGET, FLAT, several)] == [True, False, False]
     assert LearnedBend(None).at(0.0) is None
 
 
-def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
-    prior = UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3))
-    learned = LearnedBend(prior)
+def learning(sd: float) -> tuple[UnknownsEstimate, LearnedBend, Pose]:
+    """What a file expects of a bend, a knowledge that begins with it, and a near pose that found a rise of 1 %."""
+    prior = UnknownsEstimate(np.zeros(3), sd**2 * np.eye(3))
     told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
     pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+    return prior, LearnedBend(prior), pose
+
+
+def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
+    prior, learned, pose = learning(0.01)
     learned.learn(0.0, replace(pose, source="photometric"))
-    assert learned.at(0.1) is not None
-    assert (learned.at(0.1) or told).mean[0] == 0.0
+    assert learned.at(0.1).mean[0] == 0.0
     learned.learn(0.0, pose)
     soon, late = learned.at(1.0), learned.at(3000.0)
     assert soon.mean[0] == pytest.approx(0.01, rel=0.01)
@@ -169,36 +159,28 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
     assert late.covariance == pytest.approx(prior.covariance, rel=1e-3)
 
 
-def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
-    prior, told = (
-        UnknownsEstimate(np.zeros(3), 1e-4 * np.eye(3)),
-        UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3)),
-    )
-    learned = LearnedBend(prior)
-    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
+def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
+    _, learned, pose = learning(0.002)
     learned.learn(0.0, pose)
-    moved = replace(told, mean=told.mean + np.array([0.0, 5e-4, 0.0]))
-    learned.learn(0.1, replace(pose, bend=moved, known_bend=told))
-    known = learned.at(0.1)
-    assert known.covariance == pytest.approx(prior.covariance)
+    assert learned.at(0.1).mean[0] == pytest.approx(0.01, rel=0.01)
+
+
+def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
+    prior, learned, pose = learning(0.01)
+    learned.learn(0.0, pose)
+    moved = replace(pose.bend, mean=pose.bend.mean + np.array([0.0, 5e-4, 0.0]))
+    learned.learn(0.1, replace(pose, bend=moved, known_bend=pose.bend))
+    assert learned.at(0.1).covariance == pytest.approx(prior.covariance)
 
 
 @pytest.mark.parametrize("distance", [0.25, 0.5])
 def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
     """Whatever step a fit ends with: what was known of the bend is weighed once."""
-    known = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3))
+    known, noisy = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3)), LightConditions(noise_sd=6.0)
     for k in range(8):
-        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), LightConditions(noise_sd=6.0))
-        found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, replace(start_of(view), known_bend=known))
+        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), noisy)
+        start = replace(start_at(view, nearer=1.002), known_bend=known)
+        found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start)
         if found is not None and found.bend is not None:
             spread = np.linalg.eigvalsh(found.bend.covariance)
             assert 0.0 < spread[0] <= spread[2] < 1.001e-10
-
-
-def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
-    prior = UnknownsEstimate(np.zeros(3), 0.002**2 * np.eye(3))
-    told = UnknownsEstimate(np.array([0.01, 0.0, 0.0]), 1e-8 * np.eye(3))
-    learned = LearnedBend(prior)
-    pose = Pose(np.eye(3), np.array([0.0, 0.0, 1.0]), np.eye(6), "edges", 200, 0.05, bend=told, known_bend=prior)
-    learned.learn(0.0, pose)
-    assert (learned.at(0.1) or prior).mean[0] == pytest.approx(0.01, rel=0.01)
