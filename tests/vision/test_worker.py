@@ -430,6 +430,8 @@ def test_cameras_take_turns() -> None:
     slot.put("1d", "first")
     taken += [slot.take(0.0), slot.take(0.0), slot.take(0.0)]
     assert taken == ["1c", "2a", "1d", None]
+    slot.close()
+    assert slot.take(PATIENCE) is None
     assert (slot.dropped["first"], slot.dropped["second"]) == (2, 0)
 
 

@@ -7,7 +7,7 @@ import os
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -253,21 +253,22 @@ def device(tmp_path: Path) -> Path:
     return path
 
 
-Plug = Callable[[Kernel], V4l2Controls]
-
-
 @pytest.fixture
-def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Plug:
-    """Opens the device of a kernel; motion allows a second."""
+def plug(device: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., V4l2Controls]]:
+    """Opens the device of a kernel; motion allows a second. All are closed at the end."""
+    opened = []
 
-    def opened(kernel: Kernel) -> V4l2Controls:
+    def plug_in(kernel: Kernel, allowed: float = 1.0) -> V4l2Controls:
         monkeypatch.setattr("fcntl.ioctl", kernel)
-        return V4l2Controls(device, 1.0)
+        opened.append(V4l2Controls(device, allowed))
+        return opened[-1]
 
-    return opened
+    yield plug_in
+    for camera in opened:
+        camera.close()
 
 
-def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
+def test_a_webcam_is_told_ticks_and_its_own_gain(plug) -> None:
     kernel = Kernel()
     camera = plug(kernel)
     assert kernel.values() == [(Control.EXPOSURE_AUTO, 1)]
@@ -275,59 +276,52 @@ def test_a_webcam_is_told_ticks_and_its_own_gain(plug: Plug) -> None:
     assert camera.reach == Reach(pytest.approx(300e-6), pytest.approx(204.7e-3), GREATEST_GAIN)
     assert camera.adjust(SETTING) == camera.adjust(Setting(1e-6, 1.0)) == ()
     assert kernel.told[1].hex() == "02099a0028000000"  # v4l2_control as gcc lays it out
-    assert kernel.values()[1:] == [
-        (Control.EXPOSURE_ABSOLUTE, 40),
-        (Control.GAIN, 255),
-        (Control.EXPOSURE_ABSOLUTE, 3),
-        (Control.GAIN, 0),
-    ]
-    camera.close()
+    exposure, gain = Control.EXPOSURE_ABSOLUTE, Control.GAIN
+    assert kernel.values()[1:] == [(exposure, 40), (gain, 255), (exposure, 3), (gain, 0)]
 
 
 @pytest.mark.parametrize("flag", [DISABLED, READ_ONLY])
-def test_a_control_that_cannot_be_set_counts_as_missing(plug: Plug, flag: int) -> None:
+def test_a_control_that_cannot_be_set_counts_as_missing(plug, flag: int) -> None:
     kernel = Kernel()
     kernel.answers[Control.GAIN][FLAGS_AT] |= flag
-    camera = plug(kernel)
-    assert camera.reach.greatest_gain == 1.0
-    camera.close()
+    assert plug(kernel).reach.greatest_gain == 1.0
     kernel.answers[Control.EXPOSURE_ABSOLUTE][FLAGS_AT] |= flag
     camera = plug(kernel)
     assert camera.reach is None
     assert camera.adjust(SETTING) == ()
-    camera.close()
 
 
-def test_a_camera_without_exposure_control_takes_nothing(plug: Plug) -> None:
-    kernel = Kernel({Control.GAIN: WEBCAM[Control.GAIN]})
+@pytest.mark.parametrize(
+    ("answers", "errors", "refused"),
+    [
+        pytest.param({Control.GAIN: WEBCAM[Control.GAIN]}, {}, (), id="no control of exposure"),
+        pytest.param(
+            WEBCAM,
+            {Control.EXPOSURE_AUTO: errno.EINVAL},
+            ("exposure_auto=1: the driver says Invalid argument",),
+            id="a menu without manual",
+        ),
+    ],
+)
+def test_a_camera_without_exposure_control_is_left_to_itself(plug, answers, errors, refused) -> None:
+    kernel = Kernel(answers, errors)
     camera = plug(kernel)
-    assert camera.reach is None
-    assert kernel.told == []
-    camera.close()
-
-
-def test_a_camera_that_keeps_its_automatic_exposure_is_left_to_it(plug: Plug) -> None:
-    kernel = Kernel(errors={Control.EXPOSURE_AUTO: errno.EINVAL})  # a menu without manual
-    camera = plug(kernel)
-    assert camera.refused == ("exposure_auto=1: the driver says Invalid argument",)
-    assert camera.reach is None
+    assert (camera.refused, camera.reach) == (refused, None)
     assert camera.adjust(SETTING) == ()
     assert kernel.told == []
-    camera.close()
 
 
-def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(plug: Plug) -> None:
+def test_a_camera_that_keeps_its_automatic_gain_is_told_exposures_only(plug) -> None:
     kernel = Kernel(WEBCAM | AUTOMATIC_GAIN, {Control.AUTOGAIN: errno.EACCES})
     camera = plug(kernel)
     assert camera.refused == ("autogain=0: the driver says Permission denied",)
     assert camera.reach.greatest_gain == 1.0
     assert camera.adjust(SETTING) == ()
     assert kernel.values()[-1] == (Control.EXPOSURE_ABSOLUTE, 40)
-    camera.close()
 
 
 @pytest.mark.parametrize("fault", [errno.EBUSY, errno.EACCES, errno.EINVAL, errno.ERANGE, errno.EIO])
-def test_a_control_that_refuses_is_named_and_asked_again(plug: Plug, fault: int) -> None:
+def test_a_control_that_refuses_is_named_and_asked_again(plug, fault: int) -> None:
     kernel = Kernel(errors={Control.EXPOSURE_ABSOLUTE: fault})
     camera = plug(kernel)
     assert camera.adjust(SETTING) == (f"exposure_absolute=40: the driver says {os.strerror(fault)}",)
@@ -335,14 +329,13 @@ def test_a_control_that_refuses_is_named_and_asked_again(plug: Plug, fault: int)
     kernel.errors.clear()
     assert camera.adjust(SETTING) == ()
     assert (Control.EXPOSURE_ABSOLUTE, 40) in kernel.values()
-    camera.close()
 
 
 def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug: Plug) -> None:
+def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug) -> None:
     kernel = Kernel()
     camera = plug(kernel)
     kernel.is_there = False
@@ -358,13 +351,8 @@ def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug: Plug) -
 
 
 @pytest.mark.parametrize(("allowed", "longest"), [(5e-3, 5e-3), (1e-9, 300e-6)])
-def test_the_longest_exposure_is_at_most_what_motion_allows(
-    device: Path, monkeypatch: pytest.MonkeyPatch, allowed: float, longest: float
-) -> None:
-    monkeypatch.setattr("fcntl.ioctl", Kernel())
-    camera = V4l2Controls(device, allowed)
-    assert camera.reach.longest == pytest.approx(longest)
-    camera.close()
+def test_the_longest_exposure_is_at_most_what_motion_allows(plug, allowed: float, longest: float) -> None:
+    assert plug(Kernel(), allowed).reach.longest == pytest.approx(longest)
 
 
 class Webcam:

@@ -14,7 +14,7 @@ from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import Cover, LightConditions
-from tests.vision.views import VGA, View, angle_deg, place, shipped
+from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped, start_at
 
 PROJECTION = Projection(VGA)
 
@@ -30,43 +30,35 @@ def strip(side: float, share: float, reflectance: float) -> LightConditions:
 def test_a_right_pose_is_borne_out_behind_a_cover(name, reflectance, share):
     target = shipped(name)
     view = View(target, place(1.1, 0.35, around=1.0, roll=0.5), strip(target.tags[0].size, share, reflectance))
-    start = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
     fit = EdgeFit(target, PROJECTION)
-    fitted = fit.fit(view.pixels, start)
-    assert angle_deg(fitted.rotation, view.rotation) < 0.5
-    evidence = fit.evidence(view.pixels, fitted)
-    assert evidence.supports, evidence
+    fitted = fit.fit(view.pixels, start_at(view, sd=1.0))
+    assert_near(fitted, view, deg=0.5)
+    assert fit.evidence(view.pixels, fitted).supports
 
 
 def test_no_wrong_fit_is_borne_out():
-    target = shipped("single")
+    target, rng, wrong = shipped("single"), np.random.default_rng(5), 0
     fit = EdgeFit(target, PROJECTION)
-    rng = np.random.default_rng(5)
-    wrong = 0
     for k in range(30):
-        cover = strip(target.tags[0].size, float(rng.uniform(0.03, 0.3)), float(rng.uniform(0.05, 0.85)))
-        view = View(
-            target, place(float(rng.uniform(0.8, 4.0)), float(rng.uniform(0, 0.7)), around=k, roll=k / 2), cover
-        )
+        cover = strip(target.tags[0].size, rng.uniform(0.03, 0.3), rng.uniform(0.05, 0.85))
+        view = View(target, place(rng.uniform(0.8, 4.0), rng.uniform(0, 0.7), around=k, roll=k / 2), cover)
         off = turn(view.rotation, rng.normal(0, 0.25, 3))
         start = Pose(off, view.position * rng.uniform(0.92, 1.08), np.eye(6), "edges", 0, 0.0)
         fitted = fit.fit(view.pixels, start)
-        if fitted is None or angle_deg(fitted.rotation, view.rotation) < 2.0:
-            continue
-        wrong += 1
-        found = fit.evidence(view.pixels, fitted)
-        assert not found.supports, (k, found)
+        if fitted is not None and angle_deg(fitted.rotation, view.rotation) >= 2.0:
+            wrong += 1
+            found = fit.evidence(view.pixels, fitted)
+            assert not found.supports, (k, found)
     assert wrong >= 5
 
 
 def test_nothing_is_borne_out_where_there_is_no_target():
     target = shipped("single")
-    view = View(target, place(1.0, 0.2))
-    pose = Pose(view.rotation, view.position, np.eye(6), "edges", 0, 0.0)
-    fit = EdgeFit(target, PROJECTION)
+    view, fit = View(target, place(1.0, 0.2)), EdgeFit(target, PROJECTION)
+    pose = start_at(view, sd=1.0)
+    assert not EdgeEvidence().supports
     assert fit.evidence(np.full((480, 640), 90, np.uint8), pose) == EdgeEvidence()
     noise = np.random.default_rng(1).integers(0, 255, (480, 640)).astype(np.uint8)
-    assert not EdgeEvidence().supports
     assert not fit.evidence(noise, pose).supports
     assert fit.evidence(view.pixels, replace(pose, position=np.array([9.0, 0.0, 1.0]))) == EdgeEvidence()
 
@@ -75,7 +67,5 @@ def test_nothing_is_borne_out_where_there_is_no_target():
 def test_a_covered_target_is_posed_at_first_sight_without_attitude(reflectance):
     target = shipped("nested")
     view = View(target, place(0.9, 0.4, around=2.0, roll=1.0), strip(target.tags[0].size, 0.2, reflectance))
-    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
-    found = tracker.update(view.image(), None).pose_of(target.name)
-    assert np.linalg.norm(found.pose.position - view.position) < 0.01
-    assert angle_deg(found.pose.rotation, view.rotation) < 1.0
+    found = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).update(view.image(), None).pose_of(target.name)
+    assert_near(found.pose, view, m=0.01, deg=1.0)

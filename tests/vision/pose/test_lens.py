@@ -10,29 +10,14 @@ import pytest
 from pydantic import ValidationError
 
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.motion import Platform
-from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import project
-from tests.vision.views import angle_deg, asphalt, place, shipped
+from tests.vision.views import VGA, View, assert_near, place, shipped
 
-FISHEYE = Intrinsics(
-    width=640,
-    height=480,
-    fx=285.0,
-    fy=285.0,
-    cx=319.5,
-    cy=239.5,
-    model="fisheye",
-    k1=-0.02,
-    k2=0.005,
-    k3=-0.002,
-    k4=3e-4,
-    line_time=0.0,
-)
+COEFFICIENTS = {"k1": -0.02, "k2": 0.005, "k3": -0.002, "k4": 3e-4}
+FISHEYE = VGA.model_copy(update={"fx": 285.0, "fy": 285.0, "model": "fisheye", **COEFFICIENTS})
 """128 degrees wide."""
 BARREL = Intrinsics(width=640, height=480, fx=500.0, fy=505.0, cx=320.0, cy=240.0, k1=-0.2, k2=0.05, p1=1e-3, p2=-5e-4)
 
@@ -82,15 +67,8 @@ def test_coefficients_of_the_other_model_are_refused() -> None:
 
 @pytest.mark.parametrize("distance", [0.6, 1.5])
 def test_a_pose_through_a_fisheye_is_true_near_the_rim(distance: float) -> None:
-    target = shipped("nested")
-    placed = SceneTarget.of(target, Platform())
-    scene = Scene([placed], ground=asphalt(), seed=11, fine=False)
-    straight = place(distance, 0.3)
-    aside = cv2.Rodrigues(np.array([0.0, 0.6, 0.0]))[0]
-    view = replace(straight, intrinsics=FISHEYE, enu_from_cam=straight.enu_from_cam @ aside)
-    rotation, position = cam_from_target(placed, view)
-    assert abs(position[0] / position[2]) > 0.6
-    found = Tracker(TagMap((target,)), FISHEYE).update(CameraImage(scene.render(view), 0.0, 0.0, 0, "wide"))
-    (pose,) = found.poses
-    assert np.linalg.norm(pose.pose.position - position) < 0.003 * distance
-    assert angle_deg(pose.pose.rotation, rotation) < 0.4
+    straight, aside = place(distance, 0.3), cv2.Rodrigues(np.array([0.0, 0.6, 0.0]))[0]
+    view = View(shipped("nested"), replace(straight, intrinsics=FISHEYE, enu_from_cam=straight.enu_from_cam @ aside))
+    assert abs(view.position[0] / view.position[2]) > 0.6
+    (found,) = Tracker(TagMap((shipped("nested"),)), FISHEYE).update(view.image()).poses
+    assert_near(found.pose, view, m=0.003 * distance, deg=0.4)

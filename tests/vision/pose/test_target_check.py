@@ -63,31 +63,21 @@ def test_sizes_wrong_by_one_factor_cannot_be_seen() -> None:
 def test_one_tag_alone_says_nothing_and_far_ones_are_left_alone() -> None:
     pairs = seen(pad(), pad(), np.random.default_rng(1))
     assert misfit(pairs[:1], LENS) is None
-    far = build(
-        [
-            TargetSection(
-                name="row", tags=(TagPlacement(id=1, size=0.05), TagPlacement(id=2, size=0.05, position=(1, 0, 0)))
-            )
-        ],
-        origin="test",
-    )
-    tags = far.targets[0].tags
+    row = (TagPlacement(id=1, size=0.05), TagPlacement(id=2, size=0.05, position=(1, 0, 0)))
+    tags = build([TargetSection(name="row", tags=row)], origin="test").targets[0].tags
     assert misfit([(tag, found) for tag, (_, found) in zip(tags, pairs, strict=True)], LENS) is None
 
 
 def test_it_is_said_after_some_images_and_taken_back_by_one_that_fits() -> None:
-    rng = np.random.default_rng(2)
-    wrong = pad(0.25)
+    rng, wrong, right, said = np.random.default_rng(2), pad(0.25), pad(), []
     check = TargetCheck(wrong, LENS)
-    for _ in range(LIMITS.health.misfit_images - 1):
-        check.look([found for _, found in seen(pad(), wrong, rng)])
-        assert check.contradicted == ()
-    check.look([found for _, found in seen(pad(), wrong, rng)])
-    assert check.contradicted == ("pad",)
-    check.look([found for _, found in seen(pad(), wrong, rng)][:1])
-    assert check.contradicted == ("pad",), "one tag alone agrees with any file"
-    check.look([found for _, found in seen(pad(0.25), wrong, rng)])
-    assert check.contradicted == ()
+    fitting = [found for _, found in seen(wrong, wrong, rng)]
+    images = [[found for _, found in seen(right, wrong, rng)] for _ in range(LIMITS.health.misfit_images)]
+    # one tag alone agrees with any file
+    for detections in (*images, images[0][:1], fitting):
+        check.look(detections)
+        said.append(check.contradicted)
+    assert said == [()] * (LIMITS.health.misfit_images - 1) + [("pad",), ("pad",), ()]
 
 
 def test_without_a_calibration_nothing_is_judged() -> None:
