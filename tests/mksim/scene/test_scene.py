@@ -183,15 +183,6 @@ def test_light_from_outside_is_smeared_into_the_image(blurred: dict[str, float],
     assert np.abs(scene.render(view, conditions).astype(int) - more).max() <= 2
 
 
-def test_a_platform_carries_its_print() -> None:
-    target = SceneTarget.of(single(0.3, 7), Platform("straight", speed=0.5))
-    view = replace(oblique(2.0, 0, 0.0, PINHOLE), time=0.6)
-    scene = Scene([target], seed=3)
-    found = detect(scene.render(view, CLEAN))[7]
-    assert np.abs(found - true_corners(target, view)["tag36h11", 7]).max() < 0.1
-    assert found[:, 0].mean() > 319.5 + 600 * 0.25 / 2
-
-
 def test_conditions_do_what_they_say() -> None:
     view = oblique(1.0, 0, 0.0, PINHOLE)
     scene = Scene([SINGLE], ground=None, seed=1)

@@ -98,38 +98,40 @@ def test_a_print_that_is_larger_than_its_file_says_is_found_by_the_tape(percent,
     assert number(found, "size") == pytest.approx(percent, abs=0.3)
 
 
+def photo(name: str = "nested", conditions: LightConditions | None = None) -> View:
+    return View(shipped(name), place(0.6, 0.3), conditions)
+
+
 def test_a_bent_print_is_not_flat_and_without_a_camera_file_it_may_be_the_lens():
-    view = View(shipped("nested"), place(0.6, 0.3), LightConditions(curl=Curl(1.5, 0.5, 0.4)))
-    assert states(check_print(view.pixels, shipped("nested"), VGA))["flat"] is BAD
-    assert states(check_print(view.pixels, shipped("nested")))["flat"] is UNKNOWN
+    bent = photo(conditions=LightConditions(curl=Curl(1.5, 0.5, 0.4))).pixels
+    assert states(check_print(bent, shipped("nested"), VGA))["flat"] is BAD
+    assert states(check_print(bent, shipped("nested")))["flat"] is UNKNOWN
 
 
-def test_a_blurred_photograph_judges_no_sizes():
-    view = View(shipped("nested"), place(0.6, 0.3), LightConditions(defocus_px=9.0))
-    found = states(check_print(view.pixels, shipped("nested"), VGA))
+def test_a_blurred_photograph_judges_no_sizes_and_melted_edges_of_the_largest_tag_no_shape():
+    blurred = photo(conditions=LightConditions(defocus_px=9.0)).pixels
+    found = states(check_print(blurred, shipped("nested"), VGA))
     assert (found["sharp"], found["sizes among tags"], found["width over height"]) == (BAD, UNKNOWN, GOOD)
-
-
-def test_melted_edges_of_the_largest_tag_tell_no_shape():
     melted = np.asarray(cv2.GaussianBlur(sheet(), (0, 0), 10.0), np.uint8)
     found = states(check_print(melted, single(0.2, 14), VGA, 0.504))
     assert (found["sharp"], found["white rim"]) == (BAD, GOOD)
     assert [found[name] for name in ("width over height", "size", "flat")] == [UNKNOWN] * 3
 
 
-def test_a_rim_that_is_not_white_or_not_in_view_is_told():
-    assert states(check_print(sheet(cells_of_rim=1.1), single(0.2, 14)))["white rim"] is GOOD
-    assert states(check_print(sheet(cells_of_rim=0.4), single(0.2, 14)))["white rim"] is BAD
-    cut = np.ascontiguousarray(sheet()[:, 125:])
-    assert states(check_print(cut, single(0.2, 14)))["white rim"] is UNKNOWN
-
-
-def test_light_and_distance_are_told():
-    dark = (sheet() * 0.15).astype(np.uint8)
-    assert states(check_print(dark, single(0.2, 14)))["light"] is BAD
-    assert states(check_print(np.where(sheet() > 200, 255, sheet()), single(0.2, 14)))["light"] is BAD
-    small = cv2.resize(sheet(), None, fx=0.14, fy=0.14, interpolation=cv2.INTER_AREA)
-    assert states(check_print(np.asarray(small, np.uint8), single(0.2, 14)))["tags"] is BAD
+@pytest.mark.parametrize(
+    ("pixels", "name", "state"),
+    [
+        (sheet(cells_of_rim=1.1), "white rim", GOOD),
+        (sheet(cells_of_rim=0.4), "white rim", BAD),
+        (np.ascontiguousarray(sheet()[:, 125:]), "white rim", UNKNOWN),
+        ((sheet() * 0.15).astype(np.uint8), "light", BAD),
+        (np.where(sheet() > 200, 255, sheet()), "light", BAD),
+        (cv2.resize(sheet(), None, fx=0.14, fy=0.14, interpolation=cv2.INTER_AREA), "tags", BAD),
+    ],
+    ids=["rim", "narrow rim", "rim not in view", "dark", "blown", "far"],
+)
+def test_rim_light_and_distance_are_judged(pixels, name, state):
+    assert states(check_print(pixels, single(0.2, 14)))[name] is state
 
 
 def test_the_command_says_what_is_bad_first(tmp_path, capsys):

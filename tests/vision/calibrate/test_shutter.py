@@ -49,36 +49,43 @@ def test_no_bands_are_no_line_time() -> None:
         line_time_of(wall(1e-4, images=3), 100.0)
 
 
+LENS = Intrinsics(width=WIDTH, height=HEIGHT, fx=80.0, fy=80.0, cx=40.0, cy=120.0)
+
+
 def shutter(*words: object) -> int:
     return run(app, ["calibrate", "shutter", *(str(word) for word in words)])
 
 
-def test_it_goes_into_the_camera_file_when_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, pictures = tmp_path / "camera.toml", tmp_path / "wall"
-    pictures.mkdir()
-    for k, image in enumerate(wall(0.03 / HEIGHT)):
-        cv2.imwrite(str(pictures / f"{k:02d}.png"), image)
-    lens = Intrinsics(width=WIDTH, height=HEIGHT, fx=80.0, fy=80.0, cx=40.0, cy=120.0)
-    save_camera(Camera(intrinsics=lens), file)
-    assert shutter(file, pictures) == EXIT_OK
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    save_camera(Camera(intrinsics=LENS), tmp_path / "camera.toml")
+    return tmp_path / "camera.toml"
+
+
+def pictures(folder: Path, readout: float) -> Path:
+    """Pictures of the wall by a camera that reads its rows out in so long [s]."""
+    (folder / "wall").mkdir()
+    for k, image in enumerate(wall(readout / HEIGHT)):
+        cv2.imwrite(str(folder / "wall" / f"{k:02d}.png"), image)
+    return folder / "wall"
+
+
+def test_it_goes_into_the_camera_file_when_asked(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shown = pictures(file.parent, 0.03)
+    assert shutter(file, shown) == EXIT_OK
     assert "nothing written" in capsys.readouterr().out
-    assert load_camera(file).intrinsics == lens
-    assert shutter(file, pictures, "--store", "--json") == EXIT_OK
+    assert load_camera(file).intrinsics == LENS
+    assert shutter(file, shown, "--store", "--json") == EXIT_OK
     assert json.loads(capsys.readouterr().out)["stored"] is True
     assert load_camera(file).intrinsics.line_time == pytest.approx(0.03 / HEIGHT, rel=0.01)
-    assert shutter(file, pictures, "--mains", "60") == EXIT_OK
-    other = lens.model_copy(update={"width": 100})
-    save_camera(Camera(intrinsics=other), file, overwrite=True)
-    assert shutter(file, pictures) == EXIT_CONFIG
+    assert shutter(file, shown, "--mains", "60") == EXIT_OK
+    save_camera(Camera(intrinsics=LENS.model_copy(update={"width": 100})), file, overwrite=True)
+    assert shutter(file, shown) == EXIT_CONFIG
     assert "another size" in capsys.readouterr().err
 
 
-def test_a_readout_that_no_camera_has_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "camera.toml"
-    for k, image in enumerate(wall(0.09 / HEIGHT)):
-        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image)
-    save_camera(Camera(intrinsics=Intrinsics(width=WIDTH, height=HEIGHT, fx=80.0, fy=80.0, cx=40.0, cy=120.0)), file)
-    assert shutter(file, tmp_path) == EXIT_FAILURE
+def test_a_readout_that_no_camera_has_is_refused(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert shutter(file, pictures(file.parent, 0.09)) == EXIT_FAILURE
     assert "something else moves" in capsys.readouterr().err
 
 

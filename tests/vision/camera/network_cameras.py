@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
+import socketserver
 import struct
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 import cv2
@@ -26,52 +27,28 @@ def jpeg(number: int, width: int = WIDTH, height: int = HEIGHT) -> bytes:
     return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 
 
-class NetworkCamera:
+class NetworkCamera(socketserver.ThreadingTCPServer):
     """Accepts clients on a port of its own until it is left; every client gets its own pictures."""
 
+    allow_reuse_address = daemon_threads = True
+
     def __init__(self, period: float, port: int = 0) -> None:
-        self.period = period
-        self._listener = socket.create_server(("127.0.0.1", port))
-        self.port = self._listener.getsockname()[1]
-        self._clients: list[socket.socket] = []
-        self._threads: list[threading.Thread] = []
-        self._stop = threading.Event()
+        super().__init__(("127.0.0.1", port), socketserver.BaseRequestHandler)
+        self.period, self.port = period, self.server_address[1]
+        self._off = threading.Event()
 
     def __enter__(self) -> Self:
-        self._begin(self._accept)
+        threading.Thread(target=self.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stop.set()
-        # a listener that is only closed leaves its accept() waiting
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._listener.close()
-        for client in self._clients:
-            client.close()
-        for thread in self._threads:
-            thread.join(10.0)
+    def __exit__(self, *error: object) -> None:
+        self._off.set()
+        self.shutdown()
+        self.server_close()
 
-    def _begin(self, job: object, *values: object) -> None:
-        thread = threading.Thread(target=job, args=values, daemon=True)  # type: ignore[arg-type]
-        self._threads.append(thread)
-        thread.start()
-
-    def _accept(self) -> None:
-        while not self._stop.is_set():
-            try:
-                client, _ = self._listener.accept()
-            except OSError:
-                return
-            self._clients.append(client)
-            self._begin(self._serve_quietly, client)
-
-    def _serve_quietly(self, client: socket.socket) -> None:
-        try:
-            self.serve(client)
-        except OSError:
-            return  # the client has gone
+    def finish_request(self, request: socket.socket, client_address: object) -> None:
+        with contextlib.suppress(OSError):  # the client has gone
+            self.serve(request)
 
     def serve(self, client: socket.socket) -> None:
         """Talk to one client until it goes."""
@@ -80,7 +57,7 @@ class NetworkCamera:
     def pictures(self):
         """Numbers of pictures, one a period, until the camera is switched off."""
         number = 0
-        while not self._stop.wait(self.period):
+        while not self._off.wait(self.period):
             number += 1
             yield number
 

@@ -341,7 +341,6 @@ def test_a_device_that_is_gone_is_told_and_let_go_of(device: Path, plug) -> None
     kernel.is_there = False
     with pytest.raises(VisionError, match=r"video0 is gone \(No such device\)"):
         camera.adjust(SETTING)
-    camera.close()
     before = open_files()
     with pytest.raises(VisionError, match="is gone"):
         plug(kernel)

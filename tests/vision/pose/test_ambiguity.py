@@ -105,24 +105,19 @@ def test_a_fit_that_is_the_mirror_image_rules_no_rival_out(tilt_deg):
 
 def test_attitude_is_interpolated_and_not_made_up():
     history = AttitudeHistory([AttitudeSample(1.0, 0.0, 0.0, 3.1), AttitudeSample(1.1, 0.1, 0.0, -3.1)])
-    middle = history.at(1.05, 0.25)
-    edge = history.at(1.0, 0.25)
-    assert angle_deg(middle, edge) == pytest.approx(np.degrees(np.hypot(0.05, (2 * np.pi - 6.2) / 2)), abs=0.1)
-    assert history.at(2.0, 0.25) is None
+    turned = angle_deg(history.at(1.05, 0.25), history.at(1.0, 0.25))
+    assert turned == pytest.approx(np.degrees(np.hypot(0.05, (2 * np.pi - 6.2) / 2)), abs=0.1)
     assert np.allclose(history.at(1.2, 0.25), history.at(1.1, 0.25))
-    assert AttitudeHistory([]).at(0.0, 1.0) is None
     gap = AttitudeHistory([AttitudeSample(0.0, 0, 0, 0), AttitudeSample(10.0, 1, 0, 0)])
-    assert gap.at(5.0, 0.25) is None
+    assert [history.at(2.0, 0.25), AttitudeHistory([]).at(0.0, 1.0), gap.at(5.0, 0.25)] == [None] * 3
 
 
 def test_what_neighbouring_pixels_share_speaks_less_for_a_reading():
     """A veil of light over the print leaves a residual that is no noise; how large it is tells little."""
-    first, second = (
-        replace(tilted(angle, loss, 2000), source="photometric") for angle, loss in ((10, 28.0), (-10, 33.0))
-    )
-    veiled = [replace(pose, shared=9.6) for pose in (first, second)]
-    assert log_odds(first, second) > 30.0
-    assert log_odds(*veiled) < log_odds(first, second) / 7.0
+    pair = [replace(tilted(*at, 2000), source="photometric") for at in ((10, 28.0), (-10, 33.0))]
+    odds = log_odds(*pair)
+    assert odds > 30.0
+    assert log_odds(*(replace(pose, shared=9.6) for pose in pair)) < odds / 7.0
 
 
 def grey(degrees: float, cost: float, shared: float = 1.2, common: float = 0.1, loss: float = 9.0) -> Pose:
@@ -147,8 +142,5 @@ def test_a_reading_whose_cost_is_larger_is_not_chosen():
 
 
 def test_what_leaves_more_than_noise_is_compared_by_what_hidden_samples_hardly_move():
-    veil = {"shared": 3.0, "common": 0.9}
-    first, second = (
-        replace(grey(angle, 3.7, loss=loss), rms_px=0.2, **veil) for angle, loss in ((10, 9.0), (-10, 9.5))
-    )
+    first, second = (replace(grey(angle, 3.7, 3.0, 0.9, loss), rms_px=0.2) for angle, loss in ((10, 9.0), (-10, 9.5)))
     assert log_odds(first, second) == log_odds(first, replace(second, cost=30.0))

@@ -32,7 +32,7 @@ from mkdaemon.vision.selfcal.selfcheck import (
     TargetWatch,
 )
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from tests.vision.views import VGA, View, place, shipped
+from tests.vision.views import VGA, View, place, shipped, start_at
 
 NESTED = "nested"
 VIEWS = 20
@@ -48,23 +48,14 @@ class Shot:
 
 
 @cache
-def shots() -> tuple[Shot, ...]:
+def shots(name: str = NESTED, nearest: float = 1.0, step: float = 0.02, tilt: float = 0.35) -> tuple[Shot, ...]:
     """Views from all sides, near enough to see the inner tag, with the attitude of a vehicle that looks down."""
     found = []
     for k in range(VIEWS):
-        view = place(1.0 + 0.02 * k, 0.35, around=2.4 * k, roll=0.9 * k)
-        seen = View(shipped(NESTED), view)
+        view = place(nearest + step * k, tilt, around=2.4 * k, roll=0.9 * k)
+        seen = View(shipped(name), view)
         found.append(Shot(seen.pixels, seen.rotation, seen.position, view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T))
     return tuple(found)
-
-
-@cache
-def far_shots() -> tuple[Shot, ...]:
-    """The same from where the inner tag's cells are as small as can be read, 2.5 to 2.8 px."""
-    views = [place(1.28 + 0.006 * k, 0.2, around=2.4 * k, roll=0.9 * k) for k in range(20)]
-    shown = [View(shipped(NESTED), view) for view in views]
-    turned = [view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T for view in views]
-    return tuple(Shot(v.pixels, v.rotation, v.position, turn) for v, turn in zip(shown, turned, strict=True))
 
 
 def watched(
@@ -106,7 +97,8 @@ def test_right_files_raise_no_alarm() -> None:
 
 
 def test_an_inner_tag_whose_cells_melt_is_wrong_by_its_deviation_at_most() -> None:
-    (report,) = watched(seen=far_shots).reports()
+    """From where its cells are as small as can be read, 2.5 to 2.8 px."""
+    (report,) = watched(seen=lambda: shots(NESTED, 1.28, 0.006, 0.2)).reports()
     (size,) = report.sizes
     assert abs(size.size_percent) < 2.0 * size.size_sd_percent
 
@@ -147,24 +139,14 @@ def test_an_inner_tag_of_another_size_is_named() -> None:
     assert "tag 1 of pad: 49.0 mm in its file, 48.1 +- 0.1 mm against tag 48" in check.alarms[Alarm.SCALE]
 
 
-@cache
-def single_shots() -> tuple[Shot, ...]:
-    """A single tag at a slant, from 0.7 to 1.3 m."""
-    views = [place(0.7 + 0.02 * k, 0.5, around=2.4 * k, roll=0.9 * k) for k in range(VIEWS)]
-    shown = [View(shipped("single"), view) for view in views]
-    turned = [view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T for view in views]
-    return tuple(Shot(v.pixels, v.rotation, v.position, turn) for v, turn in zip(shown, turned, strict=True))
-
-
 @pytest.mark.parametrize(("fx", "scale", "named"), [(600.0, 1.0, False), (612.0, 1.0, True), (600.0, 1.02, False)])
 def test_one_tag_from_several_ranges_tells_a_focal_length_and_not_its_own_size(fx, scale, named) -> None:
     """No attitude and no barometer; a print of another size is at another range, and looks the same."""
-    target = shipped("single")
-    (tag,) = target.tags
-    target = replace(target, tags=(replace(tag, size=scale * tag.size),))
-    camera = lens(fx=fx, fy=fx)
-    shown = tuple(replace(shot, position=scale * shot.position) for shot in single_shots())
-    check = watched(camera, target, attitude=False, seen=lambda: shown)
+    (tag,) = shipped("single").tags
+    target = replace(shipped("single"), tags=(replace(tag, size=scale * tag.size),))
+    slanted = shots("single", 0.7, 0.02, 0.5)
+    shown = tuple(replace(shot, position=scale * shot.position) for shot in slanted)
+    check = watched(lens(fx=fx, fy=fx), target, attitude=False, seen=lambda: shown)
     assert (Alarm.SCALE in check.alarms) == named
     assert check.reports()[0].focal_percent == pytest.approx(100 * np.log(600.0 / fx), abs=0.5)
 
@@ -232,29 +214,21 @@ def focal_information(found: CameraFilter, pixels: np.ndarray, pose: Pose) -> fl
 
 
 def test_edges_along_rows_of_pixels_share_an_error_and_say_less() -> None:
-    target = shipped(NESTED)
-    along, across = (View(target, place(2.0, 0.15, around=0.0, roll=roll)) for roll in (0.0, 0.3))
-    said = []
-    for view in (along, across):
-        pose = EdgeFit(target, Projection(VGA)).fit(
-            view.pixels, Pose(view.rotation, view.position, np.eye(6), "edges", 99, 0.1)
-        )
-        assert pose is not None
-        said.append(focal_information(watching(target, Projection(VGA)), view.pixels, pose))
+    target, said = shipped(NESTED), []
+    for roll in (0.0, 0.3):
+        view = View(target, place(2.0, 0.15, around=0.0, roll=roll))
+        pose = EdgeFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1.0))
+        said.append(focal_information(watching(target, PROJECTION), view.pixels, pose))
     assert said[1] > 4.0 * said[0]
 
 
 def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
     target, shot = shipped(NESTED), shots()[0]
     pose = Pose(shot.rotation, shot.position, np.eye(6), "edges", 99, 0.1)
-    still, rolling = (
-        focal_information(
-            watching(target, Projection(VGA.model_copy(update={"line_time": line_time}))), shot.pixels, pose
-        )
-        for line_time in (0.0, 6e-5)
-    )
+    rolls = Projection(VGA.model_copy(update={"line_time": 6e-5}))
+    still, rolling = (focal_information(watching(target, lens), shot.pixels, pose) for lens in (PROJECTION, rolls))
     assert rolling < 0.1 * still
-    assert watching(target, Projection(VGA)).look(np.zeros_like(shot.pixels), pose) is None
+    assert watching(target, PROJECTION).look(np.zeros_like(shot.pixels), pose) is None
 
 
 BELIEVED = LOOKING_DOWN.flu_from_cam
@@ -266,13 +240,11 @@ DECK_NORMAL = np.array([np.radians(1.5), np.radians(-1.0), 1.0])
 
 def evidence(rotation: np.ndarray, lens: np.ndarray | None = None) -> ImageEvidence:
     """An image that shows a pose exactly, and knows the lens where one is given."""
-    known = np.zeros(SIZES_AT + 1)
-    matrix = np.diag([*[1e6] * 6, *known])
+    known, pull = np.zeros(SIZES_AT + 1), np.zeros(SIZES_AT + 1)
     if lens is not None:
         known[LENS_AT:] = 1e6, 1.0, 1.0, 1e6, 0.0
-        matrix = np.diag([*[1e6] * 6, *known])
-        known[LENS_AT:] *= lens
-    return ImageEvidence(rotation, matrix, np.array([*[0.0] * 6, *known]))
+        pull[LENS_AT:] = known[LENS_AT:] * lens
+    return ImageEvidence(rotation, np.diag([*[1e6] * 6, *known]), np.array([*[0.0] * 6, *pull]))
 
 
 def turned(

@@ -29,35 +29,29 @@ LOOKS = (*FIRST, *looks_of(640, 480))
 UPRIGHT = np.array([[LOW, LOW], [HIGH, LOW], [HIGH, HIGH], [LOW, HIGH]])
 
 
+ONLY_17 = Detector({"tag36h11": frozenset({17})})
+PRINT_17 = printed(cells("tag36h11", 17), PX, MARGIN)
+
+
 @pytest.mark.parametrize("look", LOOKS)
 def test_official_print_has_its_corners_in_order_with_pixel_centres_at_integers(look):
     # The black square covers pixels 60..219, so its edges lie at 59.5 and 219.5.
-    found = Detector({"tag36h11": frozenset({17})}).search(printed(cells("tag36h11", 17), PX, MARGIN), *look)
-    assert len(found) == 1
-    assert np.abs(found[0].corners - UPRIGHT).max() < 0.15
+    (found,) = ONLY_17.search(PRINT_17, *look)
+    assert np.abs(found.corners - UPRIGHT).max() < 0.15
 
 
 @pytest.mark.parametrize("shape", [(1, 640), (3, 640), (4, 4), (480, 1), (480, 4)])
 @pytest.mark.parametrize("look", LOOKS)
 def test_an_image_of_a_few_rows_holds_no_tag(look, shape):
-    detector = Detector({"tag36h11": frozenset({17})})
     pixels = np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8)
-    assert detector.search_all(pixels, *look) == detector.search(pixels, *look) == []
+    assert ONLY_17.search_all(pixels, *look) == ONLY_17.search(pixels, *look) == []
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_corners_follow_a_turned_print(turns):
-    image = np.ascontiguousarray(np.rot90(printed(cells("tag36h11", 17), PX, MARGIN), turns))
-    found = search_in_turn(Detector({"tag36h11": frozenset({17})}), image)
+    (found,) = search_in_turn(ONLY_17, np.ascontiguousarray(np.rot90(PRINT_17, turns)))
     # A print turned counter-clockwise by quarters has its top-left where the next corner was.
-    assert np.abs(found[0].corners - np.roll(UPRIGHT, turns, axis=0)).max() < 0.15
-
-
-def test_tag_drawn_by_opencv_is_seen_upside_down():
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-    drawn = cv2.aruco.generateImageMarker(dictionary, 17, 8)
-    found = search_in_turn(Detector({"tag36h11": frozenset({17})}), printed(drawn, PX, MARGIN))
-    assert np.abs(found[0].corners - np.roll(UPRIGHT, 2, axis=0)).max() < 0.15
+    assert np.abs(found.corners - np.roll(UPRIGHT, turns, axis=0)).max() < 0.15
 
 
 @pytest.mark.parametrize("family", ["tag36h11", "tag25h9", "tag16h5"])
@@ -72,41 +66,31 @@ def test_corners_are_those_of_the_black_square_of_every_classic_family(family):
 
 @pytest.mark.parametrize("distance", [0.8, 2.0, 4.0, 8.0])
 def test_rendered_corners_are_where_projection_puts_them(distance):
-    target = shipped("single")
-    view = View(target, place(distance, 0.4, roll=0.7))
+    view = View(shipped("single"), place(distance, 0.4, roll=0.7))
     found = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
     assert np.abs(found[0].corners - view.corners["tag36h11", 0]).max() < (0.1 if distance < 5 else 0.4)
-
-
-def test_both_tags_of_a_nested_target():
-    view = View(shipped("nested"), place(0.9, 0.2))
-    found = search_in_turn(Detector({"tag36h11": frozenset({1, 48})}), view.pixels)
-    assert {item.tag_id for item in found} == {1, 48}
 
 
 @pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
 def test_landing_target_is_decoded_at_every_height(distance):
     view = View(shipped("landing"), place(distance, 0.15))
-    found = search_in_turn(Detector({"tag36h11": frozenset({46, 487, 373})}), view.pixels)
-    assert found
+    assert search_in_turn(Detector({"tag36h11": frozenset({46, 487, 373})}), view.pixels)
 
 
 def test_whitelist_and_hamming():
-    image = printed(cells("tag36h11", 17), PX, MARGIN)
-    assert search_in_turn(Detector({"tag36h11": frozenset({18})}), image) == []
+    assert search_in_turn(Detector({"tag36h11": frozenset({18})}), PRINT_17) == []
     wrong = cells("tag36h11", 17).copy()
     for k in range(3):
-        assert bool(search_in_turn(Detector({"tag36h11": frozenset({17})}), printed(wrong, PX, MARGIN))) == (k <= 2)
+        assert bool(search_in_turn(ONLY_17, printed(wrong, PX, MARGIN))) == (k <= 2)
+        if k == 1:
+            # With every id allowed a corrected bit is no evidence any more.
+            many = Detector({"tag36h11": frozenset(range(587))})
+            assert search_in_turn(many, printed(wrong, PX, MARGIN)) == []
         wrong[2, 2 + k] ^= 255
-    many = frozenset(range(587))
-    one_wrong = cells("tag36h11", 17).copy()
-    one_wrong[2, 2] ^= 255
-    # With every id allowed a corrected bit is no evidence any more.
-    assert search_in_turn(Detector({"tag36h11": many}), printed(one_wrong, PX, MARGIN)) == []
 
 
 def test_quiet_zone_on_four_sides():
-    image = printed(cells("tag36h11", 17), PX, MARGIN)
+    image = PRINT_17
     assert has_sides(image, UPRIGHT, 8, inverted=False)
     for k, side in enumerate((np.s_[20:58, :], np.s_[:, 222:260], np.s_[222:260, :], np.s_[:, 20:58])):
         dark = image.copy()
@@ -118,27 +102,21 @@ def test_quiet_zone_on_four_sides():
 @pytest.mark.parametrize("beside", [2, 0, -4, -12])
 def test_the_edge_of_the_image_is_no_side_of_a_tag(beside, look):
     """A tag beside it is found where it is, one that it cuts is not found; white pixels between both, or cut ones."""
-    image = printed(cells("tag36h11", 17), PX, MARGIN)
-    cut = np.ascontiguousarray(image[:, PX * MARGIN - beside :])
-    found = Detector({"tag36h11": frozenset({17})}).search(cut, *look)
+    found = ONLY_17.search(np.ascontiguousarray(PRINT_17[:, PX * MARGIN - beside :]), *look)
     assert found == [] or beside >= 0
     assert all(np.abs(tag.corners - UPRIGHT + [PX * MARGIN - beside, 0]).max() < 0.3 for tag in found)
 
 
 def test_roi_gives_image_coordinates():
     image = np.full((480, 640), 255, np.uint8)
-    tag = printed(cells("tag36h11", 17), 10, 2)
-    image[200:320, 300:420] = tag
-    whole = Detector({"tag36h11": frozenset({17})}).search(image, "grey")
-    part = Detector({"tag36h11": frozenset({17})}).search(image, "grey", (280, 190, 440, 340))
-    assert np.allclose(whole[0].corners, part[0].corners, atol=0.05)
-    assert Detector({"tag36h11": frozenset({17})}).search(image, "grey", (0, 0, 10, 10)) == []
+    image[200:320, 300:420] = printed(cells("tag36h11", 17), 10, 2)
+    (whole,), (part,) = ONLY_17.search(image, "grey"), ONLY_17.search(image, "grey", (280, 190, 440, 340))
+    assert np.allclose(whole.corners, part.corners, atol=0.05)
+    assert ONLY_17.search(image, "grey", (0, 0, 10, 10)) == []
 
 
 def test_shadow_edge_is_found_by_the_log_search():
-    target = shipped("single")
-    condition = replace(LightConditions(), shadow=Shadow(5.0, (0.02, 0.01), 0.6))
-    view = View(target, place(2.0, 0.2), condition)
+    view = View(shipped("single"), place(2.0, 0.2), LightConditions(shadow=Shadow(5.0, (0.02, 0.01), 0.6)))
     detector = Detector({"tag36h11": frozenset({0})})
     assert detector.search(view.pixels, "log")
     assert search_in_turn(detector, view.pixels)
@@ -208,8 +186,7 @@ def test_an_outline_with_cells_that_agree_by_chance_only_is_no_tag():
 
 
 def test_no_tag_in_a_tag_free_scene():
-    target = shipped("single")
-    view = View(target, place(2.0, 0.2), replace(LightConditions(), target_in_view=False))
+    view = View(shipped("single"), place(2.0, 0.2), LightConditions(target_in_view=False))
     detector = Detector({"tag36h11": frozenset(range(8))})
     assert [found for look in LOOKS for found in detector.search(view.pixels, *look)] == []
 

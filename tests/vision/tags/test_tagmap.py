@@ -30,43 +30,35 @@ def written(tmp_path, text, name="target.toml"):
     return path
 
 
-@pytest.mark.parametrize("path", sorted((CONFIGS / "targets").glob("*.toml")), ids=lambda path: path.stem)
-def test_shipped_targets_load(path):
-    tagmap = load([path])
-    assert all(tag.size >= 0.005 for target in tagmap.targets for tag in target.tags)
-
-
-def test_nested_target():
-    tagmap = load([CONFIGS / "targets" / "nested.toml"])
-    target = tagmap.targets[0]
-    assert [(tag.tag_id, tag.size) for tag in target.tags] == [(48, 0.3048), (1, 0.048)]
-    assert tagmap.whitelist == {"tag36h11": frozenset({1, 48})}
-    assert target.is_planar
-    assert tagmap.owners["tag36h11", 1][0] is target
-
-
 def test_the_built_in_target_is_the_shipped_nested_one():
     file = TargetFile.model_validate(tomllib.loads((CONFIGS / "targets" / "nested.toml").read_text()))
     assert file.targets == (NESTED,)
-    (built,) = nested_map().targets
-    assert [(tag.tag_id, tag.size) for tag in built.tags] == [(tag.id, tag.size) for tag in NESTED.tags]
+    for tagmap in (nested_map(), load([CONFIGS / "targets" / "nested.toml"])):
+        (built,) = tagmap.targets
+        assert [(tag.tag_id, tag.size) for tag in built.tags] == [(48, 0.3048), (1, 0.048)]
+        assert tagmap.whitelist == {"tag36h11": frozenset({1, 48})}
+        assert built.is_planar
+        assert tagmap.owners["tag36h11", 1][0] is built
 
 
-def test_corners_are_those_of_the_upright_print(tmp_path):
-    tag = load([written(tmp_path, ONE)]).targets[0].tags[0]
+@pytest.fixture
+def tag_of(tmp_path):
+    """The tag of a file of one, with more lines about it."""
+    return lambda more="": load([written(tmp_path, ONE + more)]).targets[0].tags[0]
+
+
+def test_corners_are_those_of_the_upright_print(tag_of):
     h = 0.1524
-    assert np.allclose(tag.corners, [[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
+    assert np.allclose(tag_of().corners, [[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
 
 
-def test_an_opencv_print_is_the_official_one_upside_down(tmp_path):
-    official = load([written(tmp_path, ONE)]).targets[0].tags[0]
-    drawn = load([written(tmp_path, ONE + 'print = "opencv"\n')]).targets[0].tags[0]
-    assert np.allclose(drawn.corners, np.roll(official.corners, 2, axis=0))
+def test_an_opencv_print_is_the_official_one_upside_down(tag_of):
+    assert np.allclose(tag_of('print = "opencv"\n').corners, np.roll(tag_of().corners, 2, axis=0))
 
 
-def test_rotations_in_degrees_and_as_quaternion_agree(tmp_path):
-    rpy = load([written(tmp_path, ONE + "rpy_deg = [0, 0, 90]\nposition = [1, 2, 3]\n")]).targets[0].tags[0]
-    quaternion = load([written(tmp_path, ONE + "quaternion = [1, 0, 0, 1]\nposition = [1, 2, 3]\n")]).targets[0].tags[0]
+def test_rotations_in_degrees_and_as_quaternion_agree(tag_of):
+    place = "position = [1, 2, 3]\n"
+    rpy, quaternion = tag_of("rpy_deg = [0, 0, 90]\n" + place), tag_of("quaternion = [1, 0, 0, 1]\n" + place)
     assert np.allclose(rpy.corners, quaternion.corners)
     assert np.allclose(rpy.corners[0], [1 - 0.1524, 2 - 0.1524, 3])
 
@@ -131,17 +123,12 @@ def test_missing_file_and_no_file(tmp_path):
         load([])
 
 
-def test_single_says_what_is_wrong():
-    assert single(0.2, 7).tags[0].tag_id == 7
-    with pytest.raises(ConfigError, match="metres"):
-        single(200.0, 7)
-
-
-SIZES = [(400.0, 3, "not a tag size"), (0.3, -1, "tag -1 of tag36h11: id")]
-
-
-@pytest.mark.parametrize(("size", "tag_id", "words"), SIZES)
+@pytest.mark.parametrize(
+    ("size", "tag_id", "words"),
+    [(200.0, 7, "metres"), (400.0, 3, "not a tag size"), (0.3, -1, "tag -1 of tag36h11: id")],
+)
 def test_a_single_tag_that_nobody_prints_is_refused_with_what_is_wrong(size, tag_id, words):
+    assert single(0.2, 7).tags[0].tag_id == 7
     with pytest.raises(ConfigError, match=words):
         single(size, tag_id)
 

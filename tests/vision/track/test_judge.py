@@ -107,51 +107,53 @@ def sight(time: float = STEP, attitude: bool = True) -> ImageSight:
     return ImageSight(PIXELS, time, LOOKING_DOWN.flu_from_cam if attitude else None)
 
 
-WITH_ATTITUDE = [
-    (fitted(), None, True),
-    (None, PoseRefusal.NO_FIT, False),
-    (fitted(inliers=0.2), PoseRefusal.INLIERS, False),
-    (fitted(points=20), PoseRefusal.POINTS, False),
-    (fitted(rms_px=1.2), PoseRefusal.RESIDUAL, False),
-    (fitted(step=0.03), PoseRefusal.STEP, False),
-    (fitted(tilt_deg=5.0), None, True),  # a deck may be tilted
-    (fitted(tilt_deg=7.0), PoseRefusal.ATTITUDE, False),
-    (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), PoseRefusal.ANGLE_UNCERTAIN, True),
-    (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), PoseRefusal.POSITION_UNCERTAIN, True),
-    (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0])), None, True),
-]
+def measured(free: Pose | None, held: Pose | None = None, **given: Any) -> FitVerdict:
+    """The verdict about a followed target's fits beside an attitude."""
+    return judge_of(GivenFits(free, held, **given)).measure(sight(), fitted())
 
 
-@pytest.mark.parametrize(("pose", "refusal", "is_kept"), WITH_ATTITUDE, ids=lambda value: str(value)[:24])
+@pytest.mark.parametrize(
+    ("pose", "refusal", "is_kept"),
+    [
+        (fitted(), None, True),
+        (None, PoseRefusal.NO_FIT, False),
+        (fitted(inliers=0.2), PoseRefusal.INLIERS, False),
+        (fitted(points=20), PoseRefusal.POINTS, False),
+        (fitted(rms_px=1.2), PoseRefusal.RESIDUAL, False),
+        (fitted(step=0.03), PoseRefusal.STEP, False),
+        (fitted(tilt_deg=5.0), None, True),  # a deck may be tilted
+        (fitted(tilt_deg=7.0), PoseRefusal.ATTITUDE, False),
+        (fitted(covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])), PoseRefusal.ANGLE_UNCERTAIN, True),
+        (fitted(covariance=SHARP + np.diag([4e-4, 0, 0, 0, 0, 0])), PoseRefusal.POSITION_UNCERTAIN, True),
+        (fitted(covariance=SHARP + np.diag([1e-4, 0, 0, 0, 0, 0])), None, True),
+    ],
+    ids=lambda value: str(value)[:24],
+)
 def test_a_fit_beside_an_attitude(pose, refusal, is_kept):
     """A gate stops a fit for good; one that is only uncertain is followed and not published."""
-    verdict = judge_of(GivenFits(pose)).measure(sight(), fitted())
+    verdict = measured(pose)
     assert verdict.refusal is refusal
     assert (verdict.pose is not None and not verdict.contradicts) == is_kept
 
 
 @pytest.mark.parametrize(
-    ("cells", "beside", "inliers", "refusal"),
+    ("cells", "beside", "inliers", "explains", "refusal"),
     [
-        (CLEAR, 0.0, 0.7, None),
-        (UNCLEAR, 0.0, 0.7, None),  # half of what they could say
-        (UNREAD, 0.0, 0.7, PoseRefusal.BITS),
-        (UNREAD, 0.0, 0.95, PoseRefusal.BITS),
-        (CLEAR, 7.0, 0.7, PoseRefusal.BITS),  # one is read beside
-        (CLEAR, 3.0, 0.7, None),
-        (CLEAR, 7.0, 0.95, None),  # nearly all edges agree
-        (UNKNOWN, 0.0, 0.7, None),
+        (CLEAR, 0.0, 0.7, True, None),
+        (UNCLEAR, 0.0, 0.7, True, None),  # half of what they could say
+        (UNREAD, 0.0, 0.7, True, PoseRefusal.BITS),
+        (UNREAD, 0.0, 0.95, True, PoseRefusal.BITS),
+        (CLEAR, 7.0, 0.7, True, PoseRefusal.BITS),  # one is read beside
+        (CLEAR, 3.0, 0.7, True, None),
+        (CLEAR, 7.0, 0.95, True, None),  # nearly all edges agree
+        (UNKNOWN, 0.0, 0.7, True, None),
+        (CLEAR, 0.0, 0.5, False, PoseRefusal.INLIERS),  # few edges agree: those that are seen are asked
+        (CLEAR, 0.0, 0.7, False, None),
     ],
 )
-def test_cells_are_asked_and_where_edges_disagree_those_beside_too(cells, beside, inliers, refusal) -> None:
-    fits = GivenFits(fitted(inliers=inliers), read=cells, beside_nats=beside)
-    assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
-
-
-@pytest.mark.parametrize(("inliers", "refusal"), [(0.5, PoseRefusal.INLIERS), (0.7, None)])
-def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -> None:
-    fits = GivenFits(fitted(inliers=inliers), explains=False)
-    assert judge_of(fits).measure(sight(), fitted()).refusal is refusal
+def test_cells_are_asked_and_where_edges_disagree_those_beside_too(cells, beside, inliers, explains, refusal) -> None:
+    verdict = measured(fitted(inliers=inliers), read=cells, beside_nats=beside, explains=explains)
+    assert verdict.refusal is refusal
 
 
 @pytest.mark.parametrize(
@@ -165,7 +167,7 @@ def test_where_few_edges_agree_those_that_are_seen_are_asked(inliers, refusal) -
     ],
 )
 def test_a_fit_that_follows_what_lies_on_the_target_is_tried_again_with_its_tilt_held(free, held, refusal):
-    verdict = judge_of(GivenFits(free, held)).measure(sight(), fitted())
+    verdict = measured(free, held)
     assert verdict.refusal is refusal
     assert verdict.contradicts or (verdict.pose is not None) is (refusal is None)
     assert refusal is not None or verdict.pose.rotation is held.rotation
@@ -193,27 +195,30 @@ def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
 
 
 TILTED = fitted(tilt_deg=12.0)
-WITHOUT_ATTITUDE = [
-    # large in the image: perspective tells
-    ({"cell_px": 30.0}, TILTED, None),
-    ({"cell_px": 30.0, "read": UNCLEAR}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
-    ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, inliers=0.7), None),
-    ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
-    # blur hides perspective, the mirror image fits as well
-    ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), PoseRefusal.AMBIGUOUS),
-    # small: the mirror image fits as well, much worse, or is the same pose
-    ({"mirror": mirrored(TILTED)}, TILTED, PoseRefusal.AMBIGUOUS),
-    ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
-    ({"mirror": None}, TILTED, None),
-    ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), PoseRefusal.AMBIGUOUS),  # on the saddle between two readings
-    # without the mirror image nothing contradicts but the fit itself
-    ({}, replace(TILTED, inliers=0.8), PoseRefusal.INLIERS),
-    ({}, replace(TILTED, rms_px=0.6), PoseRefusal.RESIDUAL),
-    ({}, replace(TILTED, covariance=SHARP + np.diag([0, 0, 0, 4e-4, 0, 0])), PoseRefusal.ANGLE_UNCERTAIN),
-]
 
 
-@pytest.mark.parametrize(("given", "pose", "refusal"), WITHOUT_ATTITUDE)
+@pytest.mark.parametrize(
+    ("given", "pose", "refusal"),
+    [
+        # large in the image: perspective tells
+        ({"cell_px": 30.0}, TILTED, None),
+        ({"cell_px": 30.0, "read": UNCLEAR}, replace(TILTED, inliers=0.7), PoseRefusal.INLIERS),
+        ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, inliers=0.7), None),
+        ({"cell_px": 30.0, "read": CLEAR}, replace(TILTED, rms_px=0.7), PoseRefusal.RESIDUAL),
+        # blur hides perspective, the mirror image fits as well
+        ({"cell_px": 30.0, "mirror": mirrored(TILTED)}, replace(TILTED, blur_px=4.0), PoseRefusal.AMBIGUOUS),
+        # small: the mirror image fits as well, much worse, or is the same pose
+        ({"mirror": mirrored(TILTED)}, TILTED, PoseRefusal.AMBIGUOUS),
+        ({"mirror": mirrored(TILTED, loss=0.1)}, TILTED, None),
+        ({"mirror": None}, TILTED, None),
+        # on the saddle between two readings
+        ({"mirror": mirrored(TILTED)}, fitted(tilt_deg=1.0), PoseRefusal.AMBIGUOUS),
+        # without the mirror image nothing contradicts but the fit itself
+        ({}, replace(TILTED, inliers=0.8), PoseRefusal.INLIERS),
+        ({}, replace(TILTED, rms_px=0.6), PoseRefusal.RESIDUAL),
+        ({}, replace(TILTED, covariance=SHARP + np.diag([0, 0, 0, 4e-4, 0, 0])), PoseRefusal.ANGLE_UNCERTAIN),
+    ],
+)
 def test_a_fit_without_attitude(given, pose, refusal):
     """The track has no say in which of two rivals is true."""
     judge, began = judge_of(GivenFits(pose, **given)), sight(-0.1, attitude=False)
@@ -223,25 +228,29 @@ def test_a_fit_without_attitude(given, pose, refusal):
     assert verdict.branches.is_decided == (refusal is not PoseRefusal.AMBIGUOUS)
 
 
+def judged_on(judge: Judge, branches, pose: Pose, images: int) -> list[FitVerdict]:
+    """Verdicts about the images after a first one, each with the branches of the one before."""
+    verdicts = []
+    for k in range(1, images):
+        verdicts.append(judge.measure(sight(k * STEP, attitude=False), pose, branches))
+        branches = verdicts[-1].branches
+    return verdicts
+
+
 def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
     """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
     wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
     judge = judge_of(GivenFits(wrong, mirror=right, cell_px=4.5))
-    branches = judge.branches(sight(0.0), [wrong, right])
-    for k in range(1, 12):
-        verdict = judge.measure(sight(k * STEP, attitude=False), wrong, branches)
-        branches = verdict.branches
+    *_, verdict = judged_on(judge, judge.branches(sight(0.0), [wrong, right]), wrong, 12)
     assert verdict.refusal is None
     assert angle_deg(verdict.pose.rotation, right.rotation) < 0.5
 
 
 def test_a_pose_off_the_course_is_followed_and_not_published():
     judge = judge_of(GivenFits(TILTED))
-    branches = judge.branches(sight(0.0), [TILTED])
-    for k in range(1, 12):
-        verdict = judge.measure(sight(k * STEP, attitude=False), TILTED, branches)
-        assert verdict.refusal is None
-        branches = verdict.branches
+    verdicts = judged_on(judge, judge.branches(sight(0.0), [TILTED]), TILTED, 12)
+    assert {verdict.refusal for verdict in verdicts} == {None}
+    branches = verdicts[-1].branches
     assert branches.course[0].angle_sd < LIMITS.certainty.blind_angle_sd
     # Within what a pose this uncertain may be off for several images, and too far for what it says of itself.
     vague = SHARP + np.diag([0.0, 0.0, 0.0, 4e-5, 4e-5, 4e-5])
@@ -254,96 +263,100 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
 @pytest.mark.parametrize(("loss", "refusal"), [(0.01003, None), (0.0108, PoseRefusal.AMBIGUOUS)])
 def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refusal):
     """Each of them says too little to count as odds: inertia may not overrule all of them together."""
-    followed_one, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
-    judge = judge_of(GivenFits(followed_one, mirror=other, cell_px=4.5))
-    branches = replace(judge.branches(sight(0.0), [followed_one, other]), weight=np.array([0.0, -MOST_ODDS]))
-    for k in range(1, 30):
-        verdict = judge.measure(sight(k * STEP, attitude=False), followed_one, branches)
-        branches = verdict.branches
-    assert verdict.refusal is refusal
+    kept, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
+    judge = judge_of(GivenFits(kept, mirror=other, cell_px=4.5))
+    branches = replace(judge.branches(sight(0.0), [kept, other]), weight=np.array([0.0, -MOST_ODDS]))
+    assert judged_on(judge, branches, kept, 30)[-1].refusal is refusal
 
 
-FIRST = [
-    # fits, candidates, attitude known, refusal
-    ({}, [], True, PoseRefusal.NO_FIT),
-    ({}, [fitted()], True, None),
-    ({"read": UNREAD}, [fitted()], True, PoseRefusal.BITS),
-    ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
-    # the image alone would publish it
-    ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
-    ({"held": fitted()}, [fitted(tilt_deg=8.0, rms_px=0.7)], True, None),
-    ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
-    ({}, [TILTED, mirrored(TILTED)], False, PoseRefusal.AMBIGUOUS),
-    ({}, [TILTED, mirrored(TILTED, loss=0.1)], False, None),
-    ({"mirror": mirrored(TILTED)}, [TILTED], False, PoseRefusal.AMBIGUOUS),
-    ({"mirror": mirrored(TILTED, loss=0.1)}, [TILTED], False, None),
-    ({"held": fitted()}, [fitted(inliers=0.7)], True, None),
-    ({"held": fitted(tilt_deg=2.5)}, [fitted(inliers=0.7)], True, None),
-    # A covered border looks like a tilted deck; a target in full view may lie on one.
-    ({"held": fitted(tilt_deg=5.0)}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
-    ({}, [fitted(tilt_deg=5.0)], True, None),
-    ({}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
-    ({"supported": False}, [replace(TILTED, inliers=0.7)], False, PoseRefusal.INLIERS),
-    ({"supported": True}, [replace(TILTED, inliers=0.7)], False, None),
-    ({}, [replace(TILTED, blur_px=4.0)], False, None),
-    ({"cell_px": 30.0}, [replace(TILTED, blur_px=4.0)], False, None),
-    ({}, [replace(TILTED, rms_px=0.7)], False, PoseRefusal.RESIDUAL),
-]
-
-
-@pytest.mark.parametrize(("given", "candidates", "attitude", "refusal"), FIRST)
+@pytest.mark.parametrize(
+    ("given", "candidates", "attitude", "refusal"),
+    [
+        ({}, [], True, PoseRefusal.NO_FIT),
+        ({}, [fitted()], True, None),
+        ({"read": UNREAD}, [fitted()], True, PoseRefusal.BITS),
+        ({}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
+        # the image alone would publish it
+        ({"held": fitted()}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
+        ({"held": fitted()}, [fitted(tilt_deg=8.0, rms_px=0.7)], True, None),
+        ({"held": fitted(inliers=0.1)}, [fitted(tilt_deg=8.0)], True, PoseRefusal.ATTITUDE),
+        ({}, [TILTED, mirrored(TILTED)], False, PoseRefusal.AMBIGUOUS),
+        ({}, [TILTED, mirrored(TILTED, loss=0.1)], False, None),
+        ({"mirror": mirrored(TILTED)}, [TILTED], False, PoseRefusal.AMBIGUOUS),
+        ({"mirror": mirrored(TILTED, loss=0.1)}, [TILTED], False, None),
+        ({"held": fitted()}, [fitted(inliers=0.7)], True, None),
+        ({"held": fitted(tilt_deg=2.5)}, [fitted(inliers=0.7)], True, None),
+        # A covered border looks like a tilted deck; a target in full view may lie on one.
+        ({"held": fitted(tilt_deg=5.0)}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
+        ({}, [fitted(tilt_deg=5.0)], True, None),
+        ({}, [fitted(inliers=0.7)], True, PoseRefusal.ATTITUDE),
+        ({"supported": False}, [replace(TILTED, inliers=0.7)], False, PoseRefusal.INLIERS),
+        ({"supported": True}, [replace(TILTED, inliers=0.7)], False, None),
+        ({}, [replace(TILTED, blur_px=4.0)], False, None),
+        ({"cell_px": 30.0}, [replace(TILTED, blur_px=4.0)], False, None),
+        ({}, [replace(TILTED, rms_px=0.7)], False, PoseRefusal.RESIDUAL),
+    ],
+)
 def test_a_first_pose(given, candidates, attitude, refusal):
     verdict = judge_of(GivenFits(**given)).first(sight(attitude=attitude), candidates)
     assert verdict.refusal is refusal
-    is_contradiction = verdict.contradicts
-    followed = (None, PoseRefusal.AMBIGUOUS, PoseRefusal.RESIDUAL)
-    assert (verdict.pose is not None) == (refusal in followed or is_contradiction)
+    is_followed = refusal in (None, PoseRefusal.AMBIGUOUS, PoseRefusal.RESIDUAL)
+    assert (verdict.pose is not None) == (is_followed or verdict.contradicts)
 
 
-def test_all_pixels_decide_between_first_poses_whose_edges_do_not():
+@pytest.mark.parametrize(("cell_px", "refusal"), [(6.0, None), (12.0, PoseRefusal.AMBIGUOUS)])
+def test_all_pixels_decide_between_first_poses_whose_edges_do_not(cell_px, refusal):
     grey = [
         replace(TILTED, source="photometric", rms_px=0.05, loss=0.01),
         replace(mirrored(TILTED), source="photometric", rms_px=0.3, loss=0.2),
     ]
-    for cell_px, refusal in ((6.0, None), (12.0, PoseRefusal.AMBIGUOUS)):
-        fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
-        assert judge_of(fits).first(sight(attitude=False), [TILTED]).refusal is refusal
+    fits = GivenFits(mirror=mirrored(TILTED), grey=grey, cell_px=cell_px)
+    assert judge_of(fits).first(sight(attitude=False), [TILTED]).refusal is refusal
 
 
 def test_of_two_first_poses_the_attitude_chooses_the_level_one():
     level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
     verdict = judge_of(GivenFits()).first(sight(), [tilted, level])
-    assert verdict.refusal is None
-    assert verdict.decided_by == "attitude"
+    assert (verdict.refusal, verdict.decided_by) == (None, "attitude")
     assert angle_deg(verdict.pose.rotation, level.rotation) < 0.1
 
 
 @pytest.mark.parametrize(
-    ("off", "is_certain", "contradicts"),
-    [
-        (fitted(tilt_deg=20.0, loss=0.001), True, True),
-        (fitted(tilt_deg=20.0, loss=0.02), True, False),
-        (fitted(tilt_deg=20.0, loss=0.001), False, False),
-    ],
+    ("loss", "is_certain", "contradicts"), [(0.001, True, True), (0.02, True, False), (0.001, False, False)]
 )
 def test_a_first_pose_that_the_image_alone_would_publish_contradicts_an_attitude_that_chose_its_mirror_image(
-    off, is_certain, contradicts
+    loss, is_certain, contradicts
 ):
-    level = fitted(loss=0.01)
-    off = off if is_certain else replace(off, covariance=SHARP + np.diag([0, 0, 0, 0, 0, 1e-3]))
+    level, uncertain = fitted(loss=0.01), SHARP + np.diag([0, 0, 0, 0, 0, 1e-3])
+    off = fitted(tilt_deg=20.0, loss=loss, covariance=SHARP if is_certain else uncertain)
     verdict = judge_of(GivenFits(held=level)).first(sight(), [off, level])
     assert verdict.contradicts == contradicts
-    expected = off if contradicts else level
-    assert angle_deg(verdict.pose.rotation, expected.rotation) < 0.1
+    assert angle_deg(verdict.pose.rotation, (off if contradicts else level).rotation) < 0.1
     assert verdict.refusal is (PoseRefusal.ATTITUDE if contradicts else None)
 
 
-def test_a_followed_target_whose_edges_agree_tells_that_the_attitude_refuses_it():
-    whole, hidden = fitted(tilt_deg=7.0), fitted(tilt_deg=7.0, inliers=0.85)
-    for pose, told in ((whole, whole), (hidden, None)):
-        verdict = judge_of(GivenFits(pose)).measure(sight(), fitted())
-        assert verdict.refusal is PoseRefusal.ATTITUDE
-        assert verdict.pose is told
+@pytest.mark.parametrize(
+    ("change", "cell_px", "is_there"),
+    [
+        ({}, 10.0, True),
+        ({"inliers": 0.85}, 10.0, False),
+        ({"inliers": 0.76}, 40.0, True),
+        ({"inliers": 0.76}, 6.0, False),
+    ],
+    ids=["its edges agree", "some are hidden", "its cells are read clearly", "its cells are small"],
+)
+def test_a_followed_target_that_is_plainly_there_contradicts_the_attitude_that_refuses_it(change, cell_px, is_there):
+    """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
+    free = fitted(tilt_deg=7.0, **change)
+    verdict = measured(free, cell_px=cell_px)
+    assert verdict.refusal is PoseRefusal.ATTITUDE
+    assert verdict.pose is (free if is_there else None)
+
+
+def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden() -> None:
+    verdict = measured(fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9), cell_px=40.0)
+    assert verdict.refusal is not None
+    assert verdict.pose is None
 
 
 @pytest.mark.parametrize(("held_loss", "is_published"), [(0.0055, True), (0.019, False)])
@@ -351,19 +364,10 @@ def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidde
     """An attitude that jumped by 6 degrees while patches lay over the target turned 22 published poses in a row."""
     free = fitted(tilt_deg=7.0, inliers=0.76, loss=0.005)
     held = fitted(inliers=0.8, loss=held_loss)
-    verdict = judge_of(GivenFits(free, held)).measure(sight(), fitted())
+    verdict = measured(free, held)
     assert (verdict.refusal is None) == is_published
     assert verdict.contradicts != is_published
     assert verdict.contradicts == (verdict.pose is free)
-
-
-@pytest.mark.parametrize(("cell_px", "is_there"), [(40.0, True), (6.0, False)])
-def test_where_cells_are_read_clearly_a_target_contradicts_the_attitude_that_refuses_it(cell_px, is_there):
-    """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
-    free = fitted(tilt_deg=7.0, inliers=0.76)
-    verdict = judge_of(GivenFits(free, cell_px=cell_px)).measure(sight(), fitted())
-    assert verdict.refusal is PoseRefusal.ATTITUDE
-    assert verdict.pose is (free if is_there else None)
 
 
 def judged_by(verdicts: list[FitVerdict], monkeypatch) -> Follower:
@@ -408,13 +412,6 @@ def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_star
         assert bool(frame.poses) == (position is right)
 
 
-def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden() -> None:
-    free = fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9)
-    verdict = judge_of(GivenFits(free, cell_px=40.0)).measure(sight(), fitted())
-    assert verdict.refusal is not None
-    assert verdict.pose is None
-
-
 @pytest.mark.parametrize(
     ("tilt_deg", "mirror_deg", "refusal", "published_deg"),
     [
@@ -426,8 +423,8 @@ def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden
 def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_attitude_too(
     tilt_deg, mirror_deg, refusal, published_deg
 ):
-    found, rival = fitted(tilt_deg=tilt_deg), fitted(tilt_deg=mirror_deg)
-    verdict = judge_of(GivenFits(mirror=rival)).first(sight(), [found])
+    fits = GivenFits(mirror=fitted(tilt_deg=mirror_deg))
+    verdict = judge_of(fits).first(sight(), [fitted(tilt_deg=tilt_deg)])
     assert verdict.refusal is refusal
     assert angle_deg(verdict.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
 

@@ -16,14 +16,13 @@ from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import certainty_refusal
 from mkdaemon.vision.pose.pose import FLOOR_ANGLE, FLOOR_RANGE
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, ImageSight
 from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
 from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from tests.places import CONFIGS
-from tests.vision.views import View, angle_deg, place, shipped
+from tests.vision.views import View, angle_deg, assert_near, place, shipped
 
 TARGETS = CONFIGS / "targets"
 
@@ -33,9 +32,15 @@ def flight(seed: int):
     return tuple(fly(shipped("nested"), seed, seconds=1.3))
 
 
+def history(rpy, time: float = 0.0) -> AttitudeHistory:
+    return AttitudeHistory([AttitudeSample(time, *rpy)])
+
+
 def attitude_of(view) -> AttitudeHistory:
-    rpy = euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)
-    return AttitudeHistory([AttitudeSample(0.0, *rpy)])
+    return history(euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T))
+
+
+WRONG = history((0.5, 0.3, 0.0))
 
 
 def tracker(name="nested", **options) -> Tracker:
@@ -45,39 +50,29 @@ def tracker(name="nested", **options) -> Tracker:
 @pytest.mark.parametrize("with_attitude", [True, False])
 def test_a_troubled_flight_is_followed_without_a_wrong_pose(with_attitude):
     """Nor does a track go on for longer than about a second without reading a tag."""
-    follower = tracker()
-    modes, posed, oldest = set(), 0, 0.0
-    frames = flight(3)
+    follower, frames, found = tracker(), flight(3), []
     for frame in frames:
         result = follower.update(frame.image, frame.attitude if with_attitude else None)
-        for found in result.poses:
-            posed += 1
-            modes.add(found.mode)
-            oldest = max(oldest, found.decode_age)
-            assert np.linalg.norm(found.pose.position - frame.position) < 0.05
-            assert angle_deg(found.pose.rotation, frame.rotation) < 5.0
-    assert posed > (0.9 if with_attitude else 0.6) * len(frames)
-    assert "search" in modes
-    assert "predicted" in modes
-    assert not with_attitude or 0.5 < oldest < 1.6
+        for pose in result.poses:
+            found.append(pose)
+            assert_near(pose.pose, frame, deg=5.0, m=0.05)
+    assert len(found) > (0.9 if with_attitude else 0.6) * len(frames)
+    assert {"search", "predicted"} <= {pose.mode for pose in found}
+    assert not with_attitude or 0.5 < max(pose.decode_age for pose in found) < 1.6
 
 
 @pytest.mark.parametrize(("shaken", "first"), [(0.0, "predicted"), (0.016, "flow")])
 def test_a_fit_begins_where_the_image_shows_the_target(monkeypatch, shaken, first):
     """A camera that turned by more than a cell asks for no fit where nothing is."""
-    target, starts = shipped("nested"), []
-    refine = TargetFitter.refine
+    follower, starts, refine, steady = tracker(), [], TargetFitter.refine, place(3.0, 0.2)
     monkeypatch.setattr(TargetFitter, "refine", lambda self, *given: starts.append(given[1]) or refine(self, *given))
-    follower = tracker()
     for k in range(4):
-        steady = place(3.0, 0.2)
         turned = replace(steady, enu_from_cam=steady.enu_from_cam @ rotation_from_euler(0.0, shaken * (k == 3), 0.0))
-        view = View(target, turned)
+        view = View(shipped("nested"), turned)
         starts.clear()
-        found = follower.update(view.image(k / 30, k), attitude_of(View(target, steady))).pose_of("pad")
-    assert found.mode == first
-    assert len(starts) == 1
-    assert np.linalg.norm(found.pose.position - view.position) < 0.01
+        found = follower.update(view.image(k / 30, k), attitude_of(View(shipped("nested"), steady))).pose_of("pad")
+    assert (found.mode, len(starts)) == (first, 1)
+    assert_near(found.pose, view, m=0.01)
 
 
 def test_covariance_carries_the_calibration_floor():
@@ -100,23 +95,17 @@ def test_no_pose_without_calibration():
     assert {found.tag_id for found in result.detections} == {1, 48}
 
 
-def test_a_contradicting_attitude_stops_the_pose():
-    view = View(shipped("nested"), place(2.0, 0.3))
-    wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
-    result = tracker().update(view.image(), wrong)
+def test_a_contradicting_attitude_stops_the_pose_and_is_ignored_for_walls_and_without_a_mounting():
+    nested = shipped("nested")
+    view = View(nested, place(2.0, 0.3))
+    result = tracker().update(view.image(), WRONG)
     assert result.poses == ()
     assert result.refused == (TargetRefusal("pad", PoseRefusal.ATTITUDE, 0.0),)
     assert result.has_attitude
     assert tracker().update(view.image(), attitude_of(view)).poses
-
-
-def test_attitude_is_ignored_for_walls_and_without_a_mounting(tmp_path):
-    view = View(shipped("nested"), place(2.0, 0.3))
-    wrong = AttitudeHistory([AttitudeSample(0.0, 0.5, 0.3, 0.0)])
-    wall = tmp_path / "wall.toml"
-    wall.write_text((TARGETS / "nested.toml").read_text().replace('name = "pad"', 'name = "pad"\nlevel = false'))
-    assert Tracker(load([wall]), VGA, LOOKING_DOWN).update(view.image(), wrong).poses
-    assert Tracker(TagMap((shipped("nested"),)), VGA, None).update(view.image(), wrong).poses
+    wall = TagMap((replace(nested, level=False),))
+    assert Tracker(wall, VGA, LOOKING_DOWN).update(view.image(), WRONG).poses
+    assert Tracker(TagMap((nested,)), VGA, None).update(view.image(), WRONG).poses
 
 
 SHAPES = [(480, 640), (720, 1280), (480, 640, 3), (640,), (), (0, 640), (1, 1), (2, 640), (480, 3)]
@@ -138,25 +127,9 @@ def test_an_image_of_any_kind_and_size_is_named_and_raises_nothing(dtype, calibr
             assert Alarm.DARK in result.alarms
 
 
-def test_black_white_and_frozen_images():
-    follower = tracker()
-    view = View(shipped("nested"), place(2.0, 0.3))
-    for k in range(6):
-        result = follower.update(view.image(0.03 * k, k))
-        assert bool(result.poses) == ("frozen" not in result.alarms)
-    assert "frozen" in result.alarms
-    for level, alarm in ((0, "dark"), (255, "blown")):
-        flat = CameraImage(np.full((480, 640), level, np.uint8), 1.0 + level, 0.0, 9, "test")
-        result = follower.update(flat)
-        assert alarm in result.alarms
-        assert result.poses == ()
-
-
 def test_loss_is_honest_and_the_target_is_found_again():
-    frames = flight(3)
-    follower = tracker()
-    target = shipped("nested")
-    empty = View(target, place(2.0, 0.2), replace(LightConditions(), target_in_view=False)).pixels
+    frames, follower = flight(3), tracker()
+    empty = View(shipped("nested"), place(2.0, 0.2), replace(LightConditions(), target_in_view=False)).pixels
     for frame in frames[:6]:
         last = follower.update(frame.image, frame.attitude)
     assert last.poses
@@ -168,32 +141,23 @@ def test_loss_is_honest_and_the_target_is_found_again():
 
 
 def test_time_that_stands_still_or_runs_back_ends_the_track():
-    frames = flight(3)
-    follower = tracker()
-    for frame in frames[:4]:
-        follower.update(frame.image, frame.attitude)
-    again = follower.update(frames[1].image, frames[1].attitude)
+    frames, follower = flight(3), tracker()
+    for frame in (*frames[:4], frames[1]):
+        again = follower.update(frame.image, frame.attitude)
     assert all(found.mode == "search" for found in again.poses)
 
 
-def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
-    text = (TARGETS / "single.toml").read_text().replace("id = 0", "id = 9").replace('"pad"', '"deck"\nmoving = true')
-    nested = shipped("nested")
-    path = tmp_path / "deck.toml"
-    path.write_text(text)
-    deck = load([path]).targets[0]
+def test_two_targets_each_in_its_frame_one_of_them_moving():
+    nested, single = shipped("nested"), shipped("single")
+    deck = replace(single, name="deck", frame="deck", moving=True, tags=(replace(single.tags[0], tag_id=9),))
     still = SceneTarget.of(nested, Platform(start_enu=(-0.35, 0.0, 0.0)))
     moving = SceneTarget.of(deck, Platform("straight", (0.35, 0.0, 0.0), speed=0.5))
     scene = Scene([still, moving], ground="tiles", seed=3, fine=False)
-    follower = Tracker(TagMap((nested, deck)), VGA, LOOKING_DOWN)
-    counted = 0
+    follower, counted = Tracker(TagMap((nested, deck)), VGA, LOOKING_DOWN), 0
     for k in range(8):
         view = replace(place(2.2, 0.1), time=k / 30)
-        image = CameraImage(scene.render(view), k / 30, k / 30, k, "test", "driver")
-        result = follower.update(image)
-        for found in result.poses:
-            placed = still if found.target == "pad" else moving
-            rotation, position = cam_from_target(placed, view)
+        for found in follower.update(CameraImage(scene.render(view), k / 30, k / 30, k, "test", "driver")).poses:
+            rotation, position = cam_from_target(still if found.target == "pad" else moving, view)
             assert found.frame == found.target
             assert np.linalg.norm(found.pose.position - position) < 0.01
             assert angle_deg(found.pose.rotation, rotation) < 1.0
@@ -201,14 +165,14 @@ def test_two_targets_each_in_its_frame_one_of_them_moving(tmp_path):
     assert counted >= 14
 
 
-def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags(tmp_path):
+def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags():
     """The outer tag is 20 % smaller in the file than on the ground: outer and inner edges cannot both fit."""
-    path = tmp_path / "wrong.toml"
-    path.write_text((TARGETS / "nested.toml").read_text().replace("0.3048", "0.24384"))
-    view = View(shipped("nested"), place(1.0, 0.2))
-    result = Tracker(load([path]), VGA, LOOKING_DOWN).update(view.image(), attitude_of(view))
+    nested = shipped("nested")
+    outer, inner = nested.tags
+    wrong = replace(nested, tags=(replace(outer, size=0.24384), inner))
+    view = View(nested, place(1.0, 0.2))
+    result = Tracker(TagMap((wrong,)), VGA, LOOKING_DOWN).update(view.image(), attitude_of(view))
     honest = tracker().update(view.image(), attitude_of(view)).pose_of("pad")
-    assert honest is not None
     for found in result.poses:
         # Whatever is published says itself that the print does not match.
         assert found.pose.inliers < honest.pose.inliers
@@ -217,8 +181,7 @@ def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags(tmp_path):
 @pytest.mark.parametrize("name", ["single", "nested"])
 def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decide(name):
     """One image of it does not always tell a pose from its mirror image, some do; then it stays decided."""
-    target = shipped(name)
-    posed = []
+    target, posed = shipped(name), []
     for far in (6.0, 6.4):
         follower = Tracker(TagMap((target,)), VGA, None)
         for k in range(12):
@@ -229,8 +192,7 @@ def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decid
             if found is None:
                 assert result.refused[0].reason in ("ambiguous", "angle_uncertain")
             else:
-                assert angle_deg(found.pose.rotation, view.rotation) < 2.0
-                assert np.linalg.norm(found.pose.position - view.position) < 0.05
+                assert_near(found.pose, view, deg=2.0, m=0.05)
     first, *_, last = np.reshape(posed, (2, 3, 4)).sum(axis=0)
     assert first[0] < 2
     assert last.sum() >= 6
