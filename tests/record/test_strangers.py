@@ -1,19 +1,28 @@
-"""Recordings that somebody made to harm: their checksums are right, and what they say is not."""
+"""Recordings that other programs wrote, and those that somebody made to harm: checksums are right, contents are not."""
 
 from __future__ import annotations
 
+import io
+import struct
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType
 
+from lab.files.originals import RECORDINGS
+from lab.files.recordings import rebuilt, rewritten
 from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
-from mkdaemon.record import reader, rewrite
+from mkdaemon.record import reader, rewrite, scan
 from mkdaemon.record.entry import LATEST, unpacked
-from mkdaemon.record.layout import ChannelFacts, Session
+from mkdaemon.record.layout import MAGIC, ChannelFacts, Session
 from mkdaemon.record.reader import Recording
+from mkdaemon.record.scan import Record, ScannedChunk, Scanner, records_in
 from mkdaemon.record.summary import summarise
 from mkdaemon.record.writer import RecordingWriter
 from tests.effort import calls_of
@@ -62,19 +71,22 @@ def test_a_key_that_no_bus_has_is_none_of_ours(tmp_path, key):
     assert found.report.foreign == 1
 
 
+def add_empty(writer, count):
+    for _ in range(count):
+        writer._chunk.add(1, 2, BASE.offset_ns + 10**12, BASE.offset_ns + 10**12, b"")
+
+
 def test_a_small_file_holds_no_millions_of_records(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "FREE_RECORDS", 1000)
 
     def repeat(writer):
         for _ in range(3):
-            for _ in range(20_000):
-                writer._chunk.add(1, 2, BASE.offset_ns + 10**12, BASE.offset_ns + 10**12, b"")
+            add_empty(writer, 20_000)
             writer.flush()
 
     found = Recording(recording(tmp_path / "a.mcap", [sample(1)], then=repeat))
-    size = found.path.stat().st_size
-    entries = sum(1 for _ in found.entries())
-    assert entries < 20_000 + size  # the index alone has 16 bytes for each: nothing of ours is cut
+    # the index alone has 16 bytes for each: nothing of ours is cut
+    assert sum(1 for _ in found.entries()) < 20_000 + found.path.stat().st_size
     whole = Recording(recording(tmp_path / "b.mcap", [sample(number) for number in range(1, 5000)]))
     assert sum(1 for _ in whole.entries()) == 4999
     assert whole.report.is_whole
@@ -86,8 +98,7 @@ def test_a_file_without_index_holds_no_millions_of_records(tmp_path, monkeypatch
     with path.open("wb") as file:
         writer = RecordingWriter(file, SESSION)
         writer.add(sample(1))
-        for _ in range(50_000):
-            writer._chunk.add(1, 2, BASE.offset_ns + 10**12, BASE.offset_ns + 10**12, b"")
+        add_empty(writer, 50_000)
         file.write(writer._chunk.end())
     found = Recording(path)
     assert sum(1 for _ in found.entries()) < 1000 + path.stat().st_size < 20_000
@@ -131,3 +142,117 @@ def test_what_is_no_map_with_names_says_nothing(payload):
 def test_a_vehicle_of_no_name_is_recovered(tmp_path):
     path = recording(tmp_path / "a.mcap", [sample(1)], session=replace(SESSION, name="\x1b", vehicle="../../x"))
     assert rewrite.recover(path, tmp_path / "b.mcap").entries == 1
+
+
+PRIVATE = struct.pack("<BQ", 0x91, 60) + bytes(60)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A recording of 39 samples."""
+    return recording(tmp_path / "a.mcap", [sample(number) for number in range(1, 40)])
+
+
+def written_again(source: Path, **how: Any) -> Path:
+    """A recording as the writer of the MCAP project has it."""
+    target = source.with_name("b.mcap")
+    target.write_bytes(rewritten(source.read_bytes(), **how)[0])
+    return target
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        {"use_chunking": False},
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"chunk_size": 100},
+        {"chunk_size": 1 << 30},
+    ],
+    ids=["no chunks", "lz4", "not compressed", "small chunks", "one chunk"],
+)
+def test_what_another_writer_wrote_is_whole(source: Path, way: dict[str, Any]) -> None:
+    found, ours = Recording(written_again(source, **way)), list(Recording(source).entries())
+    assert list(found.entries()) == ours and len(ours) == 39
+    assert found.report.is_whole, found.report.damages
+    times = [at for _, at in found.times()]
+    assert list(found.entries(first=times[20], last=times[20])) == ours[20:21], "the second reading goes by places"
+    target = source.with_name("c.mcap")
+    assert run(mkctl, ["log", "repair", str(found.path), "-o", str(target)]) == 0
+    assert list(Recording(target).entries()) == ours
+
+
+def test_records_of_an_application_are_stepped_over(source: Path) -> None:
+    raw = source.read_bytes()
+    source.write_bytes(raw[:8] + PRIVATE + raw[8:])
+    found = Recording(source)
+    assert len(list(found.entries())) == 39 and found.report.is_whole
+
+
+def test_a_chunk_whose_opcode_was_damaged_is_no_record_of_an_application(source: Path) -> None:
+    raw, at = bytearray(source.read_bytes()), 8
+    while raw[at] != 6:
+        at += 9 + int.from_bytes(raw[at + 1 : at + 9], "little")
+    raw[at] |= 0x80
+    source.write_bytes(raw)
+    found = Recording(source)
+    assert list(found.entries()) == [] and found.report.damages
+
+
+def test_a_chunk_of_a_whole_file_is_read_up_to_a_limit_that_is_named(tmp_path: Path, monkeypatch: Any) -> None:
+    entries = [sample(number, size=1 << 20) for number in range(1, 41)]
+    large = written_again(recording(tmp_path / "a.mcap", entries), chunk_size=1 << 30)
+    found = Recording(large)
+    assert sum(1 for _ in found.entries()) == 40 and found.report.is_whole
+    monkeypatch.setattr(scan, "MOST_CHUNK_BYTES", 1 << 25)
+    found = Recording(large)
+    assert list(found.entries()) == []
+    assert "MiB (mcap compress writes small ones)" in found.report.damages[0].reason
+
+
+def test_an_unknown_compression_is_not_called_damage_alone(source: Path) -> None:
+    source.write_bytes(source.read_bytes().replace(b"\x04\0\0\0zstd", b"\x04\0\0\0brot"))
+    found = Recording(source)
+    assert list(found.entries()) == []
+    assert "compression 'brot' is not supported; convert it: mcap compress" in found.report.damages[0].reason
+
+
+def packed(record):
+    return struct.pack("<BQ", record.opcode, len(record.content)) + record.content
+
+
+def pieces():
+    """Head, channels and messages of a recording."""
+    content = (RECORDINGS / "fc_sticks.mcap").read_bytes()
+    parts = list(Scanner(io.BytesIO(content), len(content)).records())
+    heads = [part for part in parts if isinstance(part, Record) and part.opcode in {Opcode.HEADER, Opcode.METADATA}]
+    inside = list(records_in(next(part for part in parts if isinstance(part, ScannedChunk)).content()))
+    channels = [one for one in inside if one.opcode == Opcode.CHANNEL]
+    return (
+        MAGIC + b"".join(packed(head) for head in heads),
+        channels,
+        [one for one in inside if one.opcode == Opcode.MESSAGE],
+    )
+
+
+def test_channels_that_every_chunk_repeats_are_read_once(tmp_path, monkeypatch):
+    head, channels, messages = pieces()
+    path = tmp_path / "small.mcap"
+    path.write_bytes(head + b"".join(rebuilt([*channels, message]) for message in messages[:200]))
+    calls = []
+    honest = reader.read_channel
+    monkeypatch.setattr(reader, "read_channel", lambda content: calls.append(1) or honest(content))
+    assert len(list(Recording(path).entries())) == 200
+    assert len(calls) <= len(channels)
+
+
+def test_a_channel_that_is_defined_again_in_another_way_holds_from_there_on(tmp_path):
+    head, channels, messages = pieces()
+    number = messages[0].content[:2]
+    (first,) = (one for one in channels if one.content[:2] == number)
+    other = next(one for one in channels if one.content[:2] != number)
+    renamed = Record(first.opcode, number + other.content[2:])
+    path = tmp_path / "again.mcap"
+    path.write_bytes(head + b"".join(rebuilt([one, messages[0]]) for one in (first, renamed, first)))
+    kinds = [(entry.kind, entry.suffix) for entry in Recording(path).entries()]
+    assert kinds[0] == kinds[2] != kinds[1]

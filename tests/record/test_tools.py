@@ -70,25 +70,27 @@ def test_what_never_reached_the_recorder_is_told_by_the_counts_of_the_daemon(tmp
     assert summary.report.is_whole
 
 
-def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
-    def entry(kind, suffix, number, **more):
-        payload = msgpack.packb(more.pop("fields", {}))
-        return sample(number, f"mk/mk1/{suffix}", kind=kind)._replace(payload=payload, **more)
+def entry_at(kind, suffix, number, at=None, *, fields=None, **more):
+    """An entry of a key, with fields as its payload, at a time after the begin [s]."""
+    made = sample(number, f"mk/mk1/{suffix}", kind=kind)._replace(payload=msgpack.packb(fields or {}), **more)
+    return made if at is None else made._replace(received=1000.0 + at)
 
+
+def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
     refused = {"key": "setpoint/stick", "sequence": 2, "token": "not_holder", "reason": "..."}
+    taken = {"action": "take", "holder": "pilot"}
     entries = [
-        entry(EntryKind.QUERY, "do/lease", 1, exchange=1, source="aa", fields={"action": "take", "holder": "pilot"}),
-        entry(EntryKind.REPLY, "do/lease", 1, exchange=1, fields={"status": "accepted"}),
-        entry(EntryKind.SETPOINT, "setpoint/stick", 1, source="aa", issuer=HOLDER),
-        entry(EntryKind.SETPOINT, "setpoint/stick", 2, source="bb", issuer=STRANGER),
-        entry(EntryKind.NOTICE, "notice/setpoint_refused", 1, fields=refused),
-        entry(EntryKind.NOTICE, "notice/setpoint_refused", 2, fields={**refused, "sequence": 7}),
-        entry(EntryKind.QUERY, "do/mark", 1, exchange=2, fields={"text": "x"}),
-        entry(EntryKind.REPLY, "do/mark", 1, exchange=2, fields={"status": "invalid"}),
-        entry(EntryKind.REPLY, "do/mark", 2, exchange=9)._replace(payload=b"\xc1"),
+        entry_at(EntryKind.QUERY, "do/lease", 1, exchange=1, source="aa", fields=taken),
+        entry_at(EntryKind.REPLY, "do/lease", 1, exchange=1, fields={"status": "accepted"}),
+        entry_at(EntryKind.SETPOINT, "setpoint/stick", 1, source="aa", issuer=HOLDER),
+        entry_at(EntryKind.SETPOINT, "setpoint/stick", 2, source="bb", issuer=STRANGER),
+        entry_at(EntryKind.NOTICE, "notice/setpoint_refused", 1, fields=refused),
+        entry_at(EntryKind.NOTICE, "notice/setpoint_refused", 2, fields={**refused, "sequence": 7}),
+        entry_at(EntryKind.QUERY, "do/mark", 1, exchange=2, fields={"text": "x"}),
+        entry_at(EntryKind.REPLY, "do/mark", 1, exchange=2, fields={"status": "invalid"}),
+        entry_at(EntryKind.REPLY, "do/mark", 2, exchange=9)._replace(payload=b"\xc1"),
     ]
     pilot, stranger, silent = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
-
     assert (pilot.source, pilot.names, pilot.setpoints, pilot.signed) == ("aa", {"pilot"}, 1, 1)
     assert (pilot.requests, pilot.requests_refused, pilot.setpoints_refused) == (1, 0, {})
     assert (stranger.source, stranger.signed, stranger.setpoints_refused) == ("bb", 0, {"not_holder": 1})
@@ -97,16 +99,11 @@ def test_a_summary_tells_who_sent_what_and_what_was_refused(tmp_path):
 
 @pytest.mark.parametrize(("after", "late", "refused"), [(0.1, 1, {}), (0.9, 0, {"not_leased": 1})])
 def test_a_setpoint_that_was_under_way_at_the_end_of_a_flight_is_no_refusal(tmp_path, after, late, refused):
-    def entry(kind, suffix, number, at, **more):
-        payload = msgpack.packb(more.pop("fields", {}))
-        made = sample(number, f"mk/mk1/{suffix}", kind=kind)
-        return made._replace(payload=payload, received=1000.0 + at, **more)
-
     words = {"key": "setpoint/land", "sequence": 2, "token": "not_leased", "reason": "..."}
     entries = [
-        entry(EntryKind.SETPOINT, "setpoint/land", 1, 0.0, source="aa", issuer=HOLDER),
-        entry(EntryKind.SETPOINT, "setpoint/land", 2, after, source="aa", issuer=STRANGER),
-        entry(EntryKind.NOTICE, "notice/setpoint_refused", 1, after, fields=words),
+        entry_at(EntryKind.SETPOINT, "setpoint/land", 1, 0.0, source="aa", issuer=HOLDER),
+        entry_at(EntryKind.SETPOINT, "setpoint/land", 2, after, source="aa", issuer=STRANGER),
+        entry_at(EntryKind.NOTICE, "notice/setpoint_refused", 1, after, fields=words),
     ]
     (pilot,) = summarise(written(tmp_path / "a.mcap", entries)).senders.found.values()
     assert (pilot.setpoints_late, pilot.setpoints_refused) == (late, refused)
@@ -178,6 +175,8 @@ def test_joining_orders_by_time_and_keeps_every_entry(tmp_path):
     assert merge([two, one], tmp_path / "a.mcap").entries == 200
     assert read(tmp_path / "a.mcap") == ENTRIES
     assert Recording(tmp_path / "a.mcap").read_session().vehicle == "mk1"
+    with pytest.raises(ConfigError, match="the same part"):
+        merge([one, written(tmp_path / "again.mcap", ENTRIES[:80])], tmp_path / "b.mcap")
     merge([one, two, three], tmp_path / "b.mcap")
     joined = Recording(tmp_path / "b.mcap")
     found = list(joined.entries())
@@ -185,12 +184,6 @@ def test_joining_orders_by_time_and_keeps_every_entry(tmp_path):
     assert [entry.received for entry in found] == sorted(entry.received for entry in found)
     assert (joined.session.recorder, joined.session.vehicle) == ("merge", "")
     assert joined.report.is_whole
-
-
-def test_a_part_that_is_given_twice_is_refused(tmp_path):
-    one, two = written(tmp_path / "1.mcap"), written(tmp_path / "2.mcap")
-    with pytest.raises(ConfigError, match="the same part"):
-        merge([one, two], tmp_path / "a.mcap")
 
 
 def test_a_glance_tells_times_and_whether_a_file_is_finished(tmp_path):
