@@ -65,14 +65,6 @@ def test_an_xbee_adds_its_latency_both_ways():
         assert 0.026 < host.heard[-1][0] - sent < 0.15
 
 
-def test_the_pilot_arms_takes_off_and_hovers_through_the_boards():
-    host = Host(pilot_plan=PilotPlan.HOVER, pilot_wait=0.0)
-    host.run(12.0)
-    simulation = host.simulation
-    assert simulation.flight.core.flying
-    assert simulation.world.truth.position_enu[2] == pytest.approx(2.1, abs=0.5)
-
-
 @pytest.mark.parametrize("plan", [plan for plan in PilotPlan if plan is not PilotPlan.NOTHING])
 def test_every_plan_waits_20_s_unless_told_otherwise(plan):
     """The sticks stay at rest, throttle down, although a machine already asks for control."""

@@ -34,11 +34,12 @@ def test_two_carriage_returns_recover_from_everything(bench, debris):
 
 
 @pytest.mark.parametrize("address", range(28))
-@pytest.mark.parametrize("letter", ["v", "g", "a", "t", "b"])
-def test_common_commands_are_answered_at_any_address_by_the_flightctrl(address, letter):
-    payload = {"a": b"\x05", "t": bytes(16), "b": bytes([0, 0, 0, 0, 9, 1, 0])}.get(letter, b"")
-    received = fc_bench().ask(encode_frame(address, letter, payload), 1.5)
-    assert received.frame.address == 1
+@pytest.mark.parametrize(
+    ("letter", "payload"),
+    [("v", b""), ("g", b""), ("a", b"\x05"), ("t", bytes(16)), ("b", bytes([0, 0, 0, 0, 9, 1, 0]))],
+)
+def test_common_commands_are_answered_at_any_address_by_the_flightctrl(bench, address, letter, payload):
+    assert bench.ask(encode_frame(address, letter, payload), 1.5).frame.address == 1
 
 
 @pytest.mark.parametrize("letter", ["n", "p", "q", "u", "f"])
@@ -61,11 +62,9 @@ def test_longest_frame(bench, chars, accepted):
     assert bench.ask(VERSION, 3.0) is not None
 
 
-def test_short_label_and_settings_requests_read_checksum_characters(bench):
-    label = bench.ask(b"#ba@c\r", 1.5)
-    assert label.frame.payload[0] == 31
-    settings = bench.ask(b"#bq@s\r", 2.5)
-    assert settings.frame.payload[0] == 5
+@pytest.mark.parametrize(("frame", "number"), [(b"#ba@c\r", 31), (b"#bq@s\r", 5)], ids=["label", "settings"])
+def test_short_label_and_settings_requests_read_checksum_characters(bench, frame, number):
+    assert bench.ask(frame, 1.5).frame.payload[0] == number
 
 
 @pytest.mark.parametrize("letter", ["d", "c"])
@@ -78,12 +77,12 @@ def test_an_empty_subscription_starts_a_640_ms_stream(bench, letter):
 
 
 def test_a_short_b_is_filled_with_what_stood_in_the_buffer(bench):
-    bench.ask(b"#bb>MQBEB\r", 1.5)
-    state = bench.ask(b"#bg@i\r", 2.0)
-    assert state.frame.raw == b"#bG>MQBEAR?@M==ME\r"
-    bench.ask(b"#bb@d\r", 2.5)
-    state = bench.ask(b"#bg@i\r", 3.0)
-    assert state.frame.raw == b"#bGMCMJEAR?@M==MN\r"
+    for at, frame, state in (
+        (1.5, b"#bb>MQBEB\r", b"#bG>MQBEAR?@M==ME\r"),
+        (2.5, b"#bb@d\r", b"#bGMCMJEAR?@M==MN\r"),
+    ):
+        bench.ask(frame, at)
+        assert bench.ask(b"#bg@i\r", at + 0.5).frame.raw == state
 
 
 def test_the_navictrl_time_request_spins_motor_4(bench):
@@ -94,9 +93,8 @@ def test_the_navictrl_time_request_spins_motor_4(bench):
     assert bench.board.motors.setpoints(2.2) is None
 
 
-@pytest.mark.parametrize("chars", [22, 26, 30])
-def test_the_old_control_frame_is_ignored_silently(bench, chars):
-    size = {22: 11, 26: 15, 30: 18}[chars]
+@pytest.mark.parametrize(("chars", "size"), [(22, 11), (26, 15), (30, 18)])
+def test_the_old_control_frame_is_ignored_silently(bench, chars, size):
     frame = encode_frame(1, "b", bytes([0, 0, 0, 5, 5, 5, 90, 0, 0, 7, 1] + [0] * (size - 11)))
     assert len(frame) == chars
     assert bench.ask(frame, 1.5) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 
 import pytest
 
@@ -123,18 +124,17 @@ def test_f_loads_a_set_and_answers_the_active_one(bench):
     assert bench.board.eeprom.active == 3
 
 
-WHILE_RUNNING = [
-    # generation, letter, payload, answer or None; 2.12a answers the set in use
-    ("2.12a", "q", b"\x01", "Q"),
-    ("2.08", "q", b"\x01", None),
-    ("2.12a", "q", b"\x0b", "Q"),
-    ("2.12a", "f", b"\x01", None),
-    ("2.12a", "j", b"\x01", None),
-    ("2.12a", "n", b"", "N"),
-]
-
-
-@pytest.mark.parametrize(("word", "letter", "payload", "answer"), WHILE_RUNNING)
+@pytest.mark.parametrize(
+    ("word", "letter", "payload", "answer"),
+    [  # 2.12a answers the set in use
+        ("2.12a", "q", b"\x01", "Q"),
+        ("2.08", "q", b"\x01", None),
+        ("2.12a", "q", b"\x0b", "Q"),
+        ("2.12a", "f", b"\x01", None),
+        ("2.12a", "j", b"\x01", None),
+        ("2.12a", "n", b"", "N"),
+    ],
+)
 def test_while_motors_run_settings_do_not_change(word, letter, payload, answer):
     bench = fc_bench(word)
     bench.board.core.start()
@@ -178,22 +178,14 @@ def test_motor_test_values_wait_while_motors_run(bench):
     assert not bench.board.motors.is_testing
 
 
-MOTOR_CONFIGS = [
-    # motor, running, ack, status
-    (1, False, 1, 0),
-    (0, False, 0, 6),
-    (9, False, 0, 2),
-    (1, True, 0, 1),
-]
-
-
-@pytest.mark.parametrize(("motor", "running", "done", "status"), MOTOR_CONFIGS)
+@pytest.mark.parametrize(
+    ("motor", "running", "done", "status"), [(1, False, 1, 0), (0, False, 0, 6), (9, False, 0, 2), (1, True, 0, 1)]
+)
 def test_reading_motor_controllers(bench, motor, running, done, status):
     if running:
         bench.board.core.start()
     received = ask(bench, "u", bytes([motor]))
-    assert received.frame.payload[:3] == bytes([done, status, motor])
-    assert received.frame.payload[3:11] == bytes.fromhex("0200ff1e6340006c")
+    assert received.frame.payload[:11] == bytes([done, status, motor]) + bytes.fromhex("0200ff1e6340006c")
 
 
 def configuration(*, current=40, revision=2, spoil=0):
@@ -201,24 +193,21 @@ def configuration(*, current=40, revision=2, spoil=0):
     return raw + bytes([(bl_checksum(raw) + spoil) & 0xFF])
 
 
-WRITES = [
-    (1, configuration(), 1, 0, 1),
-    (0, configuration(), 1, 0, 4),
-    (9, configuration(), 0, 2, 0),
-    (1, configuration(spoil=1), 0, 5, 0),
-    (1, configuration(revision=1), 0, 4, 0),
-]
-
-
-@pytest.mark.parametrize(("motor", "raw", "done", "status", "changed"), WRITES)
+@pytest.mark.parametrize(
+    ("motor", "raw", "done", "status", "changed"),
+    [
+        (1, configuration(), 1, 0, 1),
+        (0, configuration(), 1, 0, 4),
+        (9, configuration(), 0, 2, 0),
+        (1, configuration(spoil=1), 0, 5, 0),
+        (1, configuration(revision=1), 0, 4, 0),
+    ],
+)
 def test_writing_motor_controllers(bench, motor, raw, done, status, changed):
     received = ask(bench, "w", bytes([motor]) + raw)
     assert received.frame.payload[:2] == bytes([done, status])
     assert sum(stored == raw for stored in bench.board.eeprom.motor_configs) == changed
-
-
-def test_a_short_write_has_no_answer():
-    assert ask(fc_bench(), "w", b"\x01\x02\x03") is None
+    assert ask(bench, "w", b"\x01\x02\x03") is None, "a short one has no answer"
 
 
 @pytest.mark.parametrize(
@@ -241,22 +230,14 @@ def test_reset_in_flight(word, running, resets):
     assert bench.board.core.running is (running and not resets)
 
 
-def test_serial_channels_show_in_p(bench):
+def test_p_shows_serial_channels_and_sticks_and_the_gate_where_the_set_maps_them(bench):
     ask(bench, "y", bytes([10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 0x81]))
-    received = ask(bench, "p")
-    assert received is not None
-    channels = [int.from_bytes(received.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
-    assert channels[17:29] == [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127]
-
-
-def test_p_shows_sticks_and_the_gate_where_the_set_maps_them(bench):
     pilot = bench.aircraft.pilot
     pilot.pitch, pilot.roll, pilot.gas, pilot.yaw, pilot.gate = 11, 22, 33, 44, 200
-    bench.run(1.2)
-    received = ask(bench, "p")
-    assert received is not None
-    channels = [int.from_bytes(received.frame.payload[i : i + 2], "little", signed=True) for i in range(0, 70, 2)]
-    assert channels[1:6] == [33, 22, 11, 44, 73]
+    bench.run(bench.board.now + 0.2)
+    channels = struct.unpack_from("<35h", ask(bench, "p").frame.payload)
+    assert channels[1:6] == (33, 22, 11, 44, 73)
+    assert channels[17:29] == (10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, -127)
 
 
 def test_eeprom_survives_in_a_file(tmp_path):
@@ -267,27 +248,23 @@ def test_eeprom_survives_in_a_file(tmp_path):
     eeprom.sets[4], eeprom.active = bytes(changed), 4
     eeprom.save()
     again = Eeprom(106, path)
-    assert (again.sets, again.active, again.mixer, again.motor_configs) == (
-        eeprom.sets,
-        4,
-        eeprom.mixer,
-        eeprom.motor_configs,
-    )
+    assert again.active == 4
+    assert (again.sets, again.mixer, again.motor_configs) == (eeprom.sets, eeprom.mixer, eeprom.motor_configs)
     assert [file.name for file in tmp_path.iterdir()] == ["fc.json"]
 
 
-SPOILT = [
-    ("{", "not a simulator EEPROM"),
-    ("[]", "not a simulator EEPROM"),
-    ('{"revision": 105}', "not a simulator EEPROM"),
-    (lambda good: {**good, "revision": 105}, "revision 105"),
-    (lambda good: {**good, "active": 9}, "incomplete"),
-    (lambda good: {**good, "mixer": "00"}, "incomplete"),
-    (lambda good: {**good, "sets": {"1": good["sets"]["1"]}}, "incomplete"),
-]
-
-
-@pytest.mark.parametrize(("spoil", "says"), SPOILT)
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        ("{", "not a simulator EEPROM"),
+        ("[]", "not a simulator EEPROM"),
+        ('{"revision": 105}', "not a simulator EEPROM"),
+        (lambda good: {**good, "revision": 105}, "revision 105"),
+        (lambda good: {**good, "active": 9}, "incomplete"),
+        (lambda good: {**good, "mixer": "00"}, "incomplete"),
+        (lambda good: {**good, "sets": {"1": good["sets"]["1"]}}, "incomplete"),
+    ],
+)
 def test_a_damaged_eeprom_file_is_named(tmp_path, spoil, says):
     path = tmp_path / "fc.json"
     Eeprom(106, path).save()

@@ -10,12 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mkdaemon.telemetry.sim_faults import FAULTS
-from mksim.config import BatteryConfig, FlightConfig, SensorConfig, WindClass
+from mksim.config import FlightConfig, SensorConfig, WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
-from mksim.physics.hand_flight import CircleFlight
 from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput, World
-
-from .steering import RcBoard
 
 HOVER = StickInput(0.0, 0.0, 0.0, 125.0, motors_running=True)
 QUIET = FlightConfig(wind=WindClass.NONE, sensors=SensorConfig.ideal())
@@ -182,18 +179,6 @@ def test_parameter_set_changes_the_tilt_of_a_count() -> None:
         return math.degrees(world.truth.pitch)
 
     assert tilt(10) / tilt(6) == pytest.approx(10 / 6, rel=0.05)
-
-
-def test_a_flight_draws_a_realistic_charge() -> None:
-    config = FlightConfig(battery=BatteryConfig(charge=0.5))
-    world = World(config, seed=1)
-    world.pilot.program = CircleFlight()
-    board = RcBoard(world)
-    board.run(60.0)
-    assert world.truth.airborne
-    used = world.sensors.battery_used_mah
-    assert used == pytest.approx(12.6 * 50.0 / 3.6, rel=0.15)
-    assert 14.0 < world.sensors.battery_voltage < 15.2
 
 
 STICKS = st.floats(-127, 127)

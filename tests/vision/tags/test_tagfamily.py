@@ -96,21 +96,6 @@ def test_opencv_draws_the_same_codes_upside_down(family):
         assert np.array_equal(cells(family.name, tag_id), np.rot90(drawn, 2))
 
 
-def test_bitmaps_have_a_black_border_and_their_distance():
-    for family in CLASSIC:
-        bitmaps = [cells(family.name, k) > 0 for k in range(0, family.ids, 7)]
-        for bitmap in bitmaps:
-            assert not bitmap[[0, -1]].any()
-            assert not bitmap[:, [0, -1]].any()
-        apart = [
-            int((a != np.rot90(b, turns)).sum())
-            for k, a in enumerate(bitmaps[:12])
-            for b in bitmaps[k + 1 : 12]
-            for turns in range(4)
-        ]
-        assert not apart or min(apart) >= distance(family)
-
-
 def test_bitmaps_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         cells("tag36h11", 0)[0, 0] = 255

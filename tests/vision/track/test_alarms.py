@@ -50,10 +50,6 @@ def test_one_image(image: Callable[[], np.ndarray], alarms: list[str]) -> None:
     assert ImageHealth(VGA).check(image()) == alarms
 
 
-def test_without_a_calibration_any_size_will_do() -> None:
-    assert ImageHealth(None).check(shot()[:100, :100]) == []
-
-
 def test_equal_images_are_a_frozen_camera() -> None:
     image, fresh = shot(), shot()
     health = ImageHealth(VGA)
