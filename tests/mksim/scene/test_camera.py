@@ -162,16 +162,7 @@ def test_frames_come_stamped_and_late() -> None:
     assert feed.dropped == 0
 
 
-def test_a_renderer_that_falls_behind_loses_numbered_frames() -> None:
-    feed = SceneFeed(SceneCamera(SceneConfig(), seed=1), lambda payload: None, seed=1)
-    truth, faults = truth_at(1.5), RunningFaults()
-    for k in range(5):
-        feed.tick(k / 30.0 + 1e-9, truth, faults)
-    assert feed.dropped == 4
-    feed.stop()
-
-
-def test_a_camera_that_is_off_takes_no_picture() -> None:
+def test_a_camera_that_is_off_takes_no_picture_and_a_renderer_that_falls_behind_loses_numbered_frames() -> None:
     feed = SceneFeed(SceneCamera(SceneConfig(), seed=1), lambda payload: None, seed=1)
     truth, faults = truth_at(1.5), RunningFaults()
     faults.start("camera_off")
@@ -180,6 +171,9 @@ def test_a_camera_that_is_off_takes_no_picture() -> None:
     faults.stop("camera_off")
     feed.tick(0.1, truth, faults)
     assert feed._slot.take(0.0) is not None
+    for k in range(6, 11):
+        feed.tick(k / 30.0 + 1e-9, truth, faults)
+    assert feed.dropped == 4
     feed.stop()
 
 

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import socketserver
+import struct
+import threading
+import time
+from collections.abc import Callable
 from threading import Event
+from typing import Self
 
+import cv2
+import numpy as np
 import pytest
 
 from mkdaemon.config.camera import CameraSection
@@ -12,8 +22,142 @@ from mkdaemon.vision.camera.camera import CameraStream
 from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from tests.bus.support import free_endpoint
-from tests.vision.camera.network_cameras import HEIGHT, WIDTH, HttpCamera, NetworkCamera, RtspCamera, jpeg
 from tests.vision.streams import wait_for_status
+
+WIDTH, HEIGHT = 160, 120
+RTP_CLOCK = 90000
+_JPEG = 26
+_CHUNK = 1300
+BOUNDARY = "image"
+
+
+def jpeg(number: int, width: int = WIDTH, height: int = HEIGHT) -> bytes:
+    """Picture `number`: its brightness tells it from the others."""
+    pixels = np.full((height, width, 3), 40 + 10 * (number % 20), np.uint8)
+    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
+
+
+class NetworkCamera(socketserver.ThreadingTCPServer):
+    """Accepts clients on a port of its own until it is left; every client gets its own pictures."""
+
+    allow_reuse_address = daemon_threads = True
+
+    def __init__(self, period: float, port: int = 0) -> None:
+        super().__init__(("127.0.0.1", port), socketserver.BaseRequestHandler)
+        self.period, self.port = period, self.server_address[1]
+        self._off = threading.Event()
+
+    def __enter__(self) -> Self:
+        threading.Thread(target=self.serve_forever, kwargs={"poll_interval": 0.01}, daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._off.set()
+        self.shutdown()
+        self.server_close()
+
+    def finish_request(self, request: socket.socket, client_address: object) -> None:
+        with contextlib.suppress(OSError):  # the client has gone
+            self.serve(request)
+
+    def serve(self, client: socket.socket) -> None:
+        """Talk to one client until it goes."""
+        raise NotImplementedError
+
+    def pictures(self):
+        """Numbers of pictures, one a period, until the camera is switched off."""
+        number = 0
+        while not self._off.wait(self.period):
+            number += 1
+            yield number
+
+
+class HttpCamera(NetworkCamera):
+    """Motion JPEG: no time stamps on the way.
+
+    Args:
+        period: between pictures [s].
+        port: any free one where it is 0.
+        picture: what picture number n is.
+    """
+
+    def __init__(self, period: float, port: int = 0, picture: Callable[[int], bytes] = jpeg) -> None:
+        super().__init__(period, port)
+        self._picture = picture
+
+    @property
+    def address(self) -> str:
+        return f"http://127.0.0.1:{self.port}/stream"
+
+    def serve(self, client: socket.socket) -> None:
+        client.recv(4096)
+        kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
+        client.sendall(f"HTTP/1.0 200 OK\r\nContent-Type: {kind}\r\n\r\n".encode())
+        for number in self.pictures():
+            content = self._picture(number)
+            head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(content)}\r\n\r\n"
+            client.sendall(head.encode() + content + b"\r\n")
+
+
+class RtspCamera(NetworkCamera):
+    """RTSP: the camera's clock is in every packet."""
+
+    @property
+    def address(self) -> str:
+        return f"rtsp://127.0.0.1:{self.port}/stream"
+
+    def serve(self, client: socket.socket) -> None:
+        reader = client.makefile("rb")
+        playing = False
+        while not playing:
+            lines = []
+            while line := reader.readline().strip():
+                lines.append(line.decode())
+            if not lines:
+                return
+            playing = lines[0].startswith("PLAY")
+            client.sendall(self._answer(lines))
+        began, sequence = time.monotonic(), 0
+        for number in self.pictures():
+            stamp = int((time.monotonic() - began + 1.0) * RTP_CLOCK) & 0xFFFFFFFF
+            for payload, is_last in packets(jpeg(number)):
+                head = struct.pack(">BBHII", 0x80, _JPEG | (0x80 if is_last else 0), sequence & 0xFFFF, stamp, 7)
+                sequence += 1
+                client.sendall(b"$\0" + struct.pack(">H", len(head) + len(payload)) + head + payload)
+
+    def _answer(self, lines: list[str]) -> bytes:
+        method = lines[0].split()[0]
+        count = next(line for line in lines if line.lower().startswith("cseq"))
+        head = ["RTSP/1.0 200 OK", count]
+        body = ""
+        if method == "DESCRIBE":
+            body = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=camera\r\nt=0 0\r\nm=video 0 RTP/AVP 26\r\na=control:track\r\n"
+            head += [f"Content-Base: {self.address}/", "Content-Type: application/sdp", f"Content-Length: {len(body)}"]
+        elif method == "SETUP":
+            head += ["Transport: RTP/AVP/TCP;unicast;interleaved=0-1", "Session: 1"]
+        elif method == "PLAY":
+            head += ["Session: 1"]
+        return ("\r\n".join(head) + "\r\n\r\n" + body).encode()
+
+
+def packets(content: bytes):
+    """Cut a baseline 4:2:0 JPEG into RTP payloads, each with whether it is the last (RFC 2435, section 3)."""
+    tables, scan, at = b"", b"", 2
+    while not scan:
+        marker, size = content[at + 1], struct.unpack(">H", content[at + 2 : at + 4])[0]
+        segment = content[at + 4 : at + 2 + size]
+        if marker == 0xDB:
+            tables += b"".join(segment[k + 1 : k + 65] for k in range(0, len(segment), 65))
+        at += 2 + size
+        if marker == 0xDA:
+            scan = content[at:-2]
+    for offset in range(0, len(scan), _CHUNK):
+        part = scan[offset : offset + _CHUNK]
+        head = struct.pack(">I", offset) + bytes([1, 255, WIDTH // 8, HEIGHT // 8])
+        if offset == 0:
+            head += struct.pack(">BBH", 0, 0, len(tables)) + tables
+        yield head + part, offset + _CHUNK >= len(scan)
+
 
 PATIENCE = 60.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -21,6 +22,8 @@ from tests.vision.views import View, place, printed, shipped
 Grey = npt.NDArray[np.uint8]
 
 TAGS = TagMap((shipped("nested"),))
+NESTED = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
+READER = CodeReader(TAGS.whitelist, covered_cells(TAGS))
 CELL = 16
 PAPER, INK = 200.0, 30.0
 ROOM = 3
@@ -37,53 +40,48 @@ def glossy(bitmap: Grey, *, row: float, column: float, gain: float = 300.0, widt
     return np.ascontiguousarray(shown)
 
 
-def corners_of(bitmap: Grey) -> npt.NDArray[np.float64]:
-    """Corners of the black square in such an image, clockwise."""
-    first = 40 + ROOM * CELL - 0.5
-    last = first + len(bitmap) * CELL
+def box(first: float, last: float) -> npt.NDArray[np.float64]:
+    """Corners of an upright square, clockwise."""
     return np.array([[first, first], [last, first], [last, last], [first, last]])
+
+
+BLACK = box(40 + ROOM * CELL - 0.5, 40 + (ROOM + 8) * CELL - 0.5)
+"""Corners of the black square in such an image."""
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 @pytest.mark.parametrize("place", [(4.0, 4.0), (5.0, 3.0)])
 def test_a_print_with_a_highlight_over_its_middle_is_found(turns: int, place: tuple[float, float]) -> None:
     shown = np.ascontiguousarray(np.rot90(glossy(cells("tag36h11", 48), row=place[0], column=place[1]), turns))
-    detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
     whole = [look for look in (*FIRST, *looks_of(*shown.shape[::-1])) if look.view != "outline"]
-    assert all(detector.search(shown, *look) == [] for look in whole)
-    [found] = detector.search(shown, "outline")
+    assert all(NESTED.search(shown, *look) == [] for look in whole)
+    [found] = NESTED.search(shown, "outline")
     assert found.tag_id == 48
-    corners = corners_of(cells("tag36h11", 48))
-    size = len(shown) - 1
+    corners = BLACK
     for _ in range(turns):
-        corners = np.column_stack([corners[:, 1], size - corners[:, 0]])
+        corners = np.column_stack([corners[:, 1], len(shown) - 1 - corners[:, 0]])
     assert np.abs(found.corners - corners).max() < 1.5
 
 
 @pytest.mark.parametrize("other", [0, 47, 100, 300])
 def test_another_print_in_a_highlight_is_none(other: int) -> None:
-    reader = CodeReader(TAGS.whitelist, covered_cells(TAGS))
     bitmap = cells("tag36h11", other)
-    for column in np.arange(0.0, 9.0, 2.0):
-        for row in np.arange(0.0, 9.0, 2.0):
-            assert reader.read(glossy(bitmap, row=row, column=column), [corners_of(bitmap)]) == []
+    for column, row in itertools.product(np.arange(0.0, 9.0, 2.0), repeat=2):
+        assert READER.read(glossy(bitmap, row=row, column=column), [BLACK]) == []
 
 
 def test_a_cell_says_one_bit_at_most() -> None:
     """Random cells in a black border agree with a code as seldom as chance says: here never."""
-    reader = CodeReader({"tag36h11": frozenset(range(40))}, {})
-    rng = np.random.default_rng(3)
+    reader, rng = CodeReader({"tag36h11": frozenset(range(40))}, {}), np.random.default_rng(3)
     for _ in range(80):
-        bitmap = np.zeros((8, 8), np.uint8)
-        bitmap[1:-1, 1:-1] = 255 * rng.integers(0, 2, (6, 6))
-        assert reader.read(glossy(bitmap, row=4.0, column=4.0), [corners_of(bitmap)]) == []
+        bitmap = np.pad(255 * rng.integers(0, 2, (6, 6)).astype(np.uint8), 1)
+        assert reader.read(glossy(bitmap, row=4.0, column=4.0), [BLACK]) == []
 
 
-def test_blown_on_both_sides_of_a_line_says_nothing() -> None:
-    bitmap = cells("tag36h11", 48)
-    reader = CodeReader(TAGS.whitelist, {})
-    assert reader.read(glossy(bitmap, row=4.0, column=4.0, gain=0.0), [corners_of(bitmap)]) != []
-    assert reader.read(glossy(bitmap, row=4.0, column=4.0, width=4.0), [corners_of(bitmap)]) == []
+@pytest.mark.parametrize(("sun", "is_read"), [({"gain": 0.0}, True), ({"width": 4.0}, False)])
+def test_blown_on_both_sides_of_a_line_says_nothing(sun: dict[str, float], is_read: bool) -> None:
+    shown = glossy(cells("tag36h11", 48), row=4.0, column=4.0, **sun)
+    assert bool(CodeReader(TAGS.whitelist, {}).read(shown, [BLACK])) is is_read
 
 
 CODE = ("tag36h11", 48)
@@ -113,25 +111,19 @@ def test_a_tag_alone_is_covered_by_nothing() -> None:
 
 
 def test_covered_cells_are_not_read() -> None:
-    tags = TagMap((shipped("nested"),))
-    whole, blind = (CodeReader(tags.whitelist, covered) for covered in ({}, covered_cells(tags)))
-    assert read_outlines(flooded(20), whole) == []
-    [found] = read_outlines(flooded(20), blind)
+    assert read_outlines(flooded(20), CodeReader(TAGS.whitelist, {})) == []
+    [found] = read_outlines(flooded(20), READER)
     assert (found.family, found.tag_id, found.hamming) == (*CODE, 0)
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
 def test_a_nested_target_in_a_highlight_is_found(turns: int) -> None:
     """Ink of 150 to 238 beside paper that is blown, on dark ground; light spreads over the middle."""
-    print_ = np.pad(flooded(5), 40, constant_values=0).astype(np.float64)
-    ink = np.linspace(150.0, 238.0, print_.shape[1])[None, :]
-    ground = np.zeros(print_.shape, bool)
-    ground[:40], ground[-40:], ground[:, :40], ground[:, -40:] = True, True, True, True
-    lit = np.where(ground, 30.0, np.where(print_ > 0, 255.0, ink))
+    shown = flooded(5).astype(np.float64)
+    ink = np.linspace(150.0, 238.0, shown.shape[1] + 80)[None, 40:-40]
+    lit = np.pad(np.where(shown > 0, 255.0, ink), 40, constant_values=30.0)
     image = np.rot90(cv2.GaussianBlur(lit, (0, 0), 0.7), turns).round().astype(np.uint8)
-    tags = TagMap((shipped("nested"),))
-    detector = Detector(tags.whitelist, covered=covered_cells(tags))
-    assert [found.tag_id for found in detector.search(np.ascontiguousarray(image), "outline")] == [48]
+    assert [found.tag_id for found in NESTED.search(np.ascontiguousarray(image), "outline")] == [48]
 
 
 TARGET = shipped("single")
@@ -168,6 +160,10 @@ FINE, SHEET = 24, 3
 LIT_PAPER, LIT_INK = 230.0, 30.0
 
 
+BESIDE = ((4.0, -1.0), (4.0, 9.0), (-1.0, 4.0), (9.0, 4.0))
+"""Row and column of a mirrored sun over one side of a print each."""
+
+
 def seen(
     corners: Array, *, at: tuple[float, float] = (0.0, 0.0), gain: float = 0.0, width: float = 3.0, tag_id: int = 48
 ) -> Grey:
@@ -177,8 +173,8 @@ def seen(
     y, x = (np.indices(lit.shape) + 0.5) / FINE - SHEET
     lit += gain * np.exp(-((x - at[1]) ** 2 + (y - at[0]) ** 2) / (2 * width**2))
     first, last = SHEET * FINE - 0.5, (SHEET + 8) * FINE - 0.5
-    square = np.array([[first, first], [last, first], [last, last], [first, last]], dtype=np.float32)
-    image_from_print = cv2.getPerspectiveTransform(square, (corners * 2 + 0.5).astype(np.float32))
+    upright, moved = (one.astype(np.float32) for one in (box(first, last), corners * 2 + 0.5))
+    image_from_print = cv2.getPerspectiveTransform(upright, moved)
     large = cv2.warpPerspective(lit, image_from_print, (640, 480), flags=cv2.INTER_AREA, borderValue=(70.0,))
     image = cv2.GaussianBlur(cv2.resize(large, (320, 240), interpolation=cv2.INTER_AREA), (0, 0), 0.7)
     noise = np.random.default_rng(5).normal(0.0, 1.5, image.shape)
@@ -197,19 +193,17 @@ def square(side: float, degrees: float, stretch: float = 1.0) -> Array:
 def test_an_outline_is_as_long_along_diagonals_as_along_rows(degrees: float) -> None:
     """However a small square is turned: the points of a diagonal are farther apart."""
     corners = square(41.0, degrees)
-    [found] = read_outlines(seen(corners), CodeReader(TAGS.whitelist, covered_cells(TAGS)))
+    [found] = read_outlines(seen(corners), READER)
     assert found.tag_id == 48
     assert np.abs(found.corners - corners).max() < 1.5
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
 @pytest.mark.parametrize("stretch", [0.8, 1.0, 1.25])
-@pytest.mark.parametrize("at", [(4.0, -1.0), (4.0, 9.0), (-1.0, 4.0), (9.0, 4.0)])
+@pytest.mark.parametrize("at", BESIDE)
 def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], stretch: float, degrees: float) -> None:
     corners = square(100.0, degrees, stretch)
-    image = seen(corners, at=at, gain=450.0, width=2.0)
-    detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
-    [found] = detector.search(image, "outline")
+    [found] = NESTED.search(seen(corners, at=at, gain=450.0, width=2.0), "outline")
     assert found.tag_id == 48
     # what is blown leaves the far corners to the cells: a third of a cell
     assert np.abs(found.corners - corners).max() < 100.0 * max(stretch, 1.0) / 24
@@ -217,15 +211,12 @@ def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], 
 
 @pytest.mark.parametrize("tag_id", [0, 100])
 def test_another_print_with_one_side_in_a_highlight_is_none(tag_id: int) -> None:
-    detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
-    for at in ((4.0, -1.0), (4.0, 9.0), (-1.0, 4.0), (9.0, 4.0)):
-        for degrees in (0.0, 20.0, 45.0):
-            image = seen(square(100.0, degrees), at=at, gain=450.0, width=2.0, tag_id=tag_id)
-            assert detector.search(image, "outline") == []
+    for at, degrees in itertools.product(BESIDE, (0.0, 20.0, 45.0)):
+        image = seen(square(100.0, degrees), at=at, gain=450.0, width=2.0, tag_id=tag_id)
+        assert NESTED.search(image, "outline") == []
 
 
 def test_a_sheet_without_a_print_has_no_open_quads() -> None:
-    detector = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
     image = np.full((240, 320), 70, np.uint8)
     cv2.fillPoly(image, [square(120.0, 20.0).astype(np.int32)], (255,))
-    assert detector.search(image, "outline") == []
+    assert NESTED.search(image, "outline") == []

@@ -26,6 +26,7 @@ from mkdaemon.vision.track.attitude import (
     ImageSight,
     angle_of,
     fuse_normal,
+    turn_between,
     without_normal,
 )
 from mkdaemon.vision.track.branches import Branches
@@ -35,12 +36,47 @@ from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
 from mksim.scene.view import CameraView
-from tests.vision.track.decks import Deck
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped, start_at
 
 DOWN = LOOKING_DOWN.flu_from_cam.T
 SHARP = np.radians(0.2)
 AHEAD = np.eye(3)
+
+
+PIXELS = np.zeros((2, 2), np.uint8)
+
+
+class Deck:
+    """What images taught of a deck and an attitude that is exact from image to image."""
+
+    def __init__(self) -> None:
+        self.level = LevelKnowledge(True, LOOKING_DOWN, TrackerSection(attitude_sd_deg=1e-6))
+
+    def measured(self, time: float, enu_from_flu: np.ndarray, normal: np.ndarray, sd: float) -> None:
+        """An image whose fit knows a normal `(3,)` [ENU] by a deviation of each axis [rad]."""
+        seen = self._seen(time, enu_from_flu)
+        level = seen.enu_from_cam.T
+        rotation = turn(level, turn_between(level[:, 2], level @ normal / np.linalg.norm(normal)))
+        spread = np.diag([1e-6] * 3 + [sd**2] * 3)
+        self.level.learn(seen, Pose(rotation, np.array([0.0, 0.0, 1.0]), spread, "edges", 99, 0.1))
+
+    def normal(self, time: float, enu_from_flu: np.ndarray) -> np.ndarray:
+        """The normal expected `(3,)` [ENU]."""
+        seen = self._seen(time, enu_from_flu)
+        return seen.enu_from_cam @ self.level.vertical(seen).up
+
+    def sd(self, time: float, enu_from_flu: np.ndarray) -> float:
+        """Its deviation [rad]."""
+        return self.level.vertical(self._seen(time, enu_from_flu)).spread
+
+    def is_contradicted_at(self, time: float) -> bool:
+        """Whether the attitude is left out of an image."""
+        seen = self._seen(time, np.eye(3))
+        return self.level.sight(seen) is not seen
+
+    @staticmethod
+    def _seen(time: float, enu_from_flu: np.ndarray) -> ImageSight:
+        return ImageSight(PIXELS, time, enu_from_flu @ LOOKING_DOWN.flu_from_cam)
 
 
 def pose_of(rotation: np.ndarray, angle_variance: float = 1e-6) -> Pose:
