@@ -4,15 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.client.teleop.pads import TestedPad
+from tests.client.teleop.pads import TestedPad, flown_pad
 
-
-@pytest.fixture
-def pad() -> TestedPad:
-    return TestedPad()
-
-
-@pytest.fixture
-def flown(pad: TestedPad) -> TestedPad:
-    pad.fly()
-    return pad
+pad = pytest.fixture(lambda: TestedPad(), name="pad")
+flown = pytest.fixture(lambda: flown_pad(), name="flown")

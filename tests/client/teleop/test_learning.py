@@ -9,8 +9,6 @@ import pytest
 
 from mkdaemon.client.teleop.learning import (
     BUTTONS,
-    CALM,
-    MOVED,
     STICKS,
     is_calm,
     mapping_text,
@@ -34,9 +32,9 @@ def below(value):
         ({"A": 0.0, "B": 0.0}, {"A": 0.9, "B": -0.6}, "A"),
         ({"A": -1.0, "B": 0.9}, {"A": 1.0, "B": 0.9}, "A"),  # a trigger rests at its end
         ({"A": 1.0}, {"A": 0.4}, "-A"),
-        ({"A": 0.0}, {"A": MOVED}, "A"),
-        ({"A": 0.0}, {"A": below(MOVED)}, None),
-        ({"A": 0.0}, {"A": -MOVED}, "-A"),
+        ({"A": 0.0}, {"A": 0.5}, "A"),
+        ({"A": 0.0}, {"A": below(0.5)}, None),
+        ({"A": 0.0}, {"A": -0.5}, "-A"),
         ({}, {"A": 0.6}, "A"),  # nobody had asked for it yet: it rests in the middle
         ({}, {"A": -0.6}, "-A"),
         ({}, {"A": 0.7, "B": -0.6}, "A"),
@@ -66,9 +64,9 @@ def test_button_or_half_of_an_axis_that_was_pressed_is_found(rest, now, before, 
 @pytest.mark.parametrize(
     ("rest", "now", "buttons", "calm"),
     [
-        ({"A": 0.0}, {"A": below(CALM)}, NOTHING, True),
-        ({"A": 0.0}, {"A": CALM}, NOTHING, False),
-        ({"A": -1.0}, {"A": -1.0 + 0.9 * CALM}, NOTHING, True),
+        ({"A": 0.0}, {"A": below(0.15)}, NOTHING, True),
+        ({"A": 0.0}, {"A": 0.15}, NOTHING, False),
+        ({"A": -1.0}, {"A": -1.0 + 0.13}, NOTHING, True),
         ({"A": 0.0, "B": 0.0}, {"A": 0.0, "B": -0.2}, NOTHING, False),
         ({"A": 0.0}, {"A": 0.0}, frozenset({"B1"}), False),
         ({}, {"A": 0.1}, NOTHING, True),
@@ -114,7 +112,3 @@ def test_file_holds_what_was_answered_in_the_order_of_the_questions():
 )
 def test_name_of_a_pad_cannot_break_its_file(name, written):
     assert tomllib.loads(mapping_text(name, "0000:0000", {}))["name"] == written
-
-
-def test_half_of_the_way_is_a_movement_and_a_tremble_is_none():
-    assert (MOVED, CALM) == (0.5, 0.15)
