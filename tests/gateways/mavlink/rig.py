@@ -142,6 +142,11 @@ class FakeVehicle:
         self.lease_now, self.report = None, PreflightReport(is_ready=True, findings=())
         self.settings = self.waypoints = self.route = self.navi = _Calls(self)
 
+    @property
+    def done(self):
+        """The names of all calls."""
+        return [name for name, *_ in self.calls]
+
     async def call(self, name, *arguments, **options):
         """Answer one call."""
         on_progress = options.pop("on_progress", None)
@@ -273,7 +278,7 @@ class Ears:
         self.heard.clear()
         self.say(mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
         await beat(self, seconds)
-        return [message.type for message in self.named("MISSION_ACK")]
+        return self.results
 
     async def download(self):
         """Ask for a mission; its items."""
@@ -290,6 +295,11 @@ class Ears:
     def acks(self):
         """Command and result of every COMMAND_ACK."""
         return [(message.command, message.result) for message in self.named("COMMAND_ACK")]
+
+    @property
+    def results(self):
+        """Of every MISSION_ACK."""
+        return [message.type for message in self.named("MISSION_ACK")]
 
     @property
     def words(self):

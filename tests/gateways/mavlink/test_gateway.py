@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from itertools import pairwise
+from typing import NamedTuple
 
 import pytest
 from pymavlink.dialects.v20 import all as mavlink
@@ -23,9 +24,11 @@ from tests.gateways.mavlink import rig
 from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
-TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM, START = 22, 21, 20, 192, 176, 400, 300
+TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM, START, HOLD, ROI = 22, 21, 20, 192, 176, 400, 300, 17, 195
+STANDARD_MODE, PREARM = mavlink.MAV_CMD_DO_SET_STANDARD_MODE, mavlink.MAV_CMD_RUN_PREARM_CHECKS
 ON_GROUND = rig.flight(is_flying=False)
 STANDING = rig.flight(is_flying=False, motors_running=False)
+NAN = float("nan")
 
 
 def flying(gateway, kind):
@@ -106,7 +109,7 @@ async def test_a_message_at_another_rate_never_and_as_before(gateway, ears):
     assert ears.named("MESSAGE_INTERVAL")[-1].interval_us == 40_000
     ears.command(511, 9999, 1000)
     ears.command(511, 0, 1000)
-    ears.command(511, attitude, float("nan"))
+    ears.command(511, attitude, NAN)
     assert [result for _, result in ears.acks[-3:]] == [UNSUPPORTED, DENIED, DENIED]
 
 
@@ -163,26 +166,24 @@ async def test_nothing_is_answered_to_ourselves_or_others(gateway):
 
 
 @virtually
-async def test_take_off_is_acknowledged_when_it_begins_and_streamed_until_the_station_is_silent():
-    vehicle = FakeVehicle()
+async def test_take_off_is_acknowledged_when_it_begins_and_streamed_until_the_station_is_silent(vehicle, gateway, ears):
     vehicle.engages = 40
-    async with serving(vehicle, values=(*rig.EVERYTHING, ON_GROUND)) as gateway:
-        ears = Ears(gateway)
-        ears.command(TAKE_OFF, *[float("nan")] * 6, 2.0)
-        await beat(ears, 2.0)
-        assert ears.acks[0] == (TAKE_OFF, IN_PROGRESS) and ears.acks[-1] == (TAKE_OFF, ACCEPTED)
-        assert {(kind, fields["height"]) for _, kind, fields in vehicle.setpoints} == {("takeoff", 2.0)}
-        flying(gateway, "takeoff")
-        await asyncio.sleep(1.0)
-        assert vehicle.lease_now is not None
-        await asyncio.sleep(2.0)
-        assert vehicle.lease_now is None and vehicle.calls[-1][0] == "give back"
-        assert "silent" in ears.words
+    gateway.value_arrived(ON_GROUND)
+    ears.command(TAKE_OFF, *[NAN] * 6, 2.0)
+    await beat(ears, 2.0)
+    assert ears.acks[0] == (TAKE_OFF, IN_PROGRESS) and ears.acks[-1] == (TAKE_OFF, ACCEPTED)
+    assert {(kind, fields["height"]) for _, kind, fields in vehicle.setpoints} == {("takeoff", 2.0)}
+    flying(gateway, "takeoff")
+    await asyncio.sleep(1.0)
+    assert vehicle.lease_now is not None
+    await asyncio.sleep(2.0)
+    assert vehicle.lease_now is None and vehicle.done[-1] == "give back"
+    assert "silent" in ears.words
 
 
 @virtually
 async def test_a_connection_that_ends_gives_the_aircraft_back_at_once(vehicle, gateway, ears):
-    ears.command(17)
+    ears.command(HOLD)
     await beat(ears, 0.5)
     assert gateway.steering.is_flying
     gateway.links.remove(ears.station)
@@ -190,22 +191,92 @@ async def test_a_connection_that_ends_gives_the_aircraft_back_at_once(vehicle, g
     assert vehicle.lease_now is None
 
 
-@pytest.mark.parametrize(
-    ("refusals", "result"),
-    [
-        ({"lease": refuse(Token.LEASE_HELD, holder="somebody", left=3.0)}, REJECTED),
-        ({"lease": refuse(Token.GATE_SHUT)}, DENIED),
-        ({"lease": MkError("no daemon")}, FAILED),
-    ],
-)
+class Order(NamedTuple):
+    """A command: what is acknowledged, called and streamed then, and the words of it ("" for none).
+
+    `known` arrived before, `refused` is why the daemon refuses its first call, `link` has the station's numbers.
+    """
+
+    command: int
+    params: tuple = ()
+    result: int = ACCEPTED
+    calls: tuple = ()
+    kind: str | None = None
+    fields: dict | None = None
+    words: str | None = None
+    refused: MkError | None = None
+    known: tuple = ()
+    link: Numbering = Numbering.PX4
+    frame: int | None = None
+
+
+LEASE = ("lease",)
+HELD, SHUT, NO_DAEMON = refuse(Token.LEASE_HELD, holder="somebody", left=3.0), refuse(Token.GATE_SHUT), MkError("none")
+ORDERS = {
+    "a lease somebody holds": Order(LAND, (), REJECTED, LEASE, words=words_of(HELD), refused=HELD),
+    "a gate that is shut": Order(LAND, (), DENIED, LEASE, words=words_of(SHUT), refused=SHUT),
+    "no daemon": Order(LAND, (), FAILED, LEASE, words=words_of(NO_DAEMON), refused=NO_DAEMON),
+    "armed already": Order(ARM, (1,), words=""),
+    "disarmed already": Order(ARM, (0,), words="", known=(STANDING,)),
+    "arm": Order(ARM, (1,), calls=("request",), words="", known=(STANDING,)),
+    "arm, not enabled": Order(
+        *(ARM, (1,), DENIED, ("request",)), refused=refuse(Token.NOT_ENABLED, name="x", option="y"), known=(STANDING,)
+    ),
+    "disarm by force": Order(ARM, (0, 21196), calls=("stop",), words=""),
+    "disarm in flight": Order(ARM, (0,), DENIED, ("stop",), refused=refuse(Token.FLYING_STOP)),
+    "a place of the local frame": Order(
+        *(REPOSITION, (0, 0, 0, 0, 10_000, 20_000, -2), ACCEPTED, LEASE, "position"),
+        *({"position": (2.0, 1.0, 2.0), "yaw": 1.5708},), frame=1,
+    ),
+    "a place to look at": Order(
+        *(ROI, (0, 0, 0, 0, 10_000, 3_000, 0), ACCEPTED, LEASE, "position"),
+        *({"position": (0.3, -0.2, 2.0), "yaw": 1.5708},), frame=1,
+    ),
+    "hold": Order(HOLD, (), ACCEPTED, LEASE, "hold"),
+    "return": Order(RTL, known=(rig.navi(waypoints=0),)),
+    "return, while it holds a list": Order(RTL, (), DENIED, words="holds 3 points", known=(rig.navi(waypoints=3),)),
+    "QGroundControl's take-off, above the sea": Order(
+        TAKE_OFF, (-1, 0, 0, NAN, NAN, NAN, 12.5), ACCEPTED, LEASE, "takeoff", {"height": 3.0}, link=Numbering.AS_PX4
+    ),
+    "QGroundControl's pause": Order(
+        REPOSITION, (-1, 1, 0, NAN, NAN, NAN, NAN), ACCEPTED, LEASE, "hold", link=Numbering.AS_PX4
+    ),
+    "mode return": Order(SET_MODE, (1, 4, 5)),
+    "mode RTL of ArduPilot": Order(SET_MODE, (1, 6), link=Numbering.ARDUPILOT),
+    "mode mission": Order(SET_MODE, (1, 4, 4), calls=("start",)),
+    "mode stabilized": Order(SET_MODE, (1, 7, 0)),
+    "mode altitude": Order(SET_MODE, (1, 2, 0), DENIED),
+    "mode position, without sticks": Order(SET_MODE, (1, 3, 0), DENIED),
+    "mode offboard, without a stream": Order(SET_MODE, (1, 6, 0), DENIED),
+    "mode hold": Order(SET_MODE, (1, 4, 3), ACCEPTED, LEASE, "hold"),
+    "mode land, in one number": Order(SET_MODE, (1, 4 << 16 | 6 << 24), ACCEPTED, LEASE, "land"),
+    "mode take-off": Order(SET_MODE, (1, 4, 2), ACCEPTED, LEASE, "takeoff"),
+    "base mode stabilized": Order(SET_MODE, (16,)),
+    "base mode auto": Order(SET_MODE, (4,), calls=("start",)),
+    "base mode guided": Order(SET_MODE, (8,), ACCEPTED, LEASE, "hold"),
+    "base mode test": Order(SET_MODE, (2,), DENIED),
+    "standard mode mission": Order(STANDARD_MODE, (mavlink.MAV_STANDARD_MODE_MISSION,), calls=("start",)),
+    **{f"command {number}": Order(number, (), DENIED) for number in (179, 178, 224, 241, 246, 185, 209)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ORDERS.values(), ids=ORDERS)
 @virtually
-async def test_a_refusal_is_told_in_the_daemons_words(vehicle, gateway, ears, refusals, result):
-    vehicle.refusals = refusals
-    ears.command(LAND)
+async def test_a_command_is_done_or_refused_in_words(vehicle, gateway, order):
+    vehicle.refusals = dict.fromkeys(order.calls, order.refused)
+    for value in order.known:
+        gateway.value_arrived(value)
+    ears = Ears(gateway, order.link)
+    ears.command(order.command, *order.params, frame=order.frame)
     await beat(ears, 0.5)
-    assert ears.acks == [(LAND, result)]
-    error = refusals["lease"]
-    assert ears.words == words_of(error) and gateway.steering.order is None
+    assert ears.acks[-1:] == [(order.command, order.result)] and vehicle.done == list(order.calls)
+    assert ears.words or order.result != DENIED
+    assert order.words is None or (order.words in ears.words and bool(order.words) == bool(ears.words))
+    streamed = dict.fromkeys(kind for _, kind, _ in vehicle.setpoints)
+    assert list(streamed) == [order.kind] * (order.kind is not None)
+    assert (gateway.steering.order is None) == (order.kind is None)
+    for name, wanted in (order.fields or {}).items():
+        assert vehicle.setpoints[-1][2][name] == pytest.approx(wanted, abs=1e-3)
 
 
 @virtually
@@ -257,112 +328,22 @@ async def test_the_same_command_is_done_once(vehicle, ears):
     assert ears.acks[0] == (START, IN_PROGRESS) and ears.acks[-1] == (START, ACCEPTED)
     ears.command(START, confirmation=2)
     await beat(ears, 1.5)
-    assert [name for name, *_ in vehicle.calls] == ["start"] and ears.acks[-1] == (START, ACCEPTED)
-
-
-@pytest.mark.parametrize(
-    ("flight", "params", "refusals", "result", "called"),
-    [
-        (rig.flight(), (1,), {}, ACCEPTED, []),
-        (STANDING, (0,), {}, ACCEPTED, []),
-        (STANDING, (1,), {}, ACCEPTED, ["request"]),
-        (STANDING, (1,), {"request": refuse(Token.NOT_ENABLED, name="x", option="y")}, DENIED, ["request"]),
-        (rig.flight(), (0, 21196), {}, ACCEPTED, ["stop"]),
-        (rig.flight(), (0,), {"stop": refuse(Token.FLYING_STOP)}, DENIED, ["stop"]),
-    ],
-)  # fmt: skip
-@virtually
-async def test_motors_are_the_pilots(flight, params, refusals, result, called):
-    vehicle = FakeVehicle()
-    vehicle.refusals = refusals
-    async with serving(vehicle, values=(flight, rig.HEALTH)) as gateway:
-        ears = Ears(gateway)
-        ears.command(ARM, *params)
-        await beat(ears, 0.2)
-        assert ears.acks == [(ARM, result)] and [name for name, *_ in vehicle.calls] == called
-        assert bool(ears.words) is (result == DENIED)
-
-
-@pytest.mark.parametrize(
-    ("command", "params", "frame", "kind", "fields"),
-    [
-        (REPOSITION, (0, 0, 0, 0, 10_000, 20_000, -2), 1, "position", {"position": (2.0, 1.0, 2.0), "yaw": 1.5708}),
-        (195, (0, 0, 0, 0, 10_000, 3_000, 0), 1, "position", {"position": (0.3, -0.2, 2.0), "yaw": 1.5708}),
-        (17, (), None, "hold", {}),
-        (193, (0,), None, "hold", {}),
-    ],
-)
-@virtually
-async def test_places_of_the_local_frame_are_flown_by_the_daemon(
-    vehicle, gateway, ears, command, params, frame, kind, fields
-):
-    if command == 193:
-        ears.command(17)
-        await beat(ears, 0.3)
-        vehicle.setpoints.clear()
-        flying(gateway, "hold")
-    ears.command(command, *params, frame=frame)
-    await beat(ears, 0.5)
-    assert ears.acks[-1] == (command, ACCEPTED)
-    found = vehicle.setpoints[-1]
-    assert found[1] == kind
-    for name, wanted in fields.items():
-        assert found[2][name] == pytest.approx(wanted, abs=1e-3)
+    assert vehicle.done == ["start"] and ears.acks[-1] == (START, ACCEPTED)
 
 
 @virtually
 async def test_a_place_on_the_globe_is_the_navictrls(vehicle, ears):
-    ears.command(REPOSITION, -1, 0, 0, float("nan"), 532_301_000, 74_600_000, 5.0, frame=6)
+    ears.command(REPOSITION, -1, 0, 0, NAN, 532_301_000, 74_600_000, 5.0, frame=6)
     ears.command(REPOSITION, -1, 0, 0, 0.0, 532_301_000, 74_600_000, 19.5, frame=0)
     await beat(ears, 0.3)
     name, (place,), options = vehicle.calls[0]
     assert name == "target" and place == pytest.approx((66.8, 11.1, 5.0), abs=0.1) and options["heading_deg"] is None
     assert "coming home" in ears.words
-    ears.command(17)
+    ears.command(HOLD)
     await beat(ears, 0.3)
     ears.command(REPOSITION, -1, 0, 0, 0.0, 532_301_000, 74_600_000, 19.5, frame=0)
     await beat(ears, 0.2)
     assert ears.acks[-1] == (REPOSITION, DENIED)
-
-
-@pytest.mark.parametrize(
-    ("numbering", "params", "result", "called"),
-    [
-        (Numbering.PX4, (1, 4, 5), ACCEPTED, []),
-        (Numbering.ARDUPILOT, (1, 6), ACCEPTED, []),
-        (Numbering.PX4, (1, 4, 4), ACCEPTED, ["start"]),
-        (Numbering.PX4, (1, 7, 0), ACCEPTED, []),
-        (Numbering.PX4, (1, 2, 0), DENIED, []),
-        (Numbering.PX4, (1, 3, 0), DENIED, []),
-        (Numbering.PX4, (1, 6, 0), DENIED, []),
-        (Numbering.PX4, (1, 4, 3), ACCEPTED, ["lease"]),
-        (Numbering.PX4, (1, 4 << 16 | 6 << 24), ACCEPTED, ["lease"]),
-        (Numbering.PX4, (1, 4, 2), ACCEPTED, ["lease"]),
-        (Numbering.PX4, (16,), ACCEPTED, []),
-        (Numbering.PX4, (4,), ACCEPTED, ["start"]),
-        (Numbering.PX4, (8,), ACCEPTED, ["lease"]),
-        (Numbering.PX4, (2,), DENIED, []),
-    ],
-)
-@virtually
-async def test_modes_are_entered(vehicle, gateway, numbering, params, result, called):
-    ears = Ears(gateway, numbering)
-    ears.command(SET_MODE, *params)
-    await beat(ears, 0.3)
-    assert ears.acks == [(SET_MODE, result)]
-    assert [name for name, *_ in vehicle.calls] == called
-    if result == DENIED:
-        assert ears.words
-
-
-@virtually
-async def test_the_old_message_sets_modes_too_and_standard_modes_do(vehicle, ears):
-    ears.say(mavlink.MAVLink_set_mode_message(1, 1, 4 << 16 | 5 << 24))
-    await beat(ears, 0.2)
-    ears.command(262, mavlink.MAV_STANDARD_MODE_MISSION)
-    await beat(ears, 0.2)
-    assert [name for name, *_ in vehicle.calls] == ["start"]
-    assert ears.acks == [(SET_MODE, ACCEPTED), (262, ACCEPTED)]
 
 
 def offboard(north):
@@ -405,7 +386,7 @@ async def test_setpoints_of_another_station_are_not_flown(vehicle, gateway):
     other.command(SET_MODE, 1, 6, 0)
     await beat(other, 0.1, lambda: other.say(offboard(5.0)))
     assert vehicle.setpoints == [] and other.acks == [(SET_MODE, REJECTED)]
-    other.command(17)  # but it may order hold
+    other.command(HOLD)  # but it may order hold
     await beat(other, 0.3)
     assert vehicle.setpoints[-1][1] == "hold"
 
@@ -433,19 +414,12 @@ async def test_a_hand_controller_flies_in_its_modes(vehicle, gateway, ears, para
     assert vehicle.lease_now is None and ears.acks[-1] == (SET_MODE, ACCEPTED)
 
 
-@pytest.mark.parametrize("command", [179, 178, 224, 241, 246, 185, 209])
-@virtually
-async def test_what_is_done_otherwise_is_said(ears, command):
-    ears.command(command)
-    assert ears.acks == [(command, DENIED)] and ears.words
-
-
 @virtually
 async def test_the_lease_is_given_back_at_the_end():
     vehicle = FakeVehicle()
     async with serving(vehicle) as gateway:
         ears = Ears(gateway)
-        ears.command(17)
+        ears.command(HOLD)
         await beat(ears, 0.3)
         assert vehicle.lease_now is not None
     assert vehicle.lease_now is None
@@ -460,14 +434,14 @@ async def test_the_checks_before_a_flight_are_told_one_by_one(vehicle, gateway, 
         for name, state, blocks in checks
     )
     vehicle.report = PreflightReport(is_ready=False, findings=findings)
-    ears.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+    ears.command(PREARM)
     await beat(ears, 0.2)
-    assert ears.acks == [(mavlink.MAV_CMD_RUN_PREARM_CHECKS, REJECTED)]  # the motors turn
+    assert ears.acks == [(PREARM, REJECTED)]  # the motors turn
     gateway.value_arrived(STANDING)
     ears.heard.clear()
-    ears.command(mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+    ears.command(PREARM)
     await beat(ears, 0.2)
-    assert ears.acks == [(mavlink.MAV_CMD_RUN_PREARM_CHECKS, ACCEPTED)]
+    assert ears.acks == [(PREARM, ACCEPTED)]
     told = [(message.text, message.severity) for message in ears.named("STATUSTEXT")]
     assert told == [("PreArm: gps: gps is bad. Mend it.", 4), ("PreArm: wind: wind is bad. Mend it.", 6)]
 
@@ -509,17 +483,16 @@ async def test_a_new_mode_is_in_a_heartbeat_at_once(gateway, ears):
 
 @virtually
 async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is(vehicle, gateway):
-    nan = float("nan")
     ears = Ears(gateway, Numbering.AS_PX4)
-    ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, 14.5)
+    ears.command(REPOSITION, -1, 1, 0, NAN, NAN, NAN, 14.5)
     await beat(ears, 0.1)
     assert ears.acks == [(REPOSITION, DENIED)] and "by the target in sight" in ears.words
-    ears.command(REPOSITION, -1, 1, 0, nan, nan, nan, nan)
+    ears.command(REPOSITION, -1, 1, 0, NAN, NAN, NAN, NAN)
     await beat(ears, 1.0)
     assert vehicle.setpoints[-1][1] == "hold"
-    for heading, height, wanted in ((nan, 14.5, 5.0), (0.0, nan, 2.0)):
+    for heading, height, wanted in ((NAN, 14.5, 5.0), (0.0, NAN, 2.0)):
         gateway.value_arrived(rig.ESTIMATE)
-        ears.command(REPOSITION, -1, 1, 0, heading, nan, nan, height)
+        ears.command(REPOSITION, -1, 1, 0, heading, NAN, NAN, height)
         await beat(ears, 0.5)
         _, kind, fields = vehicle.setpoints[-1]
         assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))

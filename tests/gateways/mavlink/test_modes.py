@@ -101,7 +101,10 @@ def test_pymavlink_names_the_numbers_of_a_link_with_ardupilots(mode, name):
     ],
 )
 def test_heartbeats(values, state):
-    beat = heartbeat(picture_of(*values), Mode.OFFBOARD, Numbering.PX4)
+    """QGroundControl offers no take-off, landing or go-to for a GENERIC autopilot (`FirmwarePlugin.h`, `isCapable`)."""
+    picture = picture_of(*values)
+    assert heartbeat(picture, Mode.OFFBOARD, Numbering.AS_PX4).autopilot == mavlink.MAV_AUTOPILOT_PX4
+    beat = heartbeat(picture, Mode.OFFBOARD, Numbering.PX4)
     assert (beat.system_status, beat.autopilot, beat.type) == (state, mavlink.MAV_AUTOPILOT_GENERIC, 2)
     is_armed = any(getattr(value, "motors_running", False) for value in values)
     assert bool(beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) is is_armed
