@@ -7,9 +7,7 @@ from contextlib import suppress
 
 from pydantic import ValidationError
 
-from mkdaemon.reading.known import key_of
-from tests.gateways.ros2 import samples
-from tests.view.page import flights
+from tests import samples
 from tools.top_picture import KNOWN
 
 ODD = (
@@ -21,17 +19,7 @@ ODD = (
 
 def known():
     """A value of each key."""
-    found = dict(flights.hovering(1.0))
-    for value in (
-        samples.frame("gray8"),
-        samples.setup(),
-        samples.tags(),
-        samples.vision_pose(),
-        samples.output(),
-        samples.position(),
-    ):
-        found[key_of(value)] = value
-    return found | KNOWN
+    return dict(samples.hovering(1.0)) | dict(samples.EVERY) | KNOWN
 
 
 def strange(count, seed=1):

@@ -25,8 +25,8 @@ from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
 from mkdaemon.reading.known import MOST_CAMERAS
 from mkdaemon.telemetry.state import Position
+from tests import samples
 from tests.gateways.mavlink.rig import ATTITUDE, beat, virtually
-from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
 from tests.gateways.strangers import strange
 

@@ -12,7 +12,7 @@ from mkdaemon.reading.facts import DEAD_RECKONING, EMPTY_CELL, RANKS, SIGHT, WEA
 from mkdaemon.reading.known import KEYS, SLOW_KEYS, key_of
 from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import PoseRefused
-from tests.view.page import flights
+from tests import samples
 from tools.top_picture import KNOWN
 
 NOW = 1000.0
@@ -114,7 +114,7 @@ def test_image_tag_and_pose_are_apart():
 
 def blind(image_age, age=0.0):
     reading = Reading()
-    for key, value in flights.hovering(1000.0):
+    for key, value in samples.hovering(1000.0):
         change = {"image_age": image_age} if key == "control/estimate" else {}
         reading.take(key, value.model_copy(update=change), NOW - (age if key == "control/estimate" else 0.0))
     return reading.at(NOW)

@@ -20,7 +20,7 @@ from mkdaemon.telemetry.link import FATES, Fates, LinkHealth, RoundTripStats, Wh
 from mkdaemon.view.page.picture import VehiclePicture
 from mkdaemon.view.report.facts import link_rows
 from mkdaemon.view.top.panels import VehicleBoard
-from tests.view.page.flights import link_state, stamp
+from tests.samples import link_state, stamp
 from tests.view.report.known import Tape
 from tests.view.report.test_pieces import read
 

@@ -9,14 +9,14 @@ from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.reading.diagnoses import DiagnosticLevel
 from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
+from tests import samples
 from tests.gateways.foxglove.viewer import complaints
-from tests.view.page import flights
 
 NAMES = Names("mk1")
 
 
 def battery(*, is_low):
-    return flights.battery(1.0, is_low=is_low)
+    return samples.battery(1.0, is_low=is_low)
 
 
 def shown(value):
@@ -28,7 +28,7 @@ def line_of(value, name):
 
 
 def test_what_it_stands_on_is_there():
-    status = line_of(flights.link_health(1.0), "link")
+    status = line_of(samples.link_health(1.0), "link")
     assert {"key": "echo.p99_ms", "value": "44"} in status["values"]
     assert {"key": "state.condition", "value": "up"} in status["values"]
     assert (status["level"], status["hardware_id"]) == (DiagnosticLevel.OK, "mk1")
@@ -46,7 +46,7 @@ def test_every_check_before_a_flight_is_a_line():
         found("disk", CheckState.PASSED, Blocks.AUTONOMY),
         found("eye", CheckState.UNKNOWN, Blocks.AUTONOMY),
     )
-    report = shown(ControlPreflight(stamp=flights.stamp(1.0), is_ready=False, findings=findings))
+    report = shown(ControlPreflight(stamp=samples.stamp(1.0), is_ready=False, findings=findings))
     assert [one["level"] for one in report["status"]] == [
         DiagnosticLevel.ERROR,
         DiagnosticLevel.WARN,
@@ -57,8 +57,8 @@ def test_every_check_before_a_flight_is_a_line():
 
 
 def test_the_time_is_the_values_and_other_values_say_nothing():
-    assert shown(flights.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
-    assert Diagnostics(NAMES)("state/attitude", flights.attitude(1.0)) is None
+    assert shown(samples.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
+    assert Diagnostics(NAMES)("state/attitude", samples.attitude(1.0)) is None
 
 
 def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
@@ -70,7 +70,7 @@ def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_with_the_ne
     show, shown_at = Diagnostics(NAMES), []
     for n in range(80):  # 4.94 s at 16 Hz, low from 2.56 s on; the voltage is another each time
         at, is_low = n / 16, n > 40
-        message = show("state/battery", flights.battery(at, is_low=is_low, voltage=15.0 + n * 0.01))
+        message = show("state/battery", samples.battery(at, is_low=is_low, voltage=15.0 + n * 0.01))
         if message is not None:
             line = next(line for line in json.loads(message)["status"] if line["name"] == "battery")
             shown_at.append((at, line["level"]))
@@ -80,10 +80,10 @@ def test_what_stays_as_it_is_is_shown_once_a_second_and_what_changes_with_the_ne
 
 def test_the_verdict_comes_first_and_a_part_that_falls_silent_is_stale():
     show = Diagnostics(NAMES)
-    lines = json.loads(show("control/status", flights.status(1.0)))["status"]
+    lines = json.loads(show("control/status", samples.status(1.0)))["status"]
     assert [line["name"] for line in lines] == ["verdict", "control"]
     show("state/battery", battery(is_low=False))
-    later = battery(is_low=False).model_copy(update={"stamp": flights.stamp(9.0)})
+    later = battery(is_low=False).model_copy(update={"stamp": samples.stamp(9.0)})
     lines = {line["name"]: line for line in json.loads(show("state/battery", later))["status"]}
     assert {name: line["level"] for name, line in lines.items()} == {"verdict": 1, "control": 3, "battery": 0}
     assert lines["verdict"]["message"] == "control silent for 8.0 s"

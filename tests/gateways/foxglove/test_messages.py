@@ -15,10 +15,10 @@ from mkdaemon.gateways.foxglove.names import LATEST, Names, pose, time_ns, times
 from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.state import Position
+from tests import samples
 from tests.gateways.foxglove.viewer import read
 from tests.reading import events
 from tests.values import made
-from tests.view.page import flights
 
 ONE, MANY = Names("mk1"), Names("mk1", "mk1/")
 PLACE = {"latitude_deg": 48.1, "longitude_deg": 11.5, "altitude": 520.0, "position_enu": (1.0, 2.0, 3.0)}
@@ -26,7 +26,7 @@ HOME = {"home_latitude_deg": 48.0, "home_longitude_deg": 11.4}
 
 
 def position(**change):
-    return made(Position, flights.stamp(5.0), **PLACE | HOME | change)
+    return made(Position, samples.stamp(5.0), **PLACE | HOME | change)
 
 
 def shown(convert, value, names=ONE):
@@ -82,10 +82,10 @@ def test_home_is_shown_once_and_when_it_changes():
 
 
 def test_an_image_is_sent_as_it_came_and_grey_pixels_as_png():
-    grey = shown(messages.compressed_image, flights.image(5.0, 1), MANY)
+    grey = shown(messages.compressed_image, samples.image(5.0, sequence=1), MANY)
     assert (grey["format"], grey["frame_id"]) == ("png", "mk1/camera/down")
     assert base64.b64decode(grey["data"]).startswith(b"\x89PNG\r\n")
-    jpeg = flights.image(5.0, 1).model_copy(update={"coding": "jpeg", "pixels": b"\xff\xd8"})
+    jpeg = samples.image(5.0, sequence=1).model_copy(update={"coding": "jpeg", "pixels": b"\xff\xd8"})
     assert shown(messages.compressed_image, jpeg)["data"] == base64.b64encode(b"\xff\xd8").decode()
 
 
@@ -94,17 +94,17 @@ def test_an_image_is_sent_as_it_came_and_grey_pixels_as_png():
     [("pinhole", "plumb_bob", (0.1, 0.2, 0.3, 0.4, 0.5)), ("fisheye", "kannala_brandt", (0.1, 0.2, 0.3, 0.4))],
 )
 def test_a_lens_is_a_calibration(model, theirs, distortion):
-    lens = flights.LENS.model_copy(update={"model": model, "distortion": distortion})
-    found = shown(messages.camera_calibration, flights.setup(5.0, lens=lens))
+    lens = samples.LENS.model_copy(update={"model": model, "distortion": distortion})
+    found = shown(messages.camera_calibration, samples.setup(5.0, lens=lens))
     assert (found["width"], found["height"], found["distortion_model"]) == (640, 480, theirs)
     assert found["D"] == list(distortion)
     assert found["K"] == [400.0, 0.0, 319.5, 0.0, 400.0, 239.5, 0.0, 0.0, 1.0]
     assert found["P"] == [400.0, 0.0, 319.5, 0.0, 0.0, 400.0, 239.5, 0.0, 0.0, 0.0, 1.0, 0.0]
-    assert messages.camera_calibration(ONE, flights.setup(5.0, lens=None)) is None
+    assert messages.camera_calibration(ONE, samples.setup(5.0, lens=None)) is None
 
 
 def test_tags_are_outlined_where_they_are_in_the_image():
-    found = shown(messages.tag_annotations, flights.tags(5.0, 1))
+    found = shown(messages.tag_annotations, samples.tags(5.0, sequence=1))
     ((outline,), (number,)) = found["points"], found["texts"]
     assert outline["type"] == "LINE_LOOP"
     assert outline["points"][0] == {"x": 200.5, "y": 100.5}  # pixel centres are at integers here, at halves there
@@ -113,7 +113,7 @@ def test_tags_are_outlined_where_they_are_in_the_image():
 
 
 def test_a_camera_saw_the_vehicle_in_the_frame_of_the_target():
-    found = shown(messages.seen_pose, flights.pose(5.0), MANY)
+    found = shown(messages.seen_pose, samples.pose(5.0), MANY)
     assert found["frame_id"] == "pad"
     assert found["pose"]["position"] == {"x": 0.0, "y": 0.0, "z": 2.0}
 
@@ -128,4 +128,4 @@ def test_events_and_refusals_are_lines_of_a_log(event, level):
 
 
 def test_what_is_no_event_is_no_line():
-    assert messages.log_line(ONE, flights.attitude(1.0)) is None
+    assert messages.log_line(ONE, samples.attitude(1.0)) is None

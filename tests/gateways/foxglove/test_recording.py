@@ -14,9 +14,9 @@ from mkdaemon.cli.mkctl.export import export
 from mkdaemon.client.export.values import ExportedValue, read_values
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.foxglove.recording import write
+from tests import samples
 from tests.gateways.foxglove.viewer import read
 from tests.places import CONFIGS, DATA
-from tests.view.page import flights
 
 OVER_TARGET = DATA / "recordings" / "fc_over_target.mcap"
 BY_GPS = DATA / "recordings" / "nc_lost_client.mcap"
@@ -69,7 +69,7 @@ def test_messages_have_the_times_and_numbers_of_the_recording(tmp_path):
 
 
 def test_a_second_vehicle_has_topics_of_its_own(tmp_path):
-    both = [value("state/attitude", flights.attitude(1.0)), value("state/attitude", flights.attitude(1.0), "mk2")]
+    both = [value("state/attitude", samples.attitude(1.0)), value("state/attitude", samples.attitude(1.0), "mk2")]
     write(both, tmp_path / "both.mcap", overwrite=False)
     topics = {topic for topic, *_ in messages_of(tmp_path / "both.mcap")}
     assert {"/state/attitude", "/tf", "/mk2/state/attitude", "/mk2/tf"} <= topics
@@ -77,7 +77,7 @@ def test_a_second_vehicle_has_topics_of_its_own(tmp_path):
 
 def test_a_file_is_whole_or_not_there_and_only_replaced_by_force(tmp_path):
     path = tmp_path / "shown.mcap"
-    good = value("state/attitude", flights.attitude(1.0))
+    good = value("state/attitude", samples.attitude(1.0))
     bad = ExportedValue("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")
     with pytest.raises(MkError, match=r"state/position of mk1 at .*--format csv takes every value"):
         write([good, bad], path, overwrite=False)

@@ -14,11 +14,11 @@ from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import PATH, VehicleScene, ellipsoid, print_of
 from mkdaemon.telemetry.control import ControlFence
+from tests import samples
 from tests.gateways.foxglove.test_whereabouts import position
 from tests.gateways.foxglove.viewer import read
-from tests.view.page import flights
 
-FENCE = ControlFence(stamp=flights.stamp(1.0), radius=5.0, height=6.0, floor=0.3)
+FENCE = ControlFence(stamp=samples.stamp(1.0), radius=5.0, height=6.0, floor=0.3)
 
 
 def update(scene, value):
@@ -36,7 +36,7 @@ def scene():
 
 
 def test_the_target_lies_where_its_file_says(scene):
-    target = entities(scene, flights.setup(1.0))["target"]
+    target = entities(scene, samples.setup(1.0))["target"]
     assert (target["frame_id"], target["frame_locked"]) == ("pad", True)
     paper, black = (np.array([[p[axis] for axis in "xyz"] for p in part["points"]]) for part in target["triangles"])
     assert len(black) == 3 * 6  # three black cells of four, two triangles each
@@ -50,28 +50,28 @@ def test_the_target_lies_where_its_file_says(scene):
 
 
 def test_vehicle_path_and_ellipsoid_come_with_the_places(scene):
-    scene("", flights.setup(0.9))
-    first = entities(scene, flights.estimate(1.0))
+    scene("", samples.setup(0.9))
+    first = entities(scene, samples.estimate(1.0))
     assert set(first) == {"vehicle", "ellipse"}
     assert (first["vehicle"]["frame_id"], first["ellipse"]["frame_id"]) == ("base_link", "map")
     ball = first["ellipse"]["spheres"][0]
     assert ball["size"] == pytest.approx({"x": 2 * SIGMAS * 0.02, "y": 2 * SIGMAS * 0.02, "z": 2 * SIGMAS * 0.01})
     assert ball["pose"]["position"] == pytest.approx({"x": 0.12, "y": -0.05, "z": 2.01})
-    assert entities(scene, flights.estimate(1.02)) == {}
-    second = entities(scene, flights.estimate(1.5, position=(1.0, 0.0, 2.0)))
+    assert entities(scene, samples.estimate(1.02)) == {}
+    second = entities(scene, samples.estimate(1.5, position=(1.0, 0.0, 2.0)))
     assert set(second) == {"path", "ellipse"}
     assert [point["x"] for point in second["path"]["lines"][0]["points"]] == [0.12, 1.0]
 
 
 def test_the_path_does_not_grow_for_ever(scene):
     for place in range(PATH + 10):
-        scene("", flights.estimate(0.25 * place))
-    last = entities(scene, flights.estimate(0.25 * PATH + 100.0))
+        scene("", samples.estimate(0.25 * place))
+    last = entities(scene, samples.estimate(0.25 * PATH + 100.0))
     assert len(last["path"]["lines"][0]["points"]) == PATH
 
 
 def test_a_goal_is_shown_for_as_long_as_it_is_told(scene):
-    goal = entities(scene, flights.error(1.0))["goal"]
+    goal = entities(scene, samples.error(1.0))["goal"]
     assert goal["lifetime"] == "1s"
     assert goal["spheres"][0]["pose"]["position"] == {"x": 0.15, "y": -0.09, "z": 2.0}
     here, there = goal["lines"][0]["points"]
@@ -88,13 +88,13 @@ def test_the_fence_is_as_wide_and_high_as_it_is(scene):
 
 
 def test_where_no_target_is_seen_any_more_nothing_of_it_stays(scene):
-    scene("", flights.setup(0.9))
-    scene("", flights.attitude(1.0))
-    scene("", flights.estimate(1.0))
+    scene("", samples.setup(0.9))
+    scene("", samples.attitude(1.0))
+    scene("", samples.estimate(1.0))
     gone = update(scene, position(7.0))
     assert {one["id"] for one in gone["deletions"]} == {"target", "path", "ellipse", "goal"}
     assert gone["entities"] == []
-    back = update(scene, flights.estimate(8.0))
+    back = update(scene, samples.estimate(8.0))
     assert {one["id"] for one in back["deletions"]} == {"target", "path", "ellipse", "goal"}
     assert {one["id"] for one in back["entities"]} == {"target", "ellipse"}
 
@@ -112,7 +112,7 @@ def test_an_ellipsoid_is_turned_and_stretched_as_its_covariance(values):
 
 
 def test_a_later_tag_lies_on_top(scene):
-    (shape,) = flights.setup(1.0).targets
+    (shape,) = samples.setup(1.0).targets
     low, high = print_of(shape.tags[0], 0.0), print_of(shape.tags[0], 0.001)
     heights = [{point["z"] for point in read(type(part).get_schema(), part.encode())["points"]} for part in low + high]
     assert max(heights[1]) < min(heights[2])

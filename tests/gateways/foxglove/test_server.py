@@ -29,9 +29,9 @@ from mkdaemon.record.reader import Recording
 from mkdaemon.stamp import nanoseconds
 from mkdaemon.telemetry.event import LogEvent
 from mkdaemon.telemetry.record import BusCounts
+from tests import samples
 from tests.gateways.foxglove.viewer import SUBPROTOCOL, complaints, viewing
 from tests.places import DATA
-from tests.view.page import flights
 
 TARGET = DATA / "recordings" / "fc_over_target.mcap"
 
@@ -77,7 +77,7 @@ async def flying(*names):
 
 async def test_what_is_advertised_can_be_read_and_says_what_it_is():
     async with flying("mk1") as (address, uav):
-        uav.put("vision/down/setup", flights.setup(1.0))
+        uav.put("vision/down/setup", samples.setup(1.0))
         async with viewing(address) as viewer:
             await wait_until(lambda: "/camera/down/image" in viewer.channels)
             assert viewer.info["name"] == "mkdaemon"
@@ -112,10 +112,10 @@ async def test_values_do_not_wait_for_the_loop_and_end_with_the_subscription():
         feed.follow(Vehicle(session, "mk1", "here"))
         for at, patterns in ((1.0, {"state/attitude"}), (2.0, {"state/*"}), (3.0, {"state/gps"}), (4.0, {"state/*"})):
             feed.want(patterns)
-            uav.put("state/attitude", flights.attitude(at))
+            uav.put("state/attitude", samples.attitude(at))
             session.delete("mk/mk1/state/attitude")
         feed.want(())
-        uav.put("state/attitude", flights.attitude(5.0))
+        uav.put("state/attitude", samples.attitude(5.0))
     assert taken == [1.0, 2.0, 4.0], "no turn of the loop between"
 
 
@@ -127,7 +127,7 @@ async def test_a_value_comes_once_however_many_channels_are_made_of_its_key():
         await wait_until(lambda: uav.is_watched("state/gps"))
         await asyncio.sleep(0.2)  # the narrow subscription ends behind the wide one
         for number in range(20):
-            uav.put("state/attitude", flights.attitude(1.0 + number))
+            uav.put("state/attitude", samples.attitude(1.0 + number))
         await wait_until(lambda: len(viewer.of("/state/attitude")) >= 20)
         await asyncio.sleep(0.2)
         assert [one["stamp"]["monotonic"] for one in viewer.of("/state/attitude")] == [1.0 + n for n in range(20)]
@@ -136,14 +136,14 @@ async def test_a_value_comes_once_however_many_channels_are_made_of_its_key():
 async def test_keys_that_come_later_are_found_by_what_the_daemon_counts(monkeypatch):
     monkeypatch.setattr(exhibit, "LOOK_PERIOD", 0.1)
     async with flying("mk1") as (address, uav), viewing(address) as viewer:
-        uav.put("bus/counts", BusCounts(stamp=flights.stamp(1.0), counts={"state/attitude": 5}))
+        uav.put("bus/counts", BusCounts(stamp=samples.stamp(1.0), counts={"state/attitude": 5}))
         await viewer.subscribe("/state/attitude")
         await wait_until(lambda: uav.asked.count("bus/counts") > 3)
         uav.asked.clear()
-        uav.put("vision/down/setup", flights.setup(2.0))
-        uav.put("rx/nc/osd", flights.alive(2.0))
+        uav.put("vision/down/setup", samples.setup(2.0))
+        uav.put("rx/nc/osd", samples.alive(2.0))
         counts = {"state/attitude": 9, "vision/down/setup": 1, "rx/nc/osd": 1}
-        uav.put("bus/counts", BusCounts(stamp=flights.stamp(2.0), counts=counts))
+        uav.put("bus/counts", BusCounts(stamp=samples.stamp(2.0), counts=counts))
         await wait_until(lambda: {"/camera/down/image", "/rx/nc/osd"} <= viewer.channels.keys())
         await wait_until(lambda: uav.asked.count("bus/counts") > 3)
         asked = [key for key in uav.asked if key != "bus/counts"]
@@ -152,9 +152,9 @@ async def test_keys_that_come_later_are_found_by_what_the_daemon_counts(monkeypa
 
 async def test_who_comes_is_given_the_last_values_and_nobody_else():
     async with flying("mk1") as (address, uav), viewing(address) as one, viewing(address) as other:
-        uav.put("event/log", LogEvent(stamp=flights.stamp(1.0), level="info", text="hello"))
-        uav.put("vision/down/setup", flights.setup(1.0))
-        uav.put("control/estimate", flights.estimate(2.0))
+        uav.put("event/log", LogEvent(stamp=samples.stamp(1.0), level="info", text="hello"))
+        uav.put("vision/down/setup", samples.setup(1.0))
+        uav.put("control/estimate", samples.estimate(2.0))
         await one.subscribe("/log", "/scene", "/control/estimate")
         await one.first("/log", "/scene", "/control/estimate")
         assert [line["message"] for line in one.of("/log")] == ["hello"]
@@ -162,7 +162,7 @@ async def test_who_comes_is_given_the_last_values_and_nobody_else():
         await other.subscribe("/log", "/scene")
         await other.first("/log")
         await wait_until(lambda: {"target", "vehicle"} <= {e["id"] for u in other.of("/scene") for e in u["entities"]})
-        uav.put("event/log", LogEvent(stamp=flights.stamp(3.0), level="info", text="again"))
+        uav.put("event/log", LogEvent(stamp=samples.stamp(3.0), level="info", text="again"))
         await wait_until(lambda: len(one.of("/log")) == len(other.of("/log")) == 2)
         assert [line["message"] for line in one.of("/log")] == ["hello", "again"]
 
@@ -173,7 +173,7 @@ async def test_values_that_go_back_in_time_begin_anew():
         await wait_until(lambda: uav.is_watched("control/estimate"))
         heights = (1.0, 2.0, 3.0)
         for at, height in zip((100.0, 50.0, 50.1), heights, strict=True):
-            uav.put("control/estimate", flights.estimate(at, position=(0.0, 0.0, height)))
+            uav.put("control/estimate", samples.estimate(at, position=(0.0, 0.0, height)))
         await wait_until(lambda: len(viewer.of("/pose")) == len(heights))
         assert [one["pose"]["position"]["z"] for one in viewer.of("/pose")] == list(heights)
         assert viewer.times == [nanoseconds(1.7e9 + at) for at in (100.0, 50.0, 50.1)]
@@ -184,8 +184,8 @@ async def test_vehicles_have_topics_and_frames_of_their_own_and_may_come_later()
         await viewer.subscribe("/one/tf", "/two/state/attitude", "/two/tf")
         await wait_until(lambda: one.is_watched("tf") or one.is_watched("control/estimate"))
         await wait_until(lambda: two.is_watched("state/attitude"))
-        one.put("control/estimate", flights.estimate(1.0))
-        two.put("state/attitude", flights.attitude(9.0))
+        one.put("control/estimate", samples.estimate(1.0))
+        two.put("state/attitude", samples.attitude(9.0))
         await viewer.first("/one/tf", "/two/state/attitude", "/two/tf")
         assert {edge["child_frame_id"] for edge in viewer.of("/one/tf")[0]["transforms"]} == {
             "one/map",
@@ -202,9 +202,9 @@ async def test_a_vehicle_that_is_not_there_yet_is_shown_when_it_comes():
             await viewer.subscribe("/state/attitude")
             with session.liveliness().declare_token("mk/mk1/alive"):
                 await wait_until(lambda: uav.is_watched("state/attitude"))
-                uav.put("state/attitude", flights.attitude(1.0))
+                uav.put("state/attitude", samples.attitude(1.0))
                 await viewer.first("/state/attitude")
-            uav.put("state/attitude", flights.attitude(2.0))  # the word that it is gone may come before its last values
+            uav.put("state/attitude", samples.attitude(2.0))  # the word that it is gone may come before its last values
             await wait_until(lambda: viewer.of("/state/attitude")[-1]["stamp"]["monotonic"] == 2.0)
 
 
@@ -252,7 +252,7 @@ async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing(
             await wait_until(lambda: uav.is_watched("event/log"))
             text, before = "x" * size, _resident()
             for place in range(count):
-                uav.put("event/log", LogEvent(stamp=flights.stamp(place), level="info", text=f"{place} {text}"))
+                uav.put("event/log", LogEvent(stamp=samples.stamp(place), level="info", text=f"{place} {text}"))
                 if place % 25 == 0:
                     await wait_until(lambda place=place: len(viewer.seen) > place)
                     for one in viewer.seen:

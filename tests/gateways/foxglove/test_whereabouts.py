@@ -13,15 +13,15 @@ from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Poses, Whereabouts
 from mkdaemon.telemetry.state import Position
+from tests import samples
 from tests.gateways.foxglove.viewer import read
 from tests.values import made
-from tests.view.page import flights
 
 ONE = Names("mk1")
 
 
 def position(at, enu=(10.0, 20.0, 3.0)):
-    return made(Position, flights.stamp(at), position_enu=enu)
+    return made(Position, samples.stamp(at), position_enu=enu)
 
 
 def edges(frames, value):
@@ -41,27 +41,27 @@ def matrix(edge):
 def test_the_flight_core_comes_before_a_camera_and_a_camera_before_gps():
     where = Whereabouts()
     assert where.take(position(0.0)) is None  # level or not is not known yet
-    assert where.take(flights.attitude(0.0)).source == "gps"
-    assert where.take(flights.pose(1.0)).source == "pose"
+    assert where.take(samples.attitude(0.0)).source == "gps"
+    assert where.take(samples.pose(1.0)).source == "pose"
     assert where.take(position(1.1)) is None
-    assert where.take(flights.estimate(2.0)).source == "estimate"
-    assert where.take(flights.pose(2.0 + OLD)) is None
-    assert where.take(flights.pose(2.1 + OLD)).source == "pose"
+    assert where.take(samples.estimate(2.0)).source == "estimate"
+    assert where.take(samples.pose(2.0 + OLD)) is None
+    assert where.take(samples.pose(2.1 + OLD)).source == "pose"
     assert where.take(position(2.0 + OLD + LOST)) is None
     assert where.take(position(2.2 + OLD + LOST)).frame == HOME
 
 
 def test_a_place_older_than_the_last_one_is_not_told():
     where = Whereabouts()
-    assert where.take(flights.estimate(5.0)) is not None
-    assert where.take(flights.estimate(4.0)) is None
+    assert where.take(samples.estimate(5.0)) is not None
+    assert where.take(samples.estimate(4.0)) is None
     assert where.place.at == 5.0
 
 
 def test_the_target_is_the_root_and_map_the_same_frame():
     frames = FrameTree(ONE)
-    frames("", flights.attitude(1.0, roll=0.1))
-    found = edges(frames, flights.estimate(1.0))
+    frames("", samples.attitude(1.0, roll=0.1))
+    found = edges(frames, samples.estimate(1.0))
     assert matrix(found["pad", "map"]) == pytest.approx(np.eye(4))
     body = matrix(found["map", "base_link"])
     assert body[:3, 3] == pytest.approx([0.12, -0.05, 2.01])
@@ -71,7 +71,7 @@ def test_the_target_is_the_root_and_map_the_same_frame():
 
 def test_without_a_target_home_is_the_root():
     frames = FrameTree(Names("mk1", "mk1/"))
-    assert set(edges(frames, flights.attitude(1.0))) == {("mk1/map", "mk1/base_link")}
+    assert set(edges(frames, samples.attitude(1.0))) == {("mk1/map", "mk1/base_link")}
     found = edges(frames, position(1.1))
     assert set(found) == {("mk1/home", "mk1/map"), ("mk1/map", "mk1/base_link")}
     assert matrix(found["mk1/map", "mk1/base_link"])[:3, 3] == pytest.approx([10.0, 20.0, 3.0])
@@ -80,17 +80,17 @@ def test_without_a_target_home_is_the_root():
 
 def test_a_camera_that_looks_down_sees_the_target_ahead_of_it():
     frames = FrameTree(ONE)
-    mount = matrix(edges(frames, flights.setup(1.0))["base_link", "camera/down"])
+    mount = matrix(edges(frames, samples.setup(1.0))["base_link", "camera/down"])
     assert mount[:3, 2] == pytest.approx([0.0, 0.0, -1.0])  # forward of the camera is down
     assert mount[:3, 1] == pytest.approx([-1.0, 0.0, 0.0])  # down in its image is backward
-    assert edges(frames, flights.setup(1.0, position_flu=None)) == {}
+    assert edges(frames, samples.setup(1.0, position_flu=None)) == {}
 
 
 @settings(max_examples=30)
 @given(st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 60.0)), max_size=30))
 def test_whatever_comes_when_places_never_go_back(came):
     where, last = Whereabouts(), float("-inf")
-    makes = (flights.estimate, flights.pose, flights.attitude, position)
+    makes = (samples.estimate, samples.pose, samples.attitude, position)
     for kind, at in came:
         place = where.take(makes[kind](at))
         if place is not None:
@@ -100,7 +100,7 @@ def test_whatever_comes_when_places_never_go_back(came):
 
 def test_the_pose_is_told_in_the_frame_of_the_target():
     poses = Poses(ONE)
-    assert poses("", flights.attitude(1.0)) is None
-    found = read(fg.PoseInFrame.get_schema(), poses("", flights.estimate(1.0)))
+    assert poses("", samples.attitude(1.0)) is None
+    found = read(fg.PoseInFrame.get_schema(), poses("", samples.estimate(1.0)))
     assert (found["frame_id"], found["pose"]["position"]["z"]) == ("pad", 2.01)
     assert found["timestamp"] == "2023-11-14T22:13:21Z"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import inspect
 from contextlib import asynccontextmanager, nullcontext
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,43 +17,33 @@ from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
 from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.stations import Station
 from mkdaemon.protocol.settings import ParameterSet, layout_of
-from mkdaemon.telemetry.control import ControlEstimate, ControlStatus, LeaseState, Phase
+from mkdaemon.telemetry.control import ControlStatus, LeaseState, Phase
 from mkdaemon.telemetry.link import LinkCondition, LinkHealth, LinkState
 from mkdaemon.telemetry.mission import WaypointList, WaypointsStored
 from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
-from mkdaemon.telemetry.state import Altitude, Attitude, Battery, Flight, Gps, Pilot, Position, Velocity
-from mkdaemon.telemetry.vehicle import VehicleHealth
-from mkdaemon.telemetry.vision import VisionPose
+from mkdaemon.telemetry.state import Flight
 from mkdaemon.virtualtime import run_virtually
+from tests import samples
 from tests.client.sessionlease import SessionLease
-from tests.values import STAMP, made
+from tests.values import LEVEL, STAMP, made
 
 EPOCH = 7
-value = partial(made, source="nc/osd")
 GROUND_STATION = (255, 190)
 WALL = 1_700_000_000.0
 NOWHERE = Path("/nonexistent")
 
-ATTITUDE = value(Attitude, roll=0.1, pitch=0.2, yaw=0.5)
-POSITION = value(
-    Position, latitude_deg=53.2301184, longitude_deg=7.4590749, altitude=12.5, altitude_above_start=3.0,
-    position_enu=(1.0, 2.0, 3.0), home_latitude_deg=53.23, home_longitude_deg=7.459, home_distance=2.2,
-)  # fmt: skip
-VELOCITY = value(Velocity, velocity_enu=(1.0, 2.0, -0.5), ground_speed=2.24, course=0.4, climb_rate=-0.5)
-ALTITUDE = value(Altitude, above_start=3.0)
-BATTERY = value(Battery, voltage=15.2, current=12.5, used_mah=430.0, is_low=False)
-GPS = value(Gps, satellites=9, fix="valid", is_usable=True, is_home_set=True)
-PILOT = value(Pilot, rc_quality=0.9, has_signal=True, throttle=12.0, sticks=(10.0, 20.0, 30.0))
-HEALTH = made(VehicleHealth, is_alive=True, firmware={"fc": "2.12a", "nc": "2.12a"}, link="up", motors_running=True)
-ESTIMATE = made(
-    ControlEstimate, target="pad", position=(0.3, -0.2, 2.0), velocity=(0.1, 0.2, -0.3), yaw=0.25, image_age=0.05
+ATTITUDE = samples.attitude(pitch=0.2, yaw=0.5, quaternion=LEVEL)
+POSITION, VELOCITY, BATTERY, GPS, PILOT = (
+    make() for make in (samples.position, samples.velocity, samples.battery, samples.gps, samples.pilot)
 )
-POSE = made(
-    VisionPose, camera="down", target="pad", position_target=(0.3, -0.2, 2.0), position_flu=(-0.3, 0.2, -2.0),
-    position_cam=(0.2, 0.1, 2.0),
+ALTITUDE = samples.altitude(above_start=3.0)
+HEALTH = samples.alive(boards=("fc", "nc"), firmware={"fc": "2.12a", "nc": "2.12a"})
+ESTIMATE = samples.estimate(position=(0.3, -0.2, 2.0), velocity=(0.1, 0.2, -0.3), yaw=0.25)
+POSE = samples.pose(
+    position_target=(0.3, -0.2, 2.0), position_flu=(-0.3, 0.2, -2.0), position_cam=(0.2, 0.1, 2.0),
     covariance=tuple(float(row + 1) if row == column else 0.0 for row in range(6) for column in range(6)),
 )  # fmt: skip
 

@@ -50,7 +50,7 @@ RIGHT = {
         "altitude_terrain": -10_000.0, "bottom_clearance": -1.0,
     },
     "BATTERY_STATUS": {
-        "temperature": 32767, "voltages": [15_200, *[65535] * 9], "current_battery": 1250, "current_consumed": 430,
+        "temperature": 32767, "voltages": [15_500, *[65535] * 9], "current_battery": 1250, "current_consumed": 430,
         "energy_consumed": -1, "battery_remaining": -1, "time_remaining": 0, "charge_state": 1,
         "voltages_ext": [0, 0, 0, 0],
     },
@@ -71,7 +71,7 @@ RIGHT = {
     },
     "SYSTEM_TIME": {"time_unix_usec": 1_700_000_000_250_000, "time_boot_ms": 100_500},
     "SYS_STATUS": {
-        "voltage_battery": 15_200, "current_battery": 1250, "battery_remaining": -1, "drop_rate_comm": 150, "load": 0,
+        "voltage_battery": 15_500, "current_battery": 1250, "battery_remaining": -1, "drop_rate_comm": 150, "load": 0,
     },
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.ros2.bag import write
 from mkdaemon.gateways.ros2.messages import name_part
 from mkdaemon.gateways.ros2.topics import TOPICS
-from tests.gateways.ros2 import samples
+from tests import samples
 from tests.places import DATA
 
 FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
@@ -72,9 +72,7 @@ def test_every_frame_of_a_header_is_one_that_the_table_names_and_the_tree_holds(
 
 
 def test_diagnoses_come_once_a_second_of_the_recording(tmp_path):
-    values = [
-        value("state/battery", samples.battery(stamp=samples.at(n * 0.05))) for n in range(50)
-    ]  # 2.45 s: at 0, 1 and 2 s
+    values = [value("state/battery", samples.battery(n * 0.05)) for n in range(50)]  # 2.45 s: at 0, 1 and 2 s
     write(values, tmp_path / "bag", overwrite=False)
     assert sum(topic == "/diagnostics" for topic, *_ in read(tmp_path / "bag")[0]) == 3
 
@@ -126,13 +124,13 @@ def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
     ],
 )
 def test_a_value_that_is_not_what_its_key_carries_is_named(tmp_path, suffix, schema, fields):
-    broken = ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.STAMP.model_dump()} | fields, schema)
+    broken = ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.stamp().model_dump()} | fields, schema)
     with pytest.raises(MkError, match=f"{suffix} of mk1 at .*--format csv takes every value"):
         write([broken], tmp_path / "bag", overwrite=False)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_time_that_ros_cannot_have_is_named(tmp_path):
-    late = value("state/battery", samples.battery(stamp=samples.at(1.4e9)))
+    late = value("state/battery", samples.battery(1.4e9))
     with pytest.raises(MkError, match="after 2038"):
         write([late], tmp_path / "bag", overwrite=False)

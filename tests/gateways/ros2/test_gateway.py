@@ -16,8 +16,8 @@ from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Ros2Gateway
 from mkdaemon.gateways.ros2.messages import pose, vector
 from mkdaemon.gateways.ros2.parameters import RATES
 from mkdaemon.gateways.ros2.topics import Quality
+from tests import samples
 from tests.client.fake import connected
-from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import BagTypes, store
 
 TYPES = BagTypes()
@@ -109,8 +109,8 @@ async def test_values_become_messages_and_last_values_go_only_to_who_gets_them_l
         await wait_for(follows)
         publish("state/position", samples.position())
         publish("vision/down/setup", samples.setup())
-        publish("vision/down/image", samples.frame())
-        publish("vision/down/tags", samples.tags(((0, 0), (1, 0), (1, 1), (0, 1))))
+        publish("vision/down/image", samples.image())
+        publish("vision/down/tags", samples.tags())
         await wait_for(lambda: node.sent("down/tag_markers"))
         assert len(node.sent("fix")) == len(node.sent("/tf")) == len(node.sent("down/image")) == 1
         assert len(node.sent("down/camera_info")) == 2
@@ -144,13 +144,13 @@ async def test_nothing_is_made_that_nobody_reads_and_rates_are_kept_from_the_nex
         node.publishers["raw/rx"].readers = 0
         assert "fix" not in node.publishers
         for n in range(20):
-            run.daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
+            run.daemon.bus.publish("state/attitude", samples.attitude(samples.AT + n * 0.02))
             run.daemon.bus.publish("raw/rx", samples.raw())
         await wait_for(lambda: len(node.sent("imu")) == 4)
         node.changed("rates.imu", 0.0)
         n = 20  # which value is the next one, the change decides that is taken up meanwhile
         while len(node.sent("imu")) < 14:
-            run.daemon.bus.publish("state/attitude", samples.attitude(stamp=samples.at(n * 0.02)))
+            run.daemon.bus.publish("state/attitude", samples.attitude(samples.AT + n * 0.02))
             n += 1
             await asyncio.sleep(0.01)
         assert n < 60, "ten a second would take fifty values more"

@@ -20,8 +20,8 @@ from mkdaemon.gateways.ros2.parameters import PARAMETERS
 from mkdaemon.gateways.ros2.rclnode import RosNode, type_of
 from mkdaemon.gateways.ros2.services import SERVICES
 from mkdaemon.gateways.ros2.topics import DIAGNOSTICS
+from tests import samples
 from tests.client.fake import VEHICLE, fake_daemon
-from tests.gateways.ros2 import samples
 from tests.gateways.ros2.bagtypes import store
 from tests.gateways.ros2.rosworld import (
     PATIENCE,
@@ -122,7 +122,7 @@ async def measured_and_not_arrival(daemon, node):
     """A value that was measured long ago keeps its time."""
     name = f"/{VEHICLE}/imu"
     daemon.bus.publish("state/attitude", samples.attitude())
-    measured = (1_600_000_000, 250_000_000)
+    measured = (1_700_000_100, 500_000_000)
     await wait_for(lambda: any((m.header.stamp.sec, m.header.stamp.nanosec) == measured for m in node.messages[name]))
 
 

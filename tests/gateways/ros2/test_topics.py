@@ -5,7 +5,7 @@ from __future__ import annotations
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.gateways.ros2 import topics
 from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Ros2Topic
-from tests.gateways.ros2 import samples
+from tests import samples
 from tests.gateways.ros2.bagtypes import store
 
 
@@ -38,6 +38,6 @@ def test_newest_values_and_every_mount_are_kept():
     newest.keep("tf", samples.edge())
     newest.keep("tf", samples.edge())
     newest.keep("tf", samples.edge(child="camera/front"))
-    newest.keep("tf", samples.edge("camera/down", "pad", static=False))
+    newest.keep("tf", samples.edge(parent="camera/down", child="pad", static=False))
     assert newest.values["state/attitude"] == samples.attitude()
     assert [mount.child for mount in newest.values["mounts"]] == ["camera/down", "camera/front"]

@@ -21,8 +21,8 @@ from mkdaemon.errors import CommandRejectedError, MkError
 from mkdaemon.telemetry.play import PlayAction, PlayState, PlayStatus
 from mkdaemon.view.page.gallery import WATCHED, Gallery
 from mkdaemon.view.page.picture import VehiclePicture
+from tests import samples
 from tests.places import DATA
-from tests.view.page import flights
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
@@ -37,7 +37,7 @@ async def test_vehicles_come_and_go_and_publish():
                     await wait_until(lambda: set(gallery.pictures) == {"one", "two"})
                     first = gallery.choose("")
                     assert first is not None and first.name == "two"
-                    value = flights.attitude(1000.0)
+                    value = samples.attitude(1000.0)
                     put = partial(
                         session.put, "mk/two/state/attitude", encode(value), encoding=encoding_of(type(value))
                     )

@@ -6,20 +6,20 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.play import PlayStatus
 from mkdaemon.view.page.overview import overview_of
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
-from tests.view.page import flights
+from tests import samples
 from tests.view.page.test_picture import NOW, playing
 
 
 def test_parts_follow_each_other_and_marks_have_their_place():
     free = {"phase": Phase.FREE, "lease": None, "manoeuvre": None}
     statuses = [
-        flights.status(1000.0, **free),
-        flights.status(1004.0, manoeuvre="takeoff"),
-        flights.status(1005.0, manoeuvre="takeoff"),
-        flights.status(1009.0, manoeuvre="hold"),
-        flights.status(1020.0, **free),
+        samples.status(1000.0, **free),
+        samples.status(1004.0, manoeuvre="takeoff"),
+        samples.status(1005.0, manoeuvre="takeoff"),
+        samples.status(1009.0, manoeuvre="hold"),
+        samples.status(1020.0, **free),
     ]
-    late, early = flights.refusal(1006.0), flights.refusal(1002.0)
+    late, early = samples.refusal(1006.0), samples.refusal(1002.0)
     found = overview_of([*statuses, late, early, object()]).as_map(1000.0)
     assert [(part["begin"], part["text"]) for part in found["parts"]] == [
         (0.0, ""),
@@ -33,7 +33,7 @@ def test_parts_follow_each_other_and_marks_have_their_place():
 def test_a_page_is_told_once():
     picture = VehiclePicture("mk1", is_played=True)
     picture.take_play(PlayStatus.model_validate(playing(0.0).model_dump() | {"zero": 1000.0}), NOW)
-    picture.flight = overview_of([flights.status(1001.0, manoeuvre="hold")])
+    picture.flight = overview_of([samples.status(1001.0, manoeuvre="hold")])
     reader = PageReader(picture)
     assert reader.read(NOW)["flight"]["parts"] == [{"begin": 1.0, "text": "hold"}]
     assert "flight" not in reader.read(NOW)

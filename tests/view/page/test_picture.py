@@ -14,8 +14,8 @@ from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.telemetry.state import Position
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
+from tests import samples
 from tests.values import made
-from tests.view.page import flights
 
 NOW = 50.0
 """Our own clock when the daemon's shows 1000."""
@@ -37,8 +37,8 @@ def may(shown):
 
 
 def test_a_hovering_aircraft_is_shown_as_it_is():
-    shown, reading = picture_of(flights.hovering(1000.0)).show(NOW), Reading()
-    for suffix, value in flights.hovering(1000.0):
+    shown, reading = picture_of(samples.hovering(1000.0)).show(NOW), Reading()
+    for suffix, value in samples.hovering(1000.0):
         reading.take(suffix, value, value.stamp.monotonic)
     facts = {fact.id: fact.text for fact in reading.at(1000.0).facts}
     assert shown["verdict"] == {"text": "Anna flies: position", "tone": "ok"}
@@ -51,15 +51,15 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
     assert shown["scene"]["goal"] == [0.15, -0.09, 2.0]
     assert shown["scene"]["fence"] == {"radius": 5.0, "height": 6.0, "floor": 0.3}
     assert may(shown) == {"lease": False, "release": True, "abort": True}
-    assert [one["text"] for one in shown["large"]] == ["2.01 m", "14.8 V", "0.1 s"]
+    assert [one["text"] for one in shown["large"]] == ["2.01 m", "15.5 V", "0.1 s"]
     json.dumps(shown, allow_nan=False)
 
 
 def test_a_path_is_shown_while_it_is_flown():
     points = ((0.0, 0.0, 2.0), (1.0, 0.5, 2.0))
     fields = {"id": "p1", "target": "pad", "stage": "follows the path", "is_paused": False, "points": points}
-    value = PathFlown(stamp=flights.stamp(1000.0), progress=0.5, left=3.0, rate=1.0, **fields)
-    picture = picture_of([*flights.hovering(1000.0), ("control/path", value)])
+    value = PathFlown(stamp=samples.stamp(1000.0), progress=0.5, left=3.0, rate=1.0, **fields)
+    picture = picture_of([*samples.hovering(1000.0), ("control/path", value)])
     assert picture.show(NOW)["scene"]["path"] == [[0.0, 0.0, 2.0], [1.0, 0.5, 2.0]]
     assert "path" not in picture.show(NOW + 5.0)["scene"]
 
@@ -75,7 +75,7 @@ def test_what_nobody_has_said_is_not_known():
 
 
 def test_values_grow_old_while_nothing_comes():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     shown = picture.show(NOW + 10.0)
     assert line(shown, "attitude")["age"] == pytest.approx(10.0)
     assert [one["id"] for one in shown["lines"] if not one["is_stale"] and one["text"] != "not known"] == []
@@ -88,13 +88,13 @@ def test_values_grow_old_while_nothing_comes():
 
 def test_a_last_value_has_the_age_it_had_when_it_was_asked_for():
     picture = VehiclePicture("mk1")
-    picture.take("state/attitude", flights.attitude(900.0), NOW, age=100.0)
+    picture.take("state/attitude", samples.attitude(900.0), NOW, age=100.0)
     assert line(picture.show(NOW), "attitude")["age"] == pytest.approx(100.0)
     assert line(picture.show(NOW), "attitude")["is_stale"]
 
 
 def test_a_daemon_that_is_gone_leaves_no_button():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     picture.is_here = False
     shown = picture.show(NOW)
     assert shown["verdict"] == {"text": "No daemon is here", "tone": "bad"}
@@ -102,21 +102,21 @@ def test_a_daemon_that_is_gone_leaves_no_button():
 
 
 def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
-    picture = picture_of([*flights.hovering(990.0), ("vision/down/pose", flights.pose(1000.0))])
+    picture = picture_of([*samples.hovering(990.0), ("vision/down/pose", samples.pose(1000.0))])
     aircraft = picture.show(NOW)["scene"]["aircraft"]
     assert (aircraft["source"], aircraft["position"], aircraft["age"]) == ("pose", [0.0, 0.0, 2.0], 0.0)
     assert sorted(np.linalg.norm(np.array(aircraft["spread"]), axis=0)) == pytest.approx([0.03, 0.03, 0.06])
 
 
 def test_without_a_target_it_is_where_the_receiver_says():
-    position = made(Position, flights.stamp(1000.0), position_enu=(3.0, 4.0, 10.0), home_distance=5.0)
-    picture = picture_of([("state/attitude", flights.attitude(1000.0)), ("state/position", position)])
+    position = made(Position, samples.stamp(1000.0), position_enu=(3.0, 4.0, 10.0), home_distance=5.0)
+    picture = picture_of([("state/attitude", samples.attitude(1000.0)), ("state/position", position)])
     aircraft = picture.show(NOW)["scene"]["aircraft"]
     assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [3.0, 4.0, 10.0])
 
 
 def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
-    picture = picture_of([("vision/down/setup", flights.setup(1000.0)), ("vision/down/pose", flights.pose(1000.0))])
+    picture = picture_of([("vision/down/setup", samples.setup(1000.0)), ("vision/down/pose", samples.pose(1000.0))])
     (camera,) = picture.show(NOW)["cameras"]
     frustum = camera["frustum"]
     assert frustum["apex"] == [0.0, 0.0, 2.0]
@@ -127,24 +127,24 @@ def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
 
 
 def test_a_camera_without_calibration_has_no_frustum():
-    values = [("vision/down/setup", flights.setup(1000.0, lens=None)), ("vision/down/pose", flights.pose(1000.0))]
+    values = [("vision/down/setup", samples.setup(1000.0, lens=None)), ("vision/down/pose", samples.pose(1000.0))]
     (camera,) = picture_of(values).show(NOW)["cameras"]
     assert camera["frustum"] is None and camera["outlines"] == []
 
 
 def test_tags_are_outlined_in_the_image_in_which_they_were_found():
     values = [
-        ("vision/down/setup", flights.setup(999.0)),
-        ("vision/down/tags", flights.tags(999.5, sequence=7)),
-        ("vision/down/pose", flights.pose(999.6, sequence=8)),
-        ("vision/down/image", flights.image(999.5, sequence=7)),
+        ("vision/down/setup", samples.setup(999.0)),
+        ("vision/down/tags", samples.tags(999.5, sequence=7)),
+        ("vision/down/pose", samples.pose(999.6, sequence=8)),
+        ("vision/down/image", samples.image(999.5, sequence=7)),
     ]
     picture = picture_of(values)
     (camera,) = picture.show(NOW)["cameras"]
     (outline,) = camera["outlines"]
     assert (outline["id"], outline["how"], outline["corners"][0]) == (48, "decoded", (200.0, 100.0))
     assert (camera["image"], camera["is_stale"]) == ({"sequence": 7}, False)
-    picture.take("vision/down/image", flights.image(999.6, sequence=8), NOW)
+    picture.take("vision/down/image", samples.image(999.6, sequence=8), NOW)
     (camera,) = picture.show(NOW)["cameras"]
     (outline,) = camera["outlines"]
     assert (outline["id"], outline["how"]) == (None, "tracked")
@@ -153,7 +153,7 @@ def test_tags_are_outlined_in_the_image_in_which_they_were_found():
 
 
 def test_refusals_are_told_with_their_remedy():
-    reader = PageReader(picture_of([("event/command", flights.refusal(1000.0))]))
+    reader = PageReader(picture_of([("event/command", samples.refusal(1000.0))]))
     (event,) = reader.read(NOW)["events"]
     assert event["text"] == "setpoint/takeoff denied: no target is in sight."
     assert (event["fix"], event["tone"]) == ("Put the print below the camera.", "bad")
@@ -161,18 +161,18 @@ def test_refusals_are_told_with_their_remedy():
 
 
 def test_a_page_is_sent_what_it_does_not_have_yet():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     reader = PageReader(picture)
     first = reader.read(NOW)
     assert first["series"]["trail"] == [(1000.0, 0.12, -0.05, 2.01)]
     assert first["series"]["sticks"] == [(1000.0, 10, -5, 0, 3, 30.0, -5.0, 0.0, 3.0, 1.0)]
     assert first["series"]["error"] == [(1000.0, 5.0, 1.0)]
     assert first["series"]["latency"] == [(1000.0, 21.0, 20.0, 44.0)]
-    assert first["shapes"]["tags"] == [{"id": 48, "corners": flights.SQUARE, "cells": ("##", "#.")}]
+    assert first["shapes"]["tags"] == [{"id": 48, "corners": samples.SQUARE, "cells": ("##", "#.")}]
     assert first["is_anew"]
     second = reader.read(NOW)
     assert second["series"] == {} and "shapes" not in second and not second["is_anew"]
-    picture.take("control/estimate", flights.estimate(1000.5, (0.2, 0.0, 2.0)), NOW + 0.5)
+    picture.take("control/estimate", samples.estimate(1000.5, position=(0.2, 0.0, 2.0)), NOW + 0.5)
     assert reader.read(NOW + 0.5)["series"] == {"trail": [(1000.5, 0.2, 0.0, 2.0)], "height": [(1000.5, 2.0)]}
     assert PageReader(picture).read(NOW + 0.5)["series"]["trail"] == [
         (1000.0, 0.12, -0.05, 2.01),
@@ -187,7 +187,7 @@ def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1
 
 
 def test_ages_stand_still_while_a_recording_is_paused():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     picture.is_played = True
     picture.take_play(playing(5.0, PlayState.PAUSED), NOW)
     shown = picture.show(NOW + 100.0)
@@ -197,18 +197,18 @@ def test_ages_stand_still_while_a_recording_is_paused():
 
 
 def test_ages_run_as_fast_as_a_recording_is_played():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     picture.take_play(playing(5.0, speed=4.0), NOW)
     assert line(picture.show(NOW + 1.0), "attitude")["age"] == pytest.approx(4.0)
 
 
 def test_a_recording_that_begins_again_is_drawn_anew():
-    picture = picture_of(flights.hovering(1000.0))
+    picture = picture_of(samples.hovering(1000.0))
     reader = PageReader(picture)
     reader.read(NOW)
     assert not picture.take_play(playing(50.0), NOW)
     assert picture.take_play(playing(0.0, starts=2), NOW + 1.0)
-    picture.take("control/estimate", flights.estimate(960.0), NOW + 1.0)
+    picture.take("control/estimate", samples.estimate(960.0), NOW + 1.0)
     shown = reader.read(NOW + 1.0)
     assert shown["is_anew"] and shown["series"]["trail"] == [(960.0, 0.12, -0.05, 2.01)]
     assert line(shown, "battery")["text"] == "not known"
@@ -216,24 +216,24 @@ def test_a_recording_that_begins_again_is_drawn_anew():
 
 
 def test_another_boot_of_the_machine_begins_anew():
-    picture = picture_of(flights.hovering(1000.0))
-    later = flights.attitude(3.0)
-    picture.take("state/attitude", later.model_copy(update={"stamp": flights.stamp(3.0, boot="b")}), NOW + 60.0)
+    picture = picture_of(samples.hovering(1000.0))
+    later = samples.attitude(3.0)
+    picture.take("state/attitude", later.model_copy(update={"stamp": samples.stamp(3.0, boot="b")}), NOW + 60.0)
     shown = picture.show(NOW + 60.0)
     assert line(shown, "attitude")["age"] == pytest.approx(0.0)
     assert line(shown, "battery")["text"] == "not known"
 
 
 def test_what_is_known_not_to_fly_is_not_aborted():
-    free = flights.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
+    free = samples.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
     assert not may(picture_of([("control/status", free)]).show(NOW))["abort"]
-    ignored = flights.status(1000.0, phase=Phase.UNANSWERED)
+    ignored = samples.status(1000.0, phase=Phase.UNANSWERED)
     assert may(picture_of([("control/status", ignored)]).show(NOW))["abort"]
 
 
 def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_has_no_error():
-    values = [(suffix, value) for suffix, value in flights.hovering(1000.0) if suffix != "control/estimate"]
-    blind = ("control/estimate", flights.estimate(1000.0, image_age=2.0))
+    values = [(suffix, value) for suffix, value in samples.hovering(1000.0) if suffix != "control/estimate"]
+    blind = ("control/estimate", samples.estimate(1000.0, image_age=2.0))
     picture = picture_of([blind, *values])
     shown = picture.show(NOW)
     assert shown["scene"]["aircraft"]["is_stale"]

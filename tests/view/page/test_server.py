@@ -14,7 +14,7 @@ from mkdaemon.telemetry.play import PlayAction
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.view.page.picture import VehiclePicture
 from mkdaemon.view.page.server import PageServer
-from tests.view.page import flights
+from tests import samples
 
 NOW = 50.0
 
@@ -24,7 +24,7 @@ class Stand:
 
     def __init__(self) -> None:
         picture = VehiclePicture("mk1")
-        for suffix, value in [*flights.hovering(1000.0), ("vision/down/image", flights.image(1000.0, 3))]:
+        for suffix, value in [*samples.hovering(1000.0), ("vision/down/image", samples.image(1000.0, sequence=3))]:
             picture.take(suffix, value, NOW)
         self.pictures = {"mk1": picture}
         self.asked: list[object] = []

@@ -7,7 +7,7 @@ import pytest
 from mkdaemon.view.report.pieces import pieces_of
 from mkdaemon.view.report.plots import plots_of
 from mkdaemon.view.report.verdict import sentences
-from tests.view.page.flights import estimate
+from tests.samples import estimate
 from tests.view.report.known import error_at, known_flight
 from tests.view.report.test_pieces import read
 
@@ -25,7 +25,7 @@ def flight():
         is_blind = BEGIN < at < END
         error = (9.0, 0.0, 0.0) if is_blind and at - BEGIN > 0.5 else error_at(at)
         position = tuple(goal + part for goal, part in zip((1.0, 0.0, 2.0), error, strict=True))
-        blind = estimate(at, position, image_age=at - BEGIN if is_blind else 0.05)
+        blind = estimate(at, position=position, image_age=at - BEGIN if is_blind else 0.05)
         tape.add(at, "control/estimate", blind.model_dump(mode="json", exclude={"stamp"}))
         tape.add(at, "control/error", {"goal": (1.0, 0.0, 2.0), "error_pad": error, "manoeuvre": "position"})
     return read(tape)
