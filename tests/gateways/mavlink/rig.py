@@ -33,6 +33,10 @@ from tests.values import LEVEL, STAMP, made
 EPOCH = 7
 GROUND_STATION = (255, 190)
 WALL = 1_700_000_000.0
+NAN = float("nan")
+LAT, LON = 532_301_184, 74_590_749
+FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "x", "y", "z")
+"""Of an item, without its heading, which may be NaN."""
 NOWHERE = Path("/nonexistent")
 
 ATTITUDE = samples.attitude(pitch=0.2, yaw=0.5, quaternion=LEVEL)
@@ -80,6 +84,16 @@ EVERYTHING = (
 REVISION = 106
 RAW = bytes([REVISION]) + bytes(number % 200 for number in range(1, layout_of(REVISION).size))
 """The active set of a vehicle."""
+
+
+def item(seq, command=16, frame=6, params=(2.0, 5.0, 0.0, NAN), place=(LAT, LON, 10.0), more=1):
+    """An item of a mission."""
+    return mavlink.MAVLink_mission_item_int_message(1, 1, seq, frame, command, int(seq == 0), more, *params, *place, 0)
+
+
+def parts(items):
+    """Everything in items but their headings."""
+    return [tuple(getattr(message, name) for name in FIELDS) for message in items]
 
 
 def progress(step):
@@ -313,8 +327,8 @@ async def serving(vehicle=None, *, folder=NOWHERE, values=EVERYTHING):
         await asyncio.gather(task, return_exceptions=True)
 
 
-def virtually(story):
-    """Run a test in virtual time; its arguments `vehicle`, `gateway`, `ears` are a gateway that serves.
+def virtually(story, kind=None):
+    """Run a test in virtual time; its arguments `vehicle` (of a kind), `gateway`, `ears` are a gateway that serves.
 
     Settings are saved in the folder of its argument `tmp_path`.
     """
@@ -322,7 +336,7 @@ def virtually(story):
     wanted = signature.parameters.keys() & {"vehicle", "gateway", "ears"}
 
     async def served(**options):
-        vehicle = FakeVehicle()
+        vehicle = (kind or FakeVehicle)()
         folder = options.get("tmp_path", NOWHERE)
         async with serving(vehicle, folder=folder) as gateway:
             made = {"vehicle": vehicle, "gateway": gateway}
@@ -330,8 +344,9 @@ def virtually(story):
                 made["ears"] = Ears(gateway)
             await story(**{name: made[name] for name in wanted}, **options)
 
-    def run(**options):
-        run_virtually((served if wanted else story)(**options))
+    def run(*arguments, **options):
+        named = dict(zip(run.__signature__.parameters, arguments, strict=False))  # Hypothesis gives them without names
+        run_virtually((served if wanted else story)(**named, **options))
 
     run.__name__, run.__doc__ = story.__name__, story.__doc__
     given = [parameter for name, parameter in signature.parameters.items() if name not in wanted]

@@ -21,14 +21,13 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightR
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import Attitude
 from tests.gateways.mavlink import rig
-from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
+from tests.gateways.mavlink.rig import NAN, Ears, FakeVehicle, beat, serving, virtually
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS = range(6)
 TAKE_OFF, LAND, RTL, REPOSITION, SET_MODE, ARM, START, HOLD, ROI = 22, 21, 20, 192, 176, 400, 300, 17, 195
 STANDARD_MODE, PREARM = mavlink.MAV_CMD_DO_SET_STANDARD_MODE, mavlink.MAV_CMD_RUN_PREARM_CHECKS
 ON_GROUND = rig.flight(is_flying=False)
 STANDING = rig.flight(is_flying=False, motors_running=False)
-NAN = float("nan")
 
 
 def flying(gateway, kind):

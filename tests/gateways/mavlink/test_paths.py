@@ -22,20 +22,17 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.mission import MissionPoint
 from mkdaemon.telemetry.path import MOST_PIECES, PathFlown, PathUploadRequest
 from mkdaemon.telemetry.refusals import Token, refuse
-from mkdaemon.virtualtime import run_virtually
 from tests.gateways.mavlink import rig
-from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving
+from tests.gateways.mavlink.rig import NAN, Ears, FakeVehicle, beat, parts, virtually
 
 NED, ENU, GLOBAL = 1, 4, 6
 ACCEPTED, ERROR, FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5
 NOT_STARTED, ACTIVE, PAUSED, COMPLETE = 2, 3, 4, 5
 START, PAUSE, STAY, SET_MODE = 300, 193, 17, 176
-NAN = float("nan")
 
 
 def item(seq, north=0.0, east=0.0, down=-2.0, *, command=16, frame=NED, params=(0.0, 0.0, 0.0, NAN), more=1):
-    place = (round(north * 1e4), round(east * 1e4), down)
-    return mavlink.MAVLink_mission_item_int_message(1, 1, seq, frame, command, int(seq == 0), more, *params, *place, 0)
+    return rig.item(seq, command, frame, params, (round(north * 1e4), round(east * 1e4), down), more)
 
 
 def speed(seq, value, kind=1.0):
@@ -49,7 +46,6 @@ SQUARE = [
     item(3, -0.5, 0.0),
     item(4, 0.5, 0.0),
 ]
-FIELDS = ("seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "x", "y", "z")
 
 
 class Daemon(FakeVehicle):
@@ -72,24 +68,12 @@ class Daemon(FakeVehicle):
         return self.stored[-1]
 
 
-def daemon_and_ears(story):
-    """Run a test in virtual time with a gateway before such a daemon."""
-
-    async def served():
-        daemon = Daemon()
-        async with serving(daemon) as gateway:
-            await story(daemon, gateway, Ears(gateway))
-
-    def run():
-        run_virtually(served())
-
-    run.__name__ = story.__name__
-    return run
+before_a_daemon = partial(virtually, kind=Daemon)
 
 
-def flies(daemon, gateway, progress, *, is_paused=False, **more):
+def flies(vehicle, gateway, progress, *, is_paused=False, **more):
     """Let the daemon report how far it is."""
-    stored, now = daemon.stored[-1], gateway.picture.boot_time
+    stored, now = vehicle.stored[-1], gateway.picture.boot_time
     at = {"stamp": Stamp(monotonic=now, wall=0.0), "id": stored.id, "target": "pad", "stage": "", "points": ()}
     gateway.value_arrived(rig.status(Phase.FLYING, epoch=rig.EPOCH, manoeuvre="path", **more))
     along = {"progress": progress, "left": stored.duration * (1.0 - progress), "rate": 1.0, "is_paused": is_paused}
@@ -106,143 +90,141 @@ def reached(ears):
     return [message.seq for message in ears.named("MISSION_ITEM_REACHED")]
 
 
-@daemon_and_ears
-async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(daemon, gateway, ears):
+@before_a_daemon
+async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(vehicle, gateway, ears):
     assert await ears.upload(SQUARE) == [ACCEPTED]
-    points = daemon.request.points
+    points = vehicle.request.points
     assert [point.position for point in points] == [(0, 0.5, 2), (0.5, 0, 2), (0, -0.5, 2), (0, 0.5, 2)]
     assert [(point.speed, point.stop, point.yaw) for point in points] == [
         (None, 1.0, None), (0.375, 2.0, None), (0.375, None, None), (0.375, None, None),
     ]  # fmt: skip
-    found = await ears.download()
-    assert [[getattr(m, name) for name in FIELDS] for m in found] == [[getattr(m, n) for n in FIELDS] for m in SQUARE]
+    assert parts(await ears.download()) == parts(SQUARE)
     await beat(ears, 1.0)
     assert shown(ears) == (0, NOT_STARTED, 2)
     ears.command(START)
     await beat(ears, 1.0)
     assert ears.acks[-1] == (START, ACCEPTED)
-    _, kind, fields = daemon.setpoints[-1]
-    stored = daemon.stored[0]
+    _, kind, fields = vehicle.setpoints[-1]
+    stored = vehicle.stored[0]
     assert (kind, fields) == ("path", {"path": stored.id, "run": 1, "paused": False})
-    flies(daemon, gateway, 0.0)  # on the way to its first point
+    flies(vehicle, gateway, 0.0)  # on the way to its first point
     await beat(ears, 1.0)
     assert (shown(ears), reached(ears)) == ((0, ACTIVE, 1), [])
     assert gateway._mode() is Mode.MISSION
-    flies(daemon, gateway, (stored.times[1] + 0.1) / stored.duration)
+    flies(vehicle, gateway, (stored.times[1] + 0.1) / stored.duration)
     await beat(ears, 1.0)
     assert (shown(ears), reached(ears)) == ((3, ACTIVE, 1), [0, 2])
     ears.command(PAUSE, 0)
     await beat(ears, 0.2)
-    assert daemon.setpoints[-1][2]["paused"] is True
-    flies(daemon, gateway, 0.5, is_paused=True)
+    assert vehicle.setpoints[-1][2]["paused"] is True
+    flies(vehicle, gateway, 0.5, is_paused=True)
     await beat(ears, 1.0)
     assert shown(ears)[1:] == (PAUSED, 2) and gateway._mode() is Mode.HOLD
     ears.command(PAUSE, 1)
     await beat(ears, 0.2)
-    assert daemon.setpoints[-1][2] == fields
-    flies(daemon, gateway, 1.0)
+    assert vehicle.setpoints[-1][2] == fields
+    flies(vehicle, gateway, 1.0)
     await beat(ears, 0.5)
-    daemon.lease_now.report(Phase.FLYING, manoeuvre="path", is_done=True)
+    vehicle.lease_now.report(Phase.FLYING, manoeuvre="path", is_done=True)
     await beat(ears, 1.0)
-    assert daemon.setpoints[-1][1] == "hold"
+    assert vehicle.setpoints[-1][1] == "hold"
     assert (shown(ears), reached(ears)) == ((4, COMPLETE, 2), [0, 2, 3, 4])
     assert ears.acks == [(START, ACCEPTED), (PAUSE, ACCEPTED), (PAUSE, ACCEPTED)]
     ears.command(START)
     await beat(ears, 0.5)
-    assert daemon.setpoints[-1][2] == fields | {"run": 2}
+    assert vehicle.setpoints[-1][2] == fields | {"run": 2}
 
 
-@daemon_and_ears
-async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcontrol_do_it(daemon, gateway, ears):
+@before_a_daemon
+async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcontrol_do_it(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     ears.command(SET_MODE, 1, 4, 4)
     await beat(ears, 0.5)
-    flies(daemon, gateway, 0.3)
+    flies(vehicle, gateway, 0.3)
     for sub_mode, is_paused in ((3, True), (4, False)):
         ears.command(SET_MODE, 1, 4, sub_mode)
         await beat(ears, 0.3)
-        assert daemon.setpoints[-1][2]["paused"] is is_paused
-        flies(daemon, gateway, 0.3, is_paused=is_paused)
-    assert {fields["run"] for _, _, fields in daemon.setpoints} == {1}
+        assert vehicle.setpoints[-1][2]["paused"] is is_paused
+        flies(vehicle, gateway, 0.3, is_paused=is_paused)
+    assert {fields["run"] for _, _, fields in vehicle.setpoints} == {1}
 
 
-@daemon_and_ears
-async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(daemon, gateway, ears):
+@before_a_daemon
+async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     ears.command(START)
     await beat(ears, 0.5)
-    flies(daemon, gateway, 0.9)
+    flies(vehicle, gateway, 0.9)
     await beat(ears, 1.0)
     assert shown(ears)[0] == 4
     ears.command(STAY)
     await beat(ears, 1.0)
-    assert daemon.setpoints[-1][1] == "hold" and shown(ears) == (0, NOT_STARTED, 2)
+    assert vehicle.setpoints[-1][1] == "hold" and shown(ears) == (0, NOT_STARTED, 2)
     ears.command(PAUSE, 1)
     await beat(ears, 0.2)
     assert ears.acks[-1] == (PAUSE, 2) and "begins at its first point" in ears.words
     ears.command(START)
     await beat(ears, 1.0)
-    assert daemon.setpoints[-1][2]["run"] == 2 and shown(ears)[0] == 0
+    assert vehicle.setpoints[-1][2]["run"] == 2 and shown(ears)[0] == 0
 
 
-@daemon_and_ears
-async def test_after_an_abort_of_the_daemon_it_is_started_again(daemon, gateway, ears):
+@before_a_daemon
+async def test_after_an_abort_of_the_daemon_it_is_started_again(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     ears.command(START)
     await beat(ears, 0.5)
-    flies(daemon, gateway, 0.5)
+    flies(vehicle, gateway, 0.5)
     gateway.value_arrived(rig.status(Phase.ABORTED, epoch=rig.EPOCH, manoeuvre="path", aborts=1))
-    daemon.lease_now.report(Phase.ABORTED, aborts=1)
+    vehicle.lease_now.report(Phase.ABORTED, aborts=1)
     ears.command(START)
     await beat(ears, 0.5)
-    assert daemon.setpoints[-1][2]["run"] == 2
+    assert vehicle.setpoints[-1][2]["run"] == 2
 
 
-@daemon_and_ears
-async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(daemon, gateway, ears):
+@before_a_daemon
+async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(vehicle, gateway, ears):
     other = Ears(gateway, program=(254, 190))
     await ears.upload(SQUARE)
     ears.command(START)
     await beat(ears, 0.5)
-    flies(daemon, gateway, 0.5)
+    flies(vehicle, gateway, 0.5)
     assert await other.upload([item(0), item(1, 1.0)]) == [ERROR]
     assert "being flown" in other.words
     other.command(START)
     other.command(PAUSE, 1)
     await beat(other, 0.3)
     assert sorted(other.acks) == [(PAUSE, 2), (START, 1)]
-    assert daemon.setpoints[-1][1] == "path" and len(daemon.stored) == 1
+    assert vehicle.setpoints[-1][1] == "path" and len(vehicle.stored) == 1
     await beat(ears, 1.0)
     assert shown(ears)[1] == ACTIVE
     other.command(STAY)
     await beat(other, 0.5)
-    assert daemon.setpoints[-1][1] == "hold"
+    assert vehicle.setpoints[-1][1] == "hold"
 
 
-@daemon_and_ears
-async def test_it_leaves_the_list_of_the_navictrl_and_a_clear_shows_that_again(daemon, gateway, ears):
-    daemon.points = (MissionPoint(latitude_deg=53.2, longitude_deg=7.4, altitude=7.0),)
+@before_a_daemon
+async def test_it_leaves_the_list_of_the_navictrl_and_a_clear_shows_that_again(vehicle, gateway, ears):
+    vehicle.points = (MissionPoint(latitude_deg=53.2, longitude_deg=7.4, altitude=7.0),)
     assert await ears.upload(SQUARE) == [ACCEPTED]
     assert len(await ears.download()) == 5
     ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
     await beat(ears, 0.2)
-    assert ears.named("MISSION_ACK")[-1].type == ACCEPTED
+    assert ears.results[-1] == ACCEPTED
     (found,) = await ears.download()
     assert (found.frame, found.z) == (GLOBAL, 7.0)
-    assert [name for name, *_ in daemon.calls] == ["path", "read"]
+    assert vehicle.done == ["path", "read"]
 
 
-@daemon_and_ears
-async def test_a_list_takes_its_place(daemon, gateway, ears):
+@before_a_daemon
+async def test_a_list_takes_its_place(vehicle, gateway, ears):
     await ears.upload(SQUARE)
-    place = mavlink.MAVLink_mission_item_int_message(1, 1, 0, GLOBAL, 16, 1, 1, 0, 0, 0, NAN, 532301184, 74590749, 9, 0)
-    daemon.paths = None
-    daemon.waypoints = rig._Calls(daemon)
-    assert await ears.upload([place]) == [ACCEPTED]
+    vehicle.paths = None
+    vehicle.waypoints = rig._Calls(vehicle)
+    assert await ears.upload([rig.item(0)]) == [ACCEPTED]
     assert len(await ears.download()) == 1
     ears.command(START)
     await beat(ears, 0.3)
-    assert [name for name, *_ in daemon.calls] == ["path", "upload", "start"]
+    assert vehicle.done == ["path", "upload", "start"]
 
 
 REFUSED = [
@@ -277,32 +259,29 @@ def test_what_no_path_can_have_is_named(items, result, words):
         ([item(0), item(1, 9.0)], INVALID, "fence_radius. Move it inside"),
     ],
 )
-def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_before_stays(items, result, words):
-    @daemon_and_ears
-    async def story(daemon, gateway, ears):
-        await ears.upload(SQUARE)
-        assert await ears.upload(items) == [result]
-        assert words in ears.words
-        assert len(await ears.download()) == len(SQUARE)
-
-    story()
-
-
-@daemon_and_ears
-async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(daemon, gateway, ears):
+@before_a_daemon
+async def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_before_stays(ears, items, result, words):
     await ears.upload(SQUARE)
-    daemon.refuses, daemon.engages = refuse(Token.NO_PATH, path="p", kept=16), 10_000
+    assert await ears.upload(items) == [result]
+    assert words in ears.words
+    assert len(await ears.download()) == len(SQUARE)
+
+
+@before_a_daemon
+async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(vehicle, gateway, ears):
+    await ears.upload(SQUARE)
+    vehicle.refuses, vehicle.engages = refuse(Token.NO_PATH, path="p", kept=16), 10_000
     ears.command(START)
     await beat(ears, 3.0)
     assert ears.acks[-1] == (START, 2) and "Upload the mission again." in ears.words
 
 
-@daemon_and_ears
-async def test_it_begins_with_its_first_item_only(daemon, gateway, ears):
+@before_a_daemon
+async def test_it_begins_with_its_first_item_only(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     ears.command(START, 3)
     await beat(ears, 0.2)
-    assert ears.acks == [(START, 2)] and daemon.setpoints == []
+    assert ears.acks == [(START, 2)] and vehicle.setpoints == []
 
 
 @pytest.mark.parametrize(
@@ -322,42 +301,26 @@ def test_axes_and_headings(frame, place, heading, position, yaw):
 
 
 def test_speeds_last_until_the_next_and_ardupilot_counts_airspeed_too():
-    items = [
-        item(0),
-        speed(1, 0.3),
-        item(2),
-        speed(3, -1.0),
-        item(4),
-        speed(5, -2.0),
-        item(6),
-        speed(7, 0.2, 0.0),
-        item(8),
-    ]
+    items = [item(number) for number in range(9)]
+    items[1::2] = speed(1, 0.3), speed(3, -1.0), speed(5, -2.0), speed(7, 0.2, 0.0)
     points, flown = points_of(items, 1, 3)
     assert [point.speed for point in points] == [None, 0.3, 0.3, SPEED, 0.2]
     assert flown == (0, 2, 4, 6, 8)
 
 
-def test_a_link_with_ardupilots_numbers_has_home_first_and_old_items_have_metres():
-    async def story():
-        daemon = Daemon()
-        async with serving(daemon) as gateway:
-            ears = Ears(gateway, Numbering.ARDUPILOT)
-            home = item(0, frame=0)
-            old = [
-                mavlink.MAVLink_mission_item_message(1, 1, k, NED, 16, 0, 1, 0, 0, 0, 0, 0.25, k, -2, 0) for k in (1, 2)
-            ]
-            assert await ears.upload([home, *old]) == [ACCEPTED]
-            assert [point.position for point in daemon.request.points] == [(1, 0.25, 2), (2, 0.25, 2)]
-            assert daemon.request.points[0].yaw is None
-            ears.say(mavlink.MAVLink_mission_request_message(1, 1, 2, 0))
-            await beat(ears, 0.1)
-            assert (ears.named("MISSION_ITEM")[-1].x, ears.named("MISSION_ITEM")[-1].y) == (0.25, 2.0)
-            ears.command(START, 1)
-            await beat(ears, 0.3)
-            assert ears.acks[-1] == (START, ACCEPTED)
-
-    run_virtually(story())
+@before_a_daemon
+async def test_a_link_with_ardupilots_numbers_has_home_first_and_old_items_have_metres(vehicle, gateway):
+    ears = Ears(gateway, Numbering.ARDUPILOT)
+    old = [mavlink.MAVLink_mission_item_message(1, 1, k, NED, 16, 0, 1, 0, 0, 0, 0, 0.25, k, -2, 0) for k in (1, 2)]
+    assert await ears.upload([item(0, frame=0), *old]) == [ACCEPTED]
+    assert [point.position for point in vehicle.request.points] == [(1, 0.25, 2), (2, 0.25, 2)]
+    assert vehicle.request.points[0].yaw is None
+    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 2, 0))
+    await beat(ears, 0.1)
+    assert (ears.named("MISSION_ITEM")[-1].x, ears.named("MISSION_ITEM")[-1].y) == (0.25, 2.0)
+    ears.command(START, 1)
+    await beat(ears, 0.3)
+    assert ears.acks[-1] == (START, ACCEPTED)
 
 
 class Lossy(Ears):
@@ -375,34 +338,26 @@ class Lossy(Ears):
 
 @settings(max_examples=8)
 @given(fates=st.lists(st.sampled_from(["sent", "lost", "twice", "early", "late"]), max_size=8))
-def test_items_that_are_lost_repeated_or_out_of_order_make_the_same_path(fates):
-    async def story():
-        daemon = Daemon()
-        async with serving(daemon) as gateway:
-            ears, other = Lossy(gateway), Ears(gateway, program=(254, 190))
-            ears.fates = [
-                fate for number, fate in enumerate(fates) if fate != "lost" or fates[max(number - 4, 0)] != "lost"
-            ]
-            uploading = asyncio.create_task(ears.upload(SQUARE, 9.0))
-            await asyncio.sleep(0.005)
-            assert await other.upload(SQUARE[2:], 0.05) == [14]
-            assert await uploading == [ACCEPTED]
-            assert len(daemon.stored) == 1
-            assert [m.seq for m in await other.download()] == list(range(len(SQUARE)))
-
-    run_virtually(story())
+@before_a_daemon
+async def test_items_that_are_lost_repeated_or_out_of_order_make_the_same_path(vehicle, gateway, fates):
+    ears, other = Lossy(gateway), Ears(gateway, program=(254, 190))
+    ears.fates = [fate for number, fate in enumerate(fates) if fate != "lost" or fates[max(number - 4, 0)] != "lost"]
+    uploading = asyncio.create_task(ears.upload(SQUARE, 9.0))
+    await asyncio.sleep(0.005)
+    assert await other.upload(SQUARE[2:], 0.05) == [14]
+    assert await uploading == [ACCEPTED]
+    assert len(vehicle.stored) == 1
+    assert [m.seq for m in await other.download()] == list(range(len(SQUARE)))
 
 
-def test_a_named_target_is_flown_by(monkeypatch):
+@pytest.fixture
+def named_target(monkeypatch):
     monkeypatch.setattr(rig, "Options", partial(rig.Options, target="pad-b"))
 
-    async def story():
-        daemon = Daemon()
-        async with serving(daemon) as gateway:
-            ears = Ears(gateway)
-            await ears.upload(SQUARE)
-            ears.command(START)
-            await beat(ears, 0.5)
-            assert daemon.setpoints[-1][2]["target"] == "pad-b"
 
-    run_virtually(story())
+@before_a_daemon
+async def test_a_named_target_is_flown_by(vehicle, ears, named_target):
+    await ears.upload(SQUARE)
+    ears.command(START)
+    await beat(ears, 0.5)
+    assert vehicle.setpoints[-1][2]["target"] == "pad-b"

@@ -7,7 +7,6 @@ github.com/mavlink/qgroundcontrol, master of 2026; a file holds the time-out und
 from __future__ import annotations
 
 import asyncio
-import math
 import re
 import struct
 from typing import NamedTuple
@@ -20,9 +19,8 @@ from mkdaemon.gateways.mavlink.metadata import COMPONENT_METADATA
 from mkdaemon.gateways.mavlink.modes import Mode, Numbering, number_of
 from mkdaemon.telemetry.mission import MissionPoint
 from tests.gateways.mavlink import rig
-from tests.gateways.mavlink.rig import Ears, FakeVehicle, beat, serving, virtually
+from tests.gateways.mavlink.rig import NAN, Ears, FakeVehicle, beat, item, serving, virtually
 
-NAN = math.nan
 ACCEPTED, DENIED, IN_PROGRESS = 0, 2, 5
 SLOW = 0.7
 """Time that every call of the daemon takes here [s]."""
@@ -77,11 +75,6 @@ def with_mode(mode):
 def ftp(opcode, data=b""):
     head = struct.pack("<HBBBBBxI", 1, 0, opcode, len(data), 0, 0, 0)
     return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list((head + data).ljust(251, b"\0")))
-
-
-def item(seq):
-    place = (532_301_184, 74_590_749, 10.0)
-    return mavlink.MAVLink_mission_item_int_message(1, 1, seq, 6, 16, int(seq == 0), 1, 0, 0, 0, NAN, *place)
 
 
 def upload(ears):
