@@ -45,12 +45,8 @@ def test_a_camera_that_works_needs_nothing():
         ({"fps": 4.0}, None, "only 4 images a second"),
         ({"latency_p50_ms": 320.0}, None, "images are 320 ms old"),
         ({"dropped": 900, "detect_p50_ms": 80.0}, None, "the detector is too slow (80 ms an image)"),
-        (
-            {"exposure": Exposure(exposure_ms=30.0, gain=1, black=5, white=150, noise=1)},
-            None,
-            "30.0 ms of exposure smear",
-        ),
-        ({"exposure": Exposure(exposure_ms=3.0, gain=1, black=90, white=120, noise=1)}, None, "hardly differ"),
+        ({"exposure": LIGHT.model_copy(update={"exposure_ms": 30.0})}, None, "30.0 ms of exposure smear"),
+        ({"exposure": LIGHT.model_copy(update={"black": 90.0, "white": 120.0})}, None, "hardly differ"),
         ({}, 0.4, "edges are soft (0.40 of a cell)"),
     ],
 )
@@ -72,23 +68,13 @@ async def cameras_of(*names, image=True):
 def publish(bus, name, view, *, image):
     bus.publish(f"vision/{name}/stats", stats(camera=name))
     shared = {"stamp": CLOCK.stamp(), "camera": name, "sequence": 1}
-    tags = [
-        TagSighting(
-            family="tag36h11",
-            id=tag.tag_id,
-            hamming=0,
-            decision_margin=80.0,
-            corners=tuple((float(x), float(y)) for x, y in view.corners["tag36h11", tag.tag_id]),
-            search="grey",
-        )
-        for tag in shipped("nested").tags
-    ]
-    bus.publish(f"vision/{name}/tags", Tags(**shared, stamped_by="driver", tags=tuple(tags)))
+    seen = {tag.tag_id: view.corners["tag36h11", tag.tag_id].tolist() for tag in shipped("nested").tags}
+    tags = [made(TagSighting, family="tag36h11", id=number, corners=corners) for number, corners in seen.items()]
+    bus.publish(f"vision/{name}/tags", made(Tags, **shared, tags=tuple(tags)))
     if image:
         pixels, width, height = encode_jpeg(view.pixels, 90, 320)
-        bus.publish(
-            f"vision/{name}/image", CameraFrame(**shared, width=width, height=height, coding="jpeg", pixels=pixels)
-        )
+        coded = {"width": width, "height": height, "coding": "jpeg", "pixels": pixels}
+        bus.publish(f"vision/{name}/image", made(CameraFrame, **shared, **coded))
 
 
 def test_the_screen_has_the_figures_the_tags_and_the_picture(tmp_path, capsys):

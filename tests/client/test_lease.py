@@ -108,36 +108,29 @@ async def test_a_lease_can_be_renewed_and_looked_at(uav):
         assert (await uav.lease.show()).holder == "me"
 
 
-async def test_a_position_is_streamed_as_it_is_from_the_beginning():
-    async with connected(engages=5) as (daemon, uav):
-        async with uav.lease() as lease:
-            await lease.goto(0.5, -0.5, 2.0, yaw=0.1, seconds=0.2)
-        assert {(tuple(setpoint["position"]), setpoint["frame"], setpoint["yaw"]) for setpoint in daemon.setpoints} == {
-            ((0.5, -0.5, 2.0), "pad", 0.1)
-        }
-
-
-async def test_every_manoeuvre_by_a_target_takes_its_name():
-    async with connected() as (daemon, uav), uav.lease() as lease:
-        await lease.hold(target="pad-a", seconds=0.1)
-        await lease.velocity(0.1, 0.0, 0.0, target="pad-b", seconds=0.1)
-        await lease.goto(0.0, 0.0, 2.0, target="pad-c", seconds=0.1)
+async def test_every_manoeuvre_streams_its_fields_and_the_name_of_its_target(daemon, uav):
+    calls = {
+        "hold": ({"target": "pad-a"}, {"target": "pad-a"}),
+        "velocity": ({"target": "pad-b", "frame": "body"}, {"velocity": [0.1, 0.0, -0.2], "frame": "body"}),
+        "goto": ({"target": "pad-c", "yaw": 0.1}, {"position": [0.1, 0.0, -0.2], "frame": "pad", "yaw": 0.1}),
+    }
+    async with uav.lease() as lease:
+        for name, (options, fields) in calls.items():
+            await getattr(lease, name)(*[0.1, 0.0, -0.2] * (name != "hold"), **options, seconds=0.1)
+            await wait_until(lambda options=options: daemon.setpoints[-1]["target"] == options["target"])
+            sent = [one for one in daemon.setpoints if one["target"] == options["target"]]
+            assert all(fields.items() <= one.items() for one in sent), "as it is from the beginning"
         landing = asyncio.create_task(lease.land(target="pad-d"))
         await wait_until(lambda: daemon.setpoints[-1]["target"] == "pad-d")
         daemon.lose("it stands", outcome=Outcome.LANDED)
         await landing
-        named = list(dict.fromkeys(setpoint["target"] for setpoint in daemon.setpoints))
-        assert named == ["pad-a", "pad-b", "pad-c", "pad-d"]
 
 
-async def test_velocities_and_attitudes_are_streamed():
-    async with connected(engages=3) as (daemon, uav), uav.lease() as lease:
+async def test_an_attitude_is_level_until_the_daemon_engages(daemon, uav):
+    async with uav.lease() as lease:
         await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)
-        assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05], "level before it engages"
+        assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05]
         await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 0.1)
-        await lease.velocity(0.1, 0.0, -0.2, frame="body", seconds=0.1)
-        await wait_until(lambda: "velocity" in daemon.setpoints[-1])
-        assert (daemon.setpoints[-1]["velocity"], daemon.setpoints[-1]["frame"]) == ([0.1, 0.0, -0.2], "body")
 
 
 async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemon, uav, monkeypatch):

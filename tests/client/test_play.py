@@ -87,32 +87,16 @@ def test_no_key_that_commands_can_be_made(spec):
             PlayKey(f"{root}/mk1/{suffix}")
 
 
-@pytest.mark.parametrize(
-    "key",
-    [
-        "mk/live/do/lease",
-        "mk/live/setpoint/stick",
-        "mk/live/cmd/fc/version_request",
-        "mk/live/joy/pad",
-        "mk/live/alive",
-        "mk/*/state/attitude",
-        "mk/**/state/attitude",
-        "mk/a$*/state/attitude",
-        "mk/live/rx/fc/*",
-        "mk/live/rx/**",
-        "mk/live/vision/$*/pose",
-        "mk/live/state/attitude?x",
-        "mk/live/do/../state/attitude",
-        "mk/live/state/attitude/../../setpoint/stick",
-        "mk//state/attitude",
-        "mk/live do/state/attitude",
-        "mk/live/setpoint/state/attitude",
-        "mk/state/attitude",
-        "do/live/state/attitude",
-        "mk",
-        "",
-    ],
-)
+STRANGE_KEYS = [
+    *("mk/live/do/lease", "mk/live/setpoint/stick", "mk/live/cmd/fc/version_request", "mk/live/joy/pad"),
+    *("mk/live/alive", "mk/*/state/attitude", "mk/**/state/attitude", "mk/a$*/state/attitude", "mk/live/rx/fc/*"),
+    *("mk/live/rx/**", "mk/live/vision/$*/pose", "mk/live/state/attitude?x", "mk/live/do/../state/attitude"),
+    *("mk/live/state/attitude/../../setpoint/stick", "mk//state/attitude", "mk/live do/state/attitude"),
+    *("mk/live/setpoint/state/attitude", "mk/state/attitude", "do/live/state/attitude", "mk", ""),
+]
+
+
+@pytest.mark.parametrize("key", STRANGE_KEYS)
 @pytest.mark.parametrize("name", [None, "live", "setpoint", "do"])
 def test_no_recorded_key_and_no_name_lead_to_one_that_commands(key, name):
     assert play_key(key, name) is None
@@ -200,7 +184,6 @@ async def test_what_was_not_put_is_counted():
         await wait_until(lambda: player.sent.total == 1, 5.0)
         player.stop()
         await task
-    assert player.sent.total == 1
     assert sum(player.missing.values()) == selection.total - 1
     assert player.status().state is PlayState.PAUSED
 
@@ -306,7 +289,14 @@ async def test_at_the_end_a_viewer_can_go_back():
         await playing
 
 
-async def test_who_asks_is_an_audience_too():
+async def test_who_asks_is_an_audience_too_and_a_player_that_waits_can_be_stopped():
+    async with a_player() as (player, _, _):
+        waiting = asyncio.create_task(player.wait_for_subscribers())
+        await asyncio.sleep(0)
+        player.stop()
+        await waiting
+        await player.play()
+        assert player.sent.total == 0
     async with a_player() as (player, _, endpoint):
         with player.answering():
             waiting = asyncio.create_task(player.wait_for_subscribers())
@@ -315,16 +305,6 @@ async def test_who_asks_is_an_audience_too():
             async with connect("show", endpoint) as uav:
                 await uav.get_all("state/*")
                 await waiting
-
-
-async def test_a_player_that_waits_can_be_stopped():
-    async with a_player() as (player, _, _):
-        waiting = asyncio.create_task(player.wait_for_subscribers())
-        await asyncio.sleep(0)
-        player.stop()
-        await waiting
-        await player.play()
-    assert player.sent.total == 0
 
 
 async def test_what_fails_while_it_reads_ends_playing():

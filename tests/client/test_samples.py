@@ -12,17 +12,14 @@ from mkdaemon.errors import ProtocolError
 from mkdaemon.protocol.messages import Settings, SettingsRequest
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.traffic import FrameSample
+from tests import samples as samples_of
 from tests.client.fake import settle
-
-ATTITUDE = Attitude(
-    stamp=Clock().stamp(), source="nc/osd", quaternion=(1.0, 0.0, 0.0, 0.0), roll=0.1, pitch=0.2, yaw=0.3
-)
 
 
 async def test_telemetry_comes_back_as_the_model_that_was_published(daemon, uav):
     async with uav.watch("state/attitude") as samples:
         await settle(uav)
-        attitude = ATTITUDE.model_copy(update={"stamp": Clock().stamp()})
+        attitude = samples_of.attitude(yaw=0.3).model_copy(update={"stamp": Clock().stamp()})
         daemon.bus.publish("state/attitude", attitude)
         sample = await anext(samples)
         assert (sample.suffix, sample.schema, sample.age) == ("state/attitude", "Attitude.v1", None)

@@ -20,12 +20,8 @@ async def test_verbs_send_their_fields_and_return_values(daemon, uav):
     assert (await uav.rates("osd", 0.25)).intervals == {"osd": 0.25}
     assert (await uav.rates()).intervals == {"osd": 0.1}
     assert (await uav.labels("nc")).names == ("one", "two")
-    assert [fields for _, fields in daemon.asked] == [
-        {"reason": "enough"},
-        {"stream": "osd", "interval": 0.25},
-        {},
-        {"board": "nc"},
-    ]
+    wanted = [{"reason": "enough"}, {"stream": "osd", "interval": 0.25}, {}, {"board": "nc"}]
+    assert [fields for _, fields in daemon.asked] == wanted
     assert (await uav.schema("Attitude.v1"))["title"] == "Attitude"
     assert await uav.schema("Nothing.v1") is None
 

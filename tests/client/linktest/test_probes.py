@@ -13,16 +13,9 @@ STICKS = {"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0}
 
 
 def frame(message, at, purpose=None):
-    return FrameSample(
-        stamp=Stamp(monotonic=at, wall=0.0),
-        sequence=1,
-        board="nc",
-        id=message.spec.id,
-        message=message.spec.name,
-        layout=message.spec.layout,
-        fields=message,
-        purpose=purpose,
-    )
+    spec, stamp = message.spec, Stamp(monotonic=at, wall=0.0)
+    named = {"board": "nc", "id": spec.id, "message": spec.name, "layout": spec.layout}
+    return FrameSample(stamp=stamp, sequence=1, fields=message, purpose=purpose, **named)
 
 
 class Line:

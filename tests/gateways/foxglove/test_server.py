@@ -23,7 +23,7 @@ from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.foxglove import exhibit
 from mkdaemon.gateways.foxglove.exhibit import Feed
-from mkdaemon.gateways.foxglove.server import BACKLOG, _send_at_once, serving
+from mkdaemon.gateways.foxglove.server import BACKLOG, serving
 from mkdaemon.record.entry import EntryKind
 from mkdaemon.record.reader import Recording
 from mkdaemon.stamp import nanoseconds
@@ -75,33 +75,50 @@ async def flying(*names):
                 yield address, *fleet
 
 
-async def test_what_is_advertised_can_be_read_and_says_what_it_is():
-    async with flying("mk1") as (address, uav):
-        uav.put("vision/down/setup", samples.setup(1.0))
-        async with viewing(address) as viewer:
-            await wait_until(lambda: "/camera/down/image" in viewer.channels)
-            assert viewer.info["name"] == "mkdaemon"
-            assert viewer.info["capabilities"] == ["time"]
-            assert {"/scene", "/tf", "/fix", "/log", "/state/attitude", "/vision/down/pose"} <= viewer.channels.keys()
-            assert viewer.channels["/scene"]["schemaName"] == "foxglove.SceneUpdate"
-            assert viewer.channels["/state/attitude"]["schemaName"] == "mk.Attitude.v1"
-            for topic, channel in viewer.channels.items():
-                if channel["encoding"] == "json":
-                    assert list(complaints(json.loads(channel["schema"]))) == [], topic
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(exhibit, "LOOK_PERIOD", 0.1)
 
 
-async def test_only_what_somebody_looks_at_is_subscribed_on_the_bus():
-    async with flying("mk1") as (address, uav):
-        assert not uav.is_watched("**")
-        async with viewing(address) as viewer:
-            await viewer.subscribe("/state/attitude", "/tf")
-            await wait_until(lambda: uav.is_watched("state/attitude") and uav.is_watched("vision/down/pose"))
-            assert not uav.is_watched("raw/rx")
-            await viewer.unsubscribe()
-            await wait_until(lambda: not uav.is_watched("**"))
-            await viewer.subscribe("/link/health")
-            await wait_until(lambda: uav.is_watched("link/health"))
-        await wait_until(lambda: not uav.is_watched("**"))  # its connection is gone
+@pytest.fixture
+async def uav():
+    """An aircraft that is shown."""
+    async with flying("mk1") as (address, found):
+        found.shown_at = address
+        yield found
+
+
+@pytest.fixture
+async def viewer(uav):
+    async with viewing(uav.shown_at) as found:
+        yield found
+
+
+async def test_what_is_advertised_can_be_read_and_says_what_it_is(uav):
+    uav.put("vision/down/setup", samples.setup(1.0))
+    async with viewing(uav.shown_at) as viewer:
+        await wait_until(lambda: "/camera/down/image" in viewer.channels)
+        assert viewer.info["name"] == "mkdaemon"
+        assert viewer.info["capabilities"] == ["time"]
+        assert {"/scene", "/tf", "/fix", "/log", "/state/attitude", "/vision/down/pose"} <= viewer.channels.keys()
+        assert viewer.channels["/scene"]["schemaName"] == "foxglove.SceneUpdate"
+        assert viewer.channels["/state/attitude"]["schemaName"] == "mk.Attitude.v1"
+        for topic, channel in viewer.channels.items():
+            if channel["encoding"] == "json":
+                assert list(complaints(json.loads(channel["schema"]))) == [], topic
+
+
+async def test_only_what_somebody_looks_at_is_subscribed_on_the_bus(uav):
+    assert not uav.is_watched("**")
+    async with viewing(uav.shown_at) as viewer:
+        await viewer.subscribe("/state/attitude", "/tf")
+        await wait_until(lambda: uav.is_watched("state/attitude") and uav.is_watched("vision/down/pose"))
+        assert not uav.is_watched("raw/rx")
+        await viewer.unsubscribe()
+        await wait_until(lambda: not uav.is_watched("**"))
+        await viewer.subscribe("/link/health")
+        await wait_until(lambda: uav.is_watched("link/health"))
+    await wait_until(lambda: not uav.is_watched("**"))  # its connection is gone
 
 
 async def test_values_do_not_wait_for_the_loop_and_end_with_the_subscription():
@@ -119,39 +136,36 @@ async def test_values_do_not_wait_for_the_loop_and_end_with_the_subscription():
     assert taken == [1.0, 2.0, 4.0], "no turn of the loop between"
 
 
-async def test_a_value_comes_once_however_many_channels_are_made_of_its_key():
-    async with flying("mk1") as (address, uav), viewing(address) as viewer:
-        await viewer.subscribe("/state/attitude")
-        await wait_until(lambda: uav.is_watched("state/attitude"))
-        await viewer.subscribe("/diagnostics", "/tf", "/scene")  # of state/*, which holds the key, too
-        await wait_until(lambda: uav.is_watched("state/gps"))
-        await asyncio.sleep(0.2)  # the narrow subscription ends behind the wide one
-        for number in range(20):
-            uav.put("state/attitude", samples.attitude(1.0 + number))
-        await wait_until(lambda: len(viewer.of("/state/attitude")) >= 20)
-        await asyncio.sleep(0.2)
-        assert [one["stamp"]["monotonic"] for one in viewer.of("/state/attitude")] == [1.0 + n for n in range(20)]
+async def test_a_value_comes_once_however_many_channels_are_made_of_its_key(uav, viewer):
+    await viewer.subscribe("/state/attitude")
+    await wait_until(lambda: uav.is_watched("state/attitude"))
+    await viewer.subscribe("/diagnostics", "/tf", "/scene")  # of state/*, which holds the key, too
+    await wait_until(lambda: uav.is_watched("state/gps"))
+    await asyncio.sleep(0.2)  # the narrow subscription ends behind the wide one
+    for number in range(20):
+        uav.put("state/attitude", samples.attitude(1.0 + number))
+    await wait_until(lambda: len(viewer.of("/state/attitude")) >= 20)
+    await asyncio.sleep(0.2)
+    assert [one["stamp"]["monotonic"] for one in viewer.of("/state/attitude")] == [1.0 + n for n in range(20)]
 
 
-async def test_keys_that_come_later_are_found_by_what_the_daemon_counts(monkeypatch):
-    monkeypatch.setattr(exhibit, "LOOK_PERIOD", 0.1)
-    async with flying("mk1") as (address, uav), viewing(address) as viewer:
-        uav.put("bus/counts", BusCounts(stamp=samples.stamp(1.0), counts={"state/attitude": 5}))
-        await viewer.subscribe("/state/attitude")
-        await wait_until(lambda: uav.asked.count("bus/counts") > 3)
-        uav.asked.clear()
-        uav.put("vision/down/setup", samples.setup(2.0))
-        uav.put("rx/nc/osd", samples.alive(2.0))
-        counts = {"state/attitude": 9, "vision/down/setup": 1, "rx/nc/osd": 1}
-        uav.put("bus/counts", BusCounts(stamp=samples.stamp(2.0), counts=counts))
-        await wait_until(lambda: {"/camera/down/image", "/rx/nc/osd"} <= viewer.channels.keys())
-        await wait_until(lambda: uav.asked.count("bus/counts") > 3)
-        asked = [key for key in uav.asked if key != "bus/counts"]
-        assert sorted(asked) == ["rx/nc/osd", "vision/down/setup"], "each is asked for once, and nothing else is"
+async def test_keys_that_come_later_are_found_by_what_the_daemon_counts(quick, uav, viewer):
+    uav.put("bus/counts", BusCounts(stamp=samples.stamp(1.0), counts={"state/attitude": 5}))
+    await viewer.subscribe("/state/attitude")
+    await wait_until(lambda: uav.asked.count("bus/counts") > 3)
+    uav.asked.clear()
+    uav.put("vision/down/setup", samples.setup(2.0))
+    uav.put("rx/nc/osd", samples.alive(2.0))
+    counts = {"state/attitude": 9, "vision/down/setup": 1, "rx/nc/osd": 1}
+    uav.put("bus/counts", BusCounts(stamp=samples.stamp(2.0), counts=counts))
+    await wait_until(lambda: {"/camera/down/image", "/rx/nc/osd"} <= viewer.channels.keys())
+    await wait_until(lambda: uav.asked.count("bus/counts") > 3)
+    asked = [key for key in uav.asked if key != "bus/counts"]
+    assert sorted(asked) == ["rx/nc/osd", "vision/down/setup"], "each is asked for once, and nothing else is"
 
 
-async def test_who_comes_is_given_the_last_values_and_nobody_else():
-    async with flying("mk1") as (address, uav), viewing(address) as one, viewing(address) as other:
+async def test_who_comes_is_given_the_last_values_and_nobody_else(uav):
+    async with viewing(uav.shown_at) as one, viewing(uav.shown_at) as other:
         uav.put("event/log", LogEvent(stamp=samples.stamp(1.0), level="info", text="hello"))
         uav.put("vision/down/setup", samples.setup(1.0))
         uav.put("control/estimate", samples.estimate(2.0))
@@ -167,16 +181,15 @@ async def test_who_comes_is_given_the_last_values_and_nobody_else():
         assert [line["message"] for line in one.of("/log")] == ["hello", "again"]
 
 
-async def test_values_that_go_back_in_time_begin_anew():
-    async with flying("mk1") as (address, uav), viewing(address) as viewer:
-        await viewer.subscribe("/pose")
-        await wait_until(lambda: uav.is_watched("control/estimate"))
-        heights = (1.0, 2.0, 3.0)
-        for at, height in zip((100.0, 50.0, 50.1), heights, strict=True):
-            uav.put("control/estimate", samples.estimate(at, position=(0.0, 0.0, height)))
-        await wait_until(lambda: len(viewer.of("/pose")) == len(heights))
-        assert [one["pose"]["position"]["z"] for one in viewer.of("/pose")] == list(heights)
-        assert viewer.times == [nanoseconds(1.7e9 + at) for at in (100.0, 50.0, 50.1)]
+async def test_values_that_go_back_in_time_begin_anew(uav, viewer):
+    await viewer.subscribe("/pose")
+    await wait_until(lambda: uav.is_watched("control/estimate"))
+    heights = (1.0, 2.0, 3.0)
+    for at, height in zip((100.0, 50.0, 50.1), heights, strict=True):
+        uav.put("control/estimate", samples.estimate(at, position=(0.0, 0.0, height)))
+    await wait_until(lambda: len(viewer.of("/pose")) == len(heights))
+    assert [one["pose"]["position"]["z"] for one in viewer.of("/pose")] == list(heights)
+    assert viewer.times == [nanoseconds(1.7e9 + at) for at in (100.0, 50.0, 50.1)]
 
 
 async def test_vehicles_have_topics_and_frames_of_their_own_and_may_come_later():
@@ -242,26 +255,25 @@ def _resident():
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing():
+async def test_a_viewer_that_hangs_costs_a_bounded_queue_and_the_others_nothing(uav, viewer):
     size, count = 40_000, 1500
-    async with flying("mk1") as (address, uav), viewing(address) as viewer:
-        async with websockets.connect(address, subprotocols=[SUBPROTOCOL], max_queue=1) as hung:
-            await viewer.subscribe("/event/log")
-            number = viewer.channels["/event/log"]["id"]
-            await hung.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": number}]}))
-            await wait_until(lambda: uav.is_watched("event/log"))
-            text, before = "x" * size, _resident()
-            for place in range(count):
-                uav.put("event/log", LogEvent(stamp=samples.stamp(place), level="info", text=f"{place} {text}"))
-                if place % 25 == 0:
-                    await wait_until(lambda place=place: len(viewer.seen) > place)
-                    for one in viewer.seen:
-                        one.value["text"] = one.value["text"][:10]
-            await wait_until(lambda: len(viewer.seen) == count)
-            assert count * size > 5 * BACKLOG * size
-            assert _resident() - before < 2 * BACKLOG * size + 20e6
-            hung.transport.abort()  # it never reads, so it never answers that it closes
-        assert [int(one["text"].split()[0]) for one in viewer.of("/event/log")] == list(range(count))
+    async with websockets.connect(uav.shown_at, subprotocols=[SUBPROTOCOL], max_queue=1) as hung:
+        await viewer.subscribe("/event/log")
+        number = viewer.channels["/event/log"]["id"]
+        await hung.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": number}]}))
+        await wait_until(lambda: uav.is_watched("event/log"))
+        text, before = "x" * size, _resident()
+        for place in range(count):
+            uav.put("event/log", LogEvent(stamp=samples.stamp(place), level="info", text=f"{place} {text}"))
+            if place % 25 == 0:
+                await wait_until(lambda place=place: len(viewer.seen) > place)
+                for one in viewer.seen:
+                    one.value["text"] = one.value["text"][:10]
+        await wait_until(lambda: len(viewer.seen) == count)
+        assert count * size > 5 * BACKLOG * size
+        assert _resident() - before < 2 * BACKLOG * size + 20e6
+        hung.transport.abort()  # it never reads, so it never answers that it closes
+    assert [int(one["text"].split()[0]) for one in viewer.of("/event/log")] == list(range(count))
 
 
 def _connections(port):
@@ -273,61 +285,41 @@ def _connections(port):
                     yield one
 
 
-async def test_a_message_does_not_wait_for_the_viewers_word_of_the_one_before():
-    async with flying("mk1") as (address, _), viewing(address):
-        port = int(address.rpartition(":")[2])
-        is_quick = [one.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for one in _connections(port)]
+async def test_a_message_does_not_wait_for_the_viewers_word_of_the_one_before(uav, viewer):
+    port = int(uav.shown_at.rpartition(":")[2])
+    is_quick = [one.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) for one in _connections(port)]
     assert len(is_quick) == 2, "the socket that listens, and the viewer's connection"
     assert all(is_quick)
 
 
-def test_only_its_port_is_changed_and_nothing_is_left_open():
-    with socket.create_server(("127.0.0.1", 0)) as other:
-        port = other.getsockname()[1]
-        opened = sorted(file.name for file in Path("/proc/self/fd").iterdir())
-        _send_at_once(port + 1)
-        assert not other.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-        _send_at_once(port)
-        assert other.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-        assert sorted(file.name for file in Path("/proc/self/fd").iterdir()) == opened
-
-
-@pytest.mark.parametrize(
-    ("offered", "chosen"),
-    [
-        (["foxglove.sdk.v1"], "foxglove.sdk.v1"),
-        (["foxglove.websocket.v1", "foxglove.sdk.v1"], "foxglove.sdk.v1"),
-        (["foxglove.websocket.v1"], None),
-        (None, None),
-    ],
-    ids=["new", "both", "old", "none"],
-)
-async def test_a_viewer_of_the_old_protocol_is_refused_with_the_reason_in_the_log(offered, chosen):
+@pytest.mark.parametrize("offered", [["foxglove.sdk.v1"], ["foxglove.websocket.v1", "foxglove.sdk.v1"]])
+async def test_a_viewer_of_the_new_protocol_is_taken(uav, offered):
     with capture_logs() as logged:
-        async with flying("mk1") as (address, _):
-            if chosen is not None:
-                async with websockets.connect(address, subprotocols=offered) as viewer:
-                    assert viewer.subprotocol == chosen
-                assert not [one for one in logged if one["event"] == "viewer_refused"]
-                return
-            with pytest.raises(websockets.InvalidStatus, match="400"):
-                await websockets.connect(address, subprotocols=offered)
-            await wait_until(lambda: any(one["event"] == "viewer_refused" for one in logged))
+        async with websockets.connect(uav.shown_at, subprotocols=offered) as viewer:
+            assert viewer.subprotocol == "foxglove.sdk.v1"
+    assert not [one for one in logged if one["event"] == "viewer_refused"]
+
+
+@pytest.mark.parametrize("offered", [["foxglove.websocket.v1"], None])
+async def test_a_viewer_of_the_old_protocol_is_refused_with_the_reason_in_the_log(uav, offered):
+    with capture_logs() as logged:
+        with pytest.raises(websockets.InvalidStatus, match="400"):
+            await websockets.connect(uav.shown_at, subprotocols=offered)
+        await wait_until(lambda: any(one["event"] == "viewer_refused" for one in logged))
     (refused,) = (one for one in logged if one["event"] == "viewer_refused")
     assert refused["viewer"].startswith("127.0.0.1:")
     assert "foxglove.sdk.v1" in refused["words"]
     assert "update it" in refused["words"]
 
 
-async def test_an_address_that_is_in_use_is_one_line():
-    async with flying("mk1") as (address, uav):
-        port = int(address.rpartition(":")[2])
-        with pytest.raises(ConfigError, match=rf"--port {port}: Address already in use; end what uses it"):
-            async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], port=port):
-                pytest.fail("in use")
-        with pytest.raises(ConfigError, match="--host nonsense"):
-            async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], host="nonsense", port=0):
-                pytest.fail("no such host")
+async def test_an_address_that_is_in_use_is_one_line(uav):
+    port = int(uav.shown_at.rpartition(":")[2])
+    with pytest.raises(ConfigError, match=rf"--port {port}: Address already in use; end what uses it"):
+        async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], port=port):
+            pytest.fail("in use")
+    with pytest.raises(ConfigError, match="--host nonsense"):
+        async with serving(Vehicle(uav.session, "mk1", "here"), ["mk1"], host="nonsense", port=0):
+            pytest.fail("no such host")
 
 
 def test_nothing_is_left_when_it_ends():

@@ -86,21 +86,12 @@ def garbage(count, seed):
     return decoder.counts
 
 
+@pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.gateways)])
 @virtually
-async def test_a_thousand_messages_of_every_kind():
-    assert await storm(1000, 1) < GROWTH
+async def test_messages_of_every_kind_with_random_fields_leave_nothing_behind(count):
+    assert await storm(count, 1) < GROWTH
 
 
-def test_ten_thousand_random_bytes():
-    assert garbage(10_000, 2).messages == 0
-
-
-@pytest.mark.gateways
-@virtually
-async def test_a_hundred_thousand_messages_of_every_kind():
-    assert await storm(100_000, 3) < GROWTH
-
-
-@pytest.mark.gateways
-def test_a_million_random_bytes():
-    assert garbage(1_000_000, 4).messages <= 2  # a checksum of 16 bits fits by chance
+@pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000, marks=pytest.mark.gateways)])
+def test_random_bytes_are_no_messages(count):
+    assert garbage(count, 2).messages <= count // 500_000  # a checksum of 16 bits fits by chance

@@ -298,10 +298,13 @@ async def test_a_daemon_that_does_not_begin_is_not_waited_for_without_end(vehicl
 
 
 @virtually
-async def test_a_landing_ends_well(vehicle, gateway, ears):
+async def test_a_landing_goes_on_when_its_station_has_ended_and_ends_well(vehicle, gateway, ears):
+    """MAVSDK's own example ends when it has ordered the landing."""
     ears.command(LAND)
-    await beat(ears, 0.5)
+    await beat(ears, 1.0)
     flying(gateway, "land")
+    await asyncio.sleep(10.0)
+    assert vehicle.lease_now is not None and asyncio.get_running_loop().time() - vehicle.setpoints[-1][0] < 0.2
     vehicle.lease_now.lose("it stands", outcome=Outcome.LANDED)
     await beat(ears, 0.2)
     assert ears.acks == [(LAND, ACCEPTED)] and "landed" in ears.words and gateway.steering.order is None
@@ -496,13 +499,3 @@ async def test_a_height_or_a_heading_alone_is_flown_where_the_aircraft_is(vehicl
         _, kind, fields = vehicle.setpoints[-1]
         assert (kind, fields["position"]) == ("position", (0.3, -0.2, pytest.approx(wanted)))
         assert fields["yaw"] == (None if heading != heading else pytest.approx(1.5708, abs=1e-4))
-
-
-@virtually
-async def test_a_landing_goes_on_when_its_station_has_ended(vehicle, gateway, ears):
-    """MAVSDK's own example ends when it has ordered the landing."""
-    ears.command(LAND)
-    await beat(ears, 1.0)
-    flying(gateway, "land")
-    await asyncio.sleep(10.0)
-    assert vehicle.lease_now is not None and asyncio.get_running_loop().time() - vehicle.setpoints[-1][0] < 0.2

@@ -50,6 +50,14 @@ async def linked(*addresses):
                     task.cancel()
 
 
+@asynccontextmanager
+async def listening(kind):
+    """Links that listen; what came over them, and their port."""
+    port = free_port(socket.SOCK_DGRAM if kind is AddressKind.UDP_IN else socket.SOCK_STREAM)
+    async with linked(Address(kind, "127.0.0.1", port)) as (links, came):
+        yield links, came, port
+
+
 def bytes_of(message, system=255):
     return Encoder(system, None).encode(message, time.time())
 
@@ -74,13 +82,10 @@ async def test_a_program_that_listens_is_found_and_missed():
 
 
 async def test_each_address_that_sends_is_a_station():
-    port = free_port(socket.SOCK_DGRAM)
-    loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
-        links, came = await stack.enter_async_context(linked(Address(AddressKind.UDP_IN, "127.0.0.1", port)))
-        programs = [
-            stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(MOST_STATIONS + 1)
-        ]
+        links, came, port = await stack.enter_async_context(listening(AddressKind.UDP_IN))
+        ends = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(MOST_STATIONS + 1))
+        programs = [stack.enter_context(end) for end in ends]
         for program in programs:
             program.setblocking(False)
             program.sendto(b"\xfd nonsense", ("127.0.0.1", port))
@@ -89,12 +94,12 @@ async def test_each_address_that_sends_is_a_station():
         assert len(came) == len(links.stations) == MOST_STATIONS
         for station in links.stations:
             station.send(PING)
-        assert (await loop.sock_recv(programs[0], 300))[7] == mavlink.MAVLINK_MSG_ID_PING
+        data = await asyncio.get_running_loop().sock_recv(programs[0], 300)
+        assert data[7] == mavlink.MAVLINK_MSG_ID_PING
 
 
 async def test_connections_are_stations_while_they_stand():
-    port = free_port()
-    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with listening(AddressKind.TCP_IN) as (links, came, port):
         ends = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
         await wait_for(lambda: len(links.stations) == MOST_STATIONS)
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -116,8 +121,7 @@ async def test_connections_are_stations_while_they_stand():
 
 
 async def test_a_station_that_does_not_read_loses_messages_and_holds_nobody_up():
-    port = free_port()
-    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, _):
+    async with listening(AddressKind.TCP_IN) as (links, _, port):
         _, writer = await asyncio.open_connection("127.0.0.1", port, limit=1)
         await wait_for(lambda: links.stations)
         (station,) = links.stations
@@ -133,8 +137,7 @@ async def test_a_station_that_does_not_read_loses_messages_and_holds_nobody_up()
 async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch):
     """Each start comes from a port of its own; the tenth within half a minute got no answer, and the log no line."""
     monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
-    port = free_port(socket.SOCK_DGRAM)
-    async with linked(Address(AddressKind.UDP_IN, "127.0.0.1", port)) as (links, came):
+    async with listening(AddressKind.UDP_IN) as (links, came, port):
         for start in range(MOST_STATIONS + 4):
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as script:
                 script.sendto(bytes_of(BEAT), ("127.0.0.1", port))
@@ -145,8 +148,7 @@ async def test_a_script_that_is_restarted_again_and_again_finds_room(monkeypatch
 
 async def test_silent_connections_make_room_for_one_that_speaks(monkeypatch):
     monkeypatch.setattr("mkdaemon.gateways.mavlink.links.SILENCE", 0.05)
-    port = free_port()
-    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with listening(AddressKind.TCP_IN) as (links, came, port):
         silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(MOST_STATIONS)]
         await wait_for(lambda: len(links.stations) == MOST_STATIONS)
         await asyncio.sleep(0.06)
@@ -162,9 +164,8 @@ async def test_silent_connections_make_room_for_one_that_speaks(monkeypatch):
 @pytest.mark.parametrize("head", [b"POST / HTTP/1.1\r\nHost: x\r\n\r\n", b"\x16\x03\x01", b"SSH-2.0-x\r\n"])
 async def test_a_connection_that_begins_as_something_else_is_closed_and_not_read(head):
     """What a web page posts holds the bytes that it wants; PARAM_SET reached a board so."""
-    port = free_port()
     write = mavlink.MAVLink_param_set_message(1, 1, b"GYRO_P", 55.0, 9)
-    async with linked(Address(AddressKind.TCP_IN, "127.0.0.1", port)) as (links, came):
+    async with listening(AddressKind.TCP_IN) as (links, came, port):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(head + bytes_of(write))
         assert await reader.read() == b""

@@ -32,13 +32,8 @@ def test_a_recorded_stream_is_not_taken_after_a_restart(tmp_path):
     assert taken(path, [later], WALL + 40.0) == 1
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[[1]]", "[[1, 2, 3, []]]", "nonsense"])
-def test_a_broken_file_is_no_end(tmp_path, text):
-    path = tmp_path / "times.json"
-    path.write_text(text)
+@pytest.mark.parametrize("text", ["", "{}", "[[1]]", "[[1, 2, 3, []]]", "nonsense", None])
+def test_a_broken_file_or_no_place_to_write_one_is_no_end(tmp_path, text):
+    path = tmp_path / "times.json" / ("" if text is not None else "below a file")
+    (tmp_path / "times.json").write_text(text or "")
     assert taken(path, stream(2), WALL) == 2
-
-
-def test_without_a_place_to_write_it_goes_on(tmp_path):
-    (tmp_path / "file").write_text("")
-    assert taken(tmp_path / "file" / "times.json", stream(2), WALL) == 2

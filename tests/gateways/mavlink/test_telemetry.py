@@ -84,12 +84,18 @@ def test_everything_known(name):
     assert wrong == {}
 
 
-@pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
-def test_nothing_known_and_a_stale_value_are_not_sent(name):
-    picture = LinkPicture()
-    assert TABLE[name].make(picture) is None
+@pytest.fixture
+def picture():
+    """Of everything, at 10 s."""
+    made = LinkPicture()
     for value in rig.EVERYTHING:
-        picture.take(value, 10.0)
+        made.take(value, 10.0)
+    return made
+
+
+@pytest.mark.parametrize("name", sorted(set(TABLE) - {"SYS_STATUS", "EXTENDED_SYS_STATE"}))
+def test_nothing_known_and_a_stale_value_are_not_sent(picture, name):
+    assert TABLE[name].make(LinkPicture()) is None
     picture.now = 15.0
     assert TABLE[name].make(picture) is None
 
@@ -102,10 +108,7 @@ def test_an_old_last_value_is_as_old_as_it_is():
     assert TABLE["ATTITUDE"].make(picture) is None
 
 
-def test_sensors_are_present_once_seen_and_healthy_while_fresh():
-    picture = LinkPicture()
-    for value in rig.EVERYTHING:
-        picture.take(value, 10.0)
+def test_sensors_are_present_once_seen_and_healthy_while_fresh(picture):
     gps, prearm = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_PREARM_CHECK
     now = TABLE["SYS_STATUS"].make(picture)
     assert now.onboard_control_sensors_health & (gps | prearm) == gps | prearm
@@ -138,17 +141,13 @@ def test_marks_of_what_is_not_known(name, value, fields):
     )
 
 
-def test_a_position_without_its_height_is_not_sent():
-    place = rig.POSITION.model_copy(update={"altitude": None})
-    assert sent("GLOBAL_POSITION_INT", place, rig.VELOCITY) is None
-    assert sent("HOME_POSITION", place) is None
-
-
-def test_home_keeps_its_height():
+def test_home_keeps_its_height_and_without_one_no_position_is_sent():
     later = rig.POSITION.model_copy(update={"altitude": 20.0})
     assert sent("HOME_POSITION", rig.POSITION, later).altitude == 9_500
     moved = later.model_copy(update={"home_latitude_deg": 53.24})
     assert sent("HOME_POSITION", rig.POSITION, moved).altitude == 17_000
+    place = rig.POSITION.model_copy(update={"altitude": None})
+    assert sent("GLOBAL_POSITION_INT", place, rig.VELOCITY) is None and sent("HOME_POSITION", place) is None
 
 
 @pytest.mark.parametrize(

@@ -18,13 +18,16 @@ FLIGHT = DATA / "recordings" / "fc_over_target.mcap"
 
 
 def value(suffix, model, vehicle="mk1"):
-    return ExportedValue(
-        vehicle, suffix, model.stamp.wall, model.stamp.monotonic, model.model_dump(), schema_name(type(model))
-    )
+    fields, schema = model.model_dump(), schema_name(type(model))
+    return ExportedValue(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema)
 
 
-def every_value():
-    return [value(suffix, model) for suffix, model in samples.EVERY]
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A bag with every value, read."""
+    folder = tmp_path_factory.mktemp("every") / "bag"
+    write([value(suffix, model) for suffix, model in samples.EVERY], folder, overwrite=False)
+    return read(folder)
 
 
 def read(folder):
@@ -35,9 +38,8 @@ def read(folder):
     return found, offered
 
 
-def test_a_bag_has_every_topic_of_the_gateway_with_its_type_and_quality(tmp_path):
-    write(every_value(), tmp_path / "bag", overwrite=False)
-    found, offered = read(tmp_path / "bag")
+def test_a_bag_has_every_topic_of_the_gateway_with_its_type_and_quality(bag):
+    found, offered = bag
     wanted = {}
     for row in TOPICS:
         name = row.name.format(camera="down")
@@ -51,9 +53,8 @@ def test_a_bag_has_every_topic_of_the_gateway_with_its_type_and_quality(tmp_path
         assert (offered[name].durability.name == "TRANSIENT_LOCAL") == row.quality.is_latched, name
 
 
-def test_every_frame_of_a_header_is_one_that_the_table_names_and_the_tree_holds(tmp_path):
-    write(every_value(), tmp_path / "bag", overwrite=False)
-    found, _ = read(tmp_path / "bag")
+def test_every_frame_of_a_header_is_one_that_the_table_names_and_the_tree_holds(bag):
+    found, _ = bag
     tree = {}
     for topic, _, message in found:
         if topic in {"/tf", "/tf_static"}:
@@ -92,11 +93,8 @@ def test_a_recorded_flight_has_its_images_and_its_odometry(tmp_path):
 
 
 def test_a_second_vehicle_has_frames_of_its_own(tmp_path):
-    write(
-        [value("state/attitude", samples.attitude()), value("state/attitude", samples.attitude(), "mk-2")],
-        tmp_path / "bag",
-        overwrite=False,
-    )
+    both = [value("state/attitude", samples.attitude(), name) for name in ("mk1", "mk-2")]
+    write(both, tmp_path / "bag", overwrite=False)
     frames = {topic: message.header.frame_id for topic, _, message in read(tmp_path / "bag")[0] if "imu" in topic}
     assert frames == {"/mk1/imu": "base_link", "/mk_2/imu": "mk_2/base_link"}
 
@@ -123,14 +121,12 @@ def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
         ("control/output", "ControlOutput.v7", {"pitch": 1}),
     ],
 )
-def test_a_value_that_is_not_what_its_key_carries_is_named(tmp_path, suffix, schema, fields):
+def test_a_value_that_is_not_what_its_key_carries_and_a_time_that_ros_cannot_have_are_named(
+    tmp_path, suffix, schema, fields
+):
     broken = ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.stamp().model_dump()} | fields, schema)
-    with pytest.raises(MkError, match=f"{suffix} of mk1 at .*--format csv takes every value"):
-        write([broken], tmp_path / "bag", overwrite=False)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_time_that_ros_cannot_have_is_named(tmp_path):
     late = value("state/battery", samples.battery(1.4e9))
-    with pytest.raises(MkError, match="after 2038"):
-        write([late], tmp_path / "bag", overwrite=False)
+    for one, words in ((broken, f"{suffix} of mk1 at .*--format csv takes every value"), (late, "after 2038")):
+        with pytest.raises(MkError, match=words):
+            write([one], tmp_path / "bag", overwrite=False)
+    assert list(tmp_path.iterdir()) == []

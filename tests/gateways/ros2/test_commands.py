@@ -42,28 +42,23 @@ def test_another_pad_is_refused(wrong):
         commands.pad_state(wrong, AXES, BUTTONS)
 
 
-def test_age_is_by_the_stamp_and_never_negative():
-    def stamp(sec, nanosec=0):
-        return SimpleNamespace(sec=sec, nanosec=nanosec)
+def at_time(at):
+    """A header of a time [s]."""
+    return SimpleNamespace(stamp=SimpleNamespace(sec=int(at), nanosec=round(at % 1.0 * 1e9)))
 
-    assert commands.age_of(stamp(100, 500_000_000), 101.0) == pytest.approx(0.5)
-    assert commands.age_of(stamp(102), 101.0) == 0.0
-    assert commands.age_of(stamp(0), 101.0) == 0.0
-    assert commands.newer(stamp(0), (0, 0))
-    assert commands.newer(stamp(1), (0, 0))
-    assert not commands.newer(stamp(1, 2), (1, 2))
+
+def test_age_is_by_the_stamp_and_never_negative():
+    ages = {at: commands.age_of(at_time(at).stamp, 101.0) for at in (100.5, 102.0, 0.0)}
+    assert ages == {100.5: pytest.approx(0.5), 102.0: 0.0, 0.0: 0.0}
+    newer = [commands.newer(at_time(at).stamp, last) for at, last in ((0, (0, 0)), (1, (0, 0)), (1.5, (1, 5 * 10**8)))]
+    assert newer == [True, True, False]
 
 
 def ros_path(*poses):
     """A path by place, stamp [s] and orientation (w, x, y, z)."""
-    stamped = [
-        SimpleNamespace(
-            header=SimpleNamespace(stamp=SimpleNamespace(sec=int(at), nanosec=round(at % 1.0 * 1e9))),
-            pose=pose(TYPES, place, wxyz),
-        )
-        for place, at, wxyz in poses
-    ]
-    return SimpleNamespace(poses=stamped)
+    return SimpleNamespace(
+        poses=[SimpleNamespace(header=at_time(at), pose=pose(TYPES, place, wxyz)) for place, at, wxyz in poses]
+    )
 
 
 STILL, TURNED = (0.0, 0.0, 0.0, 0.0), (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
@@ -111,10 +106,7 @@ def test_a_pose_is_a_place_and_a_heading(place, yaw):
     fields = commands.position_fields(pose(TYPES, place, turned), "pad")
     assert (fields["position"], fields["frame"]) == (place, "pad")
     assert fields["yaw"] == pytest.approx(yaw, abs=1e-9)
-
-
-def test_an_orientation_of_zeros_keeps_the_heading():
-    assert commands.position_fields(pose(TYPES, (0, 0, 2), (0, 0, 0, 0)), "pad")["yaw"] is None
+    assert commands.position_fields(pose(TYPES, place, STILL), "pad")["yaw"] is None, "zeros keep the heading"
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -125,18 +117,12 @@ def test_what_is_no_number_is_refused(bad):
         commands.position_fields(pose(TYPES, (0, 0, 2), (1, 0, 0, bad)), "pad")
 
 
-@pytest.mark.parametrize(
-    ("frame_id", "word"),
-    [("", "body"), ("mk1/base_link", "body"), ("mk1/target/pad", "pad")],
-)
-def test_frames_that_are_flown(frame_id, word):
+@pytest.mark.parametrize(("frame_id", "word"), [("", "body"), ("mk1/base_link", "body"), ("mk1/target/pad", "pad")])
+def test_frames_that_are_flown_and_another_is_refused_with_those_there_are(frame_id, word):
     assert commands.setpoint_frame(frame_id, Frames("mk1/"), "body") == word
-
-
-@pytest.mark.parametrize("frame_id", ["map", "odom", "base_link", "target/pad"])
-def test_another_frame_is_refused_with_those_there_are(frame_id):
-    with pytest.raises(MkError, match="mk1/base_link or mk1/target/NAME"):
-        commands.setpoint_frame(frame_id, Frames("mk1/"), "body")
+    for wrong in ("map", "odom", "base_link", "target/pad"):
+        with pytest.raises(MkError, match="mk1/base_link or mk1/target/NAME"):
+            commands.setpoint_frame(wrong, Frames("mk1/"), "body")
 
 
 def test_what_has_ended_must_be_silent_before_it_counts_again():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -37,11 +38,68 @@ def rotation_of(orientation):
     return rotation_from_quaternion(conversions.attitude_of(orientation))
 
 
-def test_a_fix_has_the_measured_time_the_position_and_no_covariance():
-    made = through_cdr(conversions.fix(samples.position(), scene()), "sensor_msgs/msg/NavSatFix")
-    assert (made.header.stamp.sec, made.header.stamp.nanosec) == SECONDS
-    assert (made.latitude, made.longitude, made.altitude) == (53.2301184, 7.4590749, 12.5)
-    assert (made.status.status, made.position_covariance_type) == (0, 0)
+def fields_of(message, names):
+    """Fields of a message by their paths; lists and arrays as lists."""
+    found = {name: attrgetter(name)(message) for name in names}
+    return {name: list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
+            for name, value in found.items()}  # fmt: skip
+
+
+POSED = tuple(map(float, range(36)))
+RIGHT = [
+    (
+        conversions.fix, samples.position(), "sensor_msgs/msg/NavSatFix",
+        {"header.stamp.sec": SECONDS[0], "header.stamp.nanosec": SECONDS[1], "latitude": 53.2301184,
+         "longitude": 7.4590749, "altitude": 12.5, "status.status": 0, "position_covariance_type": 0},
+    ),
+    (
+        conversions.velocity, samples.velocity(), "geometry_msgs/msg/TwistStamped",
+        {"header.frame_id": "map", "twist.linear.x": 1.0, "twist.linear.y": 2.0, "twist.linear.z": -0.5},
+    ),
+    (
+        conversions.vision_pose, samples.pose(covariance=POSED), "geometry_msgs/msg/PoseWithCovarianceStamped",
+        {"header.frame_id": "target/pad", "pose.covariance": list(POSED), "pose.pose.position.x": 0.0,
+         "pose.pose.position.y": 0.0, "pose.pose.position.z": 2.0},
+    ),
+    (
+        conversions.sticks, samples.output(pitch=127, roll=-127, throttle=64), "sensor_msgs/msg/Joy",
+        {"axes": pytest.approx([1.0, -1.0, 0.0, 64 / 127]), "buttons": [1]},
+    ),
+    (
+        conversions.pilot, samples.pilot(sticks=(0.0, 127.0, -63.5), throttle=0.0), "sensor_msgs/msg/Joy",
+        {"axes": [0.0, 1.0, -0.5, 0.0]},
+    ),
+    (
+        conversions.image, samples.image(), "sensor_msgs/msg/Image",
+        {"width": 4, "height": 3, "step": 4, "encoding": "mono8", "data": list(range(12)),
+         "header.frame_id": "down_optical_frame"},
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("convert", "value", "kind", "wanted"), RIGHT, ids=lambda part: getattr(part, "__name__", ""))
+def test_a_value_has_its_frame_its_signs_and_its_units(convert, value, kind, wanted):
+    assert fields_of(through_cdr(convert(value, scene()), kind), wanted) == wanted
+
+
+@pytest.mark.parametrize(
+    ("convert", "value"),
+    [
+        (conversions.pilot, samples.pilot(sticks=None)),
+        (conversions.compressed, samples.image()),
+        (conversions.info, samples.setup(lens=None)),
+        (conversions.info_of_image, samples.image()),
+        (conversions.event, samples.attitude()),
+        (conversions.edge, samples.edge()),
+        (conversions.mount, samples.edge(parent="camera/down", child="pad", static=False)),
+        (conversions.no_fix, samples.gps()),
+        (conversions.image, samples.image(width=5)),
+        (conversions.image, samples.image(coding="jpeg", pixels=b"\xff\xd8\xffnone")),
+        (conversions.image, samples.image(coding="png", pixels=b"none")),
+    ],
+)
+def test_what_cannot_be_said_makes_no_message(convert, value):
+    assert convert(value, scene()) is None
 
 
 def test_no_position_is_told_while_the_board_has_none_and_not_else():
@@ -49,7 +107,6 @@ def test_no_position_is_told_while_the_board_has_none_and_not_else():
     assert made.status.status == -1
     assert math.isnan(made.latitude)
     assert math.isnan(made.longitude)
-    assert conversions.no_fix(samples.gps(), scene()) is None
 
 
 @given(roll=tilts, pitch=tilts, yaw=angles)
@@ -82,12 +139,6 @@ def test_an_imu_has_no_rates_after_a_gap_or_without_a_new_attitude():
     for passed in (0.0, 0.6, -1.0):
         made = conversions.imu(samples.attitude(samples.AT + passed), scene({"state/attitude": first}))
         assert made.angular_velocity_covariance[0] == -1.0
-
-
-def test_velocity_is_enu():
-    made = through_cdr(conversions.velocity(samples.velocity(), scene()), "geometry_msgs/msg/TwistStamped")
-    assert made.header.frame_id == "map"
-    assert (made.twist.linear.x, made.twist.linear.y, made.twist.linear.z) == (1.0, 2.0, -0.5)
 
 
 def test_a_battery_discharges_with_a_negative_current():
@@ -140,16 +191,6 @@ def test_an_estimate_without_covariance_has_its_deviations():
     assert np.allclose(np.diag(made.pose.covariance.reshape(6, 6))[:3], [0.01, 0.04, 0.09])
 
 
-def test_a_pose_keeps_the_order_of_its_covariance():
-    made = through_cdr(
-        conversions.vision_pose(samples.pose(covariance=tuple(range(36))), scene()),
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-    )
-    assert made.header.frame_id == "target/pad"
-    assert list(made.pose.covariance) == list(range(36))
-    assert (made.pose.pose.position.x, made.pose.pose.position.y, made.pose.pose.position.z) == (0.0, 0.0, 2.0)
-
-
 TREE = "tf2_msgs/msg/TFMessage"
 
 
@@ -162,7 +203,6 @@ def test_a_target_hangs_under_its_camera():
     found = edges_of(conversions.edge(samples.edge(parent="camera/down", child="pad", static=False), scene()))
     moved = found["down_optical_frame", "target/pad"]
     assert (moved.translation.x, moved.translation.z, moved.rotation.x, moved.rotation.w) == (0.1, -0.05, 1.0, 0.0)
-    assert conversions.edge(samples.edge(), scene()) is None, "a mount is static"
 
 
 def test_what_never_moves_is_sent_whole_every_time():
@@ -173,7 +213,6 @@ def test_what_never_moves_is_sent_whole_every_time():
         ("base_link", "down_optical_frame"),
         ("base_link", "front_optical_frame"),
     }
-    assert conversions.mount(samples.edge(parent="camera/down", child="pad", static=False), scene()) is None
 
 
 def test_frames_of_several_aircraft_have_their_prefix():
@@ -204,18 +243,6 @@ def test_the_body_is_nowhere_where_something_is_missing(position, latest):
     assert conversions.place(position, scene(latest)) is None
 
 
-def test_sticks_are_shares_of_the_way_with_flu_signs():
-    made = through_cdr(
-        conversions.sticks(samples.output(pitch=127, roll=-127, throttle=64), scene()), "sensor_msgs/msg/Joy"
-    )
-    assert np.allclose(made.axes, [1.0, -1.0, 0.0, 64 / 127])
-    assert list(made.buttons) == [1]
-    assert np.allclose(
-        conversions.pilot(samples.pilot(sticks=(0.0, 127.0, -63.5), throttle=0.0), scene()).axes, [0.0, 1.0, -0.5, 0.0]
-    )
-    assert conversions.pilot(samples.pilot(sticks=None), scene()) is None
-
-
 def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
     lost = samples.raw(raw=b"#\x00\xff", dropped="checksum")
     made = through_cdr(conversions.raw_frame(lost, scene()), "std_msgs/msg/UInt8MultiArray")
@@ -236,7 +263,6 @@ def test_a_raw_frame_has_its_bytes_its_time_and_why_it_is_none():
 def test_events_are_lines_of_a_log(event, level):
     made, line = through_cdr(conversions.event(event, scene()), "rcl_interfaces/msg/Log"), line_of(event)
     assert (made.level, made.name, made.msg) == (level, "mk1", f"{line.text} {line.fix}".strip())
-    assert conversions.event(samples.attitude(), scene()) is None
 
 
 @given(st.floats(-1e12, 1e12))
@@ -253,14 +279,6 @@ def test_names_become_names_that_ros_takes(name, part):
     assert name_part(name) == part
 
 
-def test_a_plain_image_keeps_its_pixels():
-    made = through_cdr(conversions.image(samples.image(), scene()), "sensor_msgs/msg/Image")
-    assert (made.width, made.height, made.step, made.encoding) == (4, 3, 4, "mono8")
-    assert bytes(made.data) == bytes(range(12))
-    assert made.header.frame_id == "down_optical_frame"
-    assert conversions.compressed(samples.image(), scene()) is None
-
-
 def test_a_jpeg_goes_as_it_came_and_decoded():
     grey = np.tile(np.arange(0, 160, 10, dtype=np.uint8), (16, 1))
     coded = samples.image(coding="jpeg", pixels=encode_jpeg(grey, 95, 16)[0], width=16, height=16)
@@ -268,13 +286,6 @@ def test_a_jpeg_goes_as_it_came_and_decoded():
     assert (made.format, bytes(made.data)) == ("jpeg", coded.pixels)
     decoded = through_cdr(conversions.image(coded, scene()), "sensor_msgs/msg/Image")
     assert np.abs(decoded.data.reshape(16, 16).astype(int) - grey).max() < 10
-
-
-@pytest.mark.parametrize(
-    "broken", [{"width": 5}, {"coding": "jpeg", "pixels": b"\xff\xd8\xffnone"}, {"coding": "png", "pixels": b"none"}]
-)
-def test_a_damaged_image_is_no_image(broken):
-    assert conversions.image(samples.image(**broken), scene()) is None
 
 
 @pytest.mark.parametrize(("model", "word"), [("pinhole", "plumb_bob"), ("fisheye", "equidistant")])
@@ -285,14 +296,12 @@ def test_a_calibration_is_told_as_its_file_has_it(model, word):
     assert list(made.k) == [400.0, 0.0, 319.5, 0.0, 399.0, 239.5, 0.0, 0.0, 1.0]
     assert list(made.p[:4]) == [400.0, 0.0, 319.5, 0.0]
     assert list(made.d) == [-0.12, 0.02, 0.0, 0.0, 0.0]
-    assert conversions.info(samples.setup(lens=None), scene()) is None
 
 
 def test_every_image_has_its_calibration_with_its_own_stamp():
     known = scene({"vision/down/setup": samples.setup()})
     shown, told = conversions.image(samples.image(), known), conversions.info_of_image(samples.image(), known)
     assert shown.header.stamp == told.header.stamp
-    assert conversions.info_of_image(samples.image(), scene()) is None
 
 
 def test_detections_have_corners_from_bottom_left_counter_clockwise():

@@ -11,16 +11,6 @@ from mkdaemon.gateways.ros2.topics import TOPICS, Quality
 from tests.places import DOCS
 
 PAGE = (DOCS / "ros.md").read_text(encoding="utf-8").split("\n## Reference\n")[1]
-ROWS = {
-    found[1]: found[2] for found in re.finditer(r"^\| `([^`]+)` \| ([a-z0-9_]+/[A-Za-z0-9]+) \|", PAGE, re.MULTILINE)
-}
-
-
-def test_every_topic_stands_there_with_its_type():
-    wanted = {row.name.replace("{camera}", "<camera>"): re.sub("/msg", "", row.type) for row in TOPICS}
-    assert {name: ROWS.get(name) for name in wanted} == wanted
-
-
 QUALITIES = {Quality.SENSOR: "stream", Quality.RELIABLE: "event", Quality.LATCHED: "latched", Quality.TREE: "tree"}
 CELLS = {
     cells[0].strip("`"): cells[1:]
@@ -29,20 +19,21 @@ CELLS = {
 }
 
 
-def test_every_topic_stands_there_with_its_frame_quality_keys_and_rates():
+def test_every_topic_stands_there_with_its_type_frame_quality_keys_and_rates():
     when = {spec.suffix: spec.when for spec in KEYS}
     for name in {row.name for row in TOPICS}:
         rows = [row for row in TOPICS if row.name == name]
         keys = list(dict.fromkeys(row.key.replace("*", "<camera>") for row in rows))
-        _, frame, quality, source, _ = CELLS[name.replace("{camera}", "<camera>")]
-        assert frame.strip("`") == rows[0].frame, name
+        kind, frame, quality, source, _ = CELLS[name.replace("{camera}", "<camera>")]
+        assert (kind, frame.strip("`")) == (rows[0].type.replace("/msg", ""), rows[0].frame), name
         assert quality == QUALITIES[rows[0].quality], name
         assert source == "; ".join(f"`{key}`, {when[key]}" for key in keys), name
 
 
 def test_every_service_stands_there_with_its_type():
-    wanted = {service.name: re.sub("/srv", "", service.type) for service in SERVICES}
-    assert {name: ROWS.get(name) for name in wanted} == wanted
+    assert {service.name: CELLS[service.name][0] for service in SERVICES} == {
+        service.name: service.type.replace("/srv", "") for service in SERVICES
+    }
 
 
 def test_every_parameter_stands_there_with_its_default():

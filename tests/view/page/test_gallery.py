@@ -6,7 +6,6 @@ import asyncio
 import time
 from contextlib import asynccontextmanager
 from fnmatch import fnmatchcase
-from functools import partial
 
 import pytest
 
@@ -23,6 +22,7 @@ from mkdaemon.view.page.gallery import WATCHED, Gallery
 from mkdaemon.view.page.picture import VehiclePicture
 from tests import samples
 from tests.places import DATA
+from tests.values import made
 
 STICKS = DATA / "recordings" / "fc_sticks.mcap"
 
@@ -38,12 +38,9 @@ async def test_vehicles_come_and_go_and_publish():
                     first = gallery.choose("")
                     assert first is not None and first.name == "two"
                     value = samples.attitude(1000.0)
-                    put = partial(
-                        session.put, "mk/two/state/attitude", encode(value), encoding=encoding_of(type(value))
-                    )
 
                     def is_shown() -> bool:
-                        put()
+                        session.put("mk/two/state/attitude", encode(value), encoding=encoding_of(type(value)))
                         lines = first.show(time.monotonic())["lines"]
                         return "roll +5.7°" in next(line["text"] for line in lines if line["id"] == "attitude")
 
@@ -57,43 +54,48 @@ async def test_vehicles_come_and_go_and_publish():
                     await gallery.release("two")
 
 
-async def test_a_recording_is_paused_and_takes_no_commands():
+@asynccontextmanager
+async def played(name=None, **pace):
+    """A player of a recording that answers, its selection, a fleet that meets it, and the name it has there."""
     async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), None)
-        (name,) = selection.names
-        player = Player(session, selection, PlayPace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
-        gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
+        selection = PlaySelection.of(RecordedSamples(STICKS), name)
+        player = Player(session, selection, PlayPace(1.0, selection.first, time.monotonic(), **pace), STICKS.name)
         with player.answering():
-            async with gallery.open():
-                word = f"replay/{name}"
-                await wait_until(lambda: word in gallery.pictures)
-                assert gallery.pictures[word].is_played
+            (seen,) = selection.names
+            yield player, selection, Fleet(Vehicle(session, seen, "here")), seen
+
+
+async def test_a_recording_is_paused_and_takes_no_commands():
+    async with played() as (player, _, fleet, name):
+        gallery = Gallery(fleet, name)
+        async with gallery.open():
+            word = f"replay/{name}"
+            await wait_until(lambda: word in gallery.pictures)
+            assert gallery.pictures[word].is_played
+            for _ in range(2):
                 assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
-                assert player.pace.is_paused
-                assert await gallery.play(word, PlayAction.PAUSE) == "paused, 1 times"
-                assert await gallery.play(word, PlayAction.SPEED, speed=4.0) == "paused, 4 times"
-                assert (await gallery.play(word, PlayAction.GO_ON)).endswith("4 times")
-                assert not player.pace.is_paused
-                assert (await gallery.play(word, PlayAction.STEP)).startswith(PlayState.PAUSED)
-                with pytest.raises(MkError, match="speed"):
-                    await gallery.play(word, PlayAction.SPEED, speed=1e9)
-                for button in (gallery.abort, gallery.release):
-                    with pytest.raises(MkError, match="takes no commands"):
-                        await button(word)
+            assert player.pace.is_paused
+            assert await gallery.play(word, PlayAction.SPEED, speed=4.0) == "paused, 4 times"
+            assert (await gallery.play(word, PlayAction.GO_ON)).endswith("4 times")
+            assert not player.pace.is_paused
+            assert (await gallery.play(word, PlayAction.STEP)).startswith(PlayState.PAUSED)
+            with pytest.raises(MkError, match="speed"):
+                await gallery.play(word, PlayAction.SPEED, speed=1e9)
+            for button in (gallery.abort, gallery.release):
+                with pytest.raises(MkError, match="takes no commands"):
+                    await button(word)
 
 
 async def test_a_player_publishes_at_once_what_it_was_told():
-    async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), None)
-        (name,) = selection.names
-        player = Player(session, selection, PlayPace(1.0, selection.first, time.monotonic()), "fc_sticks.mcap")
-        fleet, said = Fleet(Vehicle(session, name, "here")), []
-        with player.answering():
-            async with fleet.watch(lambda: None, lambda _, status: said.append(status.state)):
-                await fleet.control(name, PlayAction.PAUSE)
-                await wait_until(lambda: said == [PlayState.PAUSED])  # nothing is played: nothing else is said
-                await fleet.control(name, PlayAction.GO_ON)
-                await wait_until(lambda: said == [PlayState.PAUSED, PlayState.PLAYING])
+    said = []
+    async with (
+        played() as (_, _, fleet, name),
+        fleet.watch(lambda: None, lambda _, status: said.append(status.state)),
+    ):
+        await fleet.control(name, PlayAction.PAUSE)
+        await wait_until(lambda: said == [PlayState.PAUSED])  # nothing is played: nothing else is said
+        await fleet.control(name, PlayAction.GO_ON)
+        await wait_until(lambda: said == [PlayState.PAUSED, PlayState.PLAYING])
 
 
 class Heard:
@@ -130,9 +132,7 @@ async def test_an_answer_that_overtakes_what_was_published_forgets_nothing():
         async with gallery.open():
             fleet.changed()
             picture = gallery.pictures["replay/one"]
-            begun = PlayStatus(
-                file="a", state=PlayState.PLAYING, speed=1, place=0, length=9, sent=0, values=9, starts=1
-            )
+            begun = made(PlayStatus, state=PlayState.PLAYING, starts=1)
             fleet.answer = begun.model_copy(update={"starts": 2})
             fleet.played("one", begun)
             await gallery.play("replay/one", PlayAction.SEEK, place=5.0)
@@ -142,30 +142,22 @@ async def test_an_answer_that_overtakes_what_was_published_forgets_nothing():
 
 
 async def test_at_another_place_a_picture_is_as_if_it_had_been_looked_at_all_the_time():
-    async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), None)
-        (name,) = selection.names
-        pace = PlayPace(1.0, selection.first, time.monotonic(), is_paused=True)
-        player = Player(session, selection, pace, "fc_sticks.mcap")
-        gallery = Gallery(Fleet(Vehicle(session, name, "here")), name)
+    async with played(is_paused=True) as (player, selection, fleet, name):
+        gallery = Gallery(fleet, name)
         playing = asyncio.create_task(player.play(stays=True))
-        with player.answering():
-            async with gallery.open():
-                word, length = f"replay/{name}", selection.last - selection.first
-                await wait_until(lambda: word in gallery.pictures and gallery.pictures[word].flight is not None)
-                picture = gallery.pictures[word]
-                for place in (0.9 * length, 0.4 * length):
-                    assert (await gallery.play(word, PlayAction.SEEK, place=place)).startswith("paused")
-                    looked = watched_until(selection, selection.first + place)
-                    await wait_until(
-                        lambda looked=looked: (
-                            (curves(picture), lines(picture)) == (curves(looked), lines(looked))
-                            and any(curves(looked).values())
-                        )
-                    )
-                    assert {line.text for line in picture.events} == {line.text for line in looked.events}
-                flight = picture.flight
-                assert flight is not None and flight.marks
+        async with gallery.open():
+            word, length = f"replay/{name}", selection.last - selection.first
+            await wait_until(lambda: word in gallery.pictures and gallery.pictures[word].flight is not None)
+            picture = gallery.pictures[word]
+            for place in (0.9 * length, 0.4 * length):
+                assert (await gallery.play(word, PlayAction.SEEK, place=place)).startswith("paused")
+                looked = watched_until(selection, selection.first + place)
+                assert any(curves(looked).values())
+                await wait_until(
+                    lambda looked=looked: (curves(picture), lines(picture)) == (curves(looked), lines(looked))
+                )
+                assert {line.text for line in picture.events} == {line.text for line in looked.events}
+            assert picture.flight.marks
         player.stop()
         await playing
 

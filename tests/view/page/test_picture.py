@@ -12,7 +12,6 @@ from mkdaemon.reading import Reading
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.play import PlayState, PlayStatus
-from mkdaemon.telemetry.state import Position
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
 from tests import samples
 from tests.values import made
@@ -56,9 +55,7 @@ def test_a_hovering_aircraft_is_shown_as_it_is():
 
 
 def test_a_path_is_shown_while_it_is_flown():
-    points = ((0.0, 0.0, 2.0), (1.0, 0.5, 2.0))
-    fields = {"id": "p1", "target": "pad", "stage": "follows the path", "is_paused": False, "points": points}
-    value = PathFlown(stamp=samples.stamp(1000.0), progress=0.5, left=3.0, rate=1.0, **fields)
+    value = made(PathFlown, samples.stamp(1000.0), target="pad", points=((0.0, 0.0, 2.0), (1.0, 0.5, 2.0)))
     picture = picture_of([*samples.hovering(1000.0), ("control/path", value)])
     assert picture.show(NOW)["scene"]["path"] == [[0.0, 0.0, 2.0], [1.0, 0.5, 2.0]]
     assert "path" not in picture.show(NOW + 5.0)["scene"]
@@ -109,14 +106,13 @@ def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
 
 
 def test_without_a_target_it_is_where_the_receiver_says():
-    position = made(Position, samples.stamp(1000.0), position_enu=(3.0, 4.0, 10.0), home_distance=5.0)
-    picture = picture_of([("state/attitude", samples.attitude(1000.0)), ("state/position", position)])
+    picture = picture_of(samples.keyed(samples.attitude(1000.0), samples.position(1000.0)))
     aircraft = picture.show(NOW)["scene"]["aircraft"]
-    assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [3.0, 4.0, 10.0])
+    assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [1.0, 2.0, 3.0])
 
 
 def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
-    picture = picture_of([("vision/down/setup", samples.setup(1000.0)), ("vision/down/pose", samples.pose(1000.0))])
+    picture = picture_of(samples.keyed(samples.setup(1000.0), samples.pose(1000.0)))
     (camera,) = picture.show(NOW)["cameras"]
     frustum = camera["frustum"]
     assert frustum["apex"] == [0.0, 0.0, 2.0]
@@ -127,19 +123,13 @@ def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
 
 
 def test_a_camera_without_calibration_has_no_frustum():
-    values = [("vision/down/setup", samples.setup(1000.0, lens=None)), ("vision/down/pose", samples.pose(1000.0))]
-    (camera,) = picture_of(values).show(NOW)["cameras"]
+    (camera,) = picture_of(samples.keyed(samples.setup(1000.0, lens=None), samples.pose(1000.0))).show(NOW)["cameras"]
     assert camera["frustum"] is None and camera["outlines"] == []
 
 
 def test_tags_are_outlined_in_the_image_in_which_they_were_found():
-    values = [
-        ("vision/down/setup", samples.setup(999.0)),
-        ("vision/down/tags", samples.tags(999.5, sequence=7)),
-        ("vision/down/pose", samples.pose(999.6, sequence=8)),
-        ("vision/down/image", samples.image(999.5, sequence=7)),
-    ]
-    picture = picture_of(values)
+    found = samples.tags(999.5, sequence=7), samples.pose(999.6, sequence=8), samples.image(999.5, sequence=7)
+    picture = picture_of(samples.keyed(samples.setup(999.0), *found))
     (camera,) = picture.show(NOW)["cameras"]
     (outline,) = camera["outlines"]
     assert (outline["id"], outline["how"], outline["corners"][0]) == (48, "decoded", (200.0, 100.0))
@@ -180,10 +170,8 @@ def test_a_page_is_sent_what_it_does_not_have_yet():
     ]
 
 
-def playing(place: float, state: PlayState = PlayState.PLAYING, speed: float = 1.0, starts: int = 1) -> PlayStatus:
-    return PlayStatus(
-        file="a.mcap", state=state, speed=speed, place=place, length=60.0, sent=1, values=2, starts=starts
-    )
+def playing(place, state=PlayState.PLAYING, speed=1.0, starts=1):
+    return made(PlayStatus, state=state, speed=speed, place=place, length=60.0, starts=starts)
 
 
 def test_ages_stand_still_while_a_recording_is_paused():

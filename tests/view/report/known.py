@@ -10,12 +10,14 @@ from typing import Any
 import cv2
 import msgpack
 import numpy as np
+from pydantic import BaseModel
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.reading import Reading, key_spec
 from mkdaemon.record.entry import Entry, EntryKind, TimeBase
 from mkdaemon.record.layout import Session
 from mkdaemon.record.writer import RecordingWriter
+from tests import samples
 
 BASE = TimeBase("0123abcd", 1_760_000_000_000_000_000)
 BEGIN = 1000.0
@@ -48,6 +50,8 @@ class Tape:
     def add(self, at: float, suffix: str, fields: Any, kind: EntryKind = EntryKind.SAMPLE, **more: Any) -> None:
         """Add an entry of a time [s] after the beginning."""
         monotonic, key = BEGIN + at, f"mk/{self.vehicle}/{suffix}"
+        if isinstance(fields, BaseModel):
+            fields = fields.model_dump(mode="json", exclude={"stamp"})
         payload = msgpack.packb({"stamp": self.stamp(at)} | fields if isinstance(fields, dict) else fields)
         number = self._counts[kind, key] = self._counts.get((kind, key), 0) + 1
         wall = 1_760_001_000.0 + at
@@ -104,44 +108,25 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
         tape.add(at, "state/battery", battery | {"source": "nc/osd", "is_low": False})
         echo = {"sent_total": 100, "lost_total": 2, "p50_ms": 20.0, "p95_ms": 30.0 + tick, "loss_percent": 2.0}
         tests = {"sent": 100, "answered": 97, "late": 1, "unanswered": 2, "lost": 2}
-        state = link | {
-            "condition": "up" if at < 8.0 else "degraded",
-            "stamp": tape.stamp(at),
-            "since": tape.stamp(0.0),
-        }
+        condition = "up" if at < 8.0 else "degraded"
+        state = link | {"condition": condition, "stamp": tape.stamp(at), "since": tape.stamp(0.0)}
         tape.add(at, "link/health", {"state": state, "echo": echo, "confirm": {}, "link_tests": tests})
-        stats = {"camera": "down", "state": "ok", "reason": word, "posed": 0.5, "processed": 10 * tick, "fps": 10.0}
-        stats |= dict.fromkeys(("dropped", "lost", "damaged", "reopened", "faults", "restarts"), 0)
+        stats = {"reason": word, "posed": 0.5, "processed": 10 * tick, "fps": 10.0, "source": "/dev/video0"}
         stats |= {"latency_p50_ms": 60.0, "latency_p99_ms": 70.0, "detect_p50_ms": 5.0, "detect_p99_ms": 6.0}
-        stats |= {
-            "source": "/dev/video0",
-            "width": 80,
-            "height": 60,
-            "alarms": {},
-            "refused": {},
-            "settings_refused": (),
-        }
-        tape.add(at, "vision/down/stats", stats)
+        tape.add(at, "vision/down/stats", samples.eyes(at, width=80, height=60, **stats))
         tape.add(at, "vision/down/image", picture(20 * tick), EntryKind.IMAGE, issuer="driver")
     for at, condition in ((0.0, "up"), (8.0, "degraded")):
         tape.add(at, "link/state", {"condition": condition, "since": tape.stamp(at), **link})
-    health = {"is_alive": True, "reason": "", "boards": ("fc",), "read_only": None, "link": "up", "error": None}
-    health |= {"firmware": {"fc": "2.12a" + word}, "battery_cells": 4, "note": word, "motors_running": True}
-    tape.add(0.0, "health", health)
+    tape.add(0.0, "health", samples.alive(firmware={"fc": "2.12a" + word}, note=word))
     _add_events(tape, word)
     return tape
 
 
 def _add_events(tape: Tape, word: str) -> None:
-    refusal = {
-        "status": "denied",
-        "token": "not_leased" + word,
-        "reason": "nobody holds it" + word,
-        "fix": "take" + word,
-    }
+    refusal = {"token": "not_leased" + word, "reason": "nobody holds it" + word, "fix": "take" + word}
     tape.add(0.5, "event/command", {"key": "do/lease", "fields": {"holder": "me" + word}, "status": "accepted"})
     for at in (2.0, 9.7):
-        tape.add(at, "event/command", {"key": "setpoint/land", "fields": {}, **refusal})
+        tape.add(at, "event/command", {"key": "setpoint/land", "fields": {}, "status": "denied", **refusal})
     tape.add(1.0, "event/mode", {"before": "leased", "after": "flying", "reason": "me" + word})
     tape.add(4.0, "event/mark", {"text": "here" + word, "holder": ""})
     tape.add(5.0, "event/failsafe", {"action": "neutral", "reason": "too old" + word, "released": None})
@@ -154,7 +139,7 @@ def taped(situation):
     """A recording of a situation of tests/reading, and the picture of its end."""
     tape, reading = Tape(), Reading()
     for key, value in situation.values.items():
-        tape.add(value.stamp.monotonic - BEGIN, key, value.model_dump(mode="json", exclude={"stamp"}))
+        tape.add(value.stamp.monotonic - BEGIN, key, value)
         reading.take(key, value, value.stamp.monotonic)
     return tape, reading.at(BEGIN)
 

@@ -48,6 +48,8 @@ class Wrong:
 
 
 RIGHT = Wrong()
+PARTS = ("times", "positions", "rotations", "latencies")
+"""Of a track, one for each pose."""
 
 
 def tracks(wrong: Wrong = RIGHT, seconds: float = 40.0, seed: int = 1) -> tuple[PoseTrack, PoseTrack]:
@@ -74,13 +76,12 @@ def without(track: PoseTrack, *pauses: tuple[float, float]) -> PoseTrack:
     kept = np.ones(len(track.times), dtype=bool)
     for begin, end in pauses:
         kept &= (track.times < begin) | (track.times > end)
-    return replace(
-        track,
-        times=track.times[kept],
-        positions=track.positions[kept],
-        rotations=track.rotations[kept],
-        latencies=track.latencies[kept],
-    )
+    return only(track, kept)
+
+
+def only(track: PoseTrack, kept: Array) -> PoseTrack:
+    """Those poses of a track that are kept."""
+    return replace(track, **{name: getattr(track, name)[kept] for name in PARTS})
 
 
 def pose_fields(name: str, number: int, position: Array, rotation: Array, target: str = "pad") -> dict[str, Any]:

@@ -11,7 +11,7 @@ import pytest
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.view.report.alignment import TagView, rotation_vectors, rotations_by
 from mkdaemon.view.report.baseline import NO_IMAGE, NO_TAG, OUT_OF_SIGHT, Baseline, Images, NoAnswer, compare
-from tests.view.report.posed import Wrong, tracks, truth, without
+from tests.view.report.posed import Wrong, only, tracks, truth, without
 
 VIEW = TagView(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.array([0.2]), np.zeros(3), np.eye(3))
 LOOKING_DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -103,14 +103,10 @@ def test_nothing_is_interpolated_over_a_drop_out_of_the_reference():
 def test_drop_outs_of_the_camera_have_their_lengths_and_reasons():
     camera, reference = tracks()
     pauses = {(5.0, 6.0): "ambiguous", (12.0, 12.3): NO_TAG, (20.0, 23.0): NO_IMAGE}
-    seen = without(camera, *pauses)
-    outcomes, kept = [], []
-    for at in camera.times:
-        reason = next((why for (begin, end), why in pauses.items() if begin <= at <= end), "")
-        if reason != NO_IMAGE:
-            outcomes.append(reason)
-            kept.append(at)
-    found = against(seen, reference, images=Images(np.array(kept), outcomes, np.ones(len(kept))))
+    reasons = {at: next((why for (a, b), why in pauses.items() if a <= at <= b), "") for at in camera.times}
+    came = {at: why for at, why in reasons.items() if why != NO_IMAGE}
+    images = Images(np.array(list(came)), list(came.values()), np.ones(len(came)))
+    found = against(without(camera, *pauses), reference, images=images)
     assert [one.reason for one in found.drop_outs] == list(pauses.values())
     assert [one.length for one in found.drop_outs] == pytest.approx([1.05, 0.35, 3.05], abs=0.051)
 
@@ -128,14 +124,7 @@ def test_detection_counts_only_images_with_the_target_in_view():
     # Of what is in view, every fourth image has no pose; nothing out of view has one.
     outcomes = [("" if k % 4 else "bits") if seen else NO_TAG for k, seen in enumerate(inside)]
     posed = np.array([not one for one in outcomes])
-    kept = replace(
-        camera,
-        times=camera.times[posed],
-        positions=camera.positions[posed],
-        rotations=camera.rotations[posed],
-        latencies=camera.latencies[posed],
-    )
-    found = against(kept, reference, view, Images(camera.times, outcomes, np.ones(len(outcomes))))
+    found = against(only(camera, posed), reference, view, Images(camera.times, outcomes, np.ones(len(outcomes))))
     images = sum(one.images for one in found.distances)
     assert images == pytest.approx(inside.sum(), rel=0.02)
     assert sum(one.posed for one in found.distances) / images == pytest.approx(0.75, abs=0.02)

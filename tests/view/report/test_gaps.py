@@ -26,7 +26,7 @@ def flight():
         error = (9.0, 0.0, 0.0) if is_blind and at - BEGIN > 0.5 else error_at(at)
         position = tuple(goal + part for goal, part in zip((1.0, 0.0, 2.0), error, strict=True))
         blind = estimate(at, position=position, image_age=at - BEGIN if is_blind else 0.05)
-        tape.add(at, "control/estimate", blind.model_dump(mode="json", exclude={"stamp"}))
+        tape.add(at, "control/estimate", blind)
         tape.add(at, "control/error", {"goal": (1.0, 0.0, 2.0), "error_pad": error, "manoeuvre": "position"})
     return read(tape)
 
