@@ -47,10 +47,12 @@ def tap():
     return GroundTap(EntryQueue(10**6), clock, TimeBase.of(clock.stamp()))
 
 
-def test_no_key_of_ours_hides_behind_an_at_sign():
+def test_no_key_of_ours_hides_behind_an_at_sign_and_schemas_are_known_by_name():
     everything = zenoh.KeyExpr("mk/**")
     assert all(everything.includes(zenoh.KeyExpr(f"mk/x/{spec.pattern}")) for spec in KEYS)
     assert not everything.includes(zenoh.KeyExpr("mk/x/@hidden/y"))
+    assert b"voltage" in known_schema("Battery.v1")
+    assert known_schema("Nothing.v1") is None
 
 
 def test_loss_is_what_the_daemon_counted_and_did_not_arrive(tap):
@@ -170,8 +172,3 @@ async def test_the_command_ends_in_order_by_a_signal_and_says_what_came(tmp_path
     assert fields["lost_on_the_way"] == 0
     assert "ground-" in words[0]
     assert "t4: " in words[1]
-
-
-def test_schemas_are_known_by_name():
-    assert b"voltage" in known_schema("Battery.v1")
-    assert known_schema("Nothing.v1") is None

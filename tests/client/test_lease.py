@@ -92,20 +92,17 @@ async def test_an_exception_and_a_cancellation_release_the_aircraft(daemon, uav)
     assert daemon.asked[-1] == RELEASE
 
 
-async def test_own_streams_set_one_setpoint_at_a_time(daemon, uav):
+async def test_a_lease_can_be_renewed_and_looked_at_and_own_streams_set_one_setpoint_at_a_time(uav, daemon):
+    assert await uav.lease.show() is None
+    async with uav.lease(holder="me") as lease:
+        assert (await lease.renew()).epoch == EPOCH
+        assert (await uav.lease.show()).holder == "me"
     async with uav.lease() as lease:
         lease.set.stick(pitch=1, roll=2, yaw=3, throttle=4, ttl=0.2)
         await wait_until(lambda: daemon.setpoints)
         wanted = {"pitch": 1.0, "roll": 2.0, "yaw": 3.0, "throttle": 4.0, "ttl": 0.2, "epoch": EPOCH, "sequence": 1}
         wanted["after_abort"] = 0
         assert daemon.setpoints == [wanted]
-
-
-async def test_a_lease_can_be_renewed_and_looked_at(uav):
-    assert await uav.lease.show() is None
-    async with uav.lease(holder="me") as lease:
-        assert (await lease.renew()).epoch == EPOCH
-        assert (await uav.lease.show()).holder == "me"
 
 
 async def test_every_manoeuvre_streams_its_fields_and_the_name_of_its_target(daemon, uav):

@@ -1,7 +1,8 @@
-"""The programs of docs/library.md run as they stand there."""
+"""The programs of docs/library.md run as they stand there, and importing the library costs little."""
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -26,14 +27,11 @@ def test_the_page_shows_examples_as_they_are(heading, name):
     assert program(heading) == (ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8")
 
 
-def test_readme_shows_the_flight_of_the_examples():
+def test_readme_shows_the_flight_of_the_examples_and_the_program_without_a_daemon_is_short():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```python\n(.*?)```", readme, re.DOTALL)
     example = (ROOT / "examples" / "take_off_and_land.py").read_text(encoding="utf-8")
     assert shown == example.partition("\n\n")[2]
-
-
-def test_the_program_without_a_daemon_is_short():
     assert sum(bool(line.strip()) for line in program("Decode a capture").splitlines()) <= 10
 
 
@@ -55,3 +53,17 @@ def test_the_questions_are_answered(tmp_path):
     assert lines[1].startswith("streams: {'attitude': ")
     assert lines[2] == "active parameter set: 3"
     assert lines[3].startswith("no_such_stream ")
+
+
+def loaded_by(statement):
+    """Modules a fresh interpreter holds after a statement."""
+    code = f"import json, sys\n{statement}\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_importing_the_library_loads_no_command_line_no_models_and_no_message_table():
+    loaded = loaded_by("import mkdaemon.client")
+    heavy = {"cyclopts", "rich", "pydantic", "numpy", "cv2", "mkdaemon.bus.keys", "mkdaemon.protocol.wire"}
+    assert heavy & loaded == set()
+    assert not any(name.startswith(("mkdaemon.daemon", "mkdaemon.link", "mksim")) for name in loaded)

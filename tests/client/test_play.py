@@ -110,7 +110,7 @@ def test_no_name_is_more_than_a_name(name):
         require_vehicle_name(name, "--as")
 
 
-def test_everything_a_player_puts_is_a_value_somebody_publishes():
+def test_everything_a_player_puts_is_a_value_somebody_publishes_under_its_own_root_or_the_name_that_was_given():
     commanding = {spec.pattern for spec in KEYS if spec.use in {Use.QUERY, Use.SETPOINT, Use.TOKEN}}
     names = [f"mk/{name}/{suffix}" for name in ("live", "do", "setpoint") for suffix in commanding | {"joy/*"}]
     reached = [zenoh.KeyExpr(name) for name in names]
@@ -118,9 +118,6 @@ def test_everything_a_player_puts_is_a_value_somebody_publishes():
         played = play_key("mk/live/" + spec.suffix.replace("<", "").replace(">", ""), "do")
         if played is not None:
             assert not [one for one in reached if one.intersects(zenoh.KeyExpr(played.whole))]
-
-
-def test_values_stand_under_their_own_root_or_under_the_name_that_was_given():
     assert play_key("mk/mk1/state/attitude", None).whole == "replay/mk1/state/attitude"
     assert play_key("mk/mk1/state/attitude", "show").whole == "mk/show/state/attitude"
     require_vehicle_name("show", "--as")

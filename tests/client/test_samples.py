@@ -50,9 +50,15 @@ def test_an_unknown_schema_leaves_the_map(encoding):
     assert Sample("x", {"a": 1}, encoding).value == {"a": 1}
 
 
-def test_a_map_that_does_not_fit_its_schema_is_an_error_that_names_the_field():
+def test_a_message_is_made_again_from_its_fields_or_an_error_names_the_field_that_does_not_fit():
     with pytest.raises(ProtocolError, match=r"this is no Attitude\.v1 as known here: stamp: field required"):
         _ = Sample("state/attitude", {"yaw": 1.0}, encoding_of(Attitude)).value
+    message = Settings(index=3, parameters=bytes(range(100)))
+    assert message_from("Settings.v1", dict(message)) == message
+    with pytest.raises(ProtocolError, match="unknown here"):
+        message_from("Settings.v1", {"index": 3})
+    with pytest.raises(ProtocolError, match=r"Later\.v1 \(empty\)"):
+        message_from("Later.v1", {})
 
 
 @pytest.mark.parametrize(
@@ -72,12 +78,3 @@ def test_a_map_that_does_not_fit_its_schema_is_an_error_that_names_the_field():
 )
 def test_payloads_are_read_by_their_encoding(encoding, raw, fields):
     assert read_payload(encoding, raw) == fields
-
-
-def test_a_message_is_made_again_from_its_fields():
-    message = Settings(index=3, parameters=bytes(range(100)))
-    assert message_from("Settings.v1", dict(message)) == message
-    with pytest.raises(ProtocolError, match="unknown here"):
-        message_from("Settings.v1", {"index": 3})
-    with pytest.raises(ProtocolError, match=r"Later\.v1 \(empty\)"):
-        message_from("Later.v1", {})

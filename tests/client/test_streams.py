@@ -1,8 +1,7 @@
-"""Typed streams: values as they come, the last one, waiting for one."""
+"""Subscriptions as iterators, and typed streams: values as they come, the last one, waiting for one."""
 
 from __future__ import annotations
 
-import ast
 import asyncio
 import importlib
 from contextlib import asynccontextmanager
@@ -10,10 +9,11 @@ from contextlib import asynccontextmanager
 import pytest
 
 from lab.places import ROOT
-from mkdaemon.bus.keys import KEYS, KeySpec, Use
+from mkdaemon.bus.keys import KEYS, Use
+from mkdaemon.client import watch as watch_module
 from mkdaemon.client.streams import Stream
 from mkdaemon.errors import MkError, ProtocolError, SilenceError
-from mkdaemon.telemetry.state import Attitude, Battery
+from mkdaemon.telemetry.state import Attitude
 from tests.client.fake import settle
 from tools import client_sources
 
@@ -36,7 +36,7 @@ async def publishing(daemon):
     task.cancel()
 
 
-async def test_a_stream_gives_typed_values_in_their_order(daemon, uav):
+async def test_a_stream_gives_typed_values_in_their_order_and_one_is_waited_for(daemon, uav):
     async with publishing(daemon):
         yaws = []
         async for attitude in uav.state.attitude():
@@ -46,30 +46,36 @@ async def test_a_stream_gives_typed_values_in_their_order(daemon, uav):
                 break
         assert yaws == sorted(set(yaws))
         assert isinstance(await anext(uav.state.attitude()), Attitude)
+        found = await uav.state.attitude.until(lambda attitude: attitude.yaw > 0.01, patience=20.0)
+        assert found.yaw > 0.01
 
 
-async def test_a_slow_reader_gets_the_newest_alone_if_it_wants(daemon, uav):
+async def test_a_slow_reader_loses_the_oldest_or_gets_the_newest_alone(daemon, uav, monkeypatch):
     async with uav.state.attitude.subscribed(backlog=1) as attitudes:
         await settle(uav)
         for number in range(20):
             daemon.publish_attitude(yaw=number / 100)
         await settle(uav)
         assert (await anext(attitudes)).yaw == 0.19
+    monkeypatch.setattr(watch_module, "BACKLOG", 8)
+    async with uav.watch("state/attitude") as samples:
+        await settle(uav)
+        await publish(daemon, 20)
+        await asyncio.sleep(0.2)
+        yaws = [round((await anext(samples)).fields["yaw"] * 1000) for _ in range(8)]
+        assert yaws == list(range(12, 20))
 
 
-async def test_the_last_value_comes_with_its_age_and_none_before_there_is_one(daemon, uav):
+async def test_the_last_value_comes_with_its_age_none_before_there_is_one_and_another_kind_is_an_error(daemon, uav):
     assert await uav.state.attitude.latest() is None
     daemon.publish_attitude(yaw=1.0)
     last = await uav.state.attitude.latest()
     assert last is not None
     assert last.value.yaw == 1.0
     assert 0.0 <= last.age < 5.0
-
-
-async def test_a_value_is_waited_for(daemon, uav):
-    async with publishing(daemon):
-        found = await uav.state.attitude.until(lambda attitude: attitude.yaw > 0.01, patience=20.0)
-        assert found.yaw > 0.01
+    wrong = Stream(uav, "state/attitude", "state:Battery")
+    with pytest.raises(ProtocolError, match=r"state/attitude carries Attitude\.v1, no Battery"):
+        await wrong.latest()
 
 
 async def test_silence_is_an_error_where_a_limit_is_given(uav):
@@ -77,13 +83,6 @@ async def test_silence_is_an_error_where_a_limit_is_given(uav):
         await anext(uav.state.attitude(silence=0.05))
     with pytest.raises(SilenceError, match=r"state/attitude was not as wanted within 0\.05 s"):
         await uav.state.attitude.until(lambda _: True, patience=0.05)
-
-
-async def test_a_value_of_another_kind_is_an_error_and_no_surprise(daemon, uav):
-    daemon.publish_attitude(yaw=1.0)
-    wrong = Stream(uav, "state/attitude", "state:Battery")
-    with pytest.raises(ProtocolError, match=r"state/attitude carries Attitude\.v1, no Battery"):
-        await wrong.latest()
 
 
 @pytest.mark.parametrize("name", ["", "*", "a/b", "**"])
@@ -119,15 +118,62 @@ def test_the_committed_sources_are_those_of_the_tables():
         assert path.read_text(encoding="utf-8") == make()
 
 
-def test_a_new_key_needs_a_line_of_the_table_and_nothing_else(monkeypatch):
-    more = (
-        KeySpec("state/wind", Use.PUBLISHED, Battery, "1 Hz", "Blows."),
-        KeySpec("vision/<camera>/blur", Use.PUBLISHED, Battery, "1 Hz", "Blurs."),
-        KeySpec("weather", Use.PUBLISHED, Battery, "1 Hz", "Changes."),
-    )
-    monkeypatch.setattr(client_sources, "KEYS", (*KEYS, *more))
-    made = client_sources.key_tree()
-    ast.parse(made)
-    assert 'self.wind: Stream[Battery] = Stream(transport, "state/wind", "state:Battery")' in made
-    assert 'f"vision/{part_of_key(camera)}/blur"' in made
-    assert 'self.weather: Stream[Battery] = Stream(self, "weather", "state:Battery")' in made
+async def publish(daemon, count):
+    """So many attitudes, one a turn."""
+    for number in range(count):
+        daemon.publish_attitude(yaw=number / 1000)
+        await asyncio.sleep(0)
+
+
+async def test_a_loop_subscribes_and_a_break_ends_the_subscription(daemon, uav):
+    async def go_on():
+        while True:
+            daemon.publish_attitude(yaw=0.5)
+            await asyncio.sleep(0.01)
+
+    publishing = asyncio.create_task(go_on())
+    watch = uav.watch("state/*")
+    async for sample in watch:
+        assert sample.value.yaw == 0.5
+        break
+    for _ in range(3):
+        await asyncio.sleep(0)  # the loop closes the iterator that was left
+    assert watch._subscribers == []
+    publishing.cancel()
+
+
+async def test_entering_subscribes_at_once_so_that_nothing_is_missed(daemon, uav):
+    async with uav.watch("state/attitude", "control/*") as samples:
+        await settle(uav)
+        await publish(daemon, 3)
+        daemon.say(daemon.phase, "nobody")
+        seen = [await anext(samples) for _ in range(4)]
+        assert [sample.suffix for sample in seen] == ["state/attitude"] * 3 + ["control/status"]
+
+
+async def test_a_whole_key_is_understood_and_a_wrong_one_refused_at_once(uav):
+    uav.watch("mk/fake/state/attitude")
+    with pytest.raises(MkError, match="did you mean state/attitude"):
+        uav.watch("mk/fake/state/atitude")
+    with pytest.raises(MkError, match="'a//b' is not a key: empty chunks are forbidden"):
+        uav.watch("a//b")
+
+
+async def test_what_comes_together_wakes_the_loop_once_and_stays_in_order():
+    loop = asyncio.get_running_loop()
+    calls = []
+
+    class Counting:
+        def call_soon_threadsafe(self, call):
+            calls.append(call)
+            loop.call_soon(call)
+
+    handover, taken = watch_module.Handover(Counting()), []
+    for number in range(5):
+        handover.arrived(taken.append, number)
+    assert len(calls) == 1
+    await asyncio.sleep(0)
+    handover.arrived(taken.append, 5)
+    await asyncio.sleep(0)
+    assert taken == [0, 1, 2, 3, 4, 5]
+    assert len(calls) == 2

@@ -26,15 +26,12 @@ async def test_verbs_send_their_fields_and_return_values(daemon, uav):
     assert await uav.schema("Nothing.v1") is None
 
 
-async def test_a_request_returns_the_typed_reply(daemon, uav):
+async def test_a_request_returns_the_typed_reply_and_danger_is_confirmed_only_by_the_caller(daemon, uav):
     reply = await uav.request(Board.FC, SettingsRequest(index=255), Settings)
     assert (reply.index, reply.parameters) == (3, bytes(range(100)))
     assert daemon.asked[-1] == ("cmd/fc/settings_request", {"index": 255})
     with pytest.raises(ProtocolError, match="fc answers settings_request with Settings, not VersionFc210"):
         await uav.request(Board.FC, SettingsRequest(index=255), VersionFc210)
-
-
-async def test_danger_is_confirmed_only_by_the_caller(daemon, uav):
     assert await uav.request(Board.FC, MotorTest(motors=(0,) * 16)) is None
     assert "confirm" not in daemon.asked[-1][1]
     await uav.request(Board.FC, MotorTest(motors=(0,) * 16), confirm=True)

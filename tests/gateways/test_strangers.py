@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import msgpack
-import pytest
 from foxglove import Context
 from foxglove.channel import Channel
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
-from mkdaemon.client.export.values import ExportedValue
-from mkdaemon.errors import MkError
 from mkdaemon.gateways.faults import Faults
-from mkdaemon.gateways.foxglove import recording
 from mkdaemon.gateways.foxglove.exhibit import Exhibit
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.topics import json_message
-from mkdaemon.gateways.ros2 import bag
 from mkdaemon.gateways.ros2.gateway import Publishing
 from mkdaemon.gateways.ros2.messages import ConversionScene
 from mkdaemon.gateways.ros2.parameters import Pace
-from mkdaemon.gateways.ros2.topics import TOPICS, Newest, Quality
+from mkdaemon.gateways.ros2.topics import TOPICS, Newest
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
 from mkdaemon.reading.known import MOST_CAMERAS
 from mkdaemon.telemetry.state import Position
 from tests import samples
 from tests.gateways.mavlink.rig import ATTITUDE, beat, virtually
-from tests.gateways.ros2.bagtypes import BagTypes, through_cdr
+from tests.gateways.ros2.bagtypes import BagTypes, Node
 from tests.gateways.strangers import strange
 
 COUNT = 200
@@ -39,33 +34,8 @@ def sample_of(key, value):
     return Sample(key, value.model_dump(mode="json", exclude={"pixels"}), encoding_of(type(value)))
 
 
-class Wire:
-    """A publisher that serialises, as rclpy does."""
-
-    def __init__(self, kind):
-        self.kind, self.count = kind, 0
-
-    def get_subscription_count(self):
-        return 1
-
-    def publish(self, message):
-        through_cdr(message, self.kind)
-        self.count += 1
-
-
-class Graph:
-    """A node whose publishers serialise."""
-
-    def __init__(self):
-        self.wires = {}
-
-    def publisher(self, name, kind, quality):
-        assert isinstance(quality, Quality)
-        return self.wires.setdefault(name, Wire(kind))
-
-
 def test_ros_goes_on_publishing():
-    graph, newest = Graph(), Newest()
+    graph, newest = Node(), Newest()
     publishing = Publishing(
         graph, TOPICS, ConversionScene(BagTypes(), latest=newest.values, vehicle="mk1"), newest, Pace({})
     )
@@ -78,9 +48,9 @@ def test_ros_goes_on_publishing():
     for key, value in (("vision/down/setup", WIDE), *strange(COUNT)):
         take(key, value)
     assert publishing.faults.count > 0
-    before = graph.wires["imu"].count
+    before = len(graph.sent("imu"))
     take("state/attitude", samples.attitude())
-    assert graph.wires["imu"].count == before + 1
+    assert len(graph.sent("imu")) == before + 1
 
 
 async def test_foxglove_goes_on_showing(monkeypatch):
@@ -130,13 +100,13 @@ def test_every_screen_says_something_of_it():
 
 
 def test_names_of_cameras_that_strangers_make_up_cost_no_more_than_16():
-    graph, reading = Graph(), Reading()
+    graph, reading = Node(), Reading()
     publishing = Publishing(graph, TOPICS, ConversionScene(BagTypes()), Newest(), Pace({}))
     for number in range(200):
         key, value = f"vision/c{number}/tags", samples.tags()
         publishing.take(sample_of(key, value))
         reading.take(key, value, 1000.0)
-    assert len([name for name in graph.wires if name.endswith("/tag_markers")]) == MOST_CAMERAS
+    assert len([name for name in graph.publishers if name.endswith("/tag_markers")]) == MOST_CAMERAS
     assert len(reading.at(1000.0).cameras()) == MOST_CAMERAS
     reading.take("state/position", samples.position(), 1000.0)
     assert reading.at(1000.0).fact("place").number is not None
@@ -170,12 +140,3 @@ def test_a_fault_is_logged_once_for_each_place_and_kind():
         with faults.contained("here"):
             raise OverflowError
     assert faults.count == 3 and faults._logged == {("here", "OverflowError")}
-
-
-@pytest.mark.parametrize("write", [recording.write, bag.write])
-def test_an_export_names_the_value_that_no_message_can_hold(tmp_path, write):
-    fields = WIDE.model_dump(mode="json")
-    value = ExportedValue("mk1", "vision/down/setup", 1.7e9, 5.0, fields, "CameraSetup.v1")
-    with pytest.raises(MkError, match=r"vision/down/setup of mk1 at 1700000000.000 fits in no message .*format csv"):
-        write([value], tmp_path / "out", overwrite=False)
-    assert list(tmp_path.iterdir()) == []

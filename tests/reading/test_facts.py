@@ -37,11 +37,8 @@ def picture_of(changes=(), *, ages=(), now=NOW, left=None):
         ("health", {"read_only": "old"}, "vehicle", "alive; motors on; READ ONLY: old", "warn"),
         ("state/flight", {"is_flying": False}, "flight", "on the ground, motors on, GPS hold, flew 83 s", "note"),
         (
-            "state/flight",
-            {"rc_failsafe": True},
-            "flight",
-            "RC FAILSAFE, in the air, motors on, GPS hold, flew 83 s",
-            "bad",
+            *("state/flight", {"rc_failsafe": True}, "flight"),
+            *("RC FAILSAFE, in the air, motors on, GPS hold, flew 83 s", "bad"),
         ),
         ("state/battery", {"voltage": 13.2}, "battery", "NEARLY EMPTY, 13.2 V, 3.30 V a cell, 11.5 A, 812 mAh", "warn"),
         ("state/battery", {"voltage": 11.6}, "battery", "EMPTY, 11.6 V, 2.90 V a cell, 11.5 A, 812 mAh", "bad"),
@@ -81,12 +78,9 @@ def test_what_a_value_says(key, fields, word, text, tone):
     assert (fact.text, fact.tone) == (text, tone)
 
 
-def test_every_fact_is_known_or_says_that_it_is_not():
+def test_a_fact_is_known_or_says_that_it_is_not_or_is_stale_and_then_never_good():
     for fact in Reading().at(NOW).facts:
         assert (fact.text, fact.tone, fact.age, fact.number) == ("not known", Tone.UNKNOWN, None, None)
-
-
-def test_a_stale_value_says_so_and_is_never_good():
     for fact in picture_of().facts:
         later = picture_of(now=NOW, ages=dict.fromkeys(KNOWN, 100.0)).fact(fact.id)
         if fact.age is not None:
@@ -129,7 +123,7 @@ def test_there_is_no_error_to_a_goal_while_it_is_calculated_without_images(image
     assert blind(image_age, age).fact("height").text != "2.01 m over pad"
 
 
-def test_an_older_value_changes_nothing_and_events_are_no_values():
+def test_an_older_value_changes_nothing_events_are_none_and_what_comes_on_change_holds_while_the_daemon_is_heard():
     reading = Reading()
     reading.take("state/battery", KNOWN["state/battery"], 5.0)
     reading.take("state/battery", KNOWN["state/battery"].model_copy(update={"voltage": 1.0}), 4.0)
@@ -138,9 +132,6 @@ def test_an_older_value_changes_nothing_and_events_are_no_values():
     assert reading.at(5.0).fact("battery").number == 15.2
     reading.forget()
     assert reading.at(5.0).is_silent
-
-
-def test_what_comes_on_change_holds_while_the_daemon_is_heard():
     reading = Reading()
     reading.take("link/state", KNOWN["link/state"], 0.0)
     reading.take("health", KNOWN["health"], 1000.0)
@@ -150,13 +141,10 @@ def test_what_comes_on_change_holds_while_the_daemon_is_heard():
     assert later.headline == "NOTHING FROM THE DAEMON: silent for 10 s"
 
 
-def test_every_key_that_repeats_says_how_long_it_is_fresh():
+def test_every_key_that_repeats_says_how_long_it_is_fresh_and_the_table_is_whole():
     for spec in TABLE:
         if spec.carries is not None and spec.suffix.split("/")[0] in ("state", "health", "link", "control", "vision"):
             assert spec.fresh is not None, spec.suffix
-
-
-def test_the_table_and_its_limits_are_whole():
     assert set(RANKS) == set(Tone)
     assert EMPTY_CELL < WEAK_CELL and DEAD_RECKONING <= SIGHT
     assert set(SLOW_KEYS) <= {*KEYS, "state/battery", "state/flight", "state/position"}

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
-from mkdaemon.reading.known import KEYS, Grounds, Knowledge, LastValues
+from mkdaemon.reading.known import Grounds, Knowledge, LastValues
 from tests.reading.situations import SITUATIONS
 from tools.top_picture import KNOWN
 
@@ -115,13 +115,3 @@ def test_a_look_that_fails_leaves_nothing_behind():
     known.age(reading_of().at(0.0).last("health", object))
     assert known.held.looks == {}
     assert Grounds(0.0).hold(known)
-
-
-def test_every_key_of_the_table_is_looked_at_through_what_notes_it():
-    """Facts, alarms and numbers read the last values by no other way: otherwise a change would not be seen."""
-    reading = reading_of()
-    content(reading.at(1000.0))
-    grounds = [grounds for grounds, _ in reading.at(1000.0).held.looks.values()]
-    read = {key for each in grounds for key in each.values}
-    assert {"health", "control/status", "link/health", "state/battery", "vision/down/stats"} <= read
-    assert len(grounds) > len(KEYS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -35,82 +36,83 @@ def situation(request):
     return request.param
 
 
-def picture_of(situation):
+@pytest.fixture
+def picture(situation):
     reading = Reading()
-    for key, value in situation.values.items():
-        reading.take(key, value, value.stamp.monotonic)
+    show(situation, reading.take)
     return reading.at(NOW)
+
+
+def show(situation, take):
+    """Let a screen take the values of a situation."""
+    for key, value in situation.values.items():
+        take(key, value, value.stamp.monotonic)
 
 
 def in_one_line(text):
     return " ".join(text.split())
 
 
-def test_status_begins_with_it(situation):
-    console, picture = Console(width=300), picture_of(situation)
+def test_status_begins_with_it(picture):
+    console = Console(width=300)
     with console.capture() as printed:
         console.print(render("mk1", picture))
-    first = printed.get().splitlines()[1]
-    assert in_one_line(first) == f"now {picture.headline}"
+    assert in_one_line(printed.get().splitlines()[1]) == f"now {picture.headline}"
 
 
-def test_top_begins_with_it_on_24_rows(situation):
-    board, picture = VehicleBoard("mk1"), picture_of(situation)
-    for key, value in situation.values.items():
-        board.take(key, value, value.stamp.monotonic)
+def test_top_begins_with_it_on_24_rows(situation, picture):
+    board = VehicleBoard("mk1")
+    show(situation, board.take)
     rows = ["".join(text for text, _ in row) for row in board.rows(NOW)]
     assert in_one_line(" ".join(rows)).startswith(f"mk1 {picture.headline}")
     assert len(rows) == ROWS
 
 
-def test_the_fleet_says_it(situation):
-    board, picture = FleetBoard(), picture_of(situation)
+def test_the_fleet_says_it(situation, picture):
+    board = FleetBoard()
     board.look(["mk1"], NOW)
-    for key, value in situation.values.items():
-        board.take("mk1", key, value, value.stamp.monotonic)
+    show(situation, partial(board.take, "mk1"))
     words = [row[1][0] for row in board.rows(NOW, 0.0)[2:-1]]
     assert in_one_line(" ".join(words)).startswith(picture.headline)
 
 
-def test_the_page_says_it_in_its_tone(situation):
-    page, picture = Page("mk1"), picture_of(situation)
-    for key, value in situation.values.items():
-        page.take(key, value, 50.0, age=NOW - value.stamp.monotonic)
+def test_the_page_says_it_in_its_tone(situation, picture):
+    page = Page("mk1")
+    show(situation, lambda key, value, at: page.take(key, value, 50.0, age=NOW - at))
     assert page.show(50.0)["verdict"] == {"text": picture.headline, "tone": picture.tone}
 
 
-def test_a_report_says_it_of_the_end(situation):
-    tape, picture = taped(situation)
+def test_a_report_says_it_of_the_end(situation, picture):
+    tape, _ = taped(situation)
     tape.add(NOW - BEGIN, "bus/counts", {"counts": {}})
     head = head_of(read(tape))
     assert (head.end, head.tone) == (picture.headline, picture.tone)
 
 
-def test_ros_diagnoses_it_first(situation):
-    latest, picture = situation.values, picture_of(situation)
-    first, *parts = diagnostics.report(scene(latest), AT).status
+def test_ros_diagnoses_it_first(situation, picture):
+    first, *parts = diagnostics.report(scene(situation.values), AT).status
     assert (first.name, first.message, first.level) == ("mk1: verdict", picture.headline, LEVELS[picture.tone])
     assert len(parts) > 7
 
 
-def test_foxglove_diagnoses_it_first(situation):
-    show, picture, messages = Diagnostics(Names("mk1")), picture_of(situation), []
-    for key, value in sorted(situation.values.items(), key=lambda item: item[1].stamp.monotonic):
-        messages.append(show(key, value))
+def test_foxglove_diagnoses_it_first(situation, picture):
     if picture.is_silent:
         return  # no value comes with which it could be shown
+    diagnose, values = (
+        Diagnostics(Names("mk1")),
+        sorted(situation.values.items(), key=lambda one: one[1].stamp.monotonic),
+    )
+    messages = [diagnose(key, value) for key, value in values]
     first = json.loads([message for message in messages if message][-1])["status"][0]
     assert (first["name"], first["level"]) == ("verdict", LEVELS[picture.tone])
     assert first["message"] == picture.headline
 
 
-async def test_mavlink_tells_what_is_wrong(situation):
-    picture = picture_of(situation)
+async def test_mavlink_tells_what_is_wrong(situation, picture):
     gateway = MavlinkGateway(FakeVehicle(), Options((), 1, None, Path("/nonexistent")), lambda: NOW, lambda: 0.0)
     ears = Ears(gateway)
     gateway.picture.now = NOW
-    for value in situation.values.values():
-        gateway.picture.take(value, NOW, age=NOW - value.stamp.monotonic)
+    show(situation, lambda _, value, at: gateway.picture.take(value, NOW, age=NOW - at))
     gateway.tick()
     told = {(message.severity, message.text) for message in ears.named("STATUSTEXT")}
     severity = {Tone.BAD: CRITICAL, Tone.WARN: WARNING}.get(picture.tone)
@@ -121,17 +123,10 @@ async def test_mavlink_tells_what_is_wrong(situation):
         assert {level for level, _ in told} == {severity}
 
 
-def test_it_is_good_only_while_nothing_is_wrong(situation):
-    picture = picture_of(situation)
+def test_it_is_good_only_while_nothing_is_wrong_and_one_line(picture):
+    assert "\n" not in picture.headline
     assert (picture.tone is Tone.OK) == (not picture.alarms and picture.tone is not Tone.NOTE)
     for alarm in picture.alarms:
         assert alarm.tone.is_wrong and picture.tone.is_wrong
-    assert [alarm.tone for alarm in picture.alarms] == sorted(
-        (alarm.tone for alarm in picture.alarms), key=[Tone.BAD, Tone.WARN].index
-    )
-
-
-def test_there_are_forty_situations_and_each_is_one_line():
-    assert len(SITUATIONS) >= 40
-    for situation in SITUATIONS:
-        assert "\n" not in picture_of(situation).headline
+    tones = [alarm.tone for alarm in picture.alarms]
+    assert tones == sorted(tones, key=[Tone.BAD, Tone.WARN].index)

@@ -22,6 +22,10 @@ def status(**fields):
     return {"control/status": fields}
 
 
+def eye(**fields):
+    return {"vision/down/stats": fields}
+
+
 ROWS = [  # what is changed, the part that says it with its level, its words, and what comes first
     ({}, "vehicle", OK, "alive", "Ann flies"),
     ({"health": {"is_alive": False, "reason": "silent"}}, "vehicle", ERROR, "NOT ALIVE: silent", "IS SILENT: silent"),
@@ -39,21 +43,9 @@ ROWS = [  # what is changed, the part that says it with its level, its words, an
     (status(phase="stale", reason="too old"), "control", ERROR, "too old", "Ann is silent: neutral sticks"),
     (status(phase="landing"), "control", WARN, "battery low: it lands", "Battery low: it lands by itself"),
     (status(trouble="NO POSE; releases in 2.0 s"), "verdict", ERROR, "NO POSE", "NO POSE; releases in 2.0 s"),
-    (
-        {"vision/down/stats": {"state": "dark", "reason": "light"}},
-        "camera down",
-        ERROR,
-        "TOO DARK: light",
-        "camera down too dark: light",
-    ),
-    ({"vision/down/stats": {"alarms": {"scale": "measure"}}}, "camera down", WARN, "measure", "measure"),
-    (
-        {"vision/down/stats": {"alarms": {"blurred": "wipe"}}},
-        "camera down",
-        WARN,
-        "BLURRED: wipe",
-        "camera down blurred: wipe",
-    ),
+    (eye(state="dark", reason="light"), "camera down", ERROR, "TOO DARK: light", "camera down too dark: light"),
+    (eye(alarms={"scale": "measure"}), "camera down", WARN, "measure", "measure"),
+    (eye(alarms={"blurred": "wipe"}), "camera down", WARN, "BLURRED: wipe", "camera down blurred: wipe"),
     ({"record/status": {"lost": 3}}, "recording", WARN, "3", "3"),
     ({"record/status": {"state": "full"}}, "recording", ERROR, "NOT RECORDING, no room", "NOT RECORDING"),
 ]
@@ -102,10 +94,7 @@ def test_what_happens_is_one_line(event, sort, tone, text):
     assert (line.token, line.fix) == (("no_target", "Look.") if sort is Sort.REFUSAL else ("", ""))
 
 
-def test_a_value_is_no_event():
+def test_a_value_is_no_event_and_routine_is_what_needs_no_look_while_a_flight_goes_well():
     assert line_of(Situation("").values["state/battery"]) is None
-
-
-def test_routine_is_what_needs_no_look_while_a_flight_goes_well():
     found = {name: line_of(event) for name, event in vars(events).items() if name.isupper()}
     assert [name for name, line in found.items() if line.is_routine] == ["ACCEPTED", "INFO", "RUNNING"]

@@ -54,35 +54,24 @@ def test_attitudes_of_an_old_flightctrl_behind_a_navictrl_are_older(release, via
         assert found.by_line(0.02).attitude_age == pytest.approx(age + 0.02)
 
 
-def test_the_easy_set_gives_the_documented_constants():
+def test_the_easy_set_gives_the_documented_constants_and_firmware_and_navictrl_filter_and_leak():
     found = model()
     assert math.degrees(found.rad_per_count) == pytest.approx(0.451, abs=0.001)
     assert found.a1 == pytest.approx(3.10, abs=0.01)
     assert found.a2 == pytest.approx(3.33, abs=0.02)
     assert (found.stick_filter, found.leak) == (STICK_FILTER, LEAK_FAST)
-
-
-def test_firmware_and_navictrl_decide_filter_and_leak():
     assert model(has_filter=False).stick_filter == NO_FILTER
     assert model(has_slow_leak=True).leak == LEAK_SLOW
-
-
-def test_an_aircraft_whose_set_cannot_be_read_is_taken_for_easy_on_its_own_firmware():
     assert assumed_model(replace(Dialect(), stick_filter=True)) == AircraftModel()
     assert assumed_model(Dialect()) == replace(AircraftModel(), stick_filter=NO_FILTER)
 
 
 @pytest.mark.parametrize(
     ("release", "revision", "angle"),
-    [
-        (Release(0, 84), 85, 0.601),
-        (Release(0, 90), 92, 0.451),
-        (Release(2, 8), 103, 0.451),
-        (Release(2, 12), 106, 0.451),
-    ],
+    [((0, 84), 85, 0.601), ((0, 90), 92, 0.451), ((2, 8), 103, 0.451), ((2, 12), 106, 0.451)],
 )
 def test_a_set_that_cannot_be_read_is_taken_for_the_one_that_a_release_is_shipped_with(release, revision, angle):
-    dialect = replace(Dialect(), fc_release=release)
+    dialect = replace(Dialect(), fc_release=Release(*release))
     assumed = assumed_model(dialect)
     shipped = aircraft_model(ParameterSet.from_payload(factory_set(revision, 3)), dialect, has_slow_leak=False)
     assert math.degrees(assumed.rad_per_count) == pytest.approx(angle, abs=0.001)

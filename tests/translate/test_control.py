@@ -30,12 +30,6 @@ def test_each_layout_has_its_own_signs_and_zero(layout, wire):
     assert (message.frame, message.config) == (7, ControlConfig.VALID)
 
 
-def test_bytes_of_v2_as_worked_by_hand():
-    assert extern_control(ExternControlV2, StickCounts(1, -2, 3, -4), frame=9).encode() == bytes(
-        [1, 2, 3, 252, 9, 1, 0]
-    )
-
-
 @pytest.mark.parametrize("name", sorted(LAYOUTS))
 def test_the_limiters_range_is_what_the_layout_declares(name):
     layout, room = LAYOUTS[name], RANGES[name]

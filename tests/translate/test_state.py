@@ -46,6 +46,11 @@ def blank(cls, **fields):
     return cls.decode(bytes(cls.spec.size)).model_copy(update=fields)
 
 
+def debug(**channels):
+    """Debug data of a FlightCtrl; `a9` is its tenth analog value."""
+    return blank(DebugDataFc, analog=tuple(channels.get(f"a{number}", 0) for number in range(32)))
+
+
 def states(message, board="nc", t=1.0, translator=None):
     return dict((translator or StateTranslator()).states(board, message, Stamp(monotonic=t, wall=t + 1e9)))
 
@@ -69,15 +74,6 @@ def test_attitude_has_our_signs(cls, wire, axis, expected):
     roll, pitch, yaw = euler_from_rotation(rotation_from_quaternion(value.quaternion))
     assert (roll, pitch, yaw) == pytest.approx((value.roll, value.pitch, value.yaw))
     assert (value.stamp.monotonic, value.stamp.wall, value.source) == (1.0, 1.0 + 1e9, f"{board}/attitude")
-
-
-def test_nose_down_points_forward_below_the_horizon_and_right_side_down_points_right_below_it():
-    value = states(blank(AttitudeDataNc, pitch=200, heading=900))["state/attitude"]
-    forward = rotation_from_quaternion(value.quaternion) @ (1.0, 0.0, 0.0)
-    assert forward[2] < -0.3
-    value = states(blank(AttitudeDataNc, roll=-200, heading=900))["state/attitude"]
-    left = rotation_from_quaternion(value.quaternion) @ (0.0, 1.0, 0.0)
-    assert left[2] > 0.3
 
 
 OSD = {
@@ -117,7 +113,7 @@ def test_position_velocity_battery_in_si():
     assert velocity.velocity_enu == pytest.approx((3.0, 0.0, 0.24), abs=1e-9)  # course 90 is east
     assert (velocity.ground_speed, velocity.climb_rate, velocity.course) == pytest.approx((3.0, 0.24, 0.0))
     assert (battery.voltage, battery.current, battery.used_mah) == pytest.approx((16.2, 23.9, 426.0))
-    assert found["state/gps"].satellites == 9
+    assert (found["state/gps"].satellites, found["state/flight"].flying_time) == (9, 61)
     assert found["state/pilot"].rc_quality == pytest.approx(0.965)
 
 
@@ -130,15 +126,11 @@ def test_no_position_is_published_while_it_is_not_valid():
     assert (without_home.position_enu, without_home.home_latitude_deg, without_home.home_distance) == (None, None, None)
 
 
-def test_without_a_valid_position_the_distance_to_a_target_is_the_boards_own_word():
+def test_a_distance_is_computed_beyond_655_m_or_is_the_boards_own_word_without_a_valid_position():
     target = {"target_latitude": 424602680 + 89035, "target_longitude": -712699574, "target_status": 1}
     flight = states(blank(OsdData5, **OSD | target | {"position_status": 0, "target_distance": 3347}))["state/flight"]
     assert flight.target_distance is None
     assert flight.board_target_distance == pytest.approx(334.7)
-
-
-def test_distances_beyond_655_m_are_computed_and_the_boards_own_are_marked():
-    """990 m are 335 m on a NaviCtrl 0.24, which counts centimetres in 16 bits."""
     away = {"home_latitude": 424602680 - 89035, "home_distance": 3347}
     target = {"target_latitude": 424602680 + 89035, "target_longitude": -712699574, "target_status": 1}
     found = states(blank(OsdData5, **OSD | away | target | {"target_distance": 3347}))
@@ -214,23 +206,33 @@ def test_coarse_attitude_stands_in_only_while_there_is_no_better():
 
 
 def test_a_flightctrl_alone_tells_battery_receiver_and_motors():
-    channels = [0] * 32
-    channels[9], channels[10], channels[22], channels[23] = 148, 200, 35, 120
-    found = states(blank(DebugDataFc, analog=tuple(channels)), "fc")
+    message = debug(a9=148, a10=200, a22=35, a23=120)
+    found = states(message, "fc")
     assert found["state/battery"].voltage == pytest.approx(14.8)
     assert (found["state/battery"].current, found["state/battery"].used_mah) == pytest.approx((3.5, 120.0))
     assert found["state/pilot"].rc_quality == 1.0
-    assert motors_running("fc", blank(DebugDataFc, analog=tuple(channels))) is False
-    channels[13] = 17
-    assert motors_running("fc", blank(DebugDataFc, analog=tuple(channels))) is True
-    assert motors_running("mag", blank(DebugDataFc, analog=tuple(channels))) is None
-    assert states(blank(DebugDataFc, analog=tuple(channels)), "mag") == {}
 
 
-def test_messages_that_say_nothing_about_the_aircraft_say_nothing():
-    assert states(EchoRequest(pattern=1)) == {}
-    assert states(blank(DebugDataNc)) == {}
-    assert motors_running("nc", blank(DebugDataNc)) is None
+@pytest.mark.parametrize(
+    ("board", "message", "running"),
+    [
+        ("fc", debug(), False),
+        ("fc", debug(a13=17), True),
+        ("mag", debug(a13=17), None),
+        ("nc", blank(DebugDataNc), None),
+        ("nc", blank(OsdFlags, index=11), False),
+        ("nc", blank(OsdFlags, index=11, status_2=OsdStatus2.MOTORS_RUNNING), True),
+    ],
+)
+def test_who_can_tell_whether_motors_run(board, message, running):
+    assert motors_running(board, message) is running
+
+
+@pytest.mark.parametrize(
+    ("board", "message"), [("mag", debug(a13=17)), ("nc", EchoRequest(pattern=1)), ("nc", blank(DebugDataNc))]
+)
+def test_messages_that_say_nothing_about_the_aircraft_say_nothing(board, message):
+    assert states(message, board) == {}
 
 
 # -- data sets of newer NaviCtrls ----------------------------------------------------------------------------------
@@ -244,6 +246,7 @@ def test_the_data_sets_together_tell_what_one_message_did():
         index = next(iter(cls.spec.marker))
         return states(blank(cls, **place | {"index": index} | fields), translator=translator)
 
+    assert "state/position" not in states(blank(OsdTiny, index=10)), "without a position"
     assert tell(OsdTiny)["state/position"].position_enu is None
     tell(OsdHome, home_latitude=424602680, home_longitude=-712699574 + 10_000)
     position = tell(OsdTiny)["state/position"]
@@ -268,10 +271,6 @@ def test_the_data_sets_together_tell_what_one_message_did():
     found = tell(OsdFlags, status_2=OsdStatus2.MOTORS_RUNNING | OsdStatus2.FLYING)
     assert found["state/flight"].target_distance == pytest.approx(1000.0, abs=5.0)
     assert tell(OsdTarget, rc_quality=100)["state/pilot"].has_signal is True
-
-
-def test_data_sets_without_a_position_publish_none():
-    assert "state/position" not in states(blank(OsdTiny, index=10))
 
 
 # -- recorded ------------------------------------------------------------------------------------------------------
@@ -303,12 +302,12 @@ def test_the_throttle_comes_with_the_voltage_that_is_in_it_and_a_navictrl_and_a_
     osd = blank(OsdData5, throttle=125, battery=148, fc_flags=FlightStatus.MOTORS_RUNNING, rc_quality=190)
     told = states(osd)["state/pilot"]
     assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
-    channels = [0] * 32
-    channels[7], channels[9], channels[12] = 4 * 108, 148, 100
-    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    channels = {"a7": 4 * 108, "a9": 148, "a12": 100}
+    told = states(debug(**channels), "fc")["state/pilot"]
     assert (told.throttle_in_use, told.compensated_at) == pytest.approx((-19.0, 14.8))
-    channels[19], channels[26] = 125, 1  # FlightCtrl fc.c: StickGas = ChannelGas + 127
-    told = states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/pilot"]
+    told = states(debug(**channels, a19=125, a26=1), "fc")[
+        "state/pilot"
+    ]  # FlightCtrl fc.c: StickGas = ChannelGas + 127
     assert (told.throttle_in_use, told.compensated_at) == (-2.0, None)
 
 
@@ -317,9 +316,7 @@ def test_the_barometers_height_needs_no_gps_and_no_navictrl():
     found = states(indoors)
     assert "state/position" not in found
     assert found["state/altitude"].above_start == pytest.approx(2.1)
-    channels = [0] * 32
-    channels[5] = 21
-    assert states(blank(DebugDataFc, analog=tuple(channels)), "fc")["state/altitude"].above_start == pytest.approx(2.1)
+    assert states(debug(a5=21), "fc")["state/altitude"].above_start == pytest.approx(2.1)
     flags = blank(OsdFlags, index=11, altimeter=42)
     assert states(flags)["state/altitude"].above_start == pytest.approx(2.1)
     for lost in (indoors, flags):
@@ -329,6 +326,7 @@ def test_the_barometers_height_needs_no_gps_and_no_navictrl():
 FROM_FLIGHTCTRL = (
     *("motors_running", "is_flying", "is_calibrating", "is_starting", "emergency_landing", "battery_low", "care_free"),
     *("altitude_control", "rc_failsafe", "waiting_for_takeoff", "auto_starting", "auto_landing", "altitude_setpoint"),
+    "flying_time",
 )
 """What `state/flight` knows from the FlightCtrl alone."""
 
@@ -363,11 +361,6 @@ def test_a_navictrl_that_does_not_hear_its_flightctrl_says_nothing_about_it(code
         assert states(message, translator=translator).keys().isdisjoint({"state/battery", "state/pilot"})
 
 
-def test_the_flags_of_the_data_sets_tell_whether_motors_run():
-    assert motors_running("nc", blank(OsdFlags, index=11, status_2=OsdStatus2.MOTORS_RUNNING)) is True
-    assert motors_running("nc", blank(OsdFlags, index=11)) is False
-
-
 @pytest.mark.parametrize("code", [ErrorCode.NO_GPS, ErrorCode.GPS_LOST, ErrorCode.NO_GPS_FIX])
 def test_the_last_position_of_a_dead_gps_receiver_is_no_position(code):
     place = {"position_status": PositionStatus.NEW, "position_latitude": 481234567, "position_longitude": 115000000}
@@ -382,36 +375,26 @@ def test_the_last_position_of_a_dead_gps_receiver_is_no_position(code):
     assert "state/position" not in states(home, translator=translator)
 
 
-def test_a_receiver_that_says_nothing_sees_no_satellites():
+@pytest.fixture
+def tell():
+    """What one translator makes of the same message with one error after the other."""
     translator = StateTranslator()
-
-    def gps(code):
-        return states(blank(OsdData5, **OSD | {"error_code": code}), translator=translator)["state/gps"]
-
-    assert gps(ErrorCode.NONE).satellites == 9
-    assert gps(ErrorCode.NO_GPS).satellites is None
-    assert gps(ErrorCode.NO_GPS_FIX).satellites == 9  # it talks, and counts them
-    assert gps(ErrorCode.GPS_LOST).satellites is None
+    return lambda code: states(blank(OsdData5, **OSD | {"error_code": code}), translator=translator)
 
 
-def test_an_error_that_hides_a_silent_receiver_does_not_bring_it_back():
-    translator = StateTranslator()
+def test_a_receiver_that_says_nothing_sees_no_satellites(tell):
+    codes = {ErrorCode.NONE: 9, ErrorCode.NO_GPS: None, ErrorCode.NO_GPS_FIX: 9, ErrorCode.GPS_LOST: None}
+    assert {code: tell(code)["state/gps"].satellites for code in codes} == codes, "without a fix it counts them"
 
-    def tell(code):
-        return states(blank(OsdData5, **OSD | {"error_code": code}), translator=translator)
 
+def test_an_error_that_hides_a_silent_receiver_does_not_bring_it_back(tell):
     assert "state/position" in tell(ErrorCode.NO_FC)  # a NaviCtrl goes on with its receiver without a FlightCtrl
     assert "state/position" not in tell(ErrorCode.NO_GPS)
     for code in (ErrorCode.NO_FC, ErrorCode.NO_COMPASS, ErrorCode.MOTOR_CONTROLLER_MISSING):
-        told = tell(code)
-        assert "state/position" not in told
-        assert (told["state/gps"].satellites, told["state/gps"].fix) == (None, GpsFix.NONE)
+        found = tell(code)
+        assert "state/position" not in found
+        assert (found["state/gps"].satellites, found["state/gps"].fix) == (None, GpsFix.NONE)
     assert "state/position" in tell(ErrorCode.RC_LOST)  # which a NaviCtrl shows only while its receiver is heard
-
-
-def test_the_time_in_the_air_counts_by_a_flag_that_stands_still_with_the_flightctrl():
-    assert states(blank(OsdData5, **OSD))["state/flight"].flying_time == 61
-    assert states(blank(OsdData5, **OSD | {"error_code": ErrorCode.NO_FC}))["state/flight"].flying_time is None
 
 
 def test_the_satellites_of_the_data_sets_are_those_of_a_receiver_that_talks():

@@ -15,6 +15,8 @@ def test_letters_get_brighter_with_the_picture_and_keep_its_shape():
     assert (len(rows), {len(row) for row in rows}) == (10, {40})
     expected = [RAMP[int(grey * len(RAMP) / 256)] for grey in range(0, 240, 30)]
     assert rows[0] == "".join(letter * 5 for letter in expected)
+    tiny = np.array([[0, 250]], np.uint8)
+    assert [row.plain for row in picture_rows(tiny, [], 8, 8, has_colours=False)] == ["    @@@@"] * 2
 
 
 def test_two_pixels_a_letter_have_their_own_grey():
@@ -35,8 +37,3 @@ def test_an_outline_is_drawn_where_the_tag_is_and_none_outside():
     assert [row.count("o") for row in rows] == [0, 0, 21, 2, 2, 2, 2, 2, 21, 0]
     drawn = picture_rows(STEPS, [corners], 40, 30, has_colours=True)
     assert any(span.style.color.triplet == OUTLINE for row in drawn for span in row.spans)
-
-
-def test_a_small_picture_is_repeated():
-    tiny = np.array([[0, 250]], np.uint8)
-    assert [row.plain for row in picture_rows(tiny, [], 8, 8, has_colours=False)] == ["    @@@@"] * 2

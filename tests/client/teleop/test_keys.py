@@ -83,14 +83,11 @@ def test_thrust_by_keys_is_a_straight_line(typist):
     assert typist.tick().setpoint.fields["throttle"] == pytest.approx(middle)
 
 
-def test_enable_button_is_a_switch_and_a_held_key_switches_once(typist):
+def test_enable_button_is_a_switch_a_held_key_switches_once_and_presses_a_tenth_of_a_second_apart_are_two(typist):
     typist.type(*"eeeee")
     assert typist.keys.is_enabled
     typist.tick(0.2)
     assert typist.type("e").is_neutral
-
-
-def test_presses_a_tenth_of_a_second_apart_are_two():
     keys = Keys()
     for at in (0.0, 0.1, 0.19):
         keys.typed("e", at)

@@ -11,12 +11,9 @@ from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.preflight import Blocks, CheckState, ControlPreflight, Finding
 from tests import samples
 from tests.gateways.foxglove.viewer import complaints
+from tests.values import made
 
 NAMES = Names("mk1")
-
-
-def battery(*, is_low):
-    return samples.battery(1.0, is_low=is_low)
 
 
 def shown(value):
@@ -27,38 +24,32 @@ def line_of(value, name):
     return next(line for line in shown(value)["status"] if line["name"] == name)
 
 
-def test_what_it_stands_on_is_there():
+def test_what_it_stands_on_and_its_time_are_there():
     status = line_of(samples.link_health(1.0), "link")
     assert {"key": "echo.p99_ms", "value": "44"} in status["values"]
     assert {"key": "state.condition", "value": "up"} in status["values"]
     assert (status["level"], status["hardware_id"]) == (DiagnosticLevel.OK, "mk1")
     assert all(isinstance(one["value"], str) for one in status["values"])
     assert not [one["key"] for one in status["values"] if "stamp" in one["key"] or "since" in one["key"]]
+    assert shown(samples.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
+    assert Diagnostics(NAMES)("state/attitude", samples.attitude(1.0)) is None
 
 
 def test_every_check_before_a_flight_is_a_line():
-    def found(name, state, blocks, token=None):
-        return Finding(name=name, state=state, blocks=blocks, token=token, reason="why.", fix="do.")
-
-    findings = (
-        found("gate", CheckState.STANDS, Blocks.LEASE, "gate_shut"),
-        found("advice", CheckState.STANDS, Blocks.NOTHING),
-        found("disk", CheckState.PASSED, Blocks.AUTONOMY),
-        found("eye", CheckState.UNKNOWN, Blocks.AUTONOMY),
+    ok, warn, error, _ = DiagnosticLevel
+    checks = {
+        "gate": (CheckState.STANDS, Blocks.LEASE, error),
+        "advice": (CheckState.STANDS, Blocks.NOTHING, warn),
+        "disk": (CheckState.PASSED, Blocks.AUTONOMY, ok),
+        "eye": (CheckState.UNKNOWN, Blocks.AUTONOMY, warn),
+    }
+    findings = tuple(
+        made(Finding, name=name, state=state, blocks=blocks, reason="why.", fix="do.")
+        for name, (state, blocks, _) in checks.items()
     )
     report = shown(ControlPreflight(stamp=samples.stamp(1.0), is_ready=False, findings=findings))
-    assert [one["level"] for one in report["status"]] == [
-        DiagnosticLevel.ERROR,
-        DiagnosticLevel.WARN,
-        DiagnosticLevel.OK,
-        DiagnosticLevel.WARN,
-    ]
+    assert [one["level"] for one in report["status"]] == [level for *_, level in checks.values()]
     assert report["status"][0]["message"] == "why. do."
-
-
-def test_the_time_is_the_values_and_other_values_say_nothing():
-    assert shown(samples.status(1.5))["header"]["stamp"] == {"sec": 1700000001, "nsec": 500000000}
-    assert Diagnostics(NAMES)("state/attitude", samples.attitude(1.0)) is None
 
 
 def test_the_schema_has_the_name_that_panels_look_for_and_viewers_can_read_it():
@@ -82,8 +73,7 @@ def test_the_verdict_comes_first_and_a_part_that_falls_silent_is_stale():
     show = Diagnostics(NAMES)
     lines = json.loads(show("control/status", samples.status(1.0)))["status"]
     assert [line["name"] for line in lines] == ["verdict", "control"]
-    show("state/battery", battery(is_low=False))
-    later = battery(is_low=False).model_copy(update={"stamp": samples.stamp(9.0)})
-    lines = {line["name"]: line for line in json.loads(show("state/battery", later))["status"]}
+    show("state/battery", samples.battery(1.0))
+    lines = {line["name"]: line for line in json.loads(show("state/battery", samples.battery(9.0)))["status"]}
     assert {name: line["level"] for name, line in lines.items()} == {"verdict": 1, "control": 3, "battery": 0}
     assert lines["verdict"]["message"] == "control silent for 8.0 s"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+from functools import partial
 
 import foxglove.messages as fg
 import pytest
@@ -14,19 +15,12 @@ from mkdaemon.gateways.foxglove import messages
 from mkdaemon.gateways.foxglove.names import LATEST, Names, pose, time_ns, timestamp
 from mkdaemon.reading import line_of
 from mkdaemon.stamp import Stamp
-from mkdaemon.telemetry.state import Position
 from tests import samples
 from tests.gateways.foxglove.viewer import read
 from tests.reading import events
-from tests.values import made
 
 ONE, MANY = Names("mk1"), Names("mk1", "mk1/")
-PLACE = {"latitude_deg": 48.1, "longitude_deg": 11.5, "altitude": 520.0, "position_enu": (1.0, 2.0, 3.0)}
-HOME = {"home_latitude_deg": 48.0, "home_longitude_deg": 11.4}
-
-
-def position(**change):
-    return made(Position, samples.stamp(5.0), **PLACE | HOME | change)
+position = partial(samples.position, 5.0)
 
 
 def shown(convert, value, names=ONE):
@@ -63,18 +57,15 @@ def test_a_rotation_survives(angles):
     assert abs(back - turn).max() < 1e-9
 
 
-def test_a_position_is_a_fix_and_home_another():
+def test_a_position_is_a_fix_and_home_another_shown_once_and_when_it_changes():
     fix = shown(messages.location_fix, position())
     home = read(fg.LocationFix.get_schema(), messages.HomeAnnouncer(ONE)("", position()))
-    assert (fix["latitude"], fix["longitude"], fix["altitude"]) == (48.1, 11.5, 520.0)
+    assert (fix["latitude"], fix["longitude"], fix["altitude"]) == (53.2301184, 7.4590749, 12.5)
     assert (fix["frame_id"], fix["position_covariance_type"]) == ("base_link", "UNKNOWN")
     assert fix["timestamp"] == "2023-11-14T22:13:25Z"
-    assert (home["latitude"], home["longitude"], home["altitude"]) == (48.0, 11.4, "NaN")
+    assert (home["latitude"], home["longitude"], home["altitude"]) == (53.23, 7.459, "NaN")
     assert shown(messages.location_fix, position(altitude=None))["altitude"] == "NaN"
     assert messages.HomeAnnouncer(ONE)("", position(home_latitude_deg=None)) is None
-
-
-def test_home_is_shown_once_and_when_it_changes():
     show = messages.HomeAnnouncer(ONE)
     homes = [53.0, 53.0, 53.0, 53.5, 53.5, None, 53.5]
     shown_at = [n for n, one in enumerate(homes) if show("", position(home_latitude_deg=one)) is not None]
@@ -103,16 +94,13 @@ def test_a_lens_is_a_calibration(model, theirs, distortion):
     assert messages.camera_calibration(ONE, samples.setup(5.0, lens=None)) is None
 
 
-def test_tags_are_outlined_where_they_are_in_the_image():
+def test_tags_are_outlined_where_they_are_and_the_vehicle_is_seen_in_the_frame_of_the_target():
     found = shown(messages.tag_annotations, samples.tags(5.0, sequence=1))
     ((outline,), (number,)) = found["points"], found["texts"]
     assert outline["type"] == "LINE_LOOP"
     assert outline["points"][0] == {"x": 200.5, "y": 100.5}  # pixel centres are at integers here, at halves there
     assert len(outline["points"]) == 4
     assert (number["text"], number["position"]) == ("48", {"x": 200.5, "y": 100.5})
-
-
-def test_a_camera_saw_the_vehicle_in_the_frame_of_the_target():
     found = shown(messages.seen_pose, samples.pose(5.0), MANY)
     assert found["frame_id"] == "pad"
     assert found["pose"]["position"] == {"x": 0.0, "y": 0.0, "z": 2.0}

@@ -9,12 +9,8 @@ from collections import Counter
 import pytest
 from mcap.reader import make_reader
 
-from mkdaemon.bus.codec import schema_name
 from mkdaemon.cli.mkctl.export import export
-from mkdaemon.client.export.values import ExportedValue, read_values
-from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.gateways.foxglove.recording import write
-from tests import samples
+from mkdaemon.client.export.values import read_values
 from tests.gateways.foxglove.viewer import read
 from tests.places import CONFIGS, DATA
 
@@ -41,11 +37,6 @@ def exported(recording, folder):
     return messages_of(folder / "shown.mcap")
 
 
-def value(suffix, model, vehicle="mk1"):
-    fields = model.model_dump(mode="json")
-    return ExportedValue(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema_name(type(model)))
-
-
 def test_the_layout_of_a_flight_finds_its_topics_in_an_exported_recording(tmp_path):
     wanted = set(re.findall(r"\"(/[a-z_/]+?)[\".]", LAYOUT))
     assert wanted >= OF_FLIGHT
@@ -66,26 +57,3 @@ def test_messages_have_the_times_and_numbers_of_the_recording(tmp_path):
     assert counts["/state/attitude"] == sum(one.suffix == "state/attitude" for one in read_values(BY_GPS)) == 12
     assert counts["/home"] == 1
     assert not {"/tf", "/vision/down/image"} & {topic for topic, *_ in found if topic.startswith("/vision")}
-
-
-def test_a_second_vehicle_has_topics_of_its_own(tmp_path):
-    both = [value("state/attitude", samples.attitude(1.0)), value("state/attitude", samples.attitude(1.0), "mk2")]
-    write(both, tmp_path / "both.mcap", overwrite=False)
-    topics = {topic for topic, *_ in messages_of(tmp_path / "both.mcap")}
-    assert {"/state/attitude", "/tf", "/mk2/state/attitude", "/mk2/tf"} <= topics
-
-
-def test_a_file_is_whole_or_not_there_and_only_replaced_by_force(tmp_path):
-    path = tmp_path / "shown.mcap"
-    good = value("state/attitude", samples.attitude(1.0))
-    bad = ExportedValue("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")
-    with pytest.raises(MkError, match=r"state/position of mk1 at .*--format csv takes every value"):
-        write([good, bad], path, overwrite=False)
-    with pytest.raises(MkError, match="nothing to export"):
-        write([], path, overwrite=False)
-    assert list(tmp_path.iterdir()) == []
-    write([good], path, overwrite=False)
-    with pytest.raises(ConfigError, match="--force"):
-        write([good], path, overwrite=False)
-    write([good, good], path, overwrite=True)
-    assert len(messages_of(path)) > 2

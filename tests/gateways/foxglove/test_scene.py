@@ -13,12 +13,8 @@ from mkdaemon.client.place import SIGMAS
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.scene import PATH, VehicleScene, ellipsoid, print_of
-from mkdaemon.telemetry.control import ControlFence
 from tests import samples
-from tests.gateways.foxglove.test_whereabouts import position
 from tests.gateways.foxglove.viewer import read
-
-FENCE = ControlFence(stamp=samples.stamp(1.0), radius=5.0, height=6.0, floor=0.3)
 
 
 def update(scene, value):
@@ -35,7 +31,7 @@ def scene():
     return VehicleScene(Names("mk1"))
 
 
-def test_the_target_lies_where_its_file_says(scene):
+def test_the_target_lies_where_its_file_says_and_a_later_tag_on_top(scene):
     target = entities(scene, samples.setup(1.0))["target"]
     assert (target["frame_id"], target["frame_locked"]) == ("pad", True)
     paper, black = (np.array([[p[axis] for axis in "xyz"] for p in part["points"]]) for part in target["triangles"])
@@ -47,6 +43,10 @@ def test_the_target_lies_where_its_file_says(scene):
     # The white cell is the last of the last row: right and low on the print.
     centres = black.reshape(-1, 6, 3).mean(1)
     assert not any(x > 0 and y < 0 for x, y, _ in centres)
+    (shape,) = samples.setup(1.0).targets
+    low, high = print_of(shape.tags[0], 0.0), print_of(shape.tags[0], 0.001)
+    heights = [{point["z"] for point in read(type(part).get_schema(), part.encode())["points"]} for part in low + high]
+    assert max(heights[1]) < min(heights[2])
 
 
 def test_vehicle_path_and_ellipsoid_come_with_the_places(scene):
@@ -70,17 +70,14 @@ def test_the_path_does_not_grow_for_ever(scene):
     assert len(last["path"]["lines"][0]["points"]) == PATH
 
 
-def test_a_goal_is_shown_for_as_long_as_it_is_told(scene):
+def test_a_goal_is_shown_for_as_long_as_it_is_told_and_the_fence_as_wide_and_high_as_it_is(scene):
     goal = entities(scene, samples.error(1.0))["goal"]
     assert goal["lifetime"] == "1s"
     assert goal["spheres"][0]["pose"]["position"] == {"x": 0.15, "y": -0.09, "z": 2.0}
     here, there = goal["lines"][0]["points"]
     assert here == pytest.approx({"x": 0.12, "y": -0.05, "z": 2.01})  # the estimate: goal and error
     assert there == {"x": 0.15, "y": -0.09, "z": 2.0}
-
-
-def test_the_fence_is_as_wide_and_high_as_it_is(scene):
-    below, above, edges = entities(scene, FENCE)["fence"]["lines"]
+    below, above, edges = entities(scene, samples.fence())["fence"]["lines"]
     assert {point["z"] for point in below["points"]} == {0.3}
     assert {point["z"] for point in above["points"]} == {6.0}
     assert {round(np.hypot(point["x"], point["y"]), 9) for point in above["points"]} == {5.0}
@@ -91,7 +88,7 @@ def test_where_no_target_is_seen_any_more_nothing_of_it_stays(scene):
     scene("", samples.setup(0.9))
     scene("", samples.attitude(1.0))
     scene("", samples.estimate(1.0))
-    gone = update(scene, position(7.0))
+    gone = update(scene, samples.position(7.0))
     assert {one["id"] for one in gone["deletions"]} == {"target", "path", "ellipse", "goal"}
     assert gone["entities"] == []
     back = update(scene, samples.estimate(8.0))
@@ -109,10 +106,3 @@ def test_an_ellipsoid_is_turned_and_stretched_as_its_covariance(values):
     radii = np.array([ball["size"][axis] / 2 for axis in "xyz"])
     turn = rotation_from_quaternion(tuple(ball["pose"]["orientation"][axis] for axis in "wxyz"))
     assert turn @ np.diag(radii**2) @ turn.T == pytest.approx(covariance, abs=1e-7)
-
-
-def test_a_later_tag_lies_on_top(scene):
-    (shape,) = samples.setup(1.0).targets
-    low, high = print_of(shape.tags[0], 0.0), print_of(shape.tags[0], 0.001)
-    heights = [{point["z"] for point in read(type(part).get_schema(), part.encode())["points"]} for part in low + high]
-    assert max(heights[1]) < min(heights[2])

@@ -12,16 +12,10 @@ from mkdaemon.client.place import HOME
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.gateways.foxglove.names import Names
 from mkdaemon.gateways.foxglove.whereabouts import LOST, OLD, FrameTree, Poses, Whereabouts
-from mkdaemon.telemetry.state import Position
 from tests import samples
 from tests.gateways.foxglove.viewer import read
-from tests.values import made
 
 ONE = Names("mk1")
-
-
-def position(at, enu=(10.0, 20.0, 3.0)):
-    return made(Position, samples.stamp(at), position_enu=enu)
 
 
 def edges(frames, value):
@@ -38,27 +32,24 @@ def matrix(edge):
     return found
 
 
-def test_the_flight_core_comes_before_a_camera_and_a_camera_before_gps():
+def test_the_flight_core_comes_before_a_camera_and_a_camera_before_gps_and_no_place_is_older_than_the_last():
     where = Whereabouts()
-    assert where.take(position(0.0)) is None  # level or not is not known yet
+    assert where.take(samples.position(0.0)) is None  # level or not is not known yet
     assert where.take(samples.attitude(0.0)).source == "gps"
     assert where.take(samples.pose(1.0)).source == "pose"
-    assert where.take(position(1.1)) is None
+    assert where.take(samples.position(1.1)) is None
     assert where.take(samples.estimate(2.0)).source == "estimate"
     assert where.take(samples.pose(2.0 + OLD)) is None
     assert where.take(samples.pose(2.1 + OLD)).source == "pose"
-    assert where.take(position(2.0 + OLD + LOST)) is None
-    assert where.take(position(2.2 + OLD + LOST)).frame == HOME
-
-
-def test_a_place_older_than_the_last_one_is_not_told():
+    assert where.take(samples.position(2.0 + OLD + LOST)) is None
+    assert where.take(samples.position(2.2 + OLD + LOST)).frame == HOME
     where = Whereabouts()
     assert where.take(samples.estimate(5.0)) is not None
     assert where.take(samples.estimate(4.0)) is None
     assert where.place.at == 5.0
 
 
-def test_the_target_is_the_root_and_map_the_same_frame():
+def test_the_target_is_the_root_or_home_and_map_the_same_frame():
     frames = FrameTree(ONE)
     frames("", samples.attitude(1.0, roll=0.1))
     found = edges(frames, samples.estimate(1.0))
@@ -67,15 +58,12 @@ def test_the_target_is_the_root_and_map_the_same_frame():
     assert body[:3, 3] == pytest.approx([0.12, -0.05, 2.01])
     assert body[:3, 0] @ [np.cos(0.5), np.sin(0.5), 0.0] > 0.99  # its nose points where the estimate's yaw says
     assert body[2, 1] == pytest.approx(np.sin(0.1) * np.cos(0.05))  # right side down: the left axis points up
-
-
-def test_without_a_target_home_is_the_root():
     frames = FrameTree(Names("mk1", "mk1/"))
     assert set(edges(frames, samples.attitude(1.0))) == {("mk1/map", "mk1/base_link")}
-    found = edges(frames, position(1.1))
+    found = edges(frames, samples.position(1.1))
     assert set(found) == {("mk1/home", "mk1/map"), ("mk1/map", "mk1/base_link")}
-    assert matrix(found["mk1/map", "mk1/base_link"])[:3, 3] == pytest.approx([10.0, 20.0, 3.0])
-    assert edges(frames, position(1.2, enu=None)) == {}
+    assert matrix(found["mk1/map", "mk1/base_link"])[:3, 3] == pytest.approx([1.0, 2.0, 3.0])
+    assert edges(frames, samples.position(1.2, position_enu=None)) == {}
 
 
 def test_a_camera_that_looks_down_sees_the_target_ahead_of_it():
@@ -90,7 +78,7 @@ def test_a_camera_that_looks_down_sees_the_target_ahead_of_it():
 @given(st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 60.0)), max_size=30))
 def test_whatever_comes_when_places_never_go_back(came):
     where, last = Whereabouts(), float("-inf")
-    makes = (samples.estimate, samples.pose, samples.attitude, position)
+    makes = (samples.estimate, samples.pose, samples.attitude, samples.position)
     for kind, at in came:
         place = where.take(makes[kind](at))
         if place is not None:

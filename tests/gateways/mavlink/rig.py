@@ -143,7 +143,7 @@ class FakeVehicle:
         self.engages, self.refuses, self.slow = 3, None, 0.0
         self.take = None
         self.lease_now, self.report = None, PreflightReport(is_ready=True, findings=())
-        self.settings = self.waypoints = self.route = self.navi = _Calls(self)
+        self.settings = self.waypoints = self.route = self.navi = self.records = _Calls(self)
 
     @property
     def done(self):
@@ -178,7 +178,7 @@ class FakeVehicle:
                 return WaypointsStored(count=0, digest="none")
             case "read":
                 return WaypointList(points=self.points, digest=digest if self.points else "none")
-        return SimpleNamespace(switch="turned to coming home it flies")
+        return SimpleNamespace(switch="turned to coming home it flies", count=3, verb="settings_backup")
 
     @asynccontextmanager
     async def lease(self, session, **options):
@@ -198,6 +198,9 @@ class FakeVehicle:
 
     async def stop(self, **options):
         await self.call("stop", **options)
+
+    async def cancel(self):
+        return await self.call("cancel")
 
     async def preflight(self):
         await self.call("preflight")

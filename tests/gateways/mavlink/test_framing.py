@@ -1,4 +1,4 @@
-"""Bytes to messages: nothing raises, nothing grows, signatures count once."""
+"""Bytes to messages: nothing raises, nothing grows, signatures count once, also after a restart."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import all as mavlink
 
 from mkdaemon.gateways.mavlink.framing import Counts, Decoder, Encoder
-from mkdaemon.gateways.mavlink.signing import Signing, key_from, signing_time
+from mkdaemon.gateways.mavlink.signing import AHEAD, Signing, key_from, signing_time
 
 WALL = 1_700_000_000.0
 KEY = bytes(range(32))
@@ -32,16 +32,13 @@ def test_messages_are_found_between_garbage(cuts):
     assert counts.messages == 2 and counts.garbage > 0
 
 
-def test_a_broken_frame_hides_no_right_one_and_mavlink_1_is_understood():
+def test_a_broken_frame_hides_no_right_one_mavlink_1_is_understood_and_a_datagram_goes_on_in_no_other():
     encoder = Encoder(9, None)
     broken = bytearray(encoder.encode(PING, WALL))
     broken[12] ^= 1
     old = bytes(PING.pack(mavlink.MAVLink(None, 3, 4), force_mavlink1=True))
     found, counts, _ = feed(bytes(broken) + encoder.encode(PING, WALL) + old)
     assert [m.get_srcSystem() for m in found] == [9, 3] and counts.bad >= 1
-
-
-def test_a_datagram_does_not_go_on_in_the_next_one():
     whole = Encoder(9, None).encode(PING, WALL)
     decoder = Decoder(Counts(), None)
     assert decoder.datagram(whole[:9], WALL) == []
@@ -49,12 +46,17 @@ def test_a_datagram_does_not_go_on_in_the_next_one():
     assert len(decoder.datagram(whole, WALL)) == 1
 
 
-def test_signed_messages_are_taken_once():
+def test_signed_messages_are_taken_once_and_their_streams_not_remembered_without_end():
     signed = Encoder(9, Signing(KEY), 1).encode(PING, WALL)
     decoder = Decoder(Counts(), Signing(KEY))
     assert len(list(decoder.feed(signed, WALL))) == 1
     assert list(decoder.feed(signed, WALL)) == []
     assert decoder.counts.unsigned == 1
+    signing = Signing(KEY)
+    decoder = Decoder(Counts(), signing)
+    for system in range(1, 101):
+        list(decoder.feed(Encoder(system, Signing(KEY), 1).encode(PING, WALL), WALL))
+    assert decoder.counts.messages == len(signing._newest) == 64
 
 
 @pytest.mark.parametrize(
@@ -79,17 +81,37 @@ def test_pymavlink_takes_our_signatures_and_we_take_its():
     assert theirs.parse_buffer(Encoder(9, Signing(KEY), 1).encode(PING, WALL))[0].get_signed()
 
 
-def test_signed_streams_are_not_remembered_without_end():
-    signing = Signing(KEY)
-    decoder = Decoder(Counts(), signing)
-    for system in range(1, 101):
-        list(decoder.feed(Encoder(system, Signing(KEY), 1).encode(PING, WALL), WALL))
-    assert decoder.counts.messages == len(signing._newest) == 64
-
-
 @pytest.mark.parametrize(
     ("text", "key"),
     [(KEY.hex(), KEY), (f" {KEY.hex()}\n", KEY), ("secret", hashlib.sha256(b"secret").digest())],
 )
 def test_keys(text, key):
     assert key_from(text) == key
+
+
+def stream(count):
+    """A recorded stream: a frame a tenth of a second."""
+    encoder = Encoder(255, Signing(KEY))
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3)
+    return [encoder.encode(beat, WALL + number / 10) for number in range(count)]
+
+
+def taken(path, frames, wall):
+    decoder = Decoder(Counts(), Signing(KEY, path))
+    return sum(len(decoder.datagram(frame, wall)) for frame in frames)
+
+
+def test_a_recorded_stream_is_not_taken_after_a_restart(tmp_path):
+    path = tmp_path / "state" / "times.json"
+    recorded = stream(340)
+    assert taken(path, recorded, WALL) == len(recorded)
+    assert taken(path, recorded, WALL + 24.0) == 0
+    later = Encoder(255, Signing(KEY)).encode(mavlink.MAVLink_ping_message(1, 2, 0, 0), WALL + 34.0 + AHEAD / 1e5)
+    assert taken(path, [later], WALL + 40.0) == 1
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[[1]]", "[[1, 2, 3, []]]", "nonsense", None])
+def test_a_broken_file_or_no_place_to_write_one_is_no_end(tmp_path, text):
+    path = tmp_path / "times.json" / ("" if text is not None else "below a file")
+    (tmp_path / "times.json").write_text(text or "")
+    assert taken(path, stream(2), WALL) == 2

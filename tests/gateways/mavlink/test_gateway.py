@@ -56,14 +56,10 @@ def on_a_thread(work):
 
 
 @virtually
-async def test_a_value_is_sent_on_while_the_loop_stands_still(vehicle, ears):
+async def test_a_value_is_sent_on_while_the_loop_stands_still_and_what_it_announces_follows_on_the_loop(vehicle, ears):
     sample = Sample("state/attitude", rig.ATTITUDE.model_dump(), encoding_of(Attitude))
     on_a_thread(lambda: vehicle.take(sample)).join()
     assert len(ears.named("ATTITUDE")) == 1
-
-
-@virtually
-async def test_what_a_value_announces_is_said_on_the_loop(vehicle, ears):
     event = LogEvent(stamp=rig.STAMP, level="warning", text="a wire is loose")
     sample = Sample("event/log", event.model_dump(), encoding_of(LogEvent))
     on_a_thread(lambda: vehicle.take(sample)).join()
@@ -97,7 +93,7 @@ async def test_nothing_but_heartbeats_for_a_station_that_was_not_heard(gateway, 
 
 
 @virtually
-async def test_a_message_at_another_rate_never_and_as_before(gateway, ears):
+async def test_a_message_at_another_rate_never_and_as_before_and_in_data_streams_as_of_old(gateway, ears):
     attitude = mavlink.MAVLINK_MSG_ID_ATTITUDE
     for interval, wanted in ((500_000, 2), (-1, 0), (0, 20)):
         ears.command(511, attitude, interval)
@@ -110,11 +106,8 @@ async def test_a_message_at_another_rate_never_and_as_before(gateway, ears):
     ears.command(511, 0, 1000)
     ears.command(511, attitude, NAN)
     assert [result for _, result in ears.acks[-3:]] == [UNSUPPORTED, DENIED, DENIED]
-
-
-@virtually
-async def test_data_streams_as_of_old(gateway, ears):
     ears.say(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_ALL, 0, 0))
+    ears.heard.clear()
     await beat(ears, 1.0, lambda: gateway.value_arrived(rig.ATTITUDE))
     assert not ears.named("ATTITUDE")
     ears.say(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_EXTRA1, 4, 1))

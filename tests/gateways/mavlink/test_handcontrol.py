@@ -87,10 +87,15 @@ def manual(x, y, z, r):
     return mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)
 
 
-def test_full_sticks():
+def test_full_sticks_and_overridden_channels():
     axes = axes_of_manual(manual(1000, -1000, 1000, 500))
     assert sticks(axes).fields == {"pitch": 60.0, "roll": -60.0, "yaw": -30.0, "throttle": 127.0}
     assert speeds(axes).fields == {"velocity": (1.0, 1.0, 0.5), "frame": "body", "yaw_rate": -0.5}
+    axes = axes_of_override(override(2000, 1000, 1500, 1250))
+    assert sticks(axes).fields == pytest.approx({"pitch": 60.0, "roll": 60.0, "yaw": 30.0, "throttle": 0.0})
+    assert axes_of_override(override(0, 65535, 1100, 0)).forward == 0.0
+    assert axes_of_override(override(1500, 1500, 0, 1500)) is None
+    assert axes_of_override(override(1, 1500, 1500, 1500)) is None
 
 
 @pytest.mark.parametrize(("z", "throttle"), [(0, -127.0), (500, 0.0), (1000, 127.0), (-1000, -127.0)])
@@ -107,14 +112,6 @@ def test_an_axis_that_is_not_used_flies_nothing(axis):
 
 def override(*raw):
     return mavlink.MAVLink_rc_channels_override_message(1, 1, *raw, *[0] * (8 - len(raw)))
-
-
-def test_overridden_channels():
-    axes = axes_of_override(override(2000, 1000, 1500, 1250))
-    assert sticks(axes).fields == pytest.approx({"pitch": 60.0, "roll": 60.0, "yaw": 30.0, "throttle": 0.0})
-    assert axes_of_override(override(0, 65535, 1100, 0)).forward == 0.0
-    assert axes_of_override(override(1500, 1500, 0, 1500)) is None
-    assert axes_of_override(override(1, 1500, 1500, 1500)) is None
 
 
 def attitude(q, thrust, mask=0b11, rate=0.0):

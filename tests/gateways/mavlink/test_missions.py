@@ -27,7 +27,7 @@ MISSION = [item(0), item(1, **SPEED), item(2), item(3, **LOOK), item(4, 21, para
 
 
 @virtually
-async def test_what_was_uploaded_comes_back_bit_for_bit(vehicle, ears):
+async def test_what_was_uploaded_comes_back_bit_for_bit_and_a_program_of_old_gets_items_of_old(vehicle, ears):
     assert await ears.upload(MISSION) == [ACCEPTED]
     name, (points,), options = vehicle.calls[0]
     assert (name, options["in_flight"], options["source"]) == ("upload", True, "MAVLink")
@@ -38,6 +38,9 @@ async def test_what_was_uploaded_comes_back_bit_for_bit(vehicle, ears):
     assert [point.hold for point in points if point.kind.value == "waypoint"] == [2, 2, 2]
     assert parts(await ears.download()) == parts(MISSION)
     assert vehicle.done == ["upload"]
+    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
+    await beat(ears, 0.1)
+    assert ears.named("MISSION_ITEM")[0].x == pytest.approx(LAT / 1e7, abs=1e-5)
 
 
 @virtually
@@ -61,14 +64,6 @@ async def test_on_a_link_with_ardupilots_numbers_item_0_is_home(vehicle, gateway
     assert [message.seq for message in found] == [0, 1, 2]
     assert (found[0].frame, found[0].x, found[0].z) == (0, 532_300_000, 9.5)
     assert parts(found[2:]) == parts([item(2)])
-
-
-@virtually
-async def test_a_program_of_old_gets_items_of_old(ears):
-    await ears.upload([item(0)])
-    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
-    await beat(ears, 0.1)
-    assert ears.named("MISSION_ITEM")[0].x == pytest.approx(LAT / 1e7, abs=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -69,13 +69,18 @@ def test_every_number_comes_back_as_its_mode(numbering, mode):
     assert mode_of_custom(numbering, number_of(mode, numbering)) is mode
 
 
-def test_numbers_nobody_flies():
+def test_numbers_nobody_flies_are_no_modes_and_all_others_have_a_name():
     assert mode_of_custom(Numbering.ARDUPILOT, 18) is None
     assert mode_of_custom(Numbering.PX4, 8 << 16) is None
     assert mode_of_standard(0) is None
     assert mode_of_numbers(Numbering.PX4, 1, 0) is Mode.STABILIZED
     assert mode_of_numbers(Numbering.PX4, 4, 0) is Mode.HOLD
     assert mode_of_standard(mavlink.MAV_STANDARD_MODE_MISSION) is Mode.MISSION
+    rows = [available_mode(index, Numbering.PX4) for index in range(1, len(ROWS) + 1)]
+    assert [row.mode_index for row in rows] == list(range(1, len(Mode) + 1))
+    assert {row.number_modes for row in rows} == {len(Mode)}
+    assert available_mode(0, Numbering.PX4) is None and available_mode(len(ROWS) + 1, Numbering.PX4) is None
+    assert current_mode(Mode.LAND, Numbering.ARDUPILOT).custom_mode == 9
 
 
 @pytest.mark.parametrize(
@@ -109,11 +114,3 @@ def test_heartbeats(values, state):
     is_armed = any(getattr(value, "motors_running", False) for value in values)
     assert bool(beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED) is is_armed
     assert beat.custom_mode == 6 << 16
-
-
-def test_modes_are_told_by_name():
-    rows = [available_mode(index, Numbering.PX4) for index in range(1, len(ROWS) + 1)]
-    assert [row.mode_index for row in rows] == list(range(1, len(Mode) + 1))
-    assert {row.number_modes for row in rows} == {len(Mode)}
-    assert available_mode(0, Numbering.PX4) is None and available_mode(len(ROWS) + 1, Numbering.PX4) is None
-    assert current_mode(Mode.LAND, Numbering.ARDUPILOT).custom_mode == 9

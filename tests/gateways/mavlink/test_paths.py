@@ -169,19 +169,6 @@ async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(vehic
 
 
 @before_a_daemon
-async def test_after_an_abort_of_the_daemon_it_is_started_again(vehicle, gateway, ears):
-    await ears.upload(SQUARE)
-    ears.command(START)
-    await beat(ears, 0.5)
-    flies(vehicle, gateway, 0.5)
-    gateway.value_arrived(rig.status(Phase.ABORTED, epoch=rig.EPOCH, manoeuvre="path", aborts=1))
-    vehicle.lease_now.report(Phase.ABORTED, aborts=1)
-    ears.command(START)
-    await beat(ears, 0.5)
-    assert vehicle.setpoints[-1][2]["run"] == 2
-
-
-@before_a_daemon
 async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(vehicle, gateway, ears):
     other = Ears(gateway, program=(254, 190))
     await ears.upload(SQUARE)
@@ -277,11 +264,19 @@ async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(vehicle, ga
 
 
 @before_a_daemon
-async def test_it_begins_with_its_first_item_only(vehicle, gateway, ears):
+async def test_it_begins_with_its_first_item_only_and_again_after_an_abort_of_the_daemon(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     ears.command(START, 3)
     await beat(ears, 0.2)
     assert ears.acks == [(START, 2)] and vehicle.setpoints == []
+    ears.command(START)
+    await beat(ears, 0.5)
+    flies(vehicle, gateway, 0.5)
+    gateway.value_arrived(rig.status(Phase.ABORTED, epoch=rig.EPOCH, manoeuvre="path", aborts=1))
+    vehicle.lease_now.report(Phase.ABORTED, aborts=1)
+    ears.command(START)
+    await beat(ears, 0.5)
+    assert vehicle.setpoints[-1][2]["run"] == 2
 
 
 @pytest.mark.parametrize(

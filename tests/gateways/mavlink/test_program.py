@@ -1,4 +1,4 @@
-"""The program: options a user gives, its key, and its mistakes in one line."""
+"""The program: addresses and options that a user gives, its key, and its mistakes in one line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from mkdaemon.cli.interrupts import run_until_asked_to_end
 from mkdaemon.cli.mkdaemon.gateway.mavlink import mavlink as command
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.boardset import backups_folder
-from mkdaemon.gateways.mavlink.addresses import DEFAULTS
+from mkdaemon.gateways.mavlink.addresses import DEFAULTS, Address, AddressKind, check_addresses, read_address
+from mkdaemon.gateways.mavlink.modes import Numbering
 from mkdaemon.gateways.mavlink.program import options_from, serve
 from tests.gateways.mavlink.rig import FakeVehicle
 from tests.gateways.mavlink.test_links import free_port
@@ -28,6 +29,7 @@ def options(*links, system=1, key=None, allow_open=False):
 def test_without_links_the_usual_ones_of_this_machine():
     assert tuple(map(str, options().addresses)) == DEFAULTS
     assert options().signing is None
+    check_addresses(tuple(map(read_address, DEFAULTS)), has_key=False, allow_open=False)
 
 
 @pytest.mark.parametrize("system", [0, 251, -1])
@@ -81,15 +83,12 @@ async def open_fake():
     yield FakeVehicle()
 
 
-async def test_it_serves_until_it_is_asked_to_end():
+async def test_it_serves_until_it_is_asked_to_end_or_a_link_cannot_be_opened():
     def ready():
         signal.raise_signal(signal.SIGTERM)
 
     async with asyncio.timeout(20.0):
         await run_until_asked_to_end(serve(open_fake, options(f"tcpin:127.0.0.1:{free_port()}"), ready))
-
-
-async def test_a_link_that_cannot_be_opened_ends_it():
     with pytest.raises(MkError, match=r"--link tcpin:203\.0\.113\.1:5760 cannot be opened"):
         await run_until_asked_to_end(serve(open_fake, options("tcpin:203.0.113.1:5760", allow_open=True), lambda: None))
 
@@ -111,3 +110,35 @@ async def test_it_waits_for_a_daemon_that_is_started_later(monkeypatch):
     serving.cancel()
     await asyncio.gather(serving, return_exceptions=True)
     assert len(attempts) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("udpout:127.0.0.1:14550", Address(AddressKind.UDP_OUT, "127.0.0.1", 14550)),
+        ("udpin:[::1]:14550", Address(AddressKind.UDP_IN, "::1", 14550)),
+        ("tcpin:localhost:5760,ardupilot", Address(AddressKind.TCP_IN, "localhost", 5760, Numbering.ARDUPILOT)),
+        ("tcpout:127.0.0.1:5790,as-px4", Address(AddressKind.TCP_OUT, "127.0.0.1", 5790, Numbering.AS_PX4)),
+        ("serial:/dev/serial/by-id/usb-1:57600, px4", Address(AddressKind.SERIAL, "/dev/serial/by-id/usb-1", 57600)),
+    ],
+)
+def test_addresses(text, address):
+    assert read_address(text) == address
+    assert address.is_local
+
+
+@pytest.mark.parametrize(
+    "text", ["", "udp:127.0.0.1:1", "udpin:127.0.0.1", "udpin::1", "tcpin:host:99999", "tcpin:host:0", "udpin:h:1,px5"]
+)
+def test_what_is_no_address(text):
+    with pytest.raises(ConfigError, match="--link"):
+        read_address(text)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.7", "ground.example", "::"])
+def test_a_network_needs_a_key_or_leave(host):
+    address = (Address(AddressKind.UDP_IN, host, 14550),)
+    with pytest.raises(ConfigError, match="any program in that network could fly"):
+        check_addresses(address, has_key=False, allow_open=False)
+    check_addresses(address, has_key=True, allow_open=False)
+    check_addresses(address, has_key=False, allow_open=True)

@@ -25,13 +25,10 @@ def test_pieces_come_together_again(length):
         assert [piece.id for piece in pieces] == [0]
 
 
-def test_other_letters_are_question_marks_and_a_longer_one_ends_in_dots():
+def test_other_letters_are_question_marks_a_longer_one_ends_in_dots_and_the_same_comes_again_only_later():
     assert Texts().pieces(INFO, "f\u00fcnf", 0.0)[0].text == "f?nf"
     words = "".join(piece.text for piece in Texts().pieces(INFO, "x" * 1000, 0.0))
     assert words == "x" * 397 + "... "
-
-
-def test_the_same_is_said_again_only_later_or_to_another():
     texts = Texts()
     assert texts.pieces(INFO, "same", 0.0) and not texts.pieces(INFO, "same", 2.9)
     assert texts.pieces(INFO, "same", 1.0, to="another") and texts.pieces(INFO, "same", 3.1)

@@ -60,12 +60,9 @@ def test_measurements_and_the_loss_come_through(library):
     assert all(each in expected for each in found)
 
 
-def test_a_system_that_does_not_answer_is_given_up(library):
+def test_a_system_that_does_not_answer_is_given_up_and_an_unknown_kind_is_a_mistake(library):
     with pytest.raises(RuntimeError, match=r"no measurement for 1.5 s"):
         next(frames_apart(find_system("vicon"), "there", 1.5))
-
-
-def test_an_unknown_kind_is_a_mistake(library):
     with pytest.raises(ConfigError, match="built without vrpn"):
         next(frames_apart(find_system("vrpn"), "there", 60.0))
 

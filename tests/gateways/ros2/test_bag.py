@@ -7,7 +7,7 @@ from rosbags.highlevel import AnyReader
 
 from mkdaemon.bus.codec import schema_name
 from mkdaemon.client.export.values import ExportedValue, read_values
-from mkdaemon.errors import ConfigError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.gateways.ros2.bag import write
 from mkdaemon.gateways.ros2.messages import name_part
 from mkdaemon.gateways.ros2.topics import TOPICS
@@ -92,25 +92,6 @@ def test_a_recorded_flight_has_its_images_and_its_odometry(tmp_path):
     assert count("battery_state") == 34
 
 
-def test_a_second_vehicle_has_frames_of_its_own(tmp_path):
-    both = [value("state/attitude", samples.attitude(), name) for name in ("mk1", "mk-2")]
-    write(both, tmp_path / "bag", overwrite=False)
-    frames = {topic: message.header.frame_id for topic, _, message in read(tmp_path / "bag")[0] if "imu" in topic}
-    assert frames == {"/mk1/imu": "base_link", "/mk_2/imu": "mk_2/base_link"}
-
-
-def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
-    values = [value("state/attitude", samples.attitude())]
-    assert write(values, tmp_path / "bag", overwrite=False) == 2, "imu and the first diagnoses"
-    with pytest.raises(ConfigError, match="--force"):
-        write(values, tmp_path / "bag", overwrite=False)
-    assert write(values, tmp_path / "bag", overwrite=True) == 2
-    with pytest.raises(ConfigError, match="there is no folder"):
-        write(values, tmp_path / "no" / "bag", overwrite=False)
-    with pytest.raises(MkError, match="nothing in the recording"):
-        write([value("link/traffic", samples.attitude())], tmp_path / "other", overwrite=False)
-
-
 @pytest.mark.parametrize(
     ("suffix", "schema", "fields"),
     [
@@ -124,9 +105,14 @@ def test_a_bag_that_is_there_is_only_replaced_by_force(tmp_path):
 def test_a_value_that_is_not_what_its_key_carries_and_a_time_that_ros_cannot_have_are_named(
     tmp_path, suffix, schema, fields
 ):
+    nothing = value("link/traffic", samples.attitude())
     broken = ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.stamp().model_dump()} | fields, schema)
     late = value("state/battery", samples.battery(1.4e9))
-    for one, words in ((broken, f"{suffix} of mk1 at .*--format csv takes every value"), (late, "after 2038")):
+    for one, words in (
+        (broken, f"{suffix} of mk1 at .*--format csv takes every value"),
+        (late, "after 2038"),
+        (nothing, "nothing in the recording"),
+    ):
         with pytest.raises(MkError, match=words):
             write([one], tmp_path / "bag", overwrite=False)
     assert list(tmp_path.iterdir()) == []

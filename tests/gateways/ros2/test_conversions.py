@@ -172,7 +172,7 @@ def test_odometry_is_of_the_body_in_the_frame_of_the_target(yaw, x, y):
     assert list(turns) == [conversions.UNKNOWN_VARIANCE] * 2 + [0.0004]
 
 
-def test_the_heading_of_an_odometry_is_as_sure_as_the_newest_image_of_its_target():
+def test_an_odometry_is_as_sure_as_its_estimate_and_its_heading_as_the_newest_image():
     def seen(target, variance, late):
         spread = (*([0.0] * 35), variance)
         return samples.pose(samples.AT + late, target=target, covariance=spread)
@@ -184,9 +184,6 @@ def test_the_heading_of_an_odometry_is_as_sure_as_the_newest_image_of_its_target
     }
     made = conversions.odometry(samples.estimate(**SURE), scene(latest))
     assert made.pose.covariance[35] == pytest.approx(0.0029)
-
-
-def test_an_estimate_without_covariance_has_its_deviations():
     made = conversions.odometry(samples.estimate(**SURE | {"covariance": None}), scene())
     assert np.allclose(np.diag(made.pose.covariance.reshape(6, 6))[:3], [0.01, 0.04, 0.09])
 
@@ -199,13 +196,10 @@ def edges_of(message):
     return {(one.header.frame_id, one.child_frame_id): one.transform for one in made.transforms}
 
 
-def test_a_target_hangs_under_its_camera():
+def test_targets_hang_under_their_cameras_and_mounts_are_sent_whole_every_time():
     found = edges_of(conversions.edge(samples.edge(parent="camera/down", child="pad", static=False), scene()))
     moved = found["down_optical_frame", "target/pad"]
     assert (moved.translation.x, moved.translation.z, moved.rotation.x, moved.rotation.w) == (0.1, -0.05, 1.0, 0.0)
-
-
-def test_what_never_moves_is_sent_whole_every_time():
     other = samples.edge(child="camera/front")
     found = edges_of(conversions.mount(samples.edge(), scene({"mounts": (other,)})))
     assert set(found) == {
@@ -213,9 +207,6 @@ def test_what_never_moves_is_sent_whole_every_time():
         ("base_link", "down_optical_frame"),
         ("base_link", "front_optical_frame"),
     }
-
-
-def test_frames_of_several_aircraft_have_their_prefix():
     named = scene(frames=Frames("mk1/"))
     assert set(edges_of(conversions.mount(samples.edge(), named))) == {
         ("mk1/map", "mk1/odom"),
@@ -279,13 +270,16 @@ def test_names_become_names_that_ros_takes(name, part):
     assert name_part(name) == part
 
 
-def test_a_jpeg_goes_as_it_came_and_decoded():
+def test_a_jpeg_goes_as_it_came_and_decoded_and_every_image_has_its_calibration_with_its_own_stamp():
     grey = np.tile(np.arange(0, 160, 10, dtype=np.uint8), (16, 1))
     coded = samples.image(coding="jpeg", pixels=encode_jpeg(grey, 95, 16)[0], width=16, height=16)
     made = through_cdr(conversions.compressed(coded, scene()), "sensor_msgs/msg/CompressedImage")
     assert (made.format, bytes(made.data)) == ("jpeg", coded.pixels)
     decoded = through_cdr(conversions.image(coded, scene()), "sensor_msgs/msg/Image")
     assert np.abs(decoded.data.reshape(16, 16).astype(int) - grey).max() < 10
+    known = scene({"vision/down/setup": samples.setup()})
+    shown, told = conversions.image(samples.image(), known), conversions.info_of_image(samples.image(), known)
+    assert shown.header.stamp == told.header.stamp
 
 
 @pytest.mark.parametrize(("model", "word"), [("pinhole", "plumb_bob"), ("fisheye", "equidistant")])
@@ -298,13 +292,7 @@ def test_a_calibration_is_told_as_its_file_has_it(model, word):
     assert list(made.d) == [-0.12, 0.02, 0.0, 0.0, 0.0]
 
 
-def test_every_image_has_its_calibration_with_its_own_stamp():
-    known = scene({"vision/down/setup": samples.setup()})
-    shown, told = conversions.image(samples.image(), known), conversions.info_of_image(samples.image(), known)
-    assert shown.header.stamp == told.header.stamp
-
-
-def test_detections_have_corners_from_bottom_left_counter_clockwise():
+def test_detections_have_corners_from_bottom_left_counter_clockwise_and_markers_outline_every_tag():
     made = through_cdr(
         conversions.detections(samples.tags(samples.AT, SQUARE), scene()), "apriltag_msgs/msg/AprilTagDetectionArray"
     )
@@ -312,6 +300,11 @@ def test_detections_have_corners_from_bottom_left_counter_clockwise():
     assert (tag.family, tag.id) == ("tag36h11", 0)
     assert [(corner.x, corner.y) for corner in tag.corners] == [(10, 30), (30, 30), (30, 10), (10, 10)]
     assert (tag.centre.x, tag.centre.y) == pytest.approx((20.0, 20.0))
+    first, second = conversions.markers(samples.tags(samples.AT, SQUARE, SQUARE), scene())
+    made = through_cdr(first, "visualization_msgs/msg/ImageMarker")
+    assert (made.ns, made.id, made.type) == ("tag36h11", 0, conversions.POLYGON)
+    assert [(point.x, point.y) for point in made.points] == list(SQUARE)
+    assert second.id == 1
 
 
 @given(st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=4, max_size=4))
@@ -322,11 +315,3 @@ def test_the_homography_carries_the_ideal_corners_to_those_seen(shifts):
     for (x, y), seen in zip(((-1, 1), (1, 1), (1, -1), (-1, -1)), reversed(corners), strict=True):
         u, v, w = matrix @ [x, y, 1.0]
         assert (u / w, v / w) == pytest.approx(seen, abs=1e-6)
-
-
-def test_markers_outline_every_tag():
-    first, second = conversions.markers(samples.tags(samples.AT, SQUARE, SQUARE), scene())
-    made = through_cdr(first, "visualization_msgs/msg/ImageMarker")
-    assert (made.ns, made.id, made.type) == ("tag36h11", 0, conversions.POLYGON)
-    assert [(point.x, point.y) for point in made.points] == list(SQUARE)
-    assert second.id == 1

@@ -16,58 +16,12 @@ from mkdaemon.gateways.ros2.gateway import MOST_CALLS, Ros2Gateway
 from mkdaemon.gateways.ros2.messages import pose, vector
 from mkdaemon.gateways.ros2.parameters import RATES
 from mkdaemon.gateways.ros2.topics import Quality
+from mkdaemon.telemetry.state import Attitude
 from tests import samples
 from tests.client.fake import connected
-from tests.gateways.ros2.bagtypes import BagTypes, store
+from tests.gateways.ros2.bagtypes import BagTypes, Node
 
 TYPES = BagTypes()
-
-
-class Publisher:
-    def __init__(self):
-        self.messages, self.readers = [], 1
-
-    def publish(self, message):
-        self.messages.append(message)
-
-    def get_subscription_count(self):
-        return self.readers
-
-
-class Node:
-    """Keeps what is published, and lets a test be the other side."""
-
-    def __init__(self, **given):
-        self.given, self.publishers, self.subscribed, self.services = given, {}, {}, {}
-        self.changed, self.asked, self.kinds, self.typed, self.declared = None, None, {}, {}, {}
-
-    def parameters(self, table, changed, asked):
-        self.changed, self.asked = changed, asked
-        return {row.name: row.default for row in table} | self.given
-
-    def publisher(self, name, kind, quality):
-        if kind not in store().types or kind.startswith("apriltag_msgs"):
-            return None
-        self.publishers[name] = Publisher()
-        self.publishers[name].quality = quality
-        return self.publishers[name]
-
-    def subscribe(self, name, kind, arrived):
-        self.subscribed[name] = arrived
-
-        self.kinds[name] = kind
-
-    def declare(self, name, value, about):
-        self.declared[name] = value
-
-    def types_published(self, name):
-        return frozenset(self.typed.get(name, ()))
-
-    def serve(self, name, kind, answer):
-        self.services[name] = answer
-
-    def sent(self, name):
-        return self.publishers[name].messages if name in self.publishers else []
 
 
 @asynccontextmanager
@@ -107,10 +61,8 @@ async def test_values_become_messages_and_last_values_go_only_to_who_gets_them_l
             return node.sent("battery_state")
 
         await wait_for(follows)
-        publish("state/position", samples.position())
-        publish("vision/down/setup", samples.setup())
-        publish("vision/down/image", samples.image())
-        publish("vision/down/tags", samples.tags())
+        for key, value in samples.keyed(samples.position(), samples.setup(), samples.image(), samples.tags()):
+            publish(key, value)
         await wait_for(lambda: node.sent("down/tag_markers"))
         assert len(node.sent("fix")) == len(node.sent("/tf")) == len(node.sent("down/image")) == 1
         assert len(node.sent("down/camera_info")) == 2
@@ -122,19 +74,19 @@ async def test_values_become_messages_and_last_values_go_only_to_who_gets_them_l
         assert node.publishers["down/camera_info"].quality is Quality.LATCHED
 
 
-def taken(value, suffix):
-    return Sample(suffix, value.model_dump(), encoding_of(type(value)))
-
-
 async def test_a_last_value_never_follows_a_newer_one_and_nothing_follows_the_end():
     node = Node()
     async with running(node) as run:
         publishing = run.gateway.publishing
-        publishing.take(taken(samples.attitude(roll=0.2), "state/attitude"))
-        publishing.take(taken(samples.attitude(roll=0.1), "state/attitude"), is_last=True)
+        old, new = (
+            Sample("state/attitude", samples.attitude(roll=roll).model_dump(), encoding_of(Attitude))
+            for roll in (0.1, 0.2)
+        )
+        publishing.take(new)
+        publishing.take(old, is_last=True)
         assert publishing.newest.values["state/attitude"].roll == 0.2
         assert len(node.sent("imu")) == 1
-    publishing.take(taken(samples.attitude(), "state/attitude"))
+    publishing.take(old)
     assert len(node.sent("imu")) == 1
 
 
@@ -155,21 +107,6 @@ async def test_nothing_is_made_that_nobody_reads_and_rates_are_kept_from_the_nex
             await asyncio.sleep(0.01)
         assert n < 60, "ten a second would take fifty values more"
         assert node.sent("raw/rx") == []
-
-
-async def test_a_stream_flies_under_a_lease_of_its_own_and_its_end_gives_it_back():
-    node = Node()
-    turn = TYPES.new("geometry_msgs/msg/Twist", linear=vector(TYPES, (0.5, 0, 0)), angular=vector(TYPES, (0, 0, 0.1)))
-    async with running(node) as run:
-        deck = run.gateway.deck
-        for _ in range(30):
-            await asyncio.to_thread(node.subscribed["cmd_vel"], turn)
-            await asyncio.sleep(0.05)
-        await wait_for(lambda: run.daemon.setpoints)
-        newest = run.daemon.setpoints[-1]
-        assert (list(newest["velocity"]), newest["frame"]) == ([0.5, 0.0, 0.0], "body")
-        await wait_for(lambda: not deck.flown)
-        await wait_for(lambda: run.daemon.holder is None)
 
 
 async def test_what_cannot_be_flown_is_told():
@@ -260,20 +197,23 @@ async def test_cmd_vel_of_another_type_is_reported_with_the_remedy():
         assert "cmd_vel.stamped:=true" in gateway.message
 
 
-async def test_cmd_vel_is_a_twist_stamped_where_the_parameter_says_so():
-    node = Node(**{"cmd_vel.stamped": True})
+@pytest.mark.parametrize("stamped", [False, True])
+async def test_cmd_vel_flies_as_twist_or_as_twist_stamped_and_its_end_gives_the_lease_back(stamped):
+    node, kind = Node(**{"cmd_vel.stamped": stamped}), f"geometry_msgs/msg/Twist{'Stamped' * stamped}"
+    message = TYPES.new(
+        "geometry_msgs/msg/Twist", linear=vector(TYPES, (0.25, 0, 0)), angular=vector(TYPES, (0, 0, 0.1))
+    )
+    if stamped:
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="target/pad")
+        message = TYPES.new(kind, header=header, twist=message)
     async with running(node) as run:
-        assert node.kinds["cmd_vel"] == "geometry_msgs/msg/TwistStamped"
-        stamped = TYPES.new(
-            "geometry_msgs/msg/TwistStamped",
-            header=SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="target/pad"),
-            twist=TYPES.new(
-                "geometry_msgs/msg/Twist", linear=vector(TYPES, (0.25, 0, 0)), angular=vector(TYPES, (0, 0, 0))
-            ),
-        )
+        assert node.kinds["cmd_vel"] == kind
 
         def flies():
-            node.subscribed["cmd_vel"](stamped)
-            return any("velocity" in fields and fields["frame"] == "pad" for fields in run.daemon.setpoints)
+            node.subscribed["cmd_vel"](message)
+            return any(fields.get("velocity") == [0.25, 0.0, 0.0] for fields in run.daemon.setpoints)
 
         await wait_for(flies)
+        assert run.daemon.setpoints[-1]["frame"] == ("pad" if stamped else "body")
+        await wait_for(lambda: not run.gateway.deck.flown)
+        await wait_for(lambda: run.daemon.holder is None)

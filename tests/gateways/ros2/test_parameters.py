@@ -59,11 +59,14 @@ def made(tmp_path, monkeypatch):
     return SimpleNamespace(board=board, settings=settings, declared=declared, folder=tmp_path)
 
 
-def test_every_setting_is_a_parameter(made):
+def test_every_setting_is_a_parameter_and_a_set_that_nobody_knows_is_said(made):
     count = asyncio.run(made.settings.pull())
     assert count == len(made.declared) > 100 and all(name.startswith("settings.") for name in made.declared)
     assert made.declared["settings.gyro_p"][0] in range(256) and len(made.declared["settings.channels"][0]) == 12
     assert all(about for _, about in made.declared.values())
+    made.board.raw = bytes([250, 1])
+    with pytest.raises(MkError, match="layout"):
+        asyncio.run(made.settings.pull())
 
 
 def test_a_write_is_confirmed_and_the_set_is_saved_before(made):
@@ -76,9 +79,3 @@ def test_a_write_is_confirmed_and_the_set_is_saved_before(made):
     assert asked == [(({"gyro_p": 81},), {"confirm": True, "slot": 3})] * 2
     (saved,) = made.folder.rglob("before-*.toml")
     assert "gyro_p" in saved.read_text()
-
-
-def test_a_set_that_nobody_knows_is_said(made):
-    made.board.raw = bytes([250, 1])
-    with pytest.raises(MkError, match="layout"):
-        asyncio.run(made.settings.pull())

@@ -11,6 +11,7 @@ from mkdaemon.errors import CommandRejectedError
 from mkdaemon.gateways.ros2.parameters import BoardSettings
 from mkdaemon.gateways.ros2.services import SELF_TEST, SERVICES, Desk, answer, refused
 from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
+from tests.gateways.mavlink.rig import FakeVehicle
 from tests.gateways.ros2.bagtypes import scene
 
 ROWS = {service.name: service for service in SERVICES}
@@ -20,36 +21,6 @@ CHECKS = (
     Finding(name="rest", state=CheckState.STANDS, blocks=Blocks.NOTHING, token="x", reason="Advice.", fix=""),
     Finding(name="camera", state=CheckState.UNKNOWN, blocks=Blocks.NOTHING, token=None, reason="Look.", fix=""),
 )
-
-
-class Uav:
-    """Answers every verb; refuses those that are named."""
-
-    def __init__(self, *refusing):
-        self.refusing, self.asked = refusing, []
-        self.records = SimpleNamespace(mark=lambda text: self._did("mark", text))
-        self.route = SimpleNamespace(
-            start=lambda confirm: self._did("route_start", confirm, SimpleNamespace(count=3, switch="flies it")),
-            end=lambda confirm: self._did("route_end", confirm),
-        )
-
-    async def _did(self, name, what=None, reply=None):
-        if name in self.refusing:
-            raise CommandRejectedError("busy", "A procedure runs.", "Wait.")
-        self.asked.append((name, what))
-        return reply
-
-    def abort(self, reason):
-        return self._did("abort", reason)
-
-    def stop(self):
-        return self._did("stop")
-
-    def cancel(self):
-        return self._did("cancel", None, SimpleNamespace(verb="settings_backup"))
-
-    def preflight(self):
-        return self._did("preflight", None, PreflightReport(is_ready=False, findings=CHECKS))
 
 
 class Deck:
@@ -64,8 +35,10 @@ class Deck:
         return lambda: self._did(name)
 
 
-def call(name, uav=None, data=False):
-    desk = Desk(uav or Uav(), Deck(), scene(), BoardSettings(uav or Uav(), None))
+def call(name, refusals=None, data=False):
+    uav = FakeVehicle()
+    uav.refusals, uav.report = refusals or {}, PreflightReport(is_ready=False, findings=CHECKS)
+    desk = Desk(uav, Deck(), scene(), BoardSettings(uav, None))
     return desk, asyncio.run(answer(ROWS[name], desk, SimpleNamespace(data=data, custom_mode=data)))
 
 
@@ -76,32 +49,33 @@ SENT = {"mode_sent": True}
     ("name", "data", "flown", "asked", "reply"),
     [
         *((name, False, name, None, {"message": f"{name} done"}) for name in ("take_off", "hold", "land", "release")),
-        *((name, False, None, (name, None), {}) for name in ("stop", "cancel")),
-        ("abort", False, None, ("abort", "asked for in ROS"), {}),
-        ("mark", False, None, ("mark", "marked in ROS"), {}),
-        *((name, yes, None, (name, yes), {}) for name in ("route_start", "route_end") for yes in (True, False)),
+        *((name, False, None, (name, (), {}), {}) for name in ("stop", "cancel")),
+        ("abort", False, None, ("abort", ("asked for in ROS",), {}), {}),
+        ("mark", False, None, ("mark", ("marked in ROS",), {}), {}),
+        *(
+            (f"route_{name}", yes, None, (name, (), {"confirm": yes}), {})
+            for name in ("start", "end")
+            for yes in (True, False)
+        ),
         ("set_mode", "AUTO.TAKEOFF", "take_off", None, SENT),
         ("set_mode", "AUTO.LOITER", "hold", None, SENT),
         ("set_mode", "AUTO.LAND", "land", None, SENT),
         ("set_mode", "STABILIZED", "release", None, SENT),
-        ("set_mode", "AUTO.MISSION", None, ("route_start", True), SENT),
+        ("set_mode", "AUTO.MISSION", None, ("start", (), {"confirm": True}), SENT),
         ("set_mode", "ALTCTL", None, None, {"mode_sent": False}),
     ],
 )
 def test_verbs_that_fly_go_through_the_deck_and_others_with_their_data_to_the_daemon(name, data, flown, asked, reply):
     desk, given = call(name, data=data)
     assert desk.deck.done == [flown] * (flown is not None)
-    assert desk.uav.asked == [asked] * (asked is not None)
+    assert desk.uav.calls == [asked] * (asked is not None)
     assert reply.items() <= given.items()
     assert name == "set_mode" or (given["success"] and given["message"])
 
 
-def test_preflight_says_what_stands_and_the_remedy():
+def test_preflight_says_what_stands_with_the_remedy_and_the_self_test_has_a_status_for_every_check():
     _, reply = call("preflight")
     assert reply == {"success": False, "message": "gate: It is shut. Open.\nrest: Advice."}
-
-
-def test_the_self_test_has_a_status_for_every_check_or_the_words_of_its_refusal():
     _, reply = call("self_test")
     assert reply["passed"] == 0
     levels = {"mk1: link": 0, "mk1: gate": 2, "mk1: rest": 1, "mk1: camera": 1}
@@ -111,7 +85,7 @@ def test_the_self_test_has_a_status_for_every_check_or_the_words_of_its_refusal(
     assert (reply["passed"], reply["status"][0].message) == (0, "no daemon")
 
 
-@pytest.mark.parametrize("name", ["abort", "preflight", "route_start"])
-def test_a_refusal_is_an_answer_in_words(name):
-    _, reply = call(name, Uav(name))
+@pytest.mark.parametrize(("name", "verb"), [("abort", "abort"), ("preflight", "preflight"), ("route_start", "start")])
+def test_a_refusal_is_an_answer_in_words(name, verb):
+    _, reply = call(name, {verb: CommandRejectedError("busy", "A procedure runs.", "Wait.")})
     assert reply == {"success": False, "message": "busy: A procedure runs. Wait."}

@@ -1,4 +1,4 @@
-"""What is shown of a known flight: true values, their age, and what is not known."""
+"""What is shown of a known flight: true values, their age by the daemon's clock, curves, and what is not known."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from mkdaemon.reading import Reading
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.path import PathFlown
 from mkdaemon.telemetry.play import PlayState, PlayStatus
+from mkdaemon.view.page.daemontime import WINDOW, DaemonTime
+from mkdaemon.view.page.overview import overview_of
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
+from mkdaemon.view.page.series import PageSeries
 from tests import samples
 from tests.values import made
 
@@ -71,7 +74,7 @@ def test_what_nobody_has_said_is_not_known():
     assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
 
 
-def test_values_grow_old_while_nothing_comes():
+def test_values_grow_old_while_nothing_comes_and_a_last_one_has_the_age_it_had():
     picture = picture_of(samples.hovering(1000.0))
     shown = picture.show(NOW + 10.0)
     assert line(shown, "attitude")["age"] == pytest.approx(10.0)
@@ -81,37 +84,35 @@ def test_values_grow_old_while_nothing_comes():
     assert shown["scene"]["goal"] is None
     assert may(shown) == {"lease": True, "release": True, "abort": True}
     assert shown["verdict"] == {"text": "NOTHING FROM THE DAEMON: silent for 10 s", "tone": "bad"}
-
-
-def test_a_last_value_has_the_age_it_had_when_it_was_asked_for():
     picture = VehiclePicture("mk1")
     picture.take("state/attitude", samples.attitude(900.0), NOW, age=100.0)
     assert line(picture.show(NOW), "attitude")["age"] == pytest.approx(100.0)
     assert line(picture.show(NOW), "attitude")["is_stale"]
 
 
-def test_a_daemon_that_is_gone_leaves_no_button():
+def test_a_daemon_that_is_gone_leaves_no_button_and_what_does_not_fly_is_not_aborted():
     picture = picture_of(samples.hovering(1000.0))
     picture.is_here = False
     shown = picture.show(NOW)
     assert shown["verdict"] == {"text": "No daemon is here", "tone": "bad"}
     assert may(shown) == {"lease": False, "release": False, "abort": False}
+    free = samples.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
+    assert not may(picture_of([("control/status", free)]).show(NOW))["abort"]
+    ignored = samples.status(1000.0, phase=Phase.UNANSWERED)
+    assert may(picture_of([("control/status", ignored)]).show(NOW))["abort"]
 
 
-def test_on_the_ground_the_aircraft_is_where_a_camera_saw_it():
+def test_without_an_estimate_it_is_where_a_camera_saw_it_or_the_receiver_says():
     picture = picture_of([*samples.hovering(990.0), ("vision/down/pose", samples.pose(1000.0))])
     aircraft = picture.show(NOW)["scene"]["aircraft"]
     assert (aircraft["source"], aircraft["position"], aircraft["age"]) == ("pose", [0.0, 0.0, 2.0], 0.0)
     assert sorted(np.linalg.norm(np.array(aircraft["spread"]), axis=0)) == pytest.approx([0.03, 0.03, 0.06])
-
-
-def test_without_a_target_it_is_where_the_receiver_says():
     picture = picture_of(samples.keyed(samples.attitude(1000.0), samples.position(1000.0)))
     aircraft = picture.show(NOW)["scene"]["aircraft"]
     assert (aircraft["source"], aircraft["frame"], aircraft["position"]) == ("gps", "home", [1.0, 2.0, 3.0])
 
 
-def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
+def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft_and_needs_a_calibration():
     picture = picture_of(samples.keyed(samples.setup(1000.0), samples.pose(1000.0)))
     (camera,) = picture.show(NOW)["cameras"]
     frustum = camera["frustum"]
@@ -120,9 +121,6 @@ def test_the_frustum_of_a_camera_that_looks_down_lies_below_the_aircraft():
     np.testing.assert_allclose(frustum["ground"][0], [1.2, 1.6, 0.0], atol=5e-3)
     np.testing.assert_allclose(frustum["image"][0], [0.36, 0.48, 1.4], atol=5e-3)
     assert len(frustum["ground"]) % 4 == 0 and len(frustum["image"]) == 4
-
-
-def test_a_camera_without_calibration_has_no_frustum():
     (camera,) = picture_of(samples.keyed(samples.setup(1000.0, lens=None), samples.pose(1000.0))).show(NOW)["cameras"]
     assert camera["frustum"] is None and camera["outlines"] == []
 
@@ -174,7 +172,7 @@ def playing(place, state=PlayState.PLAYING, speed=1.0, starts=1):
     return made(PlayStatus, state=state, speed=speed, place=place, length=60.0, starts=starts)
 
 
-def test_ages_stand_still_while_a_recording_is_paused():
+def test_ages_stand_still_while_a_recording_is_paused_and_run_as_fast_as_it_is_played():
     picture = picture_of(samples.hovering(1000.0))
     picture.is_played = True
     picture.take_play(playing(5.0, PlayState.PAUSED), NOW)
@@ -182,15 +180,12 @@ def test_ages_stand_still_while_a_recording_is_paused():
     assert line(shown, "attitude")["age"] == pytest.approx(0.0)
     assert shown["play"]["state"] == "paused"
     assert may(shown) == {"lease": False, "release": False, "abort": False}
-
-
-def test_ages_run_as_fast_as_a_recording_is_played():
     picture = picture_of(samples.hovering(1000.0))
     picture.take_play(playing(5.0, speed=4.0), NOW)
     assert line(picture.show(NOW + 1.0), "attitude")["age"] == pytest.approx(4.0)
 
 
-def test_a_recording_that_begins_again_is_drawn_anew():
+def test_a_recording_that_begins_again_and_another_boot_begin_anew():
     picture = picture_of(samples.hovering(1000.0))
     reader = PageReader(picture)
     reader.read(NOW)
@@ -201,22 +196,12 @@ def test_a_recording_that_begins_again_is_drawn_anew():
     assert shown["is_anew"] and shown["series"]["trail"] == [(960.0, 0.12, -0.05, 2.01)]
     assert line(shown, "battery")["text"] == "not known"
     assert line(shown, "position")["age"] == pytest.approx(0.0)
-
-
-def test_another_boot_of_the_machine_begins_anew():
     picture = picture_of(samples.hovering(1000.0))
     later = samples.attitude(3.0)
     picture.take("state/attitude", later.model_copy(update={"stamp": samples.stamp(3.0, boot="b")}), NOW + 60.0)
     shown = picture.show(NOW + 60.0)
     assert line(shown, "attitude")["age"] == pytest.approx(0.0)
     assert line(shown, "battery")["text"] == "not known"
-
-
-def test_what_is_known_not_to_fly_is_not_aborted():
-    free = samples.status(1000.0, phase=Phase.FREE, lease=None, manoeuvre=None)
-    assert not may(picture_of([("control/status", free)]).show(NOW))["abort"]
-    ignored = samples.status(1000.0, phase=Phase.UNANSWERED)
-    assert may(picture_of([("control/status", ignored)]).show(NOW))["abort"]
 
 
 def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_has_no_error():
@@ -228,3 +213,76 @@ def test_an_aircraft_that_is_calculated_without_images_is_one_of_the_past_and_ha
     assert shown["scene"]["caption"] == "over pad, estimate of the flight core; last image 2.0 s ago"
     assert line(shown, "error")["text"] == "not known: no image for 2.0 s"
     assert [point[1:] for point in picture.series["error"].since(0)] == [(None, None)]
+
+
+def test_parts_follow_each_other_and_marks_have_their_place():
+    free = {"phase": Phase.FREE, "lease": None, "manoeuvre": None}
+    statuses = [
+        samples.status(1000.0, **free),
+        samples.status(1004.0, manoeuvre="takeoff"),
+        samples.status(1005.0, manoeuvre="takeoff"),
+        samples.status(1009.0, manoeuvre="hold"),
+        samples.status(1020.0, **free),
+    ]
+    late, early = samples.refusal(1006.0), samples.refusal(1002.0)
+    found = overview_of([*statuses, late, early, object()]).as_map(1000.0)
+    assert [(part["begin"], part["text"]) for part in found["parts"]] == [
+        (0.0, ""),
+        (4.0, "takeoff"),
+        (9.0, "hold"),
+        (20.0, ""),
+    ]
+    assert [(mark["at"], mark["tone"]) for mark in found["marks"]] == [(2.0, "bad"), (6.0, "bad")]
+
+
+def test_a_page_is_told_once():
+    picture = VehiclePicture("mk1", is_played=True)
+    picture.take_play(PlayStatus.model_validate(playing(0.0).model_dump() | {"zero": 1000.0}), NOW)
+    picture.flight = overview_of([samples.status(1001.0, manoeuvre="hold")])
+    reader = PageReader(picture)
+    assert reader.read(NOW)["flight"]["parts"] == [{"begin": 1.0, "text": "hold"}]
+    assert "flight" not in reader.read(NOW)
+
+
+def test_the_newest_stamp_says_what_time_it_is_at_least_and_nothing_before_the_first():
+    assert DaemonTime().now(5.0) is None
+    time = DaemonTime()
+    time.take(100.0, 0.0)
+    assert time.now(1.0) == 101.0
+    time.take(101.5, 1.0)
+    assert time.now(1.0) == 101.5
+    time.take(101.0, 1.1)  # late on its way
+    assert time.now(1.1) == pytest.approx(101.6)
+
+
+def test_a_clock_that_is_slower_is_followed_and_runs_at_the_speed_of_a_recording():
+    time = DaemonTime()
+    for tick in range(101):
+        time.take(100.0 + 0.09 * tick, 0.1 * tick)
+    assert time.now(10.0) == pytest.approx(109.0, abs=2 * 0.1 * WINDOW)
+    time = DaemonTime()
+    time.take(100.0, 0.0)
+    time.play_at(4.0, 0.0)
+    assert time.now(2.0) == 108.0
+    time.play_at(0.0, 2.0)
+    assert time.now(50.0) == 108.0
+    time.restart()
+    assert time.now(50.0) is None
+
+
+def test_a_reader_gets_what_is_new_the_oldest_points_are_forgotten_and_points_too_near_left_out():
+    series = PageSeries()
+    for at in range(3):
+        series.add(float(at), at * 2.0)
+    assert series.since(0) == [(0.0, 0.0), (1.0, 2.0), (2.0, 4.0)]
+    assert series.since(2) == [(2.0, 4.0)]
+    assert series.since(3) == []
+    series = PageSeries(shortest_step=0.5, kept=2)
+    for at in (0.0, 0.1, 0.6, 1.2, 1.3, 2.0):
+        series.add(at, None)
+    assert series.since(0) == [(1.2, None), (2.0, None)]
+    series = PageSeries(shortest_step=0.5)
+    series.add(100.0, 1.0)
+    series.clear()
+    series.add(5.0, 2.0)
+    assert series.since(1) == [(5.0, 2.0)]

@@ -131,15 +131,12 @@ def test_detection_counts_only_images_with_the_target_in_view():
     assert {one.reason for one in found.drop_outs if one.length > 0.3} == {OUT_OF_SIGHT}
 
 
-def test_a_fisheye_sees_what_a_pinhole_does_not():
+def test_a_fisheye_sees_what_a_pinhole_does_not_and_of_many_tags_the_nearest_is_looked_at():
     lens = np.array([200.0, 200.0, 320.0, 240.0, 640.0, 480.0])
     place = np.array([[-2.0, 0.0, -0.5], [0.0, 0.0, 1.0]])
     for is_fisheye in (False, True):
         view = replace(VIEW, radii=np.array([0.01]), lens=lens, is_fisheye=is_fisheye)
         assert view.look(place, np.array([np.eye(3)] * 2))[3].tolist() == [is_fisheye, False]
-
-
-def test_of_many_tags_the_nearest_is_looked_at():
     view = replace(VIEW, centres=np.array([[0.0, 0, 0], [4.0, 0, 1.0]]), normals=np.array([[0, 0, 1.0], [-1.0, 0, 0]]))
     view = replace(view, radii=np.array([0.2, 0.2]))
     away, tags, cosine, _ = view.look(np.array([[3.0, 0.0, 1.0]]), np.eye(3)[None])

@@ -15,7 +15,9 @@ from mkdaemon.record.rewrite import merge
 from mkdaemon.view.report.make import report_of
 from mkdaemon.view.report.page import render
 from tests.places import DATA
+from tests.view.report.compared import add_poses
 from tests.view.report.known import Tape, known_flight, write_known
+from tests.view.report.posed import tracks
 
 RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
 
@@ -36,14 +38,11 @@ def test_every_recorded_flight_has_its_report(path):
     assert b'id="plot-events"' in render(report, "")
 
 
-def test_progress_is_told(known):
+def test_a_recording_that_was_cut_off_tells_so_and_progress_is_shown(known, tmp_path):
     told = []
     report_of(known, None, told.append)
     assert told
     assert max(told) <= known.stat().st_size
-
-
-def test_a_recording_that_was_cut_off_tells_so(known, tmp_path):
     path = tmp_path / "cut.mcap"
     path.write_bytes(known.read_bytes()[:-200])
     report = report_of(path, None)
@@ -76,35 +75,52 @@ STRANGE = st.recursive(
         *(st.none(), st.booleans(), st.integers(-(2**63), 2**63), st.floats()),
         *(st.text(max_size=5), st.binary(max_size=5)),
     ),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    lambda inner: (
+        st.lists(st.floats(), min_size=3, max_size=4)
+        | st.lists(inner, max_size=4)
+        | st.dictionaries(st.text(max_size=5), inner, max_size=4)
+    ),
     max_leaves=6,
 )
 KEYS = [
     *("control/status", "control/estimate", "control/error", "link/health", "link/state", "health", "state/battery"),
+    *("vision/down/pose", "vision/down/setup", "vision/down/tags", "vision/down/refused", "positions/mocap/report"),
     *("vision/down/stats", "vision//pose", "vision/down/image", "rx/fc/settings", "link/traffic", *EVENTS),
 ]
 FIELDS = [
     *("phase", "manoeuvre", "stage", "position", "goal", "error_pad", "echo", "state", "condition", "firmware", "fix"),
     *("refused", "alarms", "dropped", "fields", "key", "status", "stamp", "voltage", "step", "level", "posed"),
-    "pixels",
+    *(
+        "pixels",
+        "position_target",
+        "quaternion_target_from_flu",
+        "sequence",
+        "target",
+        "latency",
+        "age",
+        "lens",
+        "targets",
+    ),
 ]
 
 
-@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(
     values=st.lists(
         st.tuples(st.sampled_from(KEYS), st.dictionaries(st.sampled_from(FIELDS), STRANGE, max_size=6)), min_size=1
     )
 )
-def test_no_value_makes_a_report_fail(values, shared):
+def test_no_value_makes_a_report_or_a_comparison_fail(values, shared):
     tape = Tape()
     tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
+    for name, track in zip(("down", "mocap"), tracks(seconds=3.0), strict=True):
+        add_poses(tape, name, track)
     for number, (suffix, fields) in enumerate(values):
         kind = EntryKind.IMAGE if suffix.endswith("image") else EntryKind.SAMPLE
         tape.add(number / 7, suffix, fields, kind)
         tape.add(number / 7, suffix, msgpack.packb(fields))
     path = tape.write(shared, config='{"a": "\\ud800"}')
-    render(report_of(path, None), "")
+    render(report_of(path, None, against="mocap"), "")
 
 
 def test_a_recording_of_several_vehicles_asks_which(known, tmp_path):

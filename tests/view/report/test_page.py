@@ -59,16 +59,22 @@ def pages(tmp_path_factory):
     return made
 
 
-def test_what_strangers_wrote_makes_no_tag_and_no_attribute(pages):
+def test_what_strangers_wrote_makes_no_tag_and_no_attribute_in_the_page_nor_in_its_plots(pages):
     tame, hostile = pages["tame"], pages["hostile"]
     assert hostile.tags == tame.tags
     names = {(tag, name) for tag, name, _ in hostile.attributes}
     assert names == {(tag, name) for tag, name, _ in tame.attributes}
     assert not any(name.startswith("on") for _, name in names)
     assert "alert(1)" in hostile.text, "it is shown as what it is"
+    plots = pages["hostile"].scripts[0][1]
+    assert "<" not in plots
+    assert "<" not in json.dumps(json.loads(plots)).replace("<extra></extra>", ""), (
+        "what plotly gets has no tag in it either"
+    )
+    assert "&lt;img" in json.dumps(json.loads(plots))
 
 
-def test_every_link_and_picture_is_in_the_page(pages):
+def test_nothing_comes_from_elsewhere_and_only_the_two_scripts_that_are_ours_may_run(pages):
     for page in pages.values():
         outside = [value for _, name, value in page.attributes if name in {"src", "href", "action", "srcset"}]
         assert outside
@@ -76,9 +82,6 @@ def test_every_link_and_picture_is_in_the_page(pages):
         policy = next(value for tag, name, value in page.attributes if name == "content" and "script-src" in value)
         assert policy.startswith("default-src 'none'; script-src 'sha256-")
         assert "http" not in policy
-
-
-def test_only_the_two_scripts_that_are_ours_may_run(pages):
     page = pages["hostile"]
     figures, library, script = page.scripts
     assert (figures[0]["type"], library[0]["type"], script[0]) == ("application/json", "text/plain", {})
@@ -89,16 +92,7 @@ def test_only_the_two_scripts_that_are_ours_may_run(pages):
         assert f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" in policy
 
 
-def test_texts_in_the_plots_are_escaped_for_plotly(pages):
-    plots = pages["hostile"].scripts[0][1]
-    assert "<" not in plots
-    assert "<" not in json.dumps(json.loads(plots)).replace("<extra></extra>", ""), (
-        "what plotly gets has no tag in it either"
-    )
-    assert "&lt;img" in json.dumps(json.loads(plots))
-
-
-def test_the_known_values_are_in_the_plots(pages):
+def test_the_known_values_are_in_the_plots_and_tables_and_pictures_where_something_happened(pages):
     plots = {plot["name"]: plot for plot in json.loads(pages["known"].scripts[0][1])}
     assert list(plots) == [
         *("target", "events", "height", "error", "place", "link", "loss", "eyes0", "battery"),
@@ -111,9 +105,6 @@ def test_the_known_values_are_in_the_plots(pages):
     assert plots["battery"]["data"][0]["y"][-1] == 15.0
     assert plots["target"]["times"][0] == 1.0
     assert plots["target"]["data"][0]["x"][-1] == 1.03
-
-
-def test_the_tables_tell_the_figures(pages):
     text = pages["known"].text
     for words in (
         *("5.0 / 5.0", "1.00, 0.00, 2.00", "not_leased", "nobody holds it", "refusals and remedies"),
@@ -123,9 +114,6 @@ def test_the_tables_tell_the_figures(pages):
         *("model: a1", "3.5", "as it was", "fc 2.12a", "mkdaemon 1 on box (blackbox)"),
     ):
         assert words.lower() in text.lower()
-
-
-def test_pictures_stand_where_something_happened(pages):
     pictures = [value for tag, name, value in pages["known"].attributes if (tag, name) == ("img", "src")]
     assert 4 <= len(pictures) <= 11
     assert len(set(pictures)) == len(pictures)

@@ -1,4 +1,4 @@
-"""Manoeuvres in their stages and places, with their errors."""
+"""Manoeuvres in their stages and places, with their errors; blind flight is a gap in all plots, and no error."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import pytest
 from mkdaemon.record.summary import summarise
 from mkdaemon.view.report.flight import FlightReader
 from mkdaemon.view.report.pieces import Errors, pieces_of
+from mkdaemon.view.report.plots import plots_of
 from mkdaemon.view.report.verdict import flown_time, sentences
-from tests.view.report.known import Tape, known_flight
+from tests.samples import estimate
+from tests.view.report.known import Tape, error_at, known_flight
 
 
 def read(tape):
@@ -22,14 +24,25 @@ def read(tape):
     return reader.flights[tape.vehicle]
 
 
-def test_the_known_flight_has_its_known_errors():
-    climb, place = pieces_of(read(known_flight()))
+def test_the_known_flight_has_its_known_errors_and_words():
+    flight = read(known_flight())
+    climb, place = pieces_of(flight)
     assert (climb.name, climb.begin, climb.end, climb.reached, climb.goal) == ("takeoff: climbs", 1.0, 3.0, None, None)
     assert climb.errors == Errors(40, *map(pytest.approx, (20.0, 20.0, 50.0, 50.0)))
     assert (place.name, place.begin, place.end, place.goal) == ("position", 3.0, 9.0, (1.0, 0.0, 2.0))
     assert place.reached == pytest.approx(3.0)
     assert place.errors == Errors(60, *map(pytest.approx, (5.0, 5.0, 2.0, 2.0))), "counted from when it is there"
     assert place.level_end_cm == pytest.approx(5.0)
+    assert flown_time(flight) == pytest.approx(8.0)
+    said = " ".join(sentences(flight, pieces_of(flight), 1_760_001_000.0))
+    for words in (
+        "Recorded on 2025-10-09 09:10:00 UTC, 10.0 s",
+        "Automatic flight for 8.0 s: takeoff, position.",
+        "after arrival: 5.0 cm RMS, 5.0 cm at most, in position at 3.0 s",
+        "A failsafe acted at 5.0 s: neutral: too old.",
+        "Refused: 2 not_leased.",
+    ):
+        assert words in said
 
 
 def test_a_manoeuvre_is_cut_where_its_goal_goes_to_another_place():
@@ -66,20 +79,6 @@ def test_strange_errors_are_left_out(fields):
     assert (piece.name, piece.begin, piece.end, piece.errors) == ("hold", 0.0, 1.0, None)
 
 
-def test_the_flight_in_words():
-    flight = read(known_flight())
-    assert flown_time(flight) == pytest.approx(8.0)
-    said = " ".join(sentences(flight, pieces_of(flight), 1_760_001_000.0))
-    for words in (
-        "Recorded on 2025-10-09 09:10:00 UTC, 10.0 s",
-        "Automatic flight for 8.0 s: takeoff, position.",
-        "after arrival: 5.0 cm RMS, 5.0 cm at most, in position at 3.0 s",
-        "A failsafe acted at 5.0 s: neutral: too old.",
-        "Refused: 2 not_leased.",
-    ):
-        assert words in said
-
-
 def test_a_recording_without_a_flight_has_no_word_of_one():
     tape = Tape()
     tape.add(0.0, "state/altitude", {"above_start": 1.0})
@@ -87,3 +86,44 @@ def test_a_recording_without_a_flight_has_no_word_of_one():
     assert pieces_of(flight) == []
     assert "an unknown time" in sentences(flight, [], 1e30)[0]
     assert "Automatic" not in " ".join(sentences(flight, [], 1e30))
+
+
+BEGIN, END = 6.5, 7.8
+"""No image is used meanwhile [s]."""
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """The known flight with a gap, in which the error would be 9 m."""
+    tape = known_flight()
+    tape.entries = [one for one in tape.entries if one.suffix not in ("control/estimate", "control/error")]
+    for tick in range(160):
+        at = 1.0 + tick / 20
+        is_blind = BEGIN < at < END
+        error = (9.0, 0.0, 0.0) if is_blind and at - BEGIN > 0.5 else error_at(at)
+        position = tuple(goal + part for goal, part in zip((1.0, 0.0, 2.0), error, strict=True))
+        blind = estimate(at, position=position, image_age=at - BEGIN if is_blind else 0.05)
+        tape.add(at, "control/estimate", blind)
+        tape.add(at, "control/error", {"goal": (1.0, 0.0, 2.0), "error_pad": error, "manoeuvre": "position"})
+    return read(tape)
+
+
+def test_there_is_one_gap_and_every_plot_over_time_has_its_band(flight):
+    ((begin, end),) = flight.gaps
+    assert (begin, end) == (pytest.approx(BEGIN, abs=0.06), pytest.approx(END, abs=0.06))
+    plots = [plot for plot in plots_of(flight, pieces_of(flight)) if not plot.times]
+    assert len(plots) > 4
+    for plot in plots:
+        bands = [shape for shape in plot.layout["shapes"] if "192,57,43" in shape["fillcolor"]]
+        assert [(band["x0"], band["x1"]) for band in bands] == [(round(begin, 3), round(end, 3))]
+
+
+def test_errors_leave_it_out_and_say_so(flight):
+    pieces = pieces_of(flight)
+    assert max(piece.errors.level_max_cm for piece in pieces if piece.errors and not piece.stage) == pytest.approx(5.0)
+    assert [piece.blind for piece in pieces] == [0.0, pytest.approx(END - BEGIN, abs=0.12)]
+    assert "s of blind flight are left out" in " ".join(sentences(flight, pieces, 0.0))
+    error = next(plot for plot in plots_of(flight, pieces) if plot.name == "error")
+    for trace in error.data:
+        inside = [y for x, y in zip(trace["x"], trace["y"], strict=True) if BEGIN + 0.1 < x < END - 0.1]
+        assert inside and set(inside) == {None}

@@ -1,4 +1,4 @@
-"""Poses, refusals and tags of a recording from any source: what counts as an image, and what is left out."""
+"""What a stranger's value says, and which values count as images: poses, refusals and tags from any source."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS
+from mkdaemon.view.report.said import LONGEST, number_of, numbers_of, short, text_of
 from mkdaemon.view.report.sights import MOST_IMAGES, OWN_FRAME, Sights, taken_by
 from tests.view.report.posed import pose_fields, truth
 
@@ -38,32 +39,26 @@ def test_values_of_one_image_are_one_outcome():
     assert images.times == pytest.approx([0.05, 0.1, 0.15, 0.2])
 
 
-def test_numbers_that_are_missing_are_images_without_a_tag():
+def test_numbers_that_are_missing_are_images_without_a_tag_and_a_camera_that_starts_again_counts_anew():
     images = seen(1, 2, 6).images("pad")
     assert images.outcomes == ["", "", NO_TAG, NO_TAG, NO_TAG, ""]
     assert images.times == pytest.approx(np.arange(1, 7) / RATE)
     assert images.weights.tolist() == [1.0] * 6
-
-
-def test_a_source_publishes_few_of_its_reports_and_misses_none():
-    sights = Sights()
-    for number in (1, 4, 7):
-        sights.take_pose(number / 100.0, pose(number, source="report"))
-    assert sights.images("pad").outcomes == ["", "", ""]
-
-
-def test_images_that_were_dropped_before_the_eyes_count_less():
-    sights = seen(1, 6)
-    for dropped, lost in ((5, 0), (6, 1), (6, 2)):
-        sights.take_stats(0.0, {"dropped": dropped, "lost": lost})
-    assert sights.images("pad").weights.tolist() == pytest.approx([1.0, 0.25, 0.25, 0.25, 0.25, 1.0])
-
-
-def test_a_camera_that_starts_again_counts_from_one_again():
     sights = seen(1, 2, 3)
     for number in (1, 2, 4):
         sights.take_pose(10.0 + number / RATE, pose(number))
     assert sights.images("pad").outcomes == ["", "", "", "", "", NO_TAG, ""]
+
+
+def test_a_source_misses_no_report_and_images_that_were_dropped_before_the_eyes_count_less():
+    sights = Sights()
+    for number in (1, 4, 7):
+        sights.take_pose(number / 100.0, pose(number, source="report"))
+    assert sights.images("pad").outcomes == ["", "", ""]
+    sights = seen(1, 6)
+    for dropped, lost in ((5, 0), (6, 1), (6, 2)):
+        sights.take_stats(0.0, {"dropped": dropped, "lost": lost})
+    assert sights.images("pad").weights.tolist() == pytest.approx([1.0, 0.25, 0.25, 0.25, 0.25, 1.0])
 
 
 @pytest.mark.parametrize(("last", "posed"), [(10**11, 4), (2**63, 3)])
@@ -131,3 +126,35 @@ def test_a_setup_says_where_tags_and_lens_are():
 )
 def test_keys_are_taken_by_their_name(suffix, name, take):
     assert taken_by(suffix) == (None if name is None else (name, take))
+
+
+FIELDS = {
+    "a": 1.5, "b": {"c": [1, 2.5, -3]}, "nan": float("nan"), "inf": float("inf"), "huge": 1e300, "big": 10**400,
+    "yes": True, "word": "w", "bytes": b"\x00", "none": None, "long": "x" * 999,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        ("a", 1.5), ("b.c.1", 2.5), ("b.c.3", None), ("b.c.x", None), ("b.c.-1", None), ("b", None), ("a.b", None),
+        ("nan", None), ("inf", None), ("huge", None), ("big", None), ("yes", None), ("word", None), ("none", None),
+        ("", None), ("word.0", None),
+    ],
+)  # fmt: skip
+def test_only_finite_numbers_of_a_likely_size_are_numbers(path, expected):
+    assert number_of(FIELDS, path) == expected
+    assert number_of(None, path) is None
+
+
+@pytest.mark.parametrize(("count", "expected"), [(3, [1.0, 2.5, -3.0]), (2, [1.0, 2.5]), (4, [])])
+def test_lists_have_as_many_numbers_as_are_asked_for(count, expected):
+    assert numbers_of(FIELDS, "b.c", count) == expected
+
+
+def test_texts_are_short():
+    assert text_of(FIELDS, "word") == "w"
+    assert text_of(FIELDS, "none") == text_of(FIELDS, "nothing") == ""
+    assert text_of(FIELDS, "long") == "x" * LONGEST + " ..."
+    assert text_of(FIELDS, "bytes") == r"b'\x00'"
+    assert len(short({"many": list(range(9999))})) <= LONGEST + 5

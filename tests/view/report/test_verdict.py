@@ -61,11 +61,8 @@ def test_a_flight_that_lands_says_so_with_the_trouble_that_it_outlived():
     assert [text for _, text in head.chain] == ["survived: no pose for 1.2 s; attitude silent 1.6 s; ended at 20.8 s"]
 
 
-def test_a_step_of_the_ladder_in_the_middle_of_a_flight_is_no_release():
+def test_a_flight_that_goes_on_none_at_all_and_a_step_of_the_ladder_in_its_middle_are_no_release():
     assert not head_of(read(known_flight())).is_bad  # neutral for a moment at 5 s
-
-
-def test_a_flight_that_goes_on_and_none_at_all():
     tape = Tape()
     tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
     tape.add(3.0, "control/output", {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1})

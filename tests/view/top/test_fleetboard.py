@@ -72,15 +72,12 @@ def test_a_row_says_the_worst_battery_and_place(changes, words):
     assert words in row_of(board, "mk1")
 
 
-def test_a_vehicle_that_is_not_heard_is_stale_and_the_others_are_not():
+def test_a_vehicle_or_a_value_that_is_not_heard_is_stale_alone():
     board = board_of("mk1", "mk2")
     hear(board, "mk1", NOW + 4.0)
     assert row_of(board, "mk1", NOW + 4.0).endswith("On the ground")
     assert row_of(board, "mk2", NOW + 4.0).endswith("NOTHING FROM THE DAEMON: silent for 4.0 s")
     assert [board.state(name, NOW + 4.0) for name in ("mk1", "mk2", "mk3")] == ["here", "stale", "unknown"]
-
-
-def test_one_value_that_does_not_come_is_stale_alone():
     board = board_of("mk1")
     for suffix in ("health", "control/status"):
         hear(board, "mk1", NOW)
@@ -91,7 +88,7 @@ def test_one_value_that_does_not_come_is_stale_alone():
     assert row.endswith("battery silent for 7.0 s")
 
 
-def test_who_goes_stays_as_gone_with_since_when_and_what_it_did_last():
+def test_who_goes_stays_as_gone_with_what_it_did_last_and_is_stale_when_it_is_back_until_it_is_heard():
     board = board_of("mk1", "mk2")
     hear(board, "mk2", NOW, control__status={"phase": "flying", "manoeuvre": "hold", "stage": ""})
     board.look(["mk1"], NOW + 2.0)
@@ -100,9 +97,6 @@ def test_who_goes_stays_as_gone_with_since_when_and_what_it_did_last():
     assert shown(board, NOW + 36.0)[0] == " fleet  1 here, 1 GONE"
     hear(board, "mk2", NOW + 37.0)  # what was still under way does not bring it back
     assert board.state("mk2", NOW + 37.0) == "gone"
-
-
-def test_who_comes_back_is_stale_until_it_is_heard():
     board = board_of("mk1")
     board.look([], NOW + 2.0)
     board.look(["mk1"], NOW + 20.0)

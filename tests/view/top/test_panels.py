@@ -78,14 +78,11 @@ def test_stale_values_say_how_old_they_are_each_at_its_own_time():
     assert "NOTHING FROM THE DAEMON: silent for 63 s" in text
 
 
-def test_the_first_row_is_the_worst_and_what_else_is_wrong_follows():
+def test_the_first_row_is_the_worst_with_its_chain_of_causes_and_what_else_is_wrong_follows():
     board = board_of([("state/battery", "is_low", True), ("state/flight", "emergency_landing", True)])
     rows = board.rows(NOW)
     assert rows[0][2:] == [("EMERGENCY LANDING: receiver lost", RowStyle.BAD)]
     assert rows[1][1:] == [("BATTERY LOW: 15.2 V, 3.80 V a cell", RowStyle.BAD)]
-
-
-def test_a_chain_of_causes_that_is_longer_than_the_first_row_goes_on_below_it():
     chain = (
         "NO POSE FOR 1.2 S, releases in 1.8 s: tag in view, 46 poses refused off_course; attitude silent 3.4 s; "
         "3 of 9 link tests unanswered"
@@ -124,7 +121,7 @@ def refusal(**change):
     return CommandEvent(stamp=STAMP, **(fields | {"fix": "Ask her."} | change))
 
 
-def test_only_events_worth_a_row_have_one():
+def test_only_events_worth_a_row_have_one_and_a_remedy_that_does_not_fit_goes_on_below():
     board = VehicleBoard("quad")
     board.take("event/log", LogEvent(stamp=STAMP, level="info", text="chatter"), NOW)
     board.take("event/command", CommandEvent(stamp=STAMP, key="do/rates", fields={}, status="accepted"), NOW)
@@ -135,9 +132,6 @@ def test_only_events_worth_a_row_have_one():
     assert "do/rates" not in text
     assert "2 min ago  do/lease denied: ann holds it. Ask her." in text
     assert "free -> leased: ann" in text
-
-
-def test_a_remedy_that_does_not_fit_goes_on_below():
     board = board_of()
     board.take("event/command", refusal(reason="word " * 20, fix="Set bus.allow_open to false in the file."), NOW)
     assert "in the file." in " ".join(shown(board).split())
@@ -161,28 +155,22 @@ def line(drawn):
     return [next((row for row, text in enumerate(drawn) if text[column] in "-/\\"), None) for column in (0, -1)]
 
 
-def test_level_flight_has_the_line_in_the_middle():
+def test_the_line_of_the_horizon_turns_with_the_aircraft():
     drawn = horizon(0.0, 0.0, WIDE, HIGH)
     assert [len(row) for row in drawn] == [WIDE] * HIGH
     assert drawn[4] == "-" * 13 + "==o==" + "-" * 13
     assert set("".join(drawn[:4])) == {" "}
     assert set("".join(drawn[5:])) == {":"}
-
-
-@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
-def test_nose_down_moves_the_line_up_by_its_scale(rows):
-    assert line(horizon(0.0, math.radians(rows * DEGREES_A_ROW), WIDE, HIGH)) == [4 - rows, 4 - rows]
-
-
-def test_right_side_down_raises_the_right_end():
     left, right = line(horizon(math.radians(10.0), 0.0, WIDE, HIGH))
     # A row is twice as high as a letter is wide: 15 letters to the side are 7.5 rows.
     assert (left, right) == (5, 3)
     assert "/" in "".join(horizon(math.radians(40.0), 0.0, WIDE, HIGH))
     assert "\\" in "".join(horizon(math.radians(-40.0), 0.0, WIDE, HIGH))
-
-
-def test_on_its_back_the_ground_is_above():
     drawn = horizon(math.pi, 0.0, WIDE, HIGH)
     assert set(drawn[0]) == {":"}
     assert set(drawn[-1]) == {" "}
+
+
+@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
+def test_nose_down_moves_the_line_up_by_its_scale(rows):
+    assert line(horizon(0.0, math.radians(rows * DEGREES_A_ROW), WIDE, HIGH)) == [4 - rows, 4 - rows]
