@@ -12,8 +12,7 @@ from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.view.report import page
 from mkdaemon.view.report.make import report_of
 from tests.places import DATA
-from tests.view.report.compared import apart, recorded
-from tests.view.report.posed import Wrong
+from tests.view.report.compared import Wrong, apart, recorded
 
 FLIGHT = DATA / "recordings" / "fc_sticks.mcap"
 

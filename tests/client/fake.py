@@ -98,8 +98,7 @@ class FakeDaemon:
             case "do/rates", _:
                 return CommandResult(status=Status.ACCEPTED, reply={"intervals": {"osd": fields.get("interval", 0.1)}})
             case "do/gains", _:
-                reply = dict(gains_of(AircraftModel(), ControlConfig()))
-                return CommandResult(status=Status.ACCEPTED, reply=reply)
+                return CommandResult(status=Status.ACCEPTED, reply=dict(gains_of(AircraftModel(), ControlConfig())))
             case "do/preflight", _:
                 return CommandResult(status=Status.ACCEPTED, reply=self.preflight)
             case "do/labels", _:

@@ -20,6 +20,12 @@ KINDS = {"takeoff": "height", "position": "position", "land": "epoch"}
 RELEASE = ("do/lease", {"action": "release", "epoch": EPOCH, "secret": SECRET})
 
 
+@pytest.fixture
+async def lease(uav):
+    async with uav.lease() as found:
+        yield found
+
+
 @pytest.mark.real_time(tolerance=0.1)
 async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wanted_ones():
     async with connected(engages=10) as (daemon, uav):
@@ -38,13 +44,12 @@ async def test_neutral_sticks_are_streamed_until_the_daemon_engages_then_the_wan
         assert daemon.asked[-1] == RELEASE
 
 
-async def test_a_second_call_goes_on_without_a_neutral_lead(daemon, uav):
-    async with uav.lease() as lease:
-        await lease.stick(pitch=5, throttle=0, seconds=0.1)
-        before = lease.setpoints
-        await lease.stick(pitch=9, throttle=0, seconds=0.1)
-        await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 9.0)
-        assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
+async def test_a_second_call_goes_on_without_a_neutral_lead(daemon, lease):
+    await lease.stick(pitch=5, throttle=0, seconds=0.1)
+    before = lease.setpoints
+    await lease.stick(pitch=9, throttle=0, seconds=0.1)
+    await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 9.0)
+    assert {setpoint["pitch"] for setpoint in daemon.setpoints if setpoint["sequence"] > before} == {9.0}
 
 
 async def test_a_lease_somebody_holds_is_refused_with_token_reason_and_fix(daemon, uav):
@@ -123,21 +128,19 @@ async def test_every_manoeuvre_streams_its_fields_and_the_name_of_its_target(dae
         await landing
 
 
-async def test_an_attitude_is_level_until_the_daemon_engages(daemon, uav):
-    async with uav.lease() as lease:
-        await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)
-        assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05]
-        await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 0.1)
+async def test_an_attitude_is_level_until_the_daemon_engages(daemon, lease):
+    await lease.attitude(pitch=0.1, thrust=1.05, seconds=0.1)
+    assert [daemon.setpoints[0][name] for name in ("pitch", "thrust")] == [0.0, 1.05]
+    await wait_until(lambda: daemon.setpoints[-1]["pitch"] == 0.1)
 
 
-async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemon, uav, monkeypatch):
+async def test_setpoints_that_stay_refused_end_the_flight_with_the_refusal(daemon, lease, monkeypatch):
     monkeypatch.setattr("mkdaemon.client.session.GRACE", 0.2)
-    async with uav.lease() as lease:
-        daemon.refuses = Token.NO_ESTIMATE
-        with pytest.raises(CommandRejectedError, match="no camera or source of poses has shown it yet") as refused:
-            await lease.goto(0, 0, 2, seconds=1)
-        assert refused.value.token == "no_estimate"
-        assert "mkctl watch" in refused.value.fix
+    daemon.refuses = Token.NO_ESTIMATE
+    with pytest.raises(CommandRejectedError, match="no camera or source of poses has shown it yet") as refused:
+        await lease.goto(0, 0, 2, seconds=1)
+    assert refused.value.token == "no_estimate"
+    assert "mkctl watch" in refused.value.fix
 
 
 async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_more(daemon, uav):
@@ -161,30 +164,28 @@ async def test_a_landing_ends_when_the_daemon_reports_it_and_asks_for_nothing_mo
         ("landed on its back", Outcome.LANDED_ASIDE),
     ],
 )
-async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(daemon, uav, reason, outcome):
-    async with uav.lease() as lease:
-        landing = asyncio.create_task(lease.land())
-        await wait_until(lambda: lease.is_engaged)
-        daemon.lose(reason, outcome=outcome)
-        with pytest.raises(LeaseLostError, match=reason):
-            await landing
-        assert lease.outcome is outcome
-
-
-async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort(daemon, uav):
-    async with uav.lease() as lease:
-        going = asyncio.create_task(lease.goto(0.0, 0.0, 2.0, patience=1.0))
-        await wait_until(lambda: lease.is_engaged)
-        daemon.say(Phase.ABORTED, "aborted: the operator saw something", aborts=3)
-        with pytest.raises(ManoeuvreError, match="aborted: the operator saw something"):
-            await going
-        assert {setpoint["after_abort"] for setpoint in daemon.setpoints} == {0}
-        before = lease.setpoints
-        landing = asyncio.create_task(lease.land())
-        await wait_until(lambda: daemon.setpoints[-1]["sequence"] > before)
-        daemon.lose("it stands", outcome=Outcome.LANDED)
+async def test_a_landing_that_ends_otherwise_is_a_lost_lease_whatever_the_words(daemon, lease, reason, outcome):
+    landing = asyncio.create_task(lease.land())
+    await wait_until(lambda: lease.is_engaged)
+    daemon.lose(reason, outcome=outcome)
+    with pytest.raises(LeaseLostError, match=reason):
         await landing
-        assert {each["after_abort"] for each in daemon.setpoints if each["sequence"] > before} == {3}
+    assert lease.outcome is outcome
+
+
+async def test_what_was_aborted_says_so_and_the_next_call_ends_the_abort(daemon, lease):
+    going = asyncio.create_task(lease.goto(0.0, 0.0, 2.0, patience=1.0))
+    await wait_until(lambda: lease.is_engaged)
+    daemon.say(Phase.ABORTED, "aborted: the operator saw something", aborts=3)
+    with pytest.raises(ManoeuvreError, match="aborted: the operator saw something"):
+        await going
+    assert {setpoint["after_abort"] for setpoint in daemon.setpoints} == {0}
+    before = lease.setpoints
+    landing = asyncio.create_task(lease.land())
+    await wait_until(lambda: daemon.setpoints[-1]["sequence"] > before)
+    daemon.lose("it stands", outcome=Outcome.LANDED)
+    await landing
+    assert {each["after_abort"] for each in daemon.setpoints if each["sequence"] > before} == {3}
 
 
 async def test_the_context_of_a_flight_takes_off_and_lands(daemon, uav):
@@ -209,28 +210,27 @@ PATH = PathUploadRequest(points=(PathPoint(position=(0.0, 0.0, 2.0)), PathPoint(
 STORED = PathStored(id="p1", pieces=1, duration=4.0, length=1.0, speed=0.5, acceleration=0.4, climb=0.0)
 
 
-async def test_a_path_is_uploaded_flown_paused_and_flown_on(daemon, uav):
+async def test_a_path_is_uploaded_flown_paused_and_flown_on(daemon, lease):
     daemon.replies["do/path_upload"] = lambda: dict(STORED)
     daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="path", stage="follows the path")
-    async with uav.lease() as lease:
-        with pytest.raises(ManoeuvreError, match="no path is flown"):
-            lease.pause_path()
-        flight = asyncio.create_task(lease.follow(PATH, target="pad"))
-        await wait_until(lambda: lease.is_engaged)
+    with pytest.raises(ManoeuvreError, match="no path is flown"):
         lease.pause_path()
-        await wait_until(lambda: daemon.setpoints[-1]["paused"])
+    flight = asyncio.create_task(lease.follow(PATH, target="pad"))
+    await wait_until(lambda: lease.is_engaged)
+    lease.pause_path()
+    await wait_until(lambda: daemon.setpoints[-1]["paused"])
+    lease.resume_path()
+    await wait_until(lambda: not daemon.setpoints[-1]["paused"])
+    daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="path", is_done=True)
+    await flight
+    (uploaded,) = (fields for suffix, fields in daemon.asked if suffix == "do/path_upload")
+    assert uploaded == {"points": [{"position": [0.0, 0.0, 2.0]}, {"position": [1.0, 0.0, 2.0], "speed": 0.5}]}
+    await lease.follow(STORED)
+    assert len([suffix for suffix, _ in daemon.asked if suffix == "do/path_upload"]) == 1
+    flown = {(each["path"], each["run"], each["target"]) for each in daemon.setpoints}
+    assert flown == {("p1", 1, "pad"), ("p1", 2, "")}
+    with pytest.raises(ManoeuvreError, match="no path is flown"):
         lease.resume_path()
-        await wait_until(lambda: not daemon.setpoints[-1]["paused"])
-        daemon.follow = lambda: daemon.say(Phase.FLYING, "flies", manoeuvre="path", is_done=True)
-        await flight
-        (uploaded,) = (fields for suffix, fields in daemon.asked if suffix == "do/path_upload")
-        assert uploaded == {"points": [{"position": [0.0, 0.0, 2.0]}, {"position": [1.0, 0.0, 2.0], "speed": 0.5}]}
-        await lease.follow(STORED)
-        assert len([suffix for suffix, _ in daemon.asked if suffix == "do/path_upload"]) == 1
-        flown = {(each["path"], each["run"], each["target"]) for each in daemon.setpoints}
-        assert flown == {("p1", 1, "pad"), ("p1", 2, "")}
-        with pytest.raises(ManoeuvreError, match="no path is flown"):
-            lease.resume_path()
 
 
 async def test_a_path_that_the_aircraft_cannot_fly_is_refused_and_nothing_is_streamed(daemon, uav):

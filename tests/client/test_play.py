@@ -146,32 +146,18 @@ async def a_player(name="show", speed=1.0, source=None, **pace):
         player.stop()
 
 
-async def played(name=None, alive=None):
-    async with a_player(name, 1000.0, Listed(everything)) as (player, selection, endpoint):
+async def test_what_is_played_is_what_was_recorded_byte_by_byte_and_in_order():
+    async with a_player(None, 1000.0, Listed(everything)) as (player, selection, endpoint):
         with client(endpoint) as watcher:
-            token = None if alive is None else watcher.liveliness().declare_token(f"mk/{alive}/alive")
-            listener = Listener(watcher, f"{'replay/t' if name is None else f'mk/{name}'}/**")
+            listener = Listener(watcher, "replay/t/**")
             async with asyncio.timeout(20):
                 await player.wait_for_subscribers()
-                await player.refuse_live_daemons()
                 await player.play()
-                expected = selection.total
-                await wait_until(lambda: len(listener.heard) >= expected, 15.0)
-            del token
-    return player, listener.heard
-
-
-async def test_what_is_played_is_what_was_recorded_byte_by_byte_and_in_order():
-    player, heard = await played()
+                await wait_until(lambda: len(listener.heard) >= selection.total, 15.0)
     recorded = [(entry.key.replace("mk/", "replay/", 1), entry.payload, entry.encoding) for entry in samples()]
-    assert heard == recorded
+    assert listener.heard == recorded
     assert player.missing == {}
     assert player.sent.total == len(recorded)
-
-
-async def test_a_name_that_a_live_daemon_has_is_refused():
-    with pytest.raises(MkError, match="a daemon is alive as show"):
-        await played("show", alive="show")
 
 
 async def test_what_was_not_put_is_counted():
@@ -195,13 +181,16 @@ async def test_a_player_that_is_cancelled_ends_at_once():
     assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("play reader")]
 
 
-async def test_a_daemon_that_comes_up_under_the_name_ends_playing():
+async def test_a_daemon_that_comes_up_under_the_name_ends_playing_and_one_that_is_there_refuses_it():
     async with a_player(speed=1e-3) as (player, _, endpoint):
         with client(endpoint) as other:
+            await player.refuse_live_daemons()
             task = asyncio.create_task(player.play())
             await wait_until(lambda: player.sent.total > 0, 5.0)
-            with other.liveliness().declare_token("mk/show/alive"), pytest.raises(MkError, match="alive as show"):
-                await task
+            with other.liveliness().declare_token("mk/show/alive"):
+                for refused in (task, player.refuse_live_daemons()):
+                    with pytest.raises(MkError, match="alive as show"):
+                        await refused
 
 
 @asynccontextmanager

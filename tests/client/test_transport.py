@@ -1,4 +1,4 @@
-"""The client's side of the bus where it meets more than it expects."""
+"""The client's side of the bus where it meets more than it expects, and the errors of its tasks."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from mkdaemon.bus.codec import MEDIA_TYPE
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.session import session_config
 from mkdaemon.client import connect
+from mkdaemon.client.taskerrors import single_error
 from mkdaemon.config.bus import BusConfig
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.status import Status
 from tests.bus.support import free_endpoint
@@ -58,3 +59,21 @@ async def test_a_query_too_many_has_a_reason_and_a_remedy():
                 await client.get_all("more/**")
             answer = await client.command("do", "release")
     assert (answer.status, answer.token, bool(answer.fix)) == ("busy", "busy", True)
+
+
+async def fail(error):
+    raise error
+
+
+async def test_the_error_of_a_task_in_groups_of_groups_is_raised_alone():
+    with pytest.raises(ConfigError, match="no such key"), single_error():
+        async with asyncio.TaskGroup() as outer:
+            async with asyncio.TaskGroup() as inner:
+                inner.create_task(fail(ConfigError("no such key")))
+            outer.create_task(asyncio.sleep(0))
+
+
+def test_a_defect_keeps_its_group():
+    with pytest.raises(ExceptionGroup) as caught, single_error():
+        raise ExceptionGroup("tasks", [MkError("unplugged"), RuntimeError("a defect")])
+    assert len(caught.value.exceptions) == 2

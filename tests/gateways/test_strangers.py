@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import random
+from contextlib import suppress
+
 import msgpack
 from foxglove import Context
 from foxglove.channel import Channel
+from pydantic import ValidationError
 
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.client import Sample
@@ -23,7 +27,7 @@ from mkdaemon.telemetry.state import Position
 from tests import samples
 from tests.gateways.mavlink.rig import ATTITUDE, beat, virtually
 from tests.gateways.ros2.bagtypes import BagTypes, Node
-from tests.gateways.strangers import strange
+from tools.top_picture import KNOWN
 
 COUNT = 200
 WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_copy(update={"width": 1 << 64})})
@@ -31,7 +35,10 @@ WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_cop
 
 
 def sample_of(key, value):
-    return Sample(key, value.model_dump(mode="json", exclude={"pixels"}), encoding_of(type(value)))
+    """A sample with its value, which no schema need take."""
+    sample = Sample(key, value.model_dump(mode="json", exclude={"pixels"}), encoding_of(type(value)))
+    sample.__dict__["value"] = value
+    return sample
 
 
 def test_ros_goes_on_publishing():
@@ -40,16 +47,11 @@ def test_ros_goes_on_publishing():
         graph, TOPICS, ConversionScene(BagTypes(), latest=newest.values, vehicle="mk1"), newest, Pace({})
     )
 
-    def take(key, value):
-        sample = sample_of(key, value)
-        sample.__dict__["value"] = value
-        publishing.take(sample)
-
     for key, value in (("vision/down/setup", WIDE), *strange(COUNT)):
-        take(key, value)
+        publishing.take(sample_of(key, value))
     assert publishing.faults.count > 0
     before = len(graph.sent("imu"))
-    take("state/attitude", samples.attitude())
+    publishing.take(sample_of("state/attitude", samples.attitude()))
     assert len(graph.sent("imu")) == before + 1
 
 
@@ -62,9 +64,7 @@ async def test_foxglove_goes_on_showing(monkeypatch):
         for number in exhibit.lines:
             exhibit.subscribed(number, 1)
         for key, value in (("vision/down/setup", WIDE), *strange(COUNT, seed=2)):
-            sample = sample_of(key, value)
-            sample.__dict__["value"] = value
-            exhibit._take(sample)
+            exhibit._take(sample_of(key, value))
         assert exhibit.faults.count > 0
         for odd in ("x", [], None, True, float("nan"), float("inf"), -1e308, 1e308, 2**70):
             for name in ("wall", "monotonic", "boot"):
@@ -140,3 +140,44 @@ def test_a_fault_is_logged_once_for_each_place_and_kind():
         with faults.contained("here"):
             raise OverflowError
     assert faults.count == 3 and faults._logged == {("here", "OverflowError")}
+
+
+ODD = (
+    *(0.0, -0.0, 1e308, -1e308, 1e-320, 1e18, -1, 2**31, 2**63, 2**64, -(2**63), None, True),
+    *("", "x" * 3000, "\n\x1b[31mü{}", b"", b"\xff\xd8\xff", [], [0.0] * 4, {}),
+)
+"""What takes the place of a part of a value."""
+
+
+def known():
+    """A value of each key."""
+    return dict(samples.hovering(1.0)) | dict(samples.EVERY) | KNOWN
+
+
+def strange(count, seed=1):
+    """Odd values of any key, each with its key.
+
+    Args:
+        count: how many.
+        seed: of the draws.
+    """
+    draw, values = random.Random(seed), sorted(known().items())
+    while count:
+        key, value = draw.choice(values)
+        fields = value.model_dump()
+        for _ in range(draw.choice((1, 1, 2, 3))):
+            fields = _with(fields, draw)
+        with suppress(ValidationError):
+            yield key, type(value).model_validate(fields)
+            count -= 1
+
+
+def _with(part, draw):
+    """A value with one part of it replaced."""
+    if isinstance(part, dict) and part:
+        name = draw.choice(sorted(part, key=str))
+        return part | {name: _with(part[name], draw)}
+    if isinstance(part, list | tuple) and part and draw.random() < 0.8:
+        place = draw.randrange(len(part))
+        return [*part[:place], _with(part[place], draw), *part[place + 1 :]]
+    return draw.choice(ODD)

@@ -76,10 +76,7 @@ def run_of_linktest():
 
 
 def recorded():
-    tape = Tape()
-    tape.add(0.0, "link/state", {"condition": "up"})
-    tape.add(1.0, "link/health", HEALTH.model_dump(mode="json"))
-    return read(tape)
+    return read(Tape((0.0, "link/state", {"condition": "up"}), (1.0, "link/health", HEALTH)))
 
 
 def drawn(table):

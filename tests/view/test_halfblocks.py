@@ -1,10 +1,15 @@
-"""A picture in letters: the brightness of every part is read back."""
+"""Pictures in letters and of a measurement of the line: brightness and figures are read back."""
 
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 
+from mkdaemon.client.linktest.measures import LoadRun
+from mkdaemon.client.linktest.probes import Probe, ProbeKind
 from mkdaemon.view.halfblocks import OUTLINE, RAMP, picture_rows
+from mkdaemon.view.linkpicture import BINS, SLICES, link_picture
 
 STEPS = np.repeat(np.repeat(np.arange(8, dtype=np.uint8)[None, :] * 30, 40, axis=0), 10, axis=1)
 """40 rows of 80 columns, eight grey values from left to right."""
@@ -37,3 +42,36 @@ def test_an_outline_is_drawn_where_the_tag_is_and_none_outside():
     assert [row.count("o") for row in rows] == [0, 0, 21, 2, 2, 2, 2, 2, 21, 0]
     drawn = picture_rows(STEPS, [corners], 40, 30, has_colours=True)
     assert any(span.style.color.triplet == OUTLINE for row in drawn for span in row.spans)
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def drawn(runs, title="Link test"):
+    root = ElementTree.fromstring(link_picture(runs, title))
+    return root, [text.text or "" for text in root.iter(f"{SVG}text")]
+
+
+def test_figures_histogram_and_losses_are_those_that_were_measured():
+    trips = [0.02] * 30 + [None] * 10 + [0.08] * 10
+    probes = tuple(Probe(ProbeKind.ECHO, 0.1 * number, trip) for number, trip in enumerate(trips))
+    root, texts = drawn([LoadRun("attic <&>\x1b", "light", 0.0, probes)])
+    assert "attic <&>\\x1b, light load" in texts
+    assert any(text.startswith("link tests: 50 sent, 20.00 % lost; 50 / 95 / 99 of 100 within 20.0") for text in texts)
+    bars = [rect for rect in root.iter(f"{SVG}rect") if rect.get("fill-opacity") and float(rect.get("y")) > 58]
+    left = [bar for bar in bars if float(bar.get("x")) < 500]
+    right = [bar for bar in bars if float(bar.get("x")) > 500]
+    assert len(left) == 2  # two lengths of round trip
+    assert float(left[0].get("height")) == 3 * float(left[1].get("height"))
+    assert {float(bar.get("height")) for bar in right} == {120.0}  # all lost, at full height
+    assert len(right) == round(SLICES * 10 / 49) or len(right) == round(SLICES * 10 / 49) + 1
+    assert BINS > 2
+
+
+def test_two_lines_share_one_scale_and_an_unanswered_one_is_drawn():
+    good = LoadRun("good", "full", 15.0, (Probe(ProbeKind.CONTROL, 0.0, 0.01), Probe(ProbeKind.ECHO, 0.1, 0.2)))
+    mute = LoadRun("mute", "light", 0.0, (Probe(ProbeKind.ECHO, 0.0, None),))
+    _, texts = drawn([good, mute])
+    assert texts.count("200") == 2
+    assert "good, full load, 15 stick frames a second" in texts
+    assert "link tests: 1 sent, none answered" in texts

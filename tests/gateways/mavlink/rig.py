@@ -270,6 +270,16 @@ class Ears:
             return
         self.say(mavlink.MAVLink_command_int_message(*target, frame, number, 0, 0, *numbers))
 
+    async def ask(self, message, seconds=0.5):
+        """Send a message and let time pass."""
+        self.say(message)
+        await beat(self, seconds)
+
+    async def order(self, number, *params, seconds=0.5, **more):
+        """Send a command and let time pass."""
+        self.command(number, *params, **more)
+        await beat(self, seconds)
+
     def named(self, name):
         """What was heard of a message."""
         return [message for message in self.heard if message.get_type() == name]

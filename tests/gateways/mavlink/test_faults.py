@@ -54,10 +54,8 @@ async def test_a_fault_ends_its_message_only(monkeypatch, owner, name, fails, me
 @virtually
 async def test_an_upload_that_meets_a_fault_is_answered(ears, monkeypatch):
     monkeypatch.setattr(missions, "mission_of", odd)
-    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 1, 0))
-    await beat(ears, 0.1)
-    ears.say(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 1.0))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_mission_count_message(1, 1, 1, 0), seconds=0.1)
+    await ears.ask(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 6, 16, 0, 1, 0, 0, 0, 0, 1, 1, 1.0), seconds=0.2)
     assert ears.results == [mavlink.MAV_MISSION_ERROR]
 
 
@@ -65,8 +63,7 @@ async def test_an_upload_that_meets_a_fault_is_answered(ears, monkeypatch):
 async def test_an_empty_list_that_is_stored_slowly_is_asked_for_no_item(vehicle, gateway, ears):
     """`MISSION_COUNT 0` while the line is slow once asked for item -1, which no message holds."""
     vehicle.slow = 4.0
-    ears.say(mavlink.MAVLink_mission_count_message(1, 1, 0, 0))
-    await beat(ears, 5.0)
+    await ears.ask(mavlink.MAVLink_mission_count_message(1, 1, 0, 0), seconds=5.0)
     assert ears.results == [mavlink.MAV_MISSION_ACCEPTED]
     assert gateway.faults.count == 0
 
@@ -75,21 +72,18 @@ async def test_an_empty_list_that_is_stored_slowly_is_asked_for_no_item(vehicle,
 @virtually
 async def test_a_second_ground_station_does_not_end_the_flight_of_the_first(vehicle, gateway, command, params):
     first, second = Ears(gateway), Ears(gateway, program=(254, 190))
-    first.command(HOLD)
-    await beat(first, 0.5)
+    await first.order(HOLD)
     second.command(command, *params)
     await beat(first, 0.5)
     assert second.acks[-1] == (command, TEMPORARILY) and "may order hold or landing" in second.words
     assert vehicle.lease_now is not None
-    first.command(command, *params)
-    await beat(first, 0.5)
+    await first.order(command, *params)
     assert first.acks[-1] == (command, ACCEPTED) and vehicle.lease_now is None
 
 
 @virtually
 async def test_250_system_ids_do_not_push_out_the_program_that_flies(vehicle, gateway, ears):
-    ears.command(HOLD)
-    await beat(ears, 0.5)
+    await ears.order(HOLD)
 
     def crowd():
         gateway.value_arrived(status(Phase.FLYING, epoch=EPOCH, manoeuvre="hold"))
@@ -108,8 +102,7 @@ async def test_250_system_ids_do_not_push_out_the_program_that_flies(vehicle, ga
 @virtually
 async def test_an_order_that_is_given_back_before_its_lease_begins_nothing(gateway, ears):
     ears.command(HOLD)
-    ears.command(RTL)
-    await beat(ears, 0.5)
+    await ears.order(RTL)
     assert gateway.faults.count == 0
 
 
@@ -117,10 +110,8 @@ async def test_an_order_that_is_given_back_before_its_lease_begins_nothing(gatew
 async def test_a_mode_is_accepted_or_refused_and_never_in_progress(vehicle, gateway, ears):
     """MAVSDK 4.1 crashes where the answer to DO_SET_MODE is IN_PROGRESS."""
     vehicle.engages = 10_000
-    ears.command(SET_MODE, 1, 4, 3)
-    await beat(ears, 1.0)
-    ears.command(SET_MODE, 1, 4, 3, confirmation=1)
-    await beat(ears, 13.0)
+    await ears.order(SET_MODE, 1, 4, 3, seconds=1.0)
+    await ears.order(SET_MODE, 1, 4, 3, confirmation=1, seconds=13.0)
     assert ears.acks == [(SET_MODE, ACCEPTED)] * 2
     assert "did not engage" in ears.words and gateway.steering.shown_mode is not Mode.HOLD
 

@@ -38,8 +38,7 @@ async def test_what_was_uploaded_comes_back_bit_for_bit_and_a_program_of_old_get
     assert [point.hold for point in points if point.kind.value == "waypoint"] == [2, 2, 2]
     assert parts(await ears.download()) == parts(MISSION)
     assert vehicle.done == ["upload"]
-    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 0, 0))
-    await beat(ears, 0.1)
+    await ears.ask(mavlink.MAVLink_mission_request_message(1, 1, 0, 0), seconds=0.1)
     assert ears.named("MISSION_ITEM")[0].x == pytest.approx(LAT / 1e7, abs=1e-5)
 
 
@@ -151,8 +150,7 @@ async def test_one_upload_at_a_time(gateway):
     other.say(item(0))
     await beat(other, 0.1)
     assert other.results == [DENIED, SEQUENCE]
-    ears.say(mavlink.MAVLink_mission_ack_message(1, 1, CANCELLED, 0))
-    await beat(ears, 0.1)
+    await ears.ask(mavlink.MAVLink_mission_ack_message(1, 1, CANCELLED, 0), seconds=0.1)
     assert await other.upload([item(0)]) == [ACCEPTED]
 
 
@@ -160,8 +158,7 @@ async def test_one_upload_at_a_time(gateway):
 async def test_a_list_that_is_flown_is_neither_replaced_nor_cleared(vehicle, gateway, ears):
     gateway.value_arrived(rig.navi(NaviStage.ROUTE, waypoint=1))
     assert await ears.upload([item(0)]) == [ERROR]
-    ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    await beat(ears, 0.1)
+    await ears.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), seconds=0.1)
     assert ears.results == [ERROR, DENIED]
     assert vehicle.calls == [] and "being flown" in ears.words
 
@@ -169,8 +166,7 @@ async def test_a_list_that_is_flown_is_neither_replaced_nor_cleared(vehicle, gat
 @virtually
 async def test_it_is_cleared_by_a_message_and_by_an_empty_upload(vehicle, ears):
     await ears.upload([item(0)])
-    ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), seconds=0.2)
     assert ears.results[-1] == ACCEPTED and await ears.download() == [] and vehicle.points == ()
     await ears.upload([item(0)])
     assert await ears.upload([]) == [ACCEPTED]
@@ -187,12 +183,10 @@ async def test_without_a_navictrl_there_is_no_mission(vehicle, gateway, ears):
 async def test_a_list_that_cannot_be_read(vehicle, ears):
     vehicle.refusals["read"] = refuse(Token.LIST_CHANGING)
     ears.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-    ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_mission_request_int_message(1, 1, 0, 0), seconds=0.2)
     assert ears.results == [ERROR, ERROR]
     vehicle.refusals.clear()
-    ears.say(mavlink.MAVLink_mission_request_int_message(1, 1, 7, 0))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_mission_request_int_message(1, 1, 7, 0), seconds=0.2)
     assert ears.results[-1] == SEQUENCE
 
 

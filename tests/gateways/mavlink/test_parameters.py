@@ -88,8 +88,7 @@ async def test_without_settings_there_is_an_answer_too(vehicle, ears, raw, refus
 
 @virtually
 async def test_one_is_read_by_name_and_by_number(ears):
-    ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_param_request_read_message(1, 1, b"GYRO_P", -1), seconds=0.2)
     first = ears.named("PARAM_VALUE")[0]
     ears.say(mavlink.MAVLink_param_request_read_message(1, 1, b"", first.param_index))
     for name, index in ((b"NOBODY", -1), (b"", 999)):
@@ -187,8 +186,7 @@ async def test_the_height_of_a_take_off_is_a_parameter_of_the_gateway(vehicle, g
     assert [m.param_value for m in ears.named("PARAM_VALUE")] == [3.5] * 3 and not vehicle.calls
     assert [m.error for m in ears.named("PARAM_ERROR")] == [OUT_OF_RANGE] * 2
     gateway.value_arrived(flight(is_flying=False))
-    ears.command(mavlink.MAV_CMD_NAV_TAKEOFF)
-    await beat(ears, 1.0)
+    await ears.order(mavlink.MAV_CMD_NAV_TAKEOFF, seconds=1.0)
     assert {fields["height"] for _, kind, fields in vehicle.setpoints if kind == "takeoff"} == {3.5}
 
 

@@ -101,8 +101,7 @@ async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(vehicle,
     assert parts(await ears.download()) == parts(SQUARE)
     await beat(ears, 1.0)
     assert shown(ears) == (0, NOT_STARTED, 2)
-    ears.command(START)
-    await beat(ears, 1.0)
+    await ears.order(START, seconds=1.0)
     assert ears.acks[-1] == (START, ACCEPTED)
     _, kind, fields = vehicle.setpoints[-1]
     stored = vehicle.stored[0]
@@ -114,14 +113,12 @@ async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(vehicle,
     flies(vehicle, gateway, (stored.times[1] + 0.1) / stored.duration)
     await beat(ears, 1.0)
     assert (shown(ears), reached(ears)) == ((3, ACTIVE, 1), [0, 2])
-    ears.command(PAUSE, 0)
-    await beat(ears, 0.2)
+    await ears.order(PAUSE, 0, seconds=0.2)
     assert vehicle.setpoints[-1][2]["paused"] is True
     flies(vehicle, gateway, 0.5, is_paused=True)
     await beat(ears, 1.0)
     assert shown(ears)[1:] == (PAUSED, 2) and gateway._mode() is Mode.HOLD
-    ears.command(PAUSE, 1)
-    await beat(ears, 0.2)
+    await ears.order(PAUSE, 1, seconds=0.2)
     assert vehicle.setpoints[-1][2] == fields
     flies(vehicle, gateway, 1.0)
     await beat(ears, 0.5)
@@ -130,20 +127,17 @@ async def test_it_is_uploaded_flown_paused_flown_on_and_held_at_its_end(vehicle,
     assert vehicle.setpoints[-1][1] == "hold"
     assert (shown(ears), reached(ears)) == ((4, COMPLETE, 2), [0, 2, 3, 4])
     assert ears.acks == [(START, ACCEPTED), (PAUSE, ACCEPTED), (PAUSE, ACCEPTED)]
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     assert vehicle.setpoints[-1][2] == fields | {"run": 2}
 
 
 @before_a_daemon
 async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcontrol_do_it(vehicle, gateway, ears):
     await ears.upload(SQUARE)
-    ears.command(SET_MODE, 1, 4, 4)
-    await beat(ears, 0.5)
+    await ears.order(SET_MODE, 1, 4, 4)
     flies(vehicle, gateway, 0.3)
     for sub_mode, is_paused in ((3, True), (4, False)):
-        ears.command(SET_MODE, 1, 4, sub_mode)
-        await beat(ears, 0.3)
+        await ears.order(SET_MODE, 1, 4, sub_mode, seconds=0.3)
         assert vehicle.setpoints[-1][2]["paused"] is is_paused
         flies(vehicle, gateway, 0.3, is_paused=is_paused)
     assert {fields["run"] for _, _, fields in vehicle.setpoints} == {1}
@@ -152,19 +146,15 @@ async def test_the_mode_hold_pauses_and_mission_goes_on_as_mavsdk_and_qgroundcon
 @before_a_daemon
 async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(vehicle, gateway, ears):
     await ears.upload(SQUARE)
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     flies(vehicle, gateway, 0.9)
     await beat(ears, 1.0)
     assert shown(ears)[0] == 4
-    ears.command(STAY)
-    await beat(ears, 1.0)
+    await ears.order(STAY, seconds=1.0)
     assert vehicle.setpoints[-1][1] == "hold" and shown(ears) == (0, NOT_STARTED, 2)
-    ears.command(PAUSE, 1)
-    await beat(ears, 0.2)
+    await ears.order(PAUSE, 1, seconds=0.2)
     assert ears.acks[-1] == (PAUSE, 2) and "begins at its first point" in ears.words
-    ears.command(START)
-    await beat(ears, 1.0)
+    await ears.order(START, seconds=1.0)
     assert vehicle.setpoints[-1][2]["run"] == 2 and shown(ears)[0] == 0
 
 
@@ -172,20 +162,17 @@ async def test_loiter_ends_it_and_the_next_start_begins_at_the_first_point(vehic
 async def test_another_station_neither_replaces_nor_flies_it_but_may_hold(vehicle, gateway, ears):
     other = Ears(gateway, program=(254, 190))
     await ears.upload(SQUARE)
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     flies(vehicle, gateway, 0.5)
     assert await other.upload([item(0), item(1, 1.0)]) == [ERROR]
     assert "being flown" in other.words
     other.command(START)
-    other.command(PAUSE, 1)
-    await beat(other, 0.3)
+    await other.order(PAUSE, 1, seconds=0.3)
     assert sorted(other.acks) == [(PAUSE, 2), (START, 1)]
     assert vehicle.setpoints[-1][1] == "path" and len(vehicle.stored) == 1
     await beat(ears, 1.0)
     assert shown(ears)[1] == ACTIVE
-    other.command(STAY)
-    await beat(other, 0.5)
+    await other.order(STAY)
     assert vehicle.setpoints[-1][1] == "hold"
 
 
@@ -194,8 +181,7 @@ async def test_it_leaves_the_list_of_the_navictrl_and_a_clear_shows_that_again(v
     vehicle.points = (MissionPoint(latitude_deg=53.2, longitude_deg=7.4, altitude=7.0),)
     assert await ears.upload(SQUARE) == [ACCEPTED]
     assert len(await ears.download()) == 5
-    ears.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
-    await beat(ears, 0.2)
+    await ears.ask(mavlink.MAVLink_mission_clear_all_message(1, 1, 0), seconds=0.2)
     assert ears.results[-1] == ACCEPTED
     (found,) = await ears.download()
     assert (found.frame, found.z) == (GLOBAL, 7.0)
@@ -209,8 +195,7 @@ async def test_a_list_takes_its_place(vehicle, gateway, ears):
     vehicle.waypoints = rig._Calls(vehicle)
     assert await ears.upload([rig.item(0)]) == [ACCEPTED]
     assert len(await ears.download()) == 1
-    ears.command(START)
-    await beat(ears, 0.3)
+    await ears.order(START, seconds=0.3)
     assert vehicle.done == ["path", "upload", "start"]
 
 
@@ -258,24 +243,20 @@ async def test_what_this_aircraft_cannot_fly_is_refused_at_upload_and_the_one_be
 async def test_a_daemon_that_has_restarted_asks_for_the_upload_again(vehicle, gateway, ears):
     await ears.upload(SQUARE)
     vehicle.refuses, vehicle.engages = refuse(Token.NO_PATH, path="p", kept=16), 10_000
-    ears.command(START)
-    await beat(ears, 3.0)
+    await ears.order(START, seconds=3.0)
     assert ears.acks[-1] == (START, 2) and "Upload the mission again." in ears.words
 
 
 @before_a_daemon
 async def test_it_begins_with_its_first_item_only_and_again_after_an_abort_of_the_daemon(vehicle, gateway, ears):
     await ears.upload(SQUARE)
-    ears.command(START, 3)
-    await beat(ears, 0.2)
+    await ears.order(START, 3, seconds=0.2)
     assert ears.acks == [(START, 2)] and vehicle.setpoints == []
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     flies(vehicle, gateway, 0.5)
     gateway.value_arrived(rig.status(Phase.ABORTED, epoch=rig.EPOCH, manoeuvre="path", aborts=1))
     vehicle.lease_now.report(Phase.ABORTED, aborts=1)
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     assert vehicle.setpoints[-1][2]["run"] == 2
 
 
@@ -310,11 +291,9 @@ async def test_a_link_with_ardupilots_numbers_has_home_first_and_old_items_have_
     assert await ears.upload([item(0, frame=0), *old]) == [ACCEPTED]
     assert [point.position for point in vehicle.request.points] == [(1, 0.25, 2), (2, 0.25, 2)]
     assert vehicle.request.points[0].yaw is None
-    ears.say(mavlink.MAVLink_mission_request_message(1, 1, 2, 0))
-    await beat(ears, 0.1)
+    await ears.ask(mavlink.MAVLink_mission_request_message(1, 1, 2, 0), seconds=0.1)
     assert (ears.named("MISSION_ITEM")[-1].x, ears.named("MISSION_ITEM")[-1].y) == (0.25, 2.0)
-    ears.command(START, 1)
-    await beat(ears, 0.3)
+    await ears.order(START, 1, seconds=0.3)
     assert ears.acks[-1] == (START, ACCEPTED)
 
 
@@ -353,6 +332,5 @@ def named_target(monkeypatch):
 @before_a_daemon
 async def test_a_named_target_is_flown_by(vehicle, ears, named_target):
     await ears.upload(SQUARE)
-    ears.command(START)
-    await beat(ears, 0.5)
+    await ears.order(START)
     assert vehicle.setpoints[-1][2]["target"] == "pad-b"

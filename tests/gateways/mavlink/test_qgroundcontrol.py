@@ -154,8 +154,7 @@ async def test_each_is_answered_before_its_time_out(tmp_path, row):
         ears = Ears(gateway, Numbering.AS_PX4)
         if row.what in KNOWN_BEFORE:
             ears.say(mavlink.MAVLink_param_request_list_message(1, 0))
-            ears.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0))
-            await beat(ears, 3.0)
+            await ears.ask(mavlink.MAVLink_mission_request_list_message(1, 1, 0), seconds=3.0)
         ears.heard.clear()
         began = asyncio.get_running_loop().time()
         row.ask(ears)

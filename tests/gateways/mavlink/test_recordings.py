@@ -33,14 +33,12 @@ def knows(folder):
 
 
 async def ask_list(ears, start=0, end=0xFFFF):
-    ears.say(mavlink.MAVLink_log_request_list_message(1, 1, start, end))
-    await beat(ears, 0.3)
+    await ears.ask(mavlink.MAVLink_log_request_list_message(1, 1, start, end), seconds=0.3)
 
 
 async def download(ears, number, at=0, count=0xFFFF_FFFF):
     ears.heard.clear()
-    ears.say(mavlink.MAVLink_log_request_data_message(1, 1, number, at, count))
-    await beat(ears, 0.5)
+    await ears.ask(mavlink.MAVLink_log_request_data_message(1, 1, number, at, count))
     found = ears.named("LOG_DATA")
     assert {message.id for message in found} == {number}
     for message in found:
@@ -78,8 +76,7 @@ async def test_one_of_a_range_and_none_in_flight_and_none_is_erased(folder):
         assert [entry.id for entry in ears.named("LOG_ENTRY")] == [1]
         gateway.value_arrived(rig.flight())
         ears.say(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, 90))
-        ears.say(mavlink.MAVLink_log_erase_message(1, 1))
-        await beat(ears, 0.3)
+        await ears.ask(mavlink.MAVLink_log_erase_message(1, 1), seconds=0.3)
         assert not ears.named("LOG_DATA") and "while the motors are off" in ears.words and "not erased" in ears.words
         assert all((folder / name).exists() for name in NAMES)
 
@@ -90,10 +87,8 @@ async def test_a_download_ends_when_it_is_asked_to(folder):
     async with serving(values=knows(folder)) as gateway:
         ears = Ears(gateway)
         await ask_list(ears)
-        ears.say(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, 0xFFFF_FFFF))
-        await beat(ears, 0.05)
-        ears.say(mavlink.MAVLink_log_request_end_message(1, 1))
-        await beat(ears, 0.05)
+        await ears.ask(mavlink.MAVLink_log_request_data_message(1, 1, 2, 0, 0xFFFF_FFFF), seconds=0.05)
+        await ears.ask(mavlink.MAVLink_log_request_end_message(1, 1), seconds=0.05)
         sent = len(ears.named("LOG_DATA"))
         await beat(ears, 0.5)
         assert 0 < sent == len(ears.named("LOG_DATA")) < 2000

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+import struct
+import threading
 import time
 import tomllib
+from contextlib import contextmanager
 from itertools import islice
 
 import pytest
@@ -12,7 +16,6 @@ from packaging.requirements import Requirement
 from mkdaemon.errors import ConfigError
 from mkdaemon.gateways.mocap.reader import frames_apart
 from mkdaemon.gateways.mocap.systems import BodyPose, find_system
-from tests.gateways.mocap import natnet
 from tests.places import ROOT
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -84,7 +87,7 @@ def bodies(frame):
 @pytest.mark.gateways
 def test_the_real_library_reads_natnet():
     pytest.importorskip("motioncapture", reason="`make check-gateways` installs it")
-    with natnet.system(bodies):
+    with system(bodies):
         found = list(islice(frames_apart(find_system("optitrack"), "127.0.0.1"), 40))
     assert all(each["drone7"].position[1:] == (2.0, 0.5) and each["drone7"].quaternion == LEVEL for each in found)
     ways = [each["drone7"].position[0] for each in found]
@@ -101,3 +104,66 @@ def test_the_real_library_is_given_up_where_nothing_answers(word):
     with pytest.raises(RuntimeError, match=r"no measurement for 1.5 s"):
         next(frames_apart(find_system(word), "127.0.0.1", 1.5))
     assert time.monotonic() - began < 20.0
+
+
+COMMANDS, MEASUREMENTS = 1510, 15110
+CONNECT, SERVER, ASK_NAMES, NAMES, MEASUREMENT = 0, 1, 4, 5, 7
+VERSION = (2, 8, 0, 0)
+
+
+def message(kind, content):
+    return struct.pack("<HH", kind, len(content)) + content
+
+
+def server_info():
+    name = b"natnet".ljust(256, b"\0")
+    rest = struct.pack("<QHB4s", 1000, MEASUREMENTS, 0, bytes(4))
+    return message(SERVER, name + bytes(VERSION) + bytes(VERSION) + rest)
+
+
+def names(*bodies):
+    each = (struct.pack("<i", 1) + name.encode() + b"\0" + struct.pack("<ii3f", k, -1, 0, 0, 0) for k, name in bodies)
+    return message(NAMES, struct.pack("<i", len(bodies)) + b"".join(each))
+
+
+def measurement(frame, *bodies):
+    """A measurement of bodies, each (number, position, quaternion (w, x, y, z), whether it is seen)."""
+    each = (
+        struct.pack("<i8fH", k, *place, *turn[1:], turn[0], 0.0, int(is_seen)) for k, place, turn, is_seen in bodies
+    )
+    head, tail = struct.pack("<iiii", frame, 0, 0, len(bodies)), struct.pack("<iifIIdhi", 0, 0, 0, 0, 0, 0, 0, 0)
+    return message(MEASUREMENT, head + b"".join(each) + tail + bytes(64))
+
+
+@contextmanager
+def system(make, rate=100.0):
+    """Serve on this machine; `make` gives the bodies of a measurement by its number, and their names by None.
+
+    NatNet 2.8 as far as the library `motioncapture` reads it (libmotioncapture 1.1, `src/optitrack.cpp`): it asks for
+    the server's version and the names of bodies, then takes measurements at the port that is named there.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        asked.bind(("127.0.0.1", COMMANDS))
+        asked.settimeout(1.0 / rate)
+        ends = threading.Event()
+
+        def serve():
+            frame = 0
+            while not ends.is_set():
+                try:
+                    data, whom = asked.recvfrom(65536)
+                except TimeoutError:
+                    frame += 1
+                    asked.sendto(measurement(frame, *make(frame)), ("127.0.0.1", MEASUREMENTS))
+                    continue
+                kind = struct.unpack("<H", data[:2])[0]
+                if kind in (CONNECT, ASK_NAMES):
+                    asked.sendto(server_info() if kind == CONNECT else names(*make(None)), whom)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield
+        finally:
+            ends.set()
+            thread.join()

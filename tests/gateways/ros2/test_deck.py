@@ -66,9 +66,15 @@ class Uav:
         self.stopped += 1
 
     async def end(self):
-        """The gateway ends."""
+        """The gateway ends; leases that were taken, and given back."""
         self.running.cancel()
         await asyncio.gather(self.running, return_exceptions=True)
+        return self.daemon.taken, self.daemon.given_back
+
+    @property
+    def roll(self):
+        """Of the newest setpoint."""
+        return self.daemon.lease.streamed[-1][1]["roll"]
 
 
 def flown(*refusals, newest=None, hold_for=60.0):
@@ -123,8 +129,7 @@ async def test_the_lease_is_taken_with_the_first_setpoint_and_given_back_when_no
     await asyncio.sleep(GONE + 0.1)
     assert deck.flown == ""
     assert "cmd_vel has been silent too long" in deck.words
-    await uav.end()
-    assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
+    assert await uav.end() == (1, 1)
     assert 18 <= len(uav.daemon.lease.streamed) <= 20, "nothing is repeated"
     assert uav.daemon.lease.streamed[0] == ("velocity", VELOCITY)
 
@@ -138,8 +143,7 @@ async def test_a_lost_lease_is_not_taken_again_by_a_stream_that_goes_on(deck, ua
     await asyncio.sleep(SILENCE)
     await stream(deck, 0.5)
     assert deck.flown == "cmd_vel"
-    await uav.end()
-    assert uav.daemon.taken == 2
+    assert (await uav.end())[0] == 2
 
 
 @flown(CommandRejectedError("lease_held", "somebody flies.", "wait"))
@@ -147,8 +151,7 @@ async def test_a_refused_lease_is_asked_for_once(deck, uav):
     await stream(deck, 3.0)
     assert deck.flown == ""
     assert "somebody flies" in deck.note
-    await uav.end()
-    assert uav.daemon.taken == 0
+    assert (await uav.end())[0] == 0
 
 
 @flown()
@@ -188,14 +191,13 @@ async def test_a_refused_path_is_noted_and_one_is_flown_once_then_held_and_a_new
 async def test_the_enable_button_flies_and_letting_go_of_it_levels_then_releases(deck, uav):
     await press_enable(deck, ABS_RX=1.0)
     assert deck.flown == "joy"
-    assert uav.daemon.lease.streamed[-1][1]["roll"] == 30.0
+    assert uav.roll == 30.0
     await hold_pad(deck, 0.5, ABS_RX=1.0)
-    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0
+    assert uav.roll == 0.0
     assert uav.daemon.given_back == 0
     await hold_pad(deck, 0.6, ABS_RX=1.0)
     assert deck.flown == ""
-    await uav.end()
-    assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
+    assert await uav.end() == (1, 1)
 
 
 @flown()
@@ -206,12 +208,12 @@ async def test_a_pad_that_falls_silent_or_comes_late_is_level_after_a_quarter_of
     for _ in range(60):
         deck.pad_arrived(STICKS_AT_REST | {"BTN_TL": 1.0, "ABS_RX": 1.0}, 0.5)
         await asyncio.sleep(0.02)
-    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0, "what arrives late does not fly"
+    assert uav.roll == 0.0, "what arrives late does not fly"
     await hold_pad(deck, 0.1)
     await press_enable(deck, ABS_RX=1.0)
-    assert uav.daemon.lease.streamed[-1][1]["roll"] == 30.0
+    assert uav.roll == 30.0
     await asyncio.sleep(0.3)
-    assert uav.daemon.lease.streamed[-1][1]["roll"] == 0.0
+    assert uav.roll == 0.0
     await asyncio.sleep(0.65)
     assert deck.flown == ""
     await asyncio.sleep(3.0)
@@ -227,8 +229,7 @@ async def test_the_pad_takes_over_from_a_stream_and_from_a_verb(deck, uav):
     assert uav.daemon.lease.streamed[-1][0] == "stick"
     with pytest.raises(MkError, match="the pad of joy flies"):
         await deck.land()
-    await uav.end()
-    assert uav.daemon.taken == 1, "the aircraft is not released in between"
+    assert (await uav.end())[0] == 1, "the aircraft is not released in between"
 
 
 @flown(newest={"state/flight": SimpleNamespace(is_flying=False)})
@@ -258,8 +259,7 @@ async def test_a_stream_flies_on_from_a_hold_under_the_same_lease(deck, uav):
     assert deck.flown == "cmd_vel"
     assert (await deck.hold()).startswith("holds for")
     assert "landed" in await deck.land()
-    await uav.end()
-    assert (uav.daemon.taken, uav.daemon.given_back) == (1, 1)
+    assert await uav.end() == (1, 1)
 
 
 @flown()
@@ -301,8 +301,7 @@ async def test_a_setpoint_that_is_refused_is_told_and_ends_nothing(deck, uav):
     assert "no target" in deck.note
     deck.refused("joy holds a NaN or an infinity")
     assert "NaN" in deck.words
-    await uav.end()
-    assert uav.daemon.given_back == 1, "the end of the gateway gives the lease back"
+    assert (await uav.end())[1] == 1, "the end of the gateway gives the lease back"
 
 
 @flown()

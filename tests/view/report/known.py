@@ -40,12 +40,14 @@ def error_at(at: float) -> tuple[float, float, float]:
 
 
 class Tape:
-    """Collects entries of one vehicle."""
+    """Collects entries of one vehicle; those that are given first, each as time [s], key and fields."""
 
-    def __init__(self, vehicle: str = "mk1") -> None:
+    def __init__(self, *entries: tuple[float, str, Any], vehicle: str = "mk1") -> None:
         self.vehicle = vehicle
         self.entries: list[Entry] = []
         self._counts: dict[tuple[EntryKind, str], int] = {}
+        for entry in entries:
+            self.add(*entry)
 
     def add(self, at: float, suffix: str, fields: Any, kind: EntryKind = EntryKind.SAMPLE, **more: Any) -> None:
         """Add an entry of a time [s] after the beginning."""
@@ -89,7 +91,7 @@ def known_flight(word: str = "", vehicle: str = "mk1") -> Tape:
         word: is put into every text that others write.
         vehicle: that flies.
     """
-    tape = Tape(vehicle)
+    tape = Tape(vehicle=vehicle)
     for at, phase, manoeuvre, stage, is_done, reason, outcome in STATES:
         flown = {"manoeuvre": manoeuvre, "stage": stage + word if stage else "", "is_done": is_done}
         tape.add(at, "control/status", {"phase": phase, "reason": reason + word, "outcome": outcome, **flown})

@@ -11,9 +11,8 @@ import pytest
 from mkdaemon.errors import ConfigError
 from mkdaemon.view.report.make import report_of
 from mkdaemon.view.report.page import render
-from tests.view.report.compared import add_poses, recorded
+from tests.view.report.compared import Wrong, add_poses, recorded, tracks
 from tests.view.report.known import Tape
-from tests.view.report.posed import Wrong, tracks
 
 
 @pytest.fixture(scope="module")

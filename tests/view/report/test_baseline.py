@@ -11,7 +11,7 @@ import pytest
 from mkdaemon.frames import rotation_from_euler
 from mkdaemon.view.report.alignment import TagView, rotation_vectors, rotations_by
 from mkdaemon.view.report.baseline import NO_IMAGE, NO_TAG, OUT_OF_SIGHT, Baseline, Images, NoAnswer, compare
-from tests.view.report.posed import Wrong, only, tracks, truth, without
+from tests.view.report.compared import Wrong, only, tracks, truth, without
 
 VIEW = TagView(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.array([0.2]), np.zeros(3), np.eye(3))
 LOOKING_DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

@@ -15,9 +15,8 @@ from mkdaemon.record.rewrite import merge
 from mkdaemon.view.report.make import report_of
 from mkdaemon.view.report.page import render
 from tests.places import DATA
-from tests.view.report.compared import add_poses
+from tests.view.report.compared import add_poses, tracks
 from tests.view.report.known import Tape, known_flight, write_known
-from tests.view.report.posed import tracks
 
 RECORDINGS = sorted((DATA / "recordings").glob("*.mcap"))
 
@@ -111,8 +110,7 @@ FIELDS = [
     )
 )
 def test_no_value_makes_a_report_or_a_comparison_fail(values, shared):
-    tape = Tape()
-    tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
+    tape = Tape((0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"}))
     for name, track in zip(("down", "mocap"), tracks(seconds=3.0), strict=True):
         add_poses(tape, name, track)
     for number, (suffix, fields) in enumerate(values):

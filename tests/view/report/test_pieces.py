@@ -72,17 +72,13 @@ def test_a_manoeuvre_is_cut_where_its_goal_goes_to_another_place():
     ],
 )
 def test_strange_errors_are_left_out(fields):
-    tape = Tape()
-    tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold", "stage": ""})
-    tape.add(1.0, "control/error", fields)
-    (piece,) = pieces_of(read(tape))
+    status = {"phase": "flying", "manoeuvre": "hold", "stage": ""}
+    (piece,) = pieces_of(read(Tape((0.0, "control/status", status), (1.0, "control/error", fields))))
     assert (piece.name, piece.begin, piece.end, piece.errors) == ("hold", 0.0, 1.0, None)
 
 
 def test_a_recording_without_a_flight_has_no_word_of_one():
-    tape = Tape()
-    tape.add(0.0, "state/altitude", {"above_start": 1.0})
-    flight = read(tape)
+    flight = read(Tape((0.0, "state/altitude", {"above_start": 1.0})))
     assert pieces_of(flight) == []
     assert "an unknown time" in sentences(flight, [], 1e30)[0]
     assert "Automatic" not in " ".join(sentences(flight, [], 1e30))

@@ -10,7 +10,7 @@ import pytest
 from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS
 from mkdaemon.view.report.said import LONGEST, number_of, numbers_of, short, text_of
 from mkdaemon.view.report.sights import MOST_IMAGES, OWN_FRAME, Sights, taken_by
-from tests.view.report.posed import pose_fields, truth
+from tests.view.report.compared import pose_fields, truth
 
 RATE = 20.0
 

@@ -23,17 +23,14 @@ def causes(pose_age, refused=0):
 
 def flight_of(*, released):
     """A hold: a trouble of 1.2 s that it outlives, and one that ends it at 44.8 s."""
-    tape = Tape()
-    flown = {"manoeuvre": "hold", "reason": "ann flies"}
-    tape.add(0.0, "state/altitude", {"above_start": 0.0})
-    tape.add(10.0, "control/status", {"phase": "flying", **flown})
+    flown = {"phase": "flying", "manoeuvre": "hold", "reason": "ann flies"}
+    tape = Tape((0.0, "state/altitude", {"above_start": 0.0}), (10.0, "control/status", flown))
     for tick in range(4):
-        tape.add(20.0 + 0.2 * tick, "control/status", {"phase": "flying", **flown, "causes": causes(0.6 + 0.2 * tick)})
-    tape.add(20.8, "control/status", {"phase": "flying", **flown, "causes": []})
-    if released:
-        for tick in range(13):
-            reported = causes(0.6 + 0.2 * tick, refused=3 * tick)
-            tape.add(42.4 + 0.2 * tick, "control/status", {"phase": "flying", **flown, "causes": reported})
+        tape.add(20.0 + 0.2 * tick, "control/status", flown | {"causes": causes(0.6 + 0.2 * tick)})
+    tape.add(20.8, "control/status", flown | {"causes": []})
+    for tick in range(13 * released):
+        reported = causes(0.6 + 0.2 * tick, refused=3 * tick)
+        tape.add(42.4 + 0.2 * tick, "control/status", flown | {"causes": reported})
     end = {"phase": "releasing", "reason": "no image of pad for 3.0 s", "outcome": None}
     tape.add(44.8, "control/status", end if released else {**end, "reason": "landed on pad", "outcome": "landed"})
     if released:
@@ -63,13 +60,10 @@ def test_a_flight_that_lands_says_so_with_the_trouble_that_it_outlived():
 
 def test_a_flight_that_goes_on_none_at_all_and_a_step_of_the_ladder_in_its_middle_are_no_release():
     assert not head_of(read(known_flight())).is_bad  # neutral for a moment at 5 s
-    tape = Tape()
-    tape.add(0.0, "control/status", {"phase": "flying", "manoeuvre": "hold"})
-    tape.add(3.0, "control/output", {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1})
-    assert head_of(read(tape)).text == "The recording ends in flight."
-    tape = Tape()
-    tape.add(0.0, "state/altitude", {"above_start": 1.0})
-    assert head_of(read(tape)).text == "No automatic flight."
+    flying, output = {"phase": "flying", "manoeuvre": "hold"}, {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1}
+    in_flight = Tape((0.0, "control/status", flying), (3.0, "control/output", output))
+    assert head_of(read(in_flight)).text == "The recording ends in flight."
+    assert head_of(read(Tape((0.0, "state/altitude", {"above_start": 1.0})))).text == "No automatic flight."
 
 
 @pytest.mark.parametrize("strange", [None, "x", [], [None], [{"text": ""}], [3], {"kind": "no_pose"}])
