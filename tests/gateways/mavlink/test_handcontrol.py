@@ -31,35 +31,81 @@ def target(mask, frame, place=(0, 0, 0), speed=(0, 0, 0), yaw=0.0, rate=0.0):
     )
 
 
-@pytest.mark.parametrize(
-    ("message", "kind", "fields"),
-    [
-        (target(POSITION, LOCAL, (1, 2, -3)), "position", {"position": (2, 1, 3), "frame": "pad", "yaw": None}),
-        (target(POSITION & ~YAW, LOCAL, (1, 2, -3), yaw=0.0), "position",
-         {"position": (2, 1, 3), "frame": "pad", "yaw": math.pi / 2}),
-        (target(POSITION, OFFSET, (1, 2, -3)), "position", {"position": (2.3, 0.8, 5.0), "frame": "pad", "yaw": None}),
-        (target(POSITION & ~YAW, BODY, (1, 2, -3), yaw=0.5), "position",
-         {"position": (1, -2, 3), "frame": "body", "yaw": -0.5}),
-        (target(VELOCITY, LOCAL, speed=(1, 2, -3)), "velocity",
-         {"velocity": (2, 1, 3), "frame": "pad", "yaw_rate": 0.0}),
-        (target(VELOCITY & ~YAW_RATE, BODY, speed=(1, 2, -3), rate=0.4), "velocity",
-         {"velocity": (1, -2, 3), "frame": "body", "yaw_rate": -0.4}),
-        (target(VELOCITY & ~YAW, LOCAL, speed=(0, 0, 0), yaw=math.pi / 2 - 0.35), "velocity",
-         {"velocity": (0, 0, 0), "frame": "pad", "yaw_rate": 0.1}),
-        (target(VELOCITY & ~YAW, LOCAL, yaw=math.pi), "velocity",
-         {"velocity": (0, 0, 0), "frame": "pad", "yaw_rate": -0.5}),
-        (target(POSITION & VELOCITY, LOCAL, (1, 2, -3), (9, 9, 9)), "position",
-         {"position": (2, 1, 3), "frame": "pad", "yaw": None}),
-    ],
-)  # fmt: skip
-def test_local_targets(message, kind, fields):
-    found = local_target(message, ESTIMATE)
-    assert found.kind == kind
-    assert found.fields.keys() == fields.keys()
+def manual(x=0, y=0, z=500, r=0):
+    return mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)
+
+
+def override(*raw):
+    return mavlink.MAVLink_rc_channels_override_message(1, 1, *raw, *[0] * (8 - len(raw)))
+
+
+def attitude(q=(1, 0, 0, 0), thrust=0.5, mask=0b11, rate=0.0):
+    return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0, 0, rate, thrust)
+
+
+def asked(message):
+    """What a message asks for; None where it is left out."""
+    match message.get_type():
+        case "MANUAL_CONTROL":
+            axes = axes_of_manual(message)
+        case "RC_CHANNELS_OVERRIDE":
+            axes = axes_of_override(message)
+        case "SET_ATTITUDE_TARGET":
+            return attitude_target(message)
+        case _:
+            return local_target(message, ESTIMATE)
+    return axes and sticks(axes)
+
+
+STILL = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+TILT = 0.1
+"""Half of an angle [rad]."""
+ASKED = [
+    (target(POSITION, LOCAL, (1, 2, -3)), "position", {"position": (2, 1, 3), "frame": "pad", "yaw": None}),
+    (target(POSITION & ~YAW, LOCAL, (1, 2, -3), yaw=0.0), "position",
+     {"position": (2, 1, 3), "frame": "pad", "yaw": math.pi / 2}),
+    (target(POSITION, OFFSET, (1, 2, -3)), "position", {"position": (2.3, 0.8, 5.0), "frame": "pad", "yaw": None}),
+    (target(POSITION & ~YAW, BODY, (1, 2, -3), yaw=0.5), "position",
+     {"position": (1, -2, 3), "frame": "body", "yaw": -0.5}),
+    (target(VELOCITY, LOCAL, speed=(1, 2, -3)), "velocity", {"velocity": (2, 1, 3), "frame": "pad", "yaw_rate": 0.0}),
+    (target(VELOCITY & ~YAW_RATE, BODY, speed=(1, 2, -3), rate=0.4), "velocity",
+     {"velocity": (1, -2, 3), "frame": "body", "yaw_rate": -0.4}),
+    (target(VELOCITY & ~YAW, LOCAL, speed=(0, 0, 0), yaw=math.pi / 2 - 0.35), "velocity",
+     {"velocity": (0, 0, 0), "frame": "pad", "yaw_rate": 0.1}),
+    (target(VELOCITY & ~YAW, LOCAL, yaw=math.pi), "velocity",
+     {"velocity": (0, 0, 0), "frame": "pad", "yaw_rate": -0.5}),
+    (target(POSITION & VELOCITY, LOCAL, (1, 2, -3), (9, 9, 9)), "position",
+     {"position": (2, 1, 3), "frame": "pad", "yaw": None}),
+    (manual(1000, -1000, 1000, 500), "stick", {"pitch": 60.0, "roll": -60.0, "yaw": -30.0, "throttle": 127.0}),
+    *((manual(z=z), "stick", STILL | {"throttle": throttle}) for z, throttle in ((0, -127), (500, 0), (-1000, -127))),
+    (override(2000, 1000, 1500, 1250), "stick", {"pitch": 60.0, "roll": 60.0, "yaw": 30.0, "throttle": 0.0}),
+    (override(0, 65535, 1500, 0), "stick", STILL),
+    (attitude((math.cos(TILT), math.sin(TILT), 0, 0), 0.5, rate=0.3), "attitude",
+     {"roll": 0.2, "pitch": 0, "yaw_rate": -0.3, "thrust": 1.0}),
+    (attitude((2 * math.cos(TILT), 0, -2 * math.sin(TILT), 0), 0.25, mask=0b111), "attitude",
+     {"roll": 0, "pitch": 0.2, "yaw_rate": 0, "thrust": 0.5}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("message", "kind", "fields"), ASKED)
+def test_what_a_message_asks_for(message, kind, fields):
+    found = asked(message)
+    assert (found.kind, found.fields.keys()) == (kind, fields.keys())
     for name, wanted in fields.items():
-        assert found.fields[name] == (
-            pytest.approx(wanted, abs=1e-6) if wanted not in (None, "pad", "body") else wanted
-        )
+        assert found.fields[name] == (wanted if isinstance(wanted, str | None) else pytest.approx(wanted, abs=1e-6))
+
+
+def test_speeds_by_sticks():
+    fields = {"velocity": (1.0, 1.0, 0.5), "frame": "body", "yaw_rate": -0.5}
+    assert speeds(axes_of_manual(manual(1000, -1000, 1000, 500))).fields == fields
+
+
+@pytest.mark.parametrize(
+    "message",
+    [*(manual(**{axis: 0x7FFF}) for axis in "xyzr"), override(1500, 1500, 0, 1500), override(1, 1500, 1500, 1500)],
+)
+def test_an_axis_that_is_not_used_flies_nothing(message):
+    assert asked(message) is None
 
 
 @pytest.mark.parametrize(
@@ -71,73 +117,20 @@ def test_local_targets(message, kind, fields):
         (target(VELOCITY, 6), "frame 6"),
         (target(POSITION, LOCAL, (NAN, 0, 0)), "NaN"),
         (target(POSITION & ~YAW, LOCAL, yaw=math.inf), "NaN"),
+        *((attitude(mask=mask), "an attitude target") for mask in (0b10000000, 0b1000000)),
+        *((attitude(q), "an attitude target") for q in ((0, 0, 0, 0), (NAN, 0, 0, 0))),
+        *((attitude(thrust=thrust), "an attitude target") for thrust in (NAN, -0.1)),
     ],
 )
-def test_targets_that_cannot_be_flown(message, word):
+def test_what_cannot_be_flown_is_refused(message, word):
     with pytest.raises(MkError, match=word):
-        local_target(message, ESTIMATE)
+        asked(message)
 
 
 def test_an_offset_needs_a_flight():
     with pytest.raises(MkError, match="needs a flight"):
         local_target(target(POSITION, OFFSET), None)
     assert local_target(target(VELOCITY & ~YAW, LOCAL, yaw=1.0), None).fields["yaw_rate"] == 0.0
-
-
-def manual(x, y, z, r):
-    return mavlink.MAVLink_manual_control_message(1, x, y, z, r, 0)
-
-
-def test_full_sticks_and_overridden_channels():
-    axes = axes_of_manual(manual(1000, -1000, 1000, 500))
-    assert sticks(axes).fields == {"pitch": 60.0, "roll": -60.0, "yaw": -30.0, "throttle": 127.0}
-    assert speeds(axes).fields == {"velocity": (1.0, 1.0, 0.5), "frame": "body", "yaw_rate": -0.5}
-    axes = axes_of_override(override(2000, 1000, 1500, 1250))
-    assert sticks(axes).fields == pytest.approx({"pitch": 60.0, "roll": 60.0, "yaw": 30.0, "throttle": 0.0})
-    assert axes_of_override(override(0, 65535, 1100, 0)).forward == 0.0
-    assert axes_of_override(override(1500, 1500, 0, 1500)) is None
-    assert axes_of_override(override(1, 1500, 1500, 1500)) is None
-
-
-@pytest.mark.parametrize(("z", "throttle"), [(0, -127.0), (500, 0.0), (1000, 127.0), (-1000, -127.0)])
-def test_thrust_is_from_nothing_to_full(z, throttle):
-    assert sticks(axes_of_manual(manual(0, 0, z, 0))).fields["throttle"] == pytest.approx(throttle)
-
-
-@pytest.mark.parametrize("axis", range(4))
-def test_an_axis_that_is_not_used_flies_nothing(axis):
-    parts = [0, 0, 500, 0]
-    parts[axis] = 0x7FFF
-    assert axes_of_manual(manual(*parts)) is None
-
-
-def override(*raw):
-    return mavlink.MAVLink_rc_channels_override_message(1, 1, *raw, *[0] * (8 - len(raw)))
-
-
-def attitude(q, thrust, mask=0b11, rate=0.0):
-    return mavlink.MAVLink_set_attitude_target_message(0, 1, 1, mask, q, 0, 0, rate, thrust)
-
-
-def test_attitudes():
-    half = 0.1
-    rolled = attitude((math.cos(half), math.sin(half), 0, 0), 0.5, rate=0.3)
-    assert attitude_target(rolled).fields == pytest.approx({"roll": 0.2, "pitch": 0, "yaw_rate": -0.3, "thrust": 1.0})
-    nose_down = attitude((2 * math.cos(half), 0, -2 * math.sin(half), 0), 0.25, mask=0b111)
-    assert attitude_target(nose_down).fields == pytest.approx({"roll": 0, "pitch": 0.2, "yaw_rate": 0, "thrust": 0.5})
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        attitude((1, 0, 0, 0), 0.5, mask=0b10000000), attitude((1, 0, 0, 0), 0.5, mask=0b1000000),
-        attitude((0, 0, 0, 0), 0.5), attitude((1, 0, 0, 0), NAN), attitude((NAN, 0, 0, 0), 0.5),
-        attitude((1, 0, 0, 0), -0.1),
-    ],
-)  # fmt: skip
-def test_attitudes_that_cannot_be_flown(message):
-    with pytest.raises(MkError, match="an attitude target"):
-        attitude_target(message)
 
 
 HALF = math.sqrt(0.5)
