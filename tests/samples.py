@@ -99,7 +99,9 @@ FIELDS: dict[type, dict[str, Any]] = {
         "targets": (PAD,),
     },
     CameraFrame: {"camera": "down", "width": 4, "height": 3, "coding": "gray8", "pixels": bytes(range(12))},
-    TagSighting: {"family": "tag36h11", "id": 48, "corners": CORNERS, "search": "roi"},
+    TagSighting: {
+        "family": "tag36h11", "id": 48, "corners": CORNERS, "search": "roi", "hamming": 1, "decision_margin": 40.0,
+    },
     VisionPose: {
         "camera": "down", "target": "pad", "sequence": 1, "position_target": (0.0, 0.0, 2.0),
         "position_cam": (0.0, 0.0, 2.0), "quaternion_cam_from_target": (0.0, 1.0, 0.0, 0.0),

@@ -112,9 +112,9 @@ async def test_a_lease_can_be_renewed_and_looked_at_and_own_streams_set_one_setp
 
 async def test_every_manoeuvre_streams_its_fields_and_the_name_of_its_target(daemon, uav):
     calls = {
-        "hold": ({"target": "pad-a"}, {"target": "pad-a"}),
-        "velocity": ({"target": "pad-b", "frame": "body"}, {"velocity": [0.1, 0.0, -0.2], "frame": "body"}),
         "goto": ({"target": "pad-c", "yaw": 0.1}, {"position": [0.1, 0.0, -0.2], "frame": "pad", "yaw": 0.1}),
+        "velocity": ({"target": "pad-b", "frame": "body"}, {"velocity": [0.1, 0.0, -0.2], "frame": "body"}),
+        "hold": ({"target": "pad-a"}, {"target": "pad-a"}),
     }
     async with uav.lease() as lease:
         for name, (options, fields) in calls.items():

@@ -95,4 +95,6 @@ async def test_the_status_of_a_vehicle_is_one_value(daemon, uav):
     assert (status.attitude.yaw, status.control.reason) == (1.0, "nobody")
     assert (status.battery, status.age("state/battery")) == (None, None)
     assert status.age("state/attitude") >= 0
+    with pytest.raises(MkError, match="did you mean state/attitude"):
+        await uav.get("state/atitude")
     assert await uav.get("state/battery") is None

@@ -84,7 +84,9 @@ def test_recentred_hover_is_what_the_middle_asks_for_with_a_way_on_both_sides(po
     thrust.move(position)
     thrust.recentre()
     assert thrust.hover == hover
-    held = thrust.value
+    for passed in (-1.0, 1.0, 0.5):
+        held = thrust.move(passed)
+    assert not thrust.is_waiting
     thrust.reset()
     assert (thrust.hover, thrust.value, thrust.is_waiting) == (0, held, True)
 

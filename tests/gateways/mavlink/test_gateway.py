@@ -322,6 +322,14 @@ async def test_the_same_command_is_done_once(vehicle, ears):
 
 
 @virtually
+async def test_a_pause_of_what_is_flown_is_a_hold(vehicle, gateway, ears):
+    await ears.order(LAND)
+    flying(gateway, "land")
+    await ears.order(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0)
+    assert ears.acks[-1] == (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, ACCEPTED) and vehicle.setpoints[-1][1] == "hold"
+
+
+@virtually
 async def test_a_place_on_the_globe_is_the_navictrls(vehicle, ears):
     ears.command(REPOSITION, -1, 0, 0, NAN, 532_301_000, 74_600_000, 5.0, frame=6)
     await ears.order(REPOSITION, -1, 0, 0, 0.0, 532_301_000, 74_600_000, 19.5, frame=0, seconds=0.3)

@@ -59,9 +59,10 @@ RIGHT = [
         {"header.frame_id": "map", "twist.linear.x": 1.0, "twist.linear.y": 2.0, "twist.linear.z": -0.5},
     ),
     (
-        conversions.vision_pose, samples.pose(covariance=POSED), "geometry_msgs/msg/PoseWithCovarianceStamped",
-        {"header.frame_id": "target/pad", "pose.covariance": list(POSED), "pose.pose.position.x": 0.0,
-         "pose.pose.position.y": 0.0, "pose.pose.position.z": 2.0},
+        conversions.vision_pose, samples.pose(position_target=(0.5, -0.25, 2.0), covariance=POSED),
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        {"header.frame_id": "target/pad", "pose.covariance": list(POSED), "pose.pose.position.x": 0.5,
+         "pose.pose.position.y": -0.25, "pose.pose.position.z": 2.0},
     ),
     (
         conversions.sticks, samples.output(pitch=127, roll=-127, throttle=64), "sensor_msgs/msg/Joy",
@@ -299,7 +300,7 @@ def test_detections_have_corners_from_bottom_left_counter_clockwise_and_markers_
         conversions.detections(samples.tags(samples.AT, SQUARE), scene()), "apriltag_msgs/msg/AprilTagDetectionArray"
     )
     (tag,) = made.detections
-    assert (tag.family, tag.id) == ("tag36h11", 0)
+    assert (tag.family, tag.id, tag.hamming, tag.decision_margin) == ("tag36h11", 0, 1, 40.0)
     assert [(corner.x, corner.y) for corner in tag.corners] == [(10, 30), (30, 30), (30, 10), (10, 10)]
     assert (tag.centre.x, tag.centre.y) == pytest.approx((20.0, 20.0))
     first, second = conversions.markers(samples.tags(samples.AT, SQUARE, SQUARE), scene())
