@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from mkdaemon.client.settings_files import read_sets
 from mkdaemon.errors import ConfigError
-from mkdaemon.protocol.messages import NaviVersionClassic, VersionRequest
-from mkdaemon.protocol.wire import WireMessage
-from mkdaemon.telemetry.mission import Mission, MissionPoint
 from tests.client.message_boards import BoardVehicle
-from tests.protocol.procedures.talk import FlightCtrl, NaviCtrl, Reply
-
-ROUTE = Mission(
-    points=tuple(MissionPoint(latitude_deg=53 + n / 1e4, longitude_deg=8, altitude=10, hold=n) for n in range(7))
-)
-
-
-NAVICTRL_024 = NaviVersionClassic(
-    major=0, minor=24, protocol_major=11, protocol_minor=0, patch=0, fault_0=0, fault_rest=(0,) * 4
-)
-
-
-def with_version(board: NaviCtrl) -> Callable[[WireMessage], Reply]:
-    return lambda message: NAVICTRL_024 if isinstance(message, VersionRequest) else board(message)
+from tests.protocol.procedures.talk import FlightCtrl
 
 
 async def test_settings_are_saved_compared_changed_and_restored(tmp_path: Path) -> None:

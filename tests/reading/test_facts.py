@@ -21,14 +21,13 @@ from tools.top_picture import KNOWN
 NOW = 1000.0
 
 
-def picture_of(changes=(), *, ages=(), now=NOW, left=None):
+def picture_of(changes=(), *, ages=(), now=NOW):
     """The picture of the known flight with some fields changed, and some values older."""
     reading, known = Reading(), dict(KNOWN)
     for key, fields in dict(changes).items():
         known[key] = type(known[key]).model_validate(known[key].model_dump() | fields)
     for key, value in known.items():
-        if left is None or key in left:
-            reading.take(key, value, now - dict(ages).get(key, 0.0))
+        reading.take(key, value, now - dict(ages).get(key, 0.0))
     return reading.at(now)
 
 

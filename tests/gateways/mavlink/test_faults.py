@@ -12,7 +12,7 @@ from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from tests.gateways.mavlink.rig import EPOCH, POSITION, VELOCITY, Ears, beat, serving, status, virtually
 
-HOLD, LAND, RTL, SET_MODE, START = 17, 21, 20, 176, 300
+HOLD, RTL, SET_MODE = 17, 20, 176
 ACCEPTED, TEMPORARILY, FAILED = 0, 1, 4
 
 

@@ -14,7 +14,6 @@ NOW, WALL = 1000.0, 1_700_000_000.0  # 22:13:20 UTC
 LEASE = KNOWN["control/status"].lease.model_dump()
 FREE = {"phase": "free", "lease": None, "pose_age": None, "manoeuvre": None, "stage": ""}
 POSITION = made(Position, KNOWN["health"].stamp, altitude_above_start=12.4, home_distance=80.2)
-LEASED = FREE | {"phase": "leased"}
 QUIET = {
     "health": {"motors_running": False},
     "control/status": FREE,
