@@ -1,7 +1,10 @@
-"""A recording for viewers and a bag of ROS: whole or not there, replaced only by force, each vehicle by itself."""
+"""A recording for viewers and a bag of ROS: what the live gateways would have sent, read back with other libraries."""
 
 from __future__ import annotations
 
+import json
+import re
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -9,23 +12,63 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from mkdaemon.bus.codec import schema_name
-from mkdaemon.client.export.values import ExportedValue
+from mkdaemon.cli.mkctl.export import export
+from mkdaemon.client.export.values import ExportedValue, read_values
 from mkdaemon.errors import ConfigError, MkError
 from mkdaemon.gateways.foxglove import recording
 from mkdaemon.gateways.ros2 import bag
+from mkdaemon.gateways.ros2.messages import name_part
+from mkdaemon.gateways.ros2.topics import TOPICS
 from tests import samples
+from tests.gateways.foxglove.viewer import read
+from tests.places import CONFIGS, DATA
 
+OVER_TARGET = DATA / "recordings" / "fc_over_target.mcap"
+BY_GPS = DATA / "recordings" / "nc_lost_client.mcap"
+LAYOUT = (CONFIGS / "foxglove" / "flight.json").read_text(encoding="utf-8")
+OF_FLIGHT = {"/scene", "/pose", "/fix", "/home", "/log", "/diagnostics"}
+"""Topics of the layout of a flight that are no key."""
 WRITERS = pytest.mark.parametrize("write", [recording.write, bag.write], ids=["foxglove", "ros2"])
 WIDE = samples.setup(lens=samples.LENS.model_copy(update={"width": 1 << 64}))
 """No message has room for the width of this camera."""
 
 
 def value(suffix, model, vehicle="mk1"):
-    fields, schema = model.model_dump(mode="json"), schema_name(type(model))
+    fields, schema = model.model_dump(), schema_name(type(model))
     return ExportedValue(vehicle, suffix, model.stamp.wall, model.stamp.monotonic, fields, schema)
 
 
+def broken(suffix, schema, fields):
+    """A value that is not what its key carries."""
+    return ExportedValue("mk1", suffix, 1.7e9, 5.0, {"stamp": samples.stamp().model_dump()} | fields, schema)
+
+
 GOOD = value("state/attitude", samples.attitude())
+
+
+def shown(path):
+    """(topic, log time [ns], what it says) of every message for viewers, in the order of the log times."""
+    with path.open("rb") as file:
+        return [
+            (channel.topic, message.log_time, json.loads(message.data))
+            if channel.message_encoding == "json"
+            else (channel.topic, message.log_time, read(schema, message.data))
+            for schema, channel, message in make_reader(file).iter_messages()
+        ]
+
+
+def in_bag(folder):
+    """(topic, type, message) in the bag's order, and the offered reliability and durability of each topic."""
+    with AnyReader([folder]) as reader:
+        found = [(c.topic, c.msgtype, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()]
+        offered = {c.topic: c.ext.offered_qos_profiles[0] for c in reader.connections}
+    return found, offered
+
+
+def written(values, folder):
+    """A bag of values, read."""
+    bag.write(values, folder / "bag", overwrite=False)
+    return in_bag(folder / "bag")
 
 
 @WRITERS
@@ -38,18 +81,25 @@ def test_it_is_only_replaced_by_force(tmp_path, write):
         write([GOOD], tmp_path / "no" / "out", overwrite=False)
 
 
-@WRITERS
+NOT_CARRIED = [
+    broken("state/attitude", "Attitude.v1", {"quaternion": [1.0, 0.0]}),
+    broken("state/battery", "Battery.v1", {"voltage": b"12"}),
+    broken("state/position", "Position.v1", {"latitude_deg": float("nan")}),
+    broken("tf", "Transform.v1", {"parent": "a", "child": 3}),
+    broken("control/output", "ControlOutput.v7", {"pitch": 1}),
+]
+
+
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("write", "values", "words"),
     [
-        ([], "nothing"),
-        (
-            [GOOD, ExportedValue("mk1", "state/position", 1.7e9, 1.0, {"latitude_deg": "north"}, "Position.v1")],
-            r"state/position of mk1 at .*--format csv takes every value",
-        ),
-        ([value("vision/down/setup", WIDE)], r"vision/down/setup of mk1 at .* fits in no message .*format csv"),
+        (recording.write, [], "nothing to export"),
+        (recording.write, [GOOD, NOT_CARRIED[2]], r"state/position of mk1 at .*--format csv takes every value"),
+        *((bag.write, [one], f"{one.suffix} of mk1 at .*--format csv takes every value") for one in NOT_CARRIED),
+        *((write, [value("vision/down/setup", WIDE)], "fits in no message") for write in (recording.write, bag.write)),
+        (bag.write, [value("link/traffic", samples.attitude())], "nothing in the recording"),
+        (bag.write, [value("state/battery", samples.battery(1.4e9))], "after 2038"),
     ],
-    ids=["nothing", "no position", "too wide a camera"],
 )
 def test_what_cannot_be_written_is_named_and_leaves_nothing(tmp_path, write, values, words):
     with pytest.raises(MkError, match=words):
@@ -60,11 +110,62 @@ def test_what_cannot_be_written_is_named_and_leaves_nothing(tmp_path, write, val
 def test_a_second_vehicle_has_topics_and_frames_of_its_own(tmp_path):
     both = [GOOD, replace(GOOD, vehicle="mk-2")]
     recording.write(both, tmp_path / "both.mcap", overwrite=False)
-    with (tmp_path / "both.mcap").open("rb") as file:
-        topics = {channel.topic for _, channel, _ in make_reader(file).iter_messages()}
+    topics = {topic for topic, *_ in shown(tmp_path / "both.mcap")}
     assert {"/state/attitude", "/tf", "/mk-2/state/attitude", "/mk-2/tf"} <= topics
-    bag.write(both, tmp_path / "bag", overwrite=False)
-    with AnyReader([tmp_path / "bag"]) as reader:
-        found = [(one.topic, reader.deserialize(raw, one.msgtype)) for one, _, raw in reader.messages()]
-    frames = {topic: message.header.frame_id for topic, message in found if "imu" in topic}
+    frames = {topic: message.header.frame_id for topic, _, message in written(both, tmp_path)[0] if "imu" in topic}
     assert frames == {"/mk1/imu": "base_link", "/mk_2/imu": "mk_2/base_link"}
+
+
+def test_the_layout_of_a_flight_finds_its_topics_in_an_exported_recording_with_its_times_and_numbers(tmp_path):
+    found = {}
+    for path in (OVER_TARGET, BY_GPS):
+        export(path, to="foxglove", output=tmp_path / path.name)
+        found[path] = shown(tmp_path / path.name)
+    by_target, by_gps = ({topic for topic, *_ in found[path]} for path in (OVER_TARGET, BY_GPS))
+    wanted = set(re.findall(r"\"(/[a-z_/]+?)[\".]", LAYOUT))
+    assert wanted >= OF_FLIGHT and wanted - by_target - by_gps == set()
+    assert {"/scene", "/tf", "/pose", "/log", "/camera/down/image", "/camera/down/annotations"} <= by_target
+    assert not {"/tf", "/vision/down/image"} & {topic for topic in by_gps if topic.startswith("/vision")}
+    recorded = list(read_values(BY_GPS))
+    positions = [one for one in recorded if one.suffix == "state/position"]
+    fixes = [(at, one["latitude"]) for topic, at, one in found[BY_GPS] if topic == "/fix"]
+    assert [latitude for _, latitude in fixes] == [one.fields["latitude_deg"] for one in positions]
+    assert [at / 1e9 for at, _ in fixes] == pytest.approx([one.wall for one in positions])
+    counts = Counter(topic for topic, *_ in found[BY_GPS])
+    assert counts["/state/attitude"] == sum(one.suffix == "state/attitude" for one in recorded) == 12
+    assert counts["/home"] == 1
+
+
+def test_a_bag_has_every_topic_with_its_type_quality_and_frame_of_the_tree(tmp_path):
+    found, offered = written([value(suffix, model) for suffix, model in samples.EVERY], tmp_path)
+    names = {row.name.format(camera="down"): row for row in TOPICS}
+    wanted = {name if name.startswith("/") else f"/mk1/{name}": row for name, row in names.items()}
+    types = {name: row.type for name, row in wanted.items()} | {"/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
+    assert {topic: kind for topic, kind, _ in found} == types
+    for name, row in wanted.items():
+        assert offered[name].depth == row.quality.depth, name
+        assert offered[name].reliability.name == "RELIABLE", name
+        assert (offered[name].durability.name == "TRANSIENT_LOCAL") == row.quality.is_latched, name
+    trees = [message.transforms for topic, _, message in found if topic in {"/tf", "/tf_static"}]
+    tree = {one.child_frame_id: one.header.frame_id for each in trees for one in each}
+    camera = "down_optical_frame"
+    assert tree == {"odom": "map", "base_link": "odom", camera: "base_link", "target/pad": camera}
+    for topic, _, message in found:
+        if topic in wanted and wanted[topic].frame:
+            frame = wanted[topic].frame.replace("<camera>", "down").replace("<name>", "pad")
+            assert message.header.frame_id == frame, topic
+            assert frame in {*tree, "map"}, topic
+
+
+def test_diagnoses_come_once_a_second_of_the_recording(tmp_path):
+    values = [value("state/battery", samples.battery(n * 0.05)) for n in range(50)]  # 2.45 s: at 0, 1 and 2 s
+    assert sum(topic == "/diagnostics" for topic, *_ in written(values, tmp_path)[0]) == 3
+
+
+def test_a_recorded_flight_has_its_images_and_its_odometry(tmp_path):
+    values = list(read_values(OVER_TARGET, images=True))
+    counts = Counter(topic for topic, *_ in written(values, tmp_path)[0])
+    root = f"/{name_part(values[0].vehicle)}"
+    assert counts[f"{root}/odom"] == sum(one.suffix == "control/estimate" for one in values) > 40
+    assert counts[f"{root}/down/image"] + counts[f"{root}/down/image/compressed"] >= 29
+    assert counts[f"{root}/battery_state"] == 34
