@@ -1,4 +1,4 @@
-"""Rows of the terminal views, of a vehicle and of a fleet: true values; stale ones say so, strangers' texts are spelled."""
+"""Rows of the terminal views, of a vehicle and of a fleet: true values, stale ones marked, strangers' texts spelled."""
 
 from __future__ import annotations
 
