@@ -66,37 +66,24 @@ def fc(major: int, minor: int, patch: int = 0, *more: WireMessage) -> Dialect:
 
 
 @pytest.mark.parametrize(
-    ("release", "control", "layout", "dead_man", "stick_filter", "attitude"),
+    ("releases", "control", "dead_man"),
     [
-        ((0, 71), ExternControlV1, "v1", DeadMan.ANY_COMMAND_0S5, False, "fc_old"),
-        ((0, 76), ExternControlV1, "v1", DeadMan.ANY_COMMAND_0S5, False, "fc_old"),
-        ((0, 78), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((0, 84), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((0, 90), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((0, 91), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((2, 0), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((2, 6), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((2, 8), ExternControlV1, "v1", DeadMan.POLLING_5S3, False, "fc_old"),
-        ((2, 10), ExternControlV2, "v2", DeadMan.UNKNOWN, True, "fc210"),
-        ((2, 11), ExternControlV2, "v2", DeadMan.UNKNOWN, True, "fc210"),
-        ((2, 12), ExternControlV2, "v2", DeadMan.CONTROL_2S, True, "fc210"),
-        ((2, 13), ExternControlV3, "v3", DeadMan.UNKNOWN, True, "fc210"),
-        ((2, 14), ExternControlV3, "v3", DeadMan.UNKNOWN, True, "fc210"),
-        ((2, 22), ExternControlV3, "v3", DeadMan.UNKNOWN, True, "fc210"),
+        ([(0, 71), (0, 76)], ExternControlV1, DeadMan.ANY_COMMAND_0S5),
+        ([(0, 78), (0, 84), (0, 90), (0, 91), (2, 0), (2, 6), (2, 8)], ExternControlV1, DeadMan.POLLING_5S3),
+        ([(2, 10), (2, 11)], ExternControlV2, DeadMan.UNKNOWN),
+        ([(2, 12)], ExternControlV2, DeadMan.CONTROL_2S),
+        ([(2, 13), (2, 14), (2, 22)], ExternControlV3, DeadMan.UNKNOWN),
     ],
 )
-def test_flight_control_by_release(release, control, layout, dead_man, stick_filter, attitude):
-    dialect = fc(*release)
-    assert dialect.read_only_reason is None
-    assert dialect.extern_control is control
-    assert dialect.extern_control_layout == layout
-    assert dialect.dead_man is dead_man
-    assert dialect.stick_filter is stick_filter
-    assert dialect.layouts[Board.FC, "C"] == attitude
-    assert dialect.layouts[Board.FC, "b"] == dialect.layouts[Board.FC, "G"] == layout
-    assert dialect.message(Board.FC, "ExternControl") is control
-    assert dialect.via_navictrl is False
-    assert dialect.confirms_control is True
+def test_flight_control_by_release(releases, control, dead_man):
+    layout, is_late = control.spec.layout, control is not ExternControlV1
+    for dialect in (fc(*release) for release in releases):
+        assert (dialect.read_only_reason, dialect.via_navictrl, dialect.confirms_control) == (None, False, True)
+        assert dialect.extern_control is dialect.message(Board.FC, "ExternControl") is control
+        assert dialect.extern_control_layout == layout
+        assert (dialect.dead_man, dialect.stick_filter) == (dead_man, is_late)
+        assert dialect.layouts[Board.FC, "C"] == ("fc210" if is_late else "fc_old")
+        assert dialect.layouts[Board.FC, "b"] == dialect.layouts[Board.FC, "G"] == layout
 
 
 @pytest.mark.parametrize("release", [(0, 70), (0, 95), (1, 5), (2, 23), (3, 0), (9, 9)])
@@ -120,16 +107,19 @@ def test_2_09_may_be_either_until_read_back(read_back, layout, dead_man, stick_f
     assert (after.dead_man, after.stick_filter) == (dead_man, stick_filter)
 
 
-@pytest.mark.parametrize(("release", "read_back"), [((2, 12), ControlStateV1), ((2, 8), ControlStateV2)])
-def test_what_is_read_back_must_agree_with_the_release(release, read_back):
+@pytest.mark.parametrize(
+    ("release", "read_back", "agrees"),
+    [
+        ((2, 12), ControlStateV1, False),
+        ((2, 8), ControlStateV2, False),
+        ((2, 8), ControlStateV1, True),
+        ((2, 14), ControlStateV2, True),
+    ],
+)
+def test_what_is_read_back_must_agree_with_the_release(release, read_back, agrees):
     dialect = fc(*release, 0, read_back.decode(bytes(11)))
-    assert dialect.extern_control is None
-    assert "form" in (dialect.read_only_reason or "")
-
-
-@pytest.mark.parametrize(("release", "read_back"), [((2, 8), ControlStateV1), ((2, 14), ControlStateV2)])
-def test_what_is_read_back_may_confirm_the_release(release, read_back):
-    assert fc(*release, 0, read_back.decode(bytes(11))).read_only_reason is None
+    assert (dialect.extern_control is not None) is agrees
+    assert ("form" in (dialect.read_only_reason or "")) is not agrees
 
 
 def test_nothing_known_is_read_only():
@@ -174,29 +164,22 @@ def test_a_navictrl_in_no_table_is_read_only():
     assert (Board.NC, "s") not in dialect.layouts
 
 
-@pytest.mark.parametrize("protocol", [0, 6, 12, 255])
+@pytest.mark.parametrize("protocol", [0, 6, 7, 8, 9, 10, 11, 12, 255])
 def test_a_foreign_protocol_is_refused_by_name(protocol):
     dialect = decide(evidence((Board.FC, fc_version(2, 12, 0, protocol))))
-    assert dialect.extern_control is None
-    assert f"fc speaks serial protocol {protocol}, MikroKopter firmware 7 to 11" in (dialect.read_only_reason or "")
+    is_foreign = f"fc speaks serial protocol {protocol}, MikroKopter firmware 7 to 11" in (
+        dialect.read_only_reason or ""
+    )
+    assert is_foreign is (dialect.extern_control is None) is (protocol not in range(7, 12))
 
 
-@pytest.mark.parametrize("protocol", [7, 8, 9, 10, 11])
-def test_every_protocol_of_mikrokopter_is_taken(protocol):
-    assert decide(evidence((Board.FC, fc_version(2, 12, 0, protocol)))).read_only_reason is None
-
-
-def test_an_empty_version_reply_names_the_firmware_that_sends_it():
-    dialect = decide(evidence((Board.FC, Unknown(Board.FC, "V", b"", "no layout"))))
-    assert "ctraabe" in (dialect.read_only_reason or "")
+def test_a_strange_version_reply_is_named_until_the_same_board_sends_a_good_one():
     odd = decide(evidence((Board.NC, Unknown(Board.NC, "V", bytes(6), "no layout"))))
     assert odd.read_only_reason == "nc answers the version request with 6 bytes, not 12"
-
-
-def test_a_good_version_reply_clears_the_suspicion_of_the_same_board_only():
-    foreign = evidence((Board.FC, Unknown(Board.FC, "V", b"", "")))
-    assert decide(foreign.with_message(Board.FC, fc_version(2, 12))).read_only_reason is None
-    assert "ctraabe" in (decide(foreign.with_message(Board.NC, nc_version(0, 24))).read_only_reason or "")
+    empty = evidence((Board.FC, Unknown(Board.FC, "V", b"", "no layout")))
+    for foreign in (empty, empty.with_message(Board.NC, nc_version(0, 24))):
+        assert "ctraabe" in (decide(foreign).read_only_reason or "")
+    assert decide(empty.with_message(Board.FC, fc_version(2, 12))).read_only_reason is None
 
 
 def test_another_release_at_the_same_address_starts_over():

@@ -94,26 +94,20 @@ def test_a_recorded_set(fixtures):
     assert differences < set(easy.values())
 
 
-@pytest.mark.parametrize("revision", [0, 72, 83, 99, 111, 115, 255])
-def test_an_unknown_revision_is_raw_only(revision):
-    parameters = ParameterSet.from_payload(bytes([revision]) + bytes(146))
-    assert parameters.layout is None
-    assert len(parameters.raw) == 147
-    assert parameters.values() == {}
-    assert parameters.name == ""
-    assert parameters.reason == f"parameter revision {revision} is not known: raw bytes only"
-    with pytest.raises(ProtocolError, match="raw bytes only"):
-        parameters["gyro_p"]
-    with pytest.raises(ProtocolError, match="raw bytes only"):
-        parameters.replaced({"gyro_p": 1})
-
-
-def test_a_known_revision_of_the_wrong_length_is_raw_only():
-    parameters = ParameterSet.from_payload(bytes([106]) + bytes(100))
-    assert parameters.reason == "parameter revision 106 has 144 bytes, these are 101: raw bytes only"
-
-
-def test_a_set_has_at_least_its_revision():
+@pytest.mark.parametrize(
+    ("revision", "size", "reason"),
+    [
+        *((revision, 147, "is not known") for revision in (0, 72, 83, 99, 111, 115, 255)),
+        (106, 101, "has 144 bytes, these are 101"),
+    ],
+)
+def test_an_unknown_revision_or_one_of_the_wrong_length_is_raw_only(revision, size, reason):
+    parameters = ParameterSet.from_payload(bytes([revision]) + bytes(size - 1))
+    assert (parameters.layout, len(parameters.raw), parameters.values(), parameters.name) == (None, size, {}, "")
+    assert parameters.reason == f"parameter revision {revision} {reason}: raw bytes only"
+    for use in (lambda: parameters["gyro_p"], lambda: parameters.replaced({"gyro_p": 1})):
+        with pytest.raises(ProtocolError, match="raw bytes only"):
+            use()
     with pytest.raises(ProtocolError, match="at least its revision byte"):
         ParameterSet.from_payload(b"")
 
@@ -182,17 +176,12 @@ def test_sets_of_two_revisions_differ_in_what_only_one_has():
     assert changes["revision"] == SetChange("revision", 104, 105)
 
 
-@pytest.mark.parametrize(("value", "poti"), [(247, None), (248, 8), (255, 1), (0, None)])
-def test_poti_references(value, poti):
-    assert poti_number(value) == poti
-    if poti is not None:
-        assert poti_reference(poti) == value
-
-
-@pytest.mark.parametrize("poti", [0, 9])
-def test_a_poti_that_does_not_exist(poti):
-    with pytest.raises(EncodeError, match="1 to 8"):
-        poti_reference(poti)
+def test_poti_references():
+    assert [poti_number(value) for value in (0, 247, 248, 255)] == [None, None, 8, 1]
+    assert (poti_reference(8), poti_reference(1)) == (248, 255)
+    for poti in (0, 9):
+        with pytest.raises(EncodeError, match="1 to 8"):
+            poti_reference(poti)
 
 
 def test_useful_ranges():

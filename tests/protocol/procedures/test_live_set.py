@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.errors import CommandRejectedError, ProtocolError, RequestTimeoutError
+from mkdaemon.errors import ProtocolError, RequestTimeoutError
 from mkdaemon.protocol.messages import SettingsRequest, WriteSettings
 from mkdaemon.protocol.procedures import LiveSet, LiveSetAtRisk, LiveSetProven, Patience
 from mkdaemon.protocol.procedures.live_set import Recovered, pad_set, recover_live_set
@@ -34,12 +34,8 @@ def test_the_live_set_is_announced_before_another_one_is_read_and_proven_in_the_
     proof = next(n for n, s in enumerate(steps) if isinstance(s, LiveSetProven))
     assert risk < other < asked[-1] < proof
     assert steps[risk].wanted == note_of(board)
-
-
-def test_only_the_active_set_puts_nothing_at_risk() -> None:
-    steps = []
-    drive(backup_settings(PATIENCE, ()), FlightCtrl(), steps)
-    assert not any(isinstance(step, LiveSetAtRisk) for step in steps)
+    drive(backup_settings(PATIENCE, ()), board, alone := [])
+    assert not any(isinstance(step, LiveSetAtRisk) for step in alone), "the active set puts nothing at risk"
 
 
 def test_a_restore_announces_what_it_writes_before_it_writes() -> None:
@@ -73,17 +69,8 @@ def test_a_set_that_a_restore_had_activated_is_replaced_by_the_right_one() -> No
     assert board.sets == {**before, 1: wanted}
 
 
-def test_an_active_set_that_was_being_changed_gets_its_old_bytes() -> None:
-    board = FlightCtrl(active=4)
-    before = board.sets[4]
-    note = note_of(board, _4=changed(before))
-    board.sets[4] = board.live = changed(before)
-    assert drive(recover_live_set(note, PATIENCE), board) is Recovered.WRITTEN
-    assert board.live == board.sets[4] == before
-
-
-@pytest.mark.parametrize("written", [3, 40, 72, 140])
-def test_an_active_set_that_the_power_cut_in_two_while_it_was_written_gets_its_old_bytes(written: int) -> None:
+@pytest.mark.parametrize("written", [3, 40, 72, 140, 144])
+def test_an_active_set_that_was_written_in_part_or_whole_gets_its_old_bytes(written: int) -> None:
     board = FlightCtrl(active=4)
     before = board.sets[4]
     wanted = before[:2] + bytes(byte ^ 0x55 for byte in before[2:])
@@ -142,15 +129,3 @@ def test_an_edit_changes_one_set_and_a_dry_run_shows_it() -> None:
     assert (board.sets, shown.written, shown.stored[5][30]) == (before, (), 7)
     done = drive(edit_settings(None, changed, PATIENCE), board)
     assert (done.written, board.live[30], board.active) == ((2,), 7, 2)
-
-
-def test_a_live_set_that_changes_by_itself_is_told() -> None:
-    board = FlightCtrl(active=2)
-
-    def talk(message: object) -> object:
-        if isinstance(message, SettingsRequest) and message.index == 5:
-            board.sets[2] = changed(board.sets[2])
-        return board(message)  # type: ignore[arg-type]
-
-    with pytest.raises(CommandRejectedError, match=r"live_set_changed: the active parameter set 2 .* byte 30"):
-        drive(backup_settings(PATIENCE), talk)  # type: ignore[arg-type]

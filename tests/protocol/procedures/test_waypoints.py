@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import count
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +29,7 @@ from .talk import NaviCtrl, Reply, drive, losing
 
 FORM = point_format(Release(0, 24))
 PATIENCE = Patience(attempts=4)
+Spoil = Callable[[list[bytes]], object]
 
 
 def route(count: int) -> tuple[WireMessage, ...]:
@@ -104,32 +108,32 @@ def test_a_late_answer_to_clear_is_not_a_refusal() -> None:
     assert len(board.points) == 3
 
 
-def test_a_list_cleared_half_way_is_written_again() -> None:
-    board, fired = NaviCtrl(), []
+def spoiled(board: NaviCtrl, kind: type[WireMessage], index: int, spoil: Spoil, time: int = 1) -> Callable[..., Reply]:
+    """A board whose list is spoiled before it answers a request for some time."""
+    asked = count(1)
 
     def talk(request: WireMessage) -> Reply:
-        if isinstance(request, WriteWaypoint024) and request.index == 3 and not fired:
-            fired.append(True)
-            board.points.clear()
+        if isinstance(request, kind) and request.index == index and next(asked) == time:
+            spoil(board.points)
         return board(request)
 
-    done = drive(upload_points(route(5), PATIENCE), talk)
-    assert (len(board.points), done.rounds) == (5, 2)
+    return talk
 
 
-def test_a_point_too_many_makes_the_upload_start_over() -> None:
-    board, fired = NaviCtrl(), []
-
-    def talk(request: WireMessage) -> Reply:
-        reply = board(request)
-        if isinstance(request, WriteWaypoint024) and request.index == 2 and not fired:
-            fired.append(True)
-            board.points.append(board.points[-1])
-        return reply
-
-    points = route(2)
-    done = drive(upload_points(points, PATIENCE), talk)
-    assert (board.points, done.rounds) == ([point.encode() for point in points], 2)
+@pytest.mark.parametrize(
+    ("kind", "index", "spoil"),
+    [
+        (WriteWaypoint024, 3, list.clear),
+        (WaypointRequest, 2, list.clear),
+        (WaypointRequest, 1, lambda points: points.append(points[-1])),
+    ],
+    ids=["cleared while it is written", "cleared while it is compared", "a point too many"],
+)
+def test_a_list_that_is_spoiled_on_the_way_is_written_again(kind: type[WireMessage], index: int, spoil: Spoil) -> None:
+    board, points = NaviCtrl(), route(5)
+    done = drive(upload_points(points, PATIENCE), spoiled(board, kind, index, spoil))
+    assert board.points == [point.encode() for point in points]
+    assert done.rounds in (2, 3)
 
 
 def test_silence_names_the_step() -> None:
@@ -231,21 +235,26 @@ def test_limits_and_units_follow_the_release() -> None:
         point_format(Release(9, 0))
 
 
-def test_an_invalid_stored_point_is_named() -> None:
-    with pytest.raises(CommandRejectedError, match="point 1: the board holds an invalid one"):
-        from_points([clear_message(WriteWaypoint024)], FORM)
+STORED = route(1)[0].encode()
 
 
-def test_a_stored_point_that_looks_at_none_is_named() -> None:
-    looking = WriteWaypoint024.decode(route(1)[0].encode()).model_copy(update={"heading": -7})
-    with pytest.raises(CommandRejectedError, match=r"point 1: it looks at point 7, which is not a point of interest"):
-        from_points([looking], FORM)
-
-
-def test_a_stored_point_off_the_globe_is_named() -> None:
-    lost = WriteWaypoint024.decode(b"\xff\xff\xff\x7f" * 2 + route(1)[0].encode()[8:])
-    with pytest.raises(CommandRejectedError, match=r"point 1: the board holds one out of range \(latitude 2147483647"):
-        from_points([lost], FORM)
+@pytest.mark.parametrize(
+    ("point", "words"),
+    [
+        (clear_message(WriteWaypoint024), "the board holds an invalid one"),
+        (
+            WriteWaypoint024.decode(STORED).model_copy(update={"heading": -7}),
+            "it looks at point 7, which is not a point of interest",
+        ),
+        (
+            WriteWaypoint024.decode(b"\xff\xff\xff\x7f" * 2 + STORED[8:]),
+            r"the board holds one out of range \(latitude 2147483647",
+        ),
+    ],
+)
+def test_a_stored_point_that_is_none_is_named(point: WireMessage, words: str) -> None:
+    with pytest.raises(CommandRejectedError, match=f"point 1: {words}"):
+        from_points([point], FORM)
 
 
 def test_points_of_later_releases_come_back_whole() -> None:
@@ -265,43 +274,9 @@ def test_the_format_is_asked_of_the_board() -> None:
     assert (str(form.release), form.kind.spec.layout, form.poi_scale, form.limit) == ("0.28c", "027", 100, 31)
 
 
-def test_a_list_that_shrinks_while_it_is_compared_is_written_again() -> None:
-    board, fired = NaviCtrl(), []
-
-    def talk(request: WireMessage) -> Reply:
-        if isinstance(request, WaypointRequest) and request.index == 2 and not fired:
-            fired.append(True)
-            board.points.clear()
-        return board(request)
-
-    done = drive(upload_points(route(3), PATIENCE), talk)
-    assert len(board.points) == 3
-    assert done.rounds > 1
-
-
-def test_a_list_that_shrinks_while_it_is_read_is_named() -> None:
+@pytest.mark.parametrize(("index", "time"), [(2, 1), (255, 2)], ids=["while it is read", "after it was read"])
+def test_a_list_that_shrinks_is_named(index: int, time: int) -> None:
     board = NaviCtrl()
     drive(upload_points(route(2), PATIENCE), board)
-
-    def talk(request: WireMessage) -> Reply:
-        if isinstance(request, WaypointRequest) and request.index == 2:
-            board.points[1:] = []
-        return board(request)
-
     with pytest.raises(CommandRejectedError, match=r"changed while it was read \(2 points, then 1\)"):
-        drive(download_points(FORM.kind, PATIENCE), talk)
-
-
-def test_a_list_that_shrinks_after_it_was_read_is_named() -> None:
-    board, counted = NaviCtrl(), []
-    drive(upload_points(route(2), PATIENCE), board)
-
-    def talk(request: WireMessage) -> Reply:
-        if isinstance(request, WaypointRequest) and request.index == 255:
-            counted.append(True)
-            if len(counted) == 2:
-                board.points.pop()
-        return board(request)
-
-    with pytest.raises(CommandRejectedError, match=r"\(2 points, then 1\)"):
-        drive(download_points(FORM.kind, PATIENCE), talk)
+        drive(download_points(FORM.kind, PATIENCE), spoiled(board, WaypointRequest, index, list.pop, time))
