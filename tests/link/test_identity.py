@@ -87,19 +87,29 @@ async def test_the_first_frames_of_a_program_that_restarts_in_flight_clear_the_c
 
 
 @pytest.mark.parametrize(
-    ("raw", "printed"),
+    ("raw", "is_text", "is_boot"),
     [
-        (b"\n\nFlight-Ctrl HW:2.2 SW:2.12a", True),
-        (b"\nMotor 1: found, version 2", True),
-        (b"\nACC neutral: 510 512 700", True),
-        (b"\n===================================", False),
-        (b"bC?li=S]A>====NX?li=S]A>===", False),
-        (b"ok 12", False),
-        (bytes(range(128, 190)), False),
+        (b"\n\nFlight-Ctrl HW:2.2 SW:2.12a", True, True),
+        (b"\n UART1 init...ok", True, True),
+        (b"\n Looking for FlightControl. FC V0.84a HW:2.0", True, True),
+        (b"\nMotor 1: found, version 2", True, True),
+        (b"\nACC neutral: 510 512 700", True, True),
+        (b"\n Timer2 deinit...ok", True, False),
+        (b"\n Timer2 init...ok=@y|mM=|LzZ=G@|======a=oR", None, False),
+        (b"\n I2C deinit...ok", True, False),
+        (b"\n FAT16 init...No Card in Slot.SD-Card could not be initialized.", True, False),
+        (b"\nOpening kml-file:log0001.kml", True, False),
+        (b"\n===================================", False, False),
+        (b"bC?li=S]A>====NX?li=S]A>===", False, False),
+        (b"ok 12", False, False),
+        (bytes(range(128, 190)), False, False),
     ],
 )
-def test_text_a_board_prints_is_told_from_the_rest_of_a_broken_frame(raw, printed):
-    assert is_printed(raw) is printed
+def test_text_a_board_prints_is_told_from_a_broken_frame_and_text_of_a_boot_from_what_is_printed_at_work(
+    raw, is_text, is_boot
+):
+    assert is_text is None or is_printed(raw) is is_text
+    assert is_of_boot(raw) is is_boot
 
 
 @virtually
@@ -122,21 +132,3 @@ async def test_what_a_navictrl_prints_of_its_camera_servos_ends_no_flight():
         assert len(sent) > 80
         assert all(int(message.config) & 1 for message in sent), "no release among them"
         assert r.condition == "up"
-
-
-@pytest.mark.parametrize(
-    ("raw", "boots"),
-    [
-        (b"\n Timer2 deinit...ok", False),
-        (b"\n Timer2 init...ok=@y|mM=|LzZ=G@|======a=oR", False),
-        (b"\n I2C deinit...ok", False),
-        (b"\n FAT16 init...No Card in Slot.SD-Card could not be initialized.", False),
-        (b"\nOpening kml-file:log0001.kml", False),
-        (b"\n UART1 init...ok", True),
-        (b"\n Looking for FlightControl. FC V0.84a HW:2.0", True),
-        (b"\n\nFlight-Ctrl HW:2.2 SW:2.12a", True),
-        (b"ok 12", False),
-    ],
-)
-def test_text_of_a_boot_is_told_from_what_a_navictrl_prints_while_it_works(raw, boots):
-    assert is_of_boot(raw) is boots

@@ -43,13 +43,15 @@ def test_another_opening_of_the_port_voids_everything_that_was_heard(peers):
     assert (peers.direct, peers.boards, peers.firmware, peers.proof) == (Board.ANY, set(), {}, None)
 
 
-def test_motor_controllers_are_no_end_of_the_wire(peers):
-    assert not peers.note_sender(Board.BL)
-    assert peers.boards == set()
+@pytest.mark.parametrize("board", [Board.BL, Board.MAG])
+def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends(peers, board):
+    assert not peers.note_sender(board)
+    assert (peers.direct, peers.boards) == (Board.ANY, set())
 
 
 def test_a_silence_while_the_wire_was_passed_through_tells_nothing_about_the_boards(peers):
-    assert not peers.caused_silence(1.0, 2.0)
+    peers.redirect(None, 0.5)  # it had not begun
+    assert not peers.caused_silence(0.1, 2.0)
     peers.redirect(Board.FC, 10.0)
     peers.redirect(None, 15.0)
     assert peers.caused_silence(10.4, 15.5)
@@ -65,19 +67,6 @@ def test_what_boards_said_of_themselves_can_be_forgotten_behind_an_open_port(pee
     peers.forget()
     assert peers.dialect.extern_control is None
     assert (peers.direct, peers.firmware, peers.proof) == (Board.FC, {}, None)
-
-
-def test_a_board_that_is_no_pilot_is_not_where_the_wire_ends(peers):
-    assert not peers.note_sender(Board.MAG)
-    assert (peers.direct, peers.boards) == (Board.ANY, set())
-
-
-def test_a_redirection_that_ends_without_having_begun_is_no_reason_for_a_silence(peers):
-    peers.redirect(None, 10.0)
-    assert not peers.caused_silence(9.0, 10.5)
-    peers.redirect(Board.FC, 11.0)
-    peers.redirect(None, 12.0)
-    assert peers.caused_silence(11.5, 12.0)
 
 
 def test_a_flightctrl_that_speaks_after_its_navictrl_is_behind_it(peers):

@@ -121,48 +121,34 @@ async def test_a_link_by_number_finds_its_adapter_again_under_its_by_id_name(ada
         assert second.letters()[0] == "b"
 
 
-def test_a_stranger_is_no_alias(tmp_path, adapters):
-    first, second = adapters
-    by_id = tmp_path / "by-id"
+@pytest.fixture
+def learnt(adapters, tmp_path) -> tuple[AliasMemory, Path, Path]:
+    """What is remembered of the first adapter: its memory, its number, and its name by id."""
+    by_id, number = tmp_path / "by-id", tmp_path / "ttyUSB0"
     by_id.mkdir()
-    point(by_id / "usb-other", second.device)
+    point(by_id / BY_ID, adapters[0].device)
+    point(number, adapters[0].device)
     memory = AliasMemory(by_id)
-    number = tmp_path / "ttyUSB0"
-    point(number, first.device)
     memory.learn(str(number))
+    return memory, number, by_id / BY_ID
+
+
+def test_only_its_own_adapter_at_another_number_is_an_alias(learnt, adapters):
+    memory, number, name = learnt
+    assert memory.find(str(number)) is None, "it is where it was"
     number.unlink()
+    assert memory.find(str(number)) == str(name)
+    name.unlink()
+    point(name.with_name("usb-other"), adapters[1].device)
     assert memory.find(str(number)) is None, "another adapter must not be taken for ours"
 
 
-def test_a_device_that_is_where_it_was_needs_no_alias(tmp_path, adapters):
-    first, _ = adapters
-    by_id = tmp_path / "by-id"
-    by_id.mkdir()
-    point(by_id / BY_ID, first.device)
-    number = tmp_path / "ttyUSB0"
-    point(number, first.device)
-    memory = AliasMemory(by_id)
-    memory.learn(str(number))
-    assert memory.find(str(number)) is None
-    number.unlink()
-    assert memory.find(str(number)) == str(by_id / BY_ID)
-    (by_id / BY_ID).unlink()
-    assert memory.find(str(number)) is None
-
-
-def test_an_address_that_another_adapter_has_taken_is_not_opened(tmp_path, adapters):
-    ours, other = adapters
-    by_id = tmp_path / "by-id"
-    by_id.mkdir()
-    point(by_id / BY_ID, ours.device)
-    number = tmp_path / "ttyUSB0"
-    point(number, ours.device)
-    memory = AliasMemory(by_id)
-    memory.learn(str(number))
-    point(number, other.device)
-    assert memory.find(str(number)) == str(by_id / BY_ID), "ours has another number now"
-    (by_id / BY_ID).unlink()
-    point(by_id / "usb-Another-if00", other.device)
+def test_an_address_that_another_adapter_has_taken_is_not_opened(learnt, adapters):
+    memory, number, name = learnt
+    point(number, adapters[1].device)
+    assert memory.find(str(number)) == str(name), "ours has another number now"
+    name.unlink()
+    point(name.with_name("usb-Another-if00"), adapters[1].device)
     with pytest.raises(LinkLostError, match=r"ttyUSB0 is now another adapter \(usb-Another-if00\) and was not opened"):
         memory.find(str(number))
 

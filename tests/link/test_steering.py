@@ -56,40 +56,27 @@ def test_the_last_command_is_remembered_until_the_port_is_lost(path):
     assert path.last_command is None
 
 
-def test_a_confirmation_missing_beside_a_free_transmitter_is_a_loss(path):
-    first, second = send(path, 0.0), send(path, 0.02)
-    path.confirmed(second, 0.028)
-    assert lost(path, 1.0) == 1
-    assert replaced(path) == 0
+@pytest.mark.parametrize(
+    ("second_at", "busy", "confirmed_at", "is_replaced"),
+    [
+        (0.02, [], 0.028, False),
+        (0.01, [(0.004, 0.021)], 0.023, True),
+        (0.02, [(0.004, 0.021), (0.023, 0.030)], 0.032, True),
+        (0.02, [(0.009, 0.013)], 0.029, False),
+    ],
+    ids=["transmitter free", "behind a long frame", "behind frames on end", "behind a short frame"],
+)
+def test_a_frame_that_is_not_confirmed_is_lost_and_blames_the_line_unless_another_replaced_it(
+    path, second_at, busy, confirmed_at, is_replaced
+):
+    path.confirmed(99, 0.01)  # a strange one replaces nothing
+    first, second = send(path, 0.0), send(path, second_at)
+    for stretch in busy:
+        path.board_was_busy(*stretch)
+    path.confirmed(second, confirmed_at)
     assert first != second
-
-
-def test_one_replaced_behind_a_long_frame_is_counted_and_does_not_blame_the_line(path):
-    send(path, 0.0)
-    second = send(path, 0.01)
-    path.board_was_busy(0.004, 0.021)
-    path.confirmed(second, 0.023)
-    assert lost(path, 1.0) == 1  # it is counted, with the reason
-    assert replaced(path) == 1
-    assert path._health.confirm.losses(1.0) == (1, 0)
-
-
-def test_frames_on_end_are_one_stretch(path):
-    send(path, 0.0)
-    second = send(path, 0.02)
-    path.board_was_busy(0.004, 0.021)
-    path.board_was_busy(0.023, 0.030)
-    path.confirmed(second, 0.032)
-    assert replaced(path) == 1
-
-
-def test_behind_a_short_frame_none_is_replaced(path):
-    send(path, 0.0)
-    second = send(path, 0.02)
-    path.board_was_busy(0.009, 0.013)
-    path.confirmed(second, 0.029)
-    assert replaced(path) == 0
-    assert lost(path, 1.0) == 1
+    assert (lost(path, 1.0), replaced(path)) == (1, is_replaced)  # it is counted, with the reason
+    assert path._health.confirm.losses(1.0) == (1, 0) if is_replaced else (2, 1)
 
 
 def test_the_way_by_radio_is_taken_into_account(path):
@@ -100,12 +87,6 @@ def test_the_way_by_radio_is_taken_into_account(path):
     path.board_was_busy(10.044, 10.061)
     path.confirmed(second, 10.063)
     assert replaced(path) == 1
-
-
-def test_strange_confirmations_replace_nothing(path):
-    send(path, 0.0)
-    path.confirmed(99, 0.01)
-    assert replaced(path) == 0
 
 
 def test_where_none_can_come_none_is_missed(path):
@@ -185,7 +166,7 @@ def test_after_giving_up_nothing_but_config_zero_goes_out_and_rarely():
     assert bench.run(20.0) == [], "and reminding has an end"
 
 
-def test_a_board_that_is_back_confirms_a_reminder_and_is_asked_again():
+def test_a_board_that_is_back_confirms_a_reminder_is_asked_again_and_may_be_steered_at_once():
     bench = Bench()
     bench.steer()
     bench.run(0.1)
@@ -200,6 +181,8 @@ def test_a_board_that_is_back_confirms_a_reminder_and_is_asked_again():
     asked = [at for at, entry, _ in after if entry.purpose is Purpose.REQUEST]
     assert asked
     assert asked[0] - back < REMIND + 0.2
+    bench.steer()
+    assert [entry.purpose for _, entry, _ in bench.run(0.02)] == [Purpose.SETPOINT]
 
 
 def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
@@ -212,14 +195,6 @@ def test_nobody_steers_until_the_release_is_confirmed_or_has_had_its_time():
     assert bench.steering.obstacle(bench.now) is None
     bench.steer()
     assert Purpose.SETPOINT in {entry.purpose for _, entry, _ in bench.run(0.02)}
-
-
-def test_a_late_confirmation_lets_steer_at_once():
-    bench = Bench()
-    bench.give_up()
-    bench.run(REMIND + 0.2, answers=True)
-    bench.steer()
-    assert [entry.purpose for _, entry, _ in bench.run(0.02)] == [Purpose.SETPOINT]
 
 
 def test_a_release_outlives_the_end_of_a_redirection_without_waiting_for_what_cannot_come():
@@ -255,23 +230,17 @@ def test_who_confirms():
     assert not bench.steering.confirms
 
 
-def test_nothing_is_steered_while_letting_go_and_what_waited_is_dropped():
+def test_a_release_under_way_is_not_begun_anew_and_what_waited_to_steer_is_dropped():
     bench = Bench()
     bench.steer()
-    bench.steering.release("test", bench.now)
-    assert bench.steering.obstacle(bench.now) is Obstacle.RELEASING
-    assert {entry.purpose for _, entry, _ in bench.run(0.5, answers=True)} == {Purpose.RELEASE}
-    bench.steer()
-
-
-def test_a_release_under_way_is_not_begun_anew():
-    bench = Bench()
     bench.steering.release("first", bench.now)
     plan = bench.steering.plan
-    bench.run(0.03)
+    sent = bench.run(0.03)
+    assert bench.steering.obstacle(bench.now) is Obstacle.RELEASING
     bench.steering.release("second", bench.now)
     assert bench.steering.plan is plan
-    bench.run(0.5, answers=True)
+    sent += bench.run(0.5, answers=True)
+    assert {entry.purpose for _, entry, _ in sent} == {Purpose.RELEASE}
     bench.steering.release("third", bench.now)
     assert bench.steering.plan is not plan
 

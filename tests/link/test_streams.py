@@ -219,14 +219,6 @@ def test_whatever_is_wished_the_line_never_carries_more_than_its_share(board, wi
     assert budget.plan(demand_of(streams.wanted), rules).rx <= 0.85
 
 
-def test_25_ms_of_osd_is_asked_for_as_30_ms():
-    """Rounded down it was 20 ms: 103 % of the line."""
-    streams = Streams(LinkConfig(port="/dev/x", rates="off"))
-    streams.use_board(Board.NC)
-    streams.want("osd", 0.025, LineRules(direct=Board.NC), demand_of)
-    assert streams.wanted == {"osd": pytest.approx(0.03)}
-
-
 def test_configured_rates_the_line_cannot_carry_are_refused_with_the_arithmetic():
     with pytest.raises(ConfigError, match=r"link.rates: O at 20 ms \+ D at 20 ms .* need 185 % of the line"):
         check_rates(configured(osd=20, debug=20))
