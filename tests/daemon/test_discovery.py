@@ -29,18 +29,22 @@ def line(*, is_up, boards=(), doubt=None):
     )
 
 
+DOUBT = refuse(Token.OTHER_AIRCRAFT, port="/dev/pts/3", detail="fc has release 2.08a, before 2.12a")
+
+
 @pytest.mark.parametrize(
-    ("state", "words"),
+    ("state", "doubt", "token", "words"),
     [
-        (None, "the link is absent"),
-        (link_state(LinkCondition.DOWN, "the device was unplugged"), "down: the device was"),
+        (None, None, "link_down", "the link is absent"),
+        (link_state(LinkCondition.DOWN, "the device was unplugged"), None, "link_down", "down: the device was"),
+        (link_state(LinkCondition.DOWN, "another aircraft"), DOUBT, "other_aircraft", "came back with fc has release"),
     ],
 )
 @virtually
-async def test_on_a_line_that_is_down_nobody_waits(state, words):
+async def test_on_a_line_that_is_down_or_leads_to_another_aircraft_nobody_waits(state, doubt, token, words):
     with pytest.raises(CommandRejectedError, match=words) as caught:
-        await require_discovery(line(is_up=False), state)
-    assert caught.value.token == "link_down"
+        await require_discovery(line(is_up=False, doubt=doubt), state)
+    assert caught.value.token == token
     assert asyncio.get_running_loop().time() == 0.0
 
 
@@ -59,14 +63,6 @@ async def test_an_aircraft_that_does_not_name_itself_is_refused_with_what_is_mis
         await require_discovery(link, link_state())
     assert caught.value.token == "discovering"
     assert asyncio.get_running_loop().time() == pytest.approx(DISCOVERY_TIME, abs=0.1)
-
-
-@virtually
-async def test_nobody_acts_on_another_aircraft_at_the_port():
-    doubt = refuse(Token.OTHER_AIRCRAFT, port="/dev/pts/3", detail="fc has release 2.08a, before 2.12a")
-    with pytest.raises(CommandRejectedError, match="came back with fc has release") as caught:
-        await require_discovery(line(is_up=False, doubt=doubt), link_state(LinkCondition.DOWN, "another aircraft"))
-    assert caught.value.token == "other_aircraft"
 
 
 class Remembering:
@@ -100,23 +96,15 @@ async def test_a_remembered_flightctrl_is_steered_only_when_a_client_confirms_it
 
 
 @virtually
-async def test_without_a_memory_the_refusal_is_that_nobody_has_named_itself():
+async def test_without_a_memory_or_a_line_the_refusal_says_so_whatever_is_confirmed():
     with pytest.raises(CommandRejectedError, match="the FlightCtrl is unknown") as caught:
         await require_flightctrl(Remembering(None, is_readable=False), link_state(), use_remembered=False)
     assert caught.value.token == "discovering"
-
-
-@virtually
-async def test_a_known_aircraft_that_takes_no_sticks_is_left_to_the_flight_core():
-    link = Remembering(None)
-    await require_flightctrl(link, link_state(), use_remembered=False)
-    assert not link.is_confirmed
-
-
-@virtually
-async def test_a_line_that_is_down_is_refused_whatever_is_remembered():
-    link = Remembering(FLIGHT, is_readable=False)
-    link.is_up, link.boards = False, frozenset()
+    known = Remembering(None)  # it takes no sticks: that is left to the flight core
+    await require_flightctrl(known, link_state(), use_remembered=False)
+    lost = Remembering(FLIGHT, is_readable=False)
+    lost.is_up, lost.boards = False, frozenset()
     with pytest.raises(CommandRejectedError) as caught:
-        await require_flightctrl(link, link_state(LinkCondition.DOWN, "unplugged"), use_remembered=True)
-    assert (caught.value.token, link.is_confirmed) == ("link_down", False)
+        await require_flightctrl(lost, link_state(LinkCondition.DOWN, "unplugged"), use_remembered=True)
+    assert caught.value.token == "link_down"
+    assert not known.is_confirmed and not lost.is_confirmed

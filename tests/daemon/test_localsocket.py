@@ -53,31 +53,20 @@ async def test_it_releases_with_the_answer_of_the_bus(desk, path):
     assert desk.asked == [("do/release", {"reason": "enough of this"})]
 
 
-async def test_a_refusal_is_the_one_of_the_bus(desk, path):
+async def test_a_refusal_is_the_one_of_the_bus_and_other_verbs_are_refused(desk, path):
     answer = await ask_locally(path, "cancel")
-    assert answer.token == Token.NOT_LEASED
-    assert answer.fix
+    assert (answer.token, bool(answer.fix)) == (Token.NOT_LEASED, True)
+    assert (await ask_locally(path, "lease")).token == Token.UNKNOWN_VERB
+    assert [verb for verb, _ in desk.asked] == ["do/cancel"]
 
 
-async def test_other_verbs_are_refused(desk, path):
-    answer = await ask_locally(path, "lease")
-    assert answer.token == Token.UNKNOWN_VERB
-    assert desk.asked == []
-
-
-async def test_it_is_for_this_user_alone(desk, path):
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
-
-
-async def test_it_is_for_a_group_where_one_is_configured(path):
+async def test_it_is_for_this_user_alone_or_for_a_group_that_exists(path):
     group = localsocket.grp.getgrgid(os.getgid()).gr_name
-    async with LocalSocket(Desk().answer).serve(path, group):
-        assert stat.S_IMODE(path.stat().st_mode) == 0o660
-        assert path.stat().st_gid == os.getgid()
-
-
-async def test_a_group_that_does_not_exist_is_a_wrong_configuration(path):
+    for given, mode in ((None, 0o600), (group, 0o660)):
+        async with LocalSocket(Desk().answer).serve(path, given):
+            assert stat.S_IMODE(path.stat().st_mode) == mode
+            assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700 or given
+            assert path.stat().st_gid == os.getgid()
     with pytest.raises(ConfigError, match="no group"):
         async with LocalSocket(Desk().answer).serve(path, "nobody-has-this-group"):
             pass

@@ -88,19 +88,13 @@ async def test_what_is_unsigned_late_or_unreadable_is_counted_by_its_name_and_re
     assert stats.state is EyeState.REFUSED
 
 
+@pytest.mark.parametrize(("fields", "flies"), [({"is_signed": False}, True), ({"trusted_for": ()}, False)])
 @virtually
-async def test_without_a_secret_every_program_may_report(tmp_path):
-    found = desk(tmp_path, is_signed=False)
-    assert put(found.bus, payload(), b"") is None
-    assert isinstance(found.events[0], PoseSeen)
-
-
-@virtually
-async def test_a_source_that_is_not_trusted_for_flight_is_shown_and_not_flown_by(tmp_path):
-    found = desk(tmp_path, trusted_for=())
+async def test_without_a_secret_every_program_may_report_and_what_is_not_trusted_is_only_shown(tmp_path, fields, flies):
+    found = desk(tmp_path, **fields)
     data = payload()
-    put(found.bus, data, sign(SECRET, SUFFIX, data))
-    assert found.events == []
+    assert put(found.bus, data, b"" if flies else sign(SECRET, SUFFIX, data)) is None
+    assert [type(event) for event in found.events] == [PoseSeen] * flies
     assert "vision/mocap/pose" in found.bus.values
 
 

@@ -64,13 +64,30 @@ def test_only_the_thread_that_asks_is_favoured():
     assert sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
-def test_without_the_right_the_loop_stays_ordinary(monkeypatch):
-    def refuse(*_: object) -> None:
-        raise PermissionError
+def refuse(*_: object) -> None:
+    raise PermissionError
 
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert favour_loop() is False
-    assert sys.getswitchinterval() == pytest.approx(SWITCH)
+
+@contextmanager
+def waiting_threads(*names: str) -> Iterator[list[threading.Thread]]:
+    done = threading.Event()
+    threads = [threading.Thread(target=done.wait, name=name) for name in names]
+    for thread in threads:
+        thread.start()
+    try:
+        yield threads
+    finally:
+        done.set()
+        for thread in threads:
+            thread.join()
+
+
+@pytest.mark.parametrize(("call", "favour"), [("sched_setscheduler", favour_loop), ("setpriority", favour_threads)])
+def test_without_the_right_threads_stay_ordinary(monkeypatch, call, favour):
+    monkeypatch.setattr(os, call, refuse)
+    with waiting_threads("other"):
+        assert favour() is False
+    assert favour is favour_threads or sys.getswitchinterval() == pytest.approx(SWITCH)
 
 
 def test_a_system_without_such_priorities_is_no_fault(monkeypatch):
@@ -91,46 +108,11 @@ def test_what_is_loaded_is_not_collected_again():
 
 
 def test_other_threads_go_before_other_programs():
-    done = threading.Event()
-    other = threading.Thread(target=done.wait)
-    other.start()
-    try:
+    with waiting_threads("other") as (other,):
         own = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
         allowed = favour_threads()
         assert os.getpriority(os.PRIO_PROCESS, other.native_id) == (NICE if allowed else own)
         assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == own
-    finally:
-        done.set()
-        other.join()
-
-
-def test_without_the_right_threads_stay_as_they_are(monkeypatch):
-    def refuse(*_: object) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr(os, "setpriority", refuse)
-    done = threading.Event()
-    other = threading.Thread(target=done.wait)
-    other.start()
-    try:
-        assert favour_threads() is False
-    finally:
-        done.set()
-        other.join()
-
-
-@contextmanager
-def waiting_threads(*names: str) -> Iterator[list[threading.Thread]]:
-    done = threading.Event()
-    threads = [threading.Thread(target=done.wait, name=name) for name in names]
-    for thread in threads:
-        thread.start()
-    try:
-        yield threads
-    finally:
-        done.set()
-        for thread in threads:
-            thread.join()
 
 
 def policy_of(thread: threading.Thread) -> int:
@@ -175,15 +157,9 @@ def test_a_thread_that_ends_meanwhile_is_no_fault(monkeypatch):
         raise ProcessLookupError
 
     monkeypatch.setattr(os, "setpriority", has_gone)
-    done = threading.Event()
-    other = threading.Thread(target=done.wait)
-    other.start()
-    try:
+    with waiting_threads("other") as (other,):
         assert favour_threads() is True
         assert other.native_id in asked
-    finally:
-        done.set()
-        other.join()
 
 
 def test_a_system_that_does_not_list_threads_is_no_fault(monkeypatch, tmp_path):
@@ -191,16 +167,11 @@ def test_a_system_that_does_not_list_threads_is_no_fault(monkeypatch, tmp_path):
     assert favour_threads() is False
 
 
-def test_the_session_goes_before_other_sessions(monkeypatch, tmp_path):
-    group = tmp_path / "autogroup"
-    monkeypatch.setattr(priority, "AUTOGROUP", group)
-    assert favour_session() is True
-    assert int(group.read_text()) == NICE
-
-
-def test_without_the_right_or_without_sessions_in_the_kernel_nothing_is_favoured(monkeypatch, tmp_path):
-    monkeypatch.setattr(priority, "AUTOGROUP", tmp_path)
-    assert favour_session() is False
+def test_the_session_goes_before_other_sessions_where_the_kernel_has_sessions(monkeypatch, tmp_path):
+    for group, is_favoured_there in ((tmp_path / "autogroup", True), (tmp_path, False)):
+        monkeypatch.setattr(priority, "AUTOGROUP", group)
+        assert favour_session() is is_favoured_there
+    assert int((tmp_path / "autogroup").read_text()) == NICE
 
 
 async def test_threads_that_come_later_are_favoured_too(monkeypatch, tmp_path):

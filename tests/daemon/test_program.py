@@ -110,40 +110,26 @@ def test_no_port_at_all(mistake):
     )
 
 
-def test_an_unknown_key_names_the_nearest(mistake, tmp_path):
-    path = tmp_path / "my.toml"
-    path.write_text('[vehicle]\nname = "x"\n[link]\nprot = "tcp:localhost:1"\n', encoding="utf-8")
-    code, line = mistake("--config", str(path))
-    assert code == 2
-    assert re.fullmatch(r'mkdaemon: .*my\.toml:4: link\.prot: unknown key; did you mean "port"\?', line)
-
-
-def test_a_missing_configuration_file(mistake):
-    code, line = mistake("--config", "nothing/here.toml")
-    assert code == 2
-    assert "nothing/here.toml: no such configuration file" in line
-
-
-def test_a_missing_device(mistake):
-    code, line = mistake("--port", "/dev/ttyUSB-nothing", "--listen", free_endpoint())
-    assert code == 1
-    assert "/dev/ttyUSB-nothing" in line
-
-
-def test_a_port_of_no_known_kind(mistake):
-    code, line = mistake("--port", "usb:0", "--listen", free_endpoint())
-    assert code == 2
-    assert "usb:0" in line
-
-
-@pytest.mark.parametrize("content", [None, "", "no recording\n"])
-def test_a_recording_that_cannot_be_played(mistake, tmp_path, content):
-    path = tmp_path / "x.jsonl"
-    if content is not None:
-        path.write_text(content, encoding="utf-8")
-    code, line = mistake("--port", f"replay:{path}", "--listen", free_endpoint())
-    assert code in {1, 2}
-    assert str(path) in line
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (["--config", "my.toml"], 2, r'my\.toml:4: link\.prot: unknown key; did you mean "port"\?$'),
+        (["--config", "nothing/here.toml"], 2, "nothing/here.toml: no such configuration file"),
+        (["--port", "/dev/ttyUSB-nothing"], 1, "/dev/ttyUSB-nothing"),
+        (["--port", "usb:0"], 2, "usb:0"),
+        (["--port", "replay:absent.jsonl"], 2, "absent.jsonl"),
+        (["--port", "replay:empty.jsonl"], 2, "empty.jsonl"),
+        (["--port", "replay:none.jsonl"], 2, "none.jsonl"),
+    ],
+)
+def test_a_mistake_is_named_in_one_line(mistake, tmp_path, monkeypatch, words, code, told):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my.toml").write_text('[vehicle]\nname = "x"\n[link]\nprot = "tcp:localhost:1"\n', encoding="utf-8")
+    (tmp_path / "empty.jsonl").touch()
+    (tmp_path / "none.jsonl").write_text("no recording\n", encoding="utf-8")
+    found, line = mistake(*words, *(() if "--config" in words else ("--listen", free_endpoint())))
+    assert found == code
+    assert re.search(told, line)
 
 
 def test_a_port_another_program_holds(mistake, terminal):

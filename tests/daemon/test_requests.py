@@ -19,7 +19,7 @@ from mkdaemon.daemon.requests import BoardRequests
 from mkdaemon.errors import CommandRejectedError, LinkLostError, RequestTimeoutError
 from mkdaemon.link.session.peers import Peers
 from mkdaemon.protocol.dialect import Dialect, Evidence, decide
-from mkdaemon.protocol.messages import Echo, MotorTest, VersionFc210, VersionRequest
+from mkdaemon.protocol.messages import Echo, EchoRequest, MotorTest, VersionFc210, VersionRequest
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import Phase
@@ -116,12 +116,48 @@ async def test_a_beep_that_leaves_the_board_deaf_is_refused(duration, count, tok
     assert token is None or "12456 s" in result.reason
 
 
-async def test_on_a_silent_line_a_request_says_that_and_not_that_motors_are_unknown():
-    desk = Desk()
+def fall_silent(desk):
     desk.facts = desk._requests._facts = VehicleMemory()
     desk.facts.link_changed(link_state(LinkCondition.MUTE, "nothing arrives"))
-    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
-    assert (result.token, "nothing arrives" in result.reason) == ("link_down", True)
+
+
+def speak(**fields):
+    """Let the boards speak a dialect."""
+    return lambda desk: setattr(desk.line, "dialect", Dialect(**{"read_only_reason": None, **fields}))
+
+
+def answer_version(answer):
+    return lambda desk: desk.line.answers.update({VersionRequest: answer})
+
+
+MOTORS = ("fc/motor_test", {"motors": TURNING, "confirm": True})
+SETTINGS = ("fc/write_settings", {"index": 3, "parameters": bytes(100), "confirm": True})
+TIME = ("nc/time_request", {})
+
+
+@pytest.mark.parametrize(
+    ("prepare", "asked", "token", "words"),
+    [
+        (fall_silent, MOTORS, "link_down", "nothing arrives"),
+        (lambda desk: None, TIME, "board_unproven", "fc answered it"),
+        (answer_version(RequestTimeoutError("no answer in 3 tries")), MOTORS, "board_unproven", "no answer in 3"),
+        (answer_version(LinkLostError("unplugged")), MOTORS, "board_unproven", "unplugged"),
+        (speak(read_only_reason="release 9.99 is not known"), MOTORS, "read_only", "9.99"),
+        (speak(settings_read_only_reason="revision 200 is not known"), SETTINGS, "read_only", "revision 200"),
+        (speak(unsupported={(Board.NC, "time_request"): "from 0.30g on"}), TIME, "unsupported", "0.30g"),
+        (lambda desk: desk.facts.motors_reported(False, STILL.now() - 10.0), MOTORS, "motors_unknown", ""),
+    ],
+    ids=[
+        *("silent line", "wrong board", "no proof", "port lost", "read only", "unknown revision", "unknown message"),
+        "motors known long ago",
+    ],
+)
+async def test_what_the_aircraft_must_not_or_cannot_take_is_refused_and_not_sent(desk, prepare, asked, token, words):
+    prepare(desk)
+    result = await asyncio.wait_for(desk.ask(*asked), requests.MOTORS_WAIT)
+    assert (result.token, words in result.reason) == (token, True)
+    assert {type(message) for _, message in desk.line.asked} <= {VersionRequest}
+    assert (await desk.ask("nc/echo_request", {"pattern": 1})).status == "accepted", "questions are answered"
 
 
 async def test_a_typed_reply_comes_back_with_its_schema(desk):
@@ -156,12 +192,9 @@ async def test_what_cannot_be_built_is_refused_with_what_is_wrong(desk, place, f
     assert desk.line.asked == []
 
 
-async def test_a_layout_can_be_asked_for(desk):
+async def test_the_dialects_layout_is_taken_where_none_is_asked_for(desk):
     await desk.ask("nc/navi_parameter_request", {"id": 0, "layout": "short"})
     assert desk.line.asked[-1][1].spec.layout == "short"
-
-
-async def test_the_dialects_layout_is_taken_where_none_is_asked_for(desk):
     desk.line.dialect = Dialect(read_only_reason=None, layouts={(Board.NC, "o"): "v2"})
     await desk.ask("nc/osd_request", {"interval": 10, "max_bytes_per_s": 1024})
     assert desk.line.asked[-1][1].spec.layout == "v2"
@@ -174,14 +207,6 @@ async def test_a_dangerous_request_is_sent_only_to_a_board_that_proved_itself(de
     desk.line.asked.clear()
     await desk.ask("fc/motor_test", fields)
     assert [type(message) for _, message in desk.line.asked] == [MotorTest], "the proof is fresh"
-
-
-async def test_the_wrong_board_on_the_line_never_hears_the_request(desk):
-    desk.line.who_answers = Board.FC
-    result = await desk.ask("nc/time_request")
-    assert result.token == "board_unproven"
-    assert "fc answered it" in result.reason
-    assert [type(message) for _, message in desk.line.asked] == [VersionRequest]
 
 
 async def test_the_way_through_a_navictrl_is_opened_once_more_where_the_flightctrl_did_not_hear_us(desk, monkeypatch):
@@ -200,35 +225,6 @@ async def test_the_way_through_a_navictrl_is_opened_once_more_where_the_flightct
     assert (await desk.ask("fc/motor_test", fields)).status == "accepted"
     assert passages == [Board.FC] * 2
     assert [type(message) for _, message in desk.line.asked] == [VersionRequest, VersionRequest, MotorTest]
-
-
-@pytest.mark.parametrize("error", [RequestTimeoutError("no answer in 3 tries"), LinkLostError("unplugged")])
-async def test_no_proof_no_request(desk, error):
-    desk.line.answers[VersionRequest] = error
-    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
-    assert result.token == "board_unproven"
-    assert str(error) in result.reason
-
-
-async def test_a_read_only_aircraft_takes_nothing_dangerous_but_answers_questions(desk):
-    desk.line.dialect = Dialect(read_only_reason="release 9.99 is not known")
-    result = await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})
-    assert result.token == "read_only"
-    assert "9.99" in result.reason
-    assert (await desk.ask("nc/echo_request", {"pattern": 1})).status == "accepted"
-
-
-async def test_settings_of_an_unknown_revision_are_not_written(desk):
-    desk.line.dialect = Dialect(read_only_reason=None, settings_read_only_reason="revision 200 is not known")
-    fields = {"index": 3, "parameters": bytes(100), "confirm": True}
-    assert (await desk.ask("fc/write_settings", fields)).token == "read_only"
-
-
-async def test_what_the_firmware_does_not_know_is_unsupported(desk):
-    desk.line.dialect = Dialect(read_only_reason=None, unsupported={(Board.NC, "time_request"): "from 0.30g on"})
-    result = await desk.ask("nc/time_request")
-    assert (result.status, result.token) == ("unsupported", "unsupported")
-    assert "0.30g" in result.reason
 
 
 @pytest.mark.parametrize(
@@ -251,23 +247,21 @@ async def test_commands_of_the_fork_wait_for_somebody_who_says_that_it_is_one(na
         assert desk.line.asked[1:] == ([(Board.FC, ANY)] if is_allowed else [])
 
 
-async def test_silence_is_a_timeout_and_never_called_a_refusal(desk):
-    from mkdaemon.protocol.messages import EchoRequest
-
-    desk.line.answers[EchoRequest] = RequestTimeoutError("no answer in 3 tries")
+@pytest.mark.parametrize(
+    ("error", "status", "token"),
+    [
+        (RequestTimeoutError("no answer in 3 tries"), "timeout", "timeout"),
+        (LinkLostError("the adapter is gone"), "denied", "link_down"),
+        (RuntimeError("wires crossed"), "denied", "internal"),
+    ],
+)
+async def test_silence_is_a_timeout_and_a_defect_is_answered_and_mirrored_like_everything_else(
+    desk, error, status, token
+):
+    desk.line.answers[EchoRequest] = error
     result = await desk.ask("nc/echo_request", {"pattern": 1})
-    assert (result.status, result.token) == ("timeout", "timeout")
-    desk.line.answers[EchoRequest] = LinkLostError("the adapter is gone")
-    result = await desk.ask("nc/echo_request", {"pattern": 1})
-    assert (result.status, result.token) == ("denied", "link_down")
-
-
-async def test_a_defect_is_answered_and_mirrored_like_everything_else(desk):
-    from mkdaemon.protocol.messages import EchoRequest
-
-    desk.line.answers[EchoRequest] = RuntimeError("wires crossed")
-    result = await desk.ask("nc/echo_request", {"pattern": 1})
-    assert (result.token, "RuntimeError: wires crossed" in result.reason) == ("internal", True)
+    assert (result.status, result.token) == (status, token)
+    assert token != "internal" or "RuntimeError: wires crossed" in result.reason
 
 
 async def test_a_request_without_answer_is_not_observable(desk):
@@ -352,14 +346,6 @@ async def test_what_telemetry_said_about_the_motors_a_second_ago_lets_nothing_pa
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token == "motors_unknown"
     desk.facts.motors_reported(False, STILL.now() - 0.4)
     assert (await desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True})).token is None
-
-
-async def test_without_any_telemetry_about_the_motors_nobody_waits_for_it(desk):
-    desk.facts.motors_reported(False, STILL.now() - 10.0)
-    result = await asyncio.wait_for(
-        desk.ask("fc/motor_test", {"motors": TURNING, "confirm": True}), requests.MOTORS_WAIT
-    )
-    assert result.token == "motors_unknown"
 
 
 async def test_a_step_of_a_procedure_waits_while_the_boards_are_asked_anew(desk):

@@ -21,36 +21,21 @@ from mkdaemon.link.session.knownflight import FlightMemory, FlightState, Sightin
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.evidence import Evidence
 from mkdaemon.protocol.generations import Release
+from tests.daemon.procedures import procedure_rig
 from tests.places import CAPTURES
 
 RECORDING = CAPTURES / "nc_mixed_60s.jsonl"
 
 
-class Bus:
+class Bus(procedure_rig.Bus):
     """Keeps what is published; nobody asks and nobody listens."""
 
-    setpoint_root = "setpoint/@1"
-
     def __init__(self, open_endpoints=()):
-        self.published, self.shed, self.open_endpoints = [], {}, open_endpoints
+        super().__init__()
+        self.shed, self.open_endpoints = {}, open_endpoints
         self.audience = asyncio.Event()
 
-    def publish(self, suffix, value, *, schema=None):
-        self.published.append((suffix, value))
-
-    def values(self, suffix):
-        return [value for key, value in self.published if key == suffix]
-
-    def serve(self, root, handler):
-        pass
-
     async def refuse_uninvited(self):
-        pass
-
-    def receive(self, suffix, take, verify):
-        pass
-
-    def receive_reports(self, suffix, take, verify, secret):
         pass
 
     def counts(self):
@@ -61,9 +46,6 @@ class Bus:
         return shed
 
     def announce(self):
-        pass
-
-    def watch_client(self, name, watcher):
         pass
 
     async def wait_until_watched(self):
@@ -114,23 +96,21 @@ def recording(tmp_path):
     return f"replay:{path}"
 
 
+@pytest.mark.parametrize("listens_at", [None, 60.0])
 @virtually
-async def test_a_recording_without_an_audience_is_played_after_a_while_and_ends_the_daemon(recording, tmp_path):
+async def test_a_recording_is_played_when_somebody_listens_or_after_a_while_and_ends_the_daemon(
+    recording, tmp_path, listens_at
+):
     bus, loop = Bus(), asyncio.get_running_loop()
-    await daemon(tmp_path, recording, bus).serve(asyncio.Event(), Notifier({}))
+    if listens_at is not None:
+        loop.call_later(listens_at, bus.audience.set)
+    served = daemon(tmp_path, recording, bus, wait_for_port=listens_at is not None)
+    await served.serve(asyncio.Event(), Notifier({}))
     frames = bus.values("raw/rx")
     assert len(frames) > 10
-    assert frames[0].stamp.monotonic >= program.AUDIENCE_WAIT
+    assert frames[0].stamp.monotonic >= (listens_at or program.AUDIENCE_WAIT)
     assert loop.time() > frames[-1].stamp.monotonic + program.SETTLE / 2
     assert bus.values("health")
-
-
-@virtually
-async def test_a_recording_that_shall_wait_is_played_when_somebody_listens(recording, tmp_path):
-    bus, loop = Bus(), asyncio.get_running_loop()
-    loop.call_later(60.0, bus.audience.set)
-    await daemon(tmp_path, recording, bus, wait_for_port=True).serve(asyncio.Event(), Notifier({}))
-    assert bus.values("raw/rx")[0].stamp.monotonic >= 60.0
 
 
 @virtually
@@ -183,18 +163,23 @@ async def test_what_everybody_may_reach_and_what_was_shed_is_told(tmp_path):
     assert len([text for text in texts if "900 queries to do/lease" in text]) == 1
 
 
+@pytest.mark.parametrize("has_place", [True, False])
 @virtually
-async def test_the_guard_has_a_place_for_its_report_and_ends_last(monkeypatch, tmp_path):
+async def test_without_a_place_for_the_guards_report_the_daemon_says_so_and_runs(monkeypatch, tmp_path, has_place):
     monkeypatch.setattr(program, "GuardProcess", GuardStub)
+    folder = tmp_path / "state" / "t"
+    if not has_place:
+        folder.parent.write_text("")
     bus, stop = Bus(), asyncio.Event()
-    served = daemon(tmp_path / "state" / "t", "/dev/tty-nothing", bus, wait_for_port=True)
     asyncio.get_running_loop().call_later(2.0, stop.set)
+    served = daemon(folder, "/dev/tty-nothing", bus, wait_for_port=True)
     await served.serve(stop, Notifier({}))
     assert served._guard.is_over
-    assert (tmp_path / "state" / "t").is_dir()
-    texts = [event.text for event in bus.values("event/log")]
+    assert folder.is_dir() is has_place
+    texts = bus.texts()
     assert "guard runs" in texts
-    assert not any("next daemon" in text for text in texts)
+    told = [text for text in texts if "the next daemon will not get the guard's report" in text]
+    assert [str(folder) in text for text in told] == [True] * (not has_place)
 
 
 @virtually
@@ -216,19 +201,6 @@ async def test_the_port_is_opened_when_the_guard_answers(monkeypatch, tmp_path):
     asyncio.get_running_loop().call_later(4.0, stop.set)
     await daemon(tmp_path, "/dev/tty-nothing", kind=Opening, wait_for_port=True).serve(stop, Notifier({}))
     assert opened == ["guard", "port"]
-
-
-@virtually
-async def test_without_a_place_for_the_guards_report_the_daemon_says_so_and_runs(monkeypatch, tmp_path):
-    monkeypatch.setattr(program, "GuardProcess", GuardStub)
-    (tmp_path / "file").write_text("")
-    bus, stop = Bus(), asyncio.Event()
-    asyncio.get_running_loop().call_later(2.0, stop.set)
-    await daemon(tmp_path / "file", "/dev/tty-nothing", bus, wait_for_port=True).serve(stop, Notifier({}))
-    assert any(
-        "the next daemon will not get the guard's report" in event.text and str(tmp_path / "file") in event.text
-        for event in bus.values("event/log")
-    )
 
 
 @virtually

@@ -45,10 +45,13 @@ def test_vehicle_alive_is_not_daemon_alive(condition, is_alive):
     assert vehicle_health(facts, line(), STAMP, note="").is_alive is is_alive
 
 
-def test_a_message_without_error_tells_of_none():
-    facts = VehicleMemory()
-    facts.state_received(flight(is_flying=True), STAMP.monotonic)
-    assert vehicle_health(facts, line(), STAMP, note="").error is None
+def test_the_status_line_says_line_motors_who_flies_and_what_is_wrong_with_the_aircraft():
+    words = status_line(vehicle_health(VehicleMemory(), line(), STAMP, note=""), Phase.FREE)
+    assert words == "link absent: the line has not been opened yet; motors unknown; control free"
+    for error, end in ((None, "; control free"), ("no GPS", "; error: no GPS")):
+        facts = VehicleMemory()
+        facts.state_received(flight(is_flying=False).model_copy(update={"error": error}), STAMP.monotonic)
+        assert status_line(vehicle_health(facts, line(), STAMP, note=""), Phase.FREE).endswith(end)
 
 
 def test_an_open_bus_is_told_to_everybody():
@@ -74,14 +77,3 @@ def test_the_screen_says_whether_everything_is_recorded(state, reason, lost, wor
     with StringIO() as screen:
         Console(file=screen, width=120).print(render("mk1", picture_of("record/status", recorder)))
         assert words in screen.getvalue()
-
-
-def test_the_status_line_says_line_motors_and_who_flies():
-    words = status_line(vehicle_health(VehicleMemory(), line(), STAMP, note=""), Phase.FREE)
-    assert words == "link absent: the line has not been opened yet; motors unknown; control free"
-
-
-def test_the_status_line_says_what_is_wrong_with_the_aircraft():
-    facts = VehicleMemory()
-    facts.state_received(flight(is_flying=False).model_copy(update={"error": "no GPS"}), STAMP.monotonic)
-    assert status_line(vehicle_health(facts, line(), STAMP, note=""), Phase.FREE).endswith("; error: no GPS")
