@@ -131,19 +131,7 @@ async def test_two_clients_race_and_no_frame_of_the_old_epoch_follows_the_new_le
         assert flown.values("control/status")[-1]["refused"] > 0
 
 
-async def test_leaving_while_flying_ends_with_a_release():
-    async with live_daemon() as flown, flown.client() as client:
-        pilot = await engage(flown, client, "alice")
-        pilot.sticks["pitch"] = 30.0
-        await flown.until(lambda: any(fields["pitch"] == 30 for _, fields in frames(flown)))
-        before = len(flown.samples)
-        await flown.end()
-        await pilot.stop()
-        assert len(releases(flown, before)) >= 5
-        assert not flown.runtime.simulation.flight.core.controlled
-
-
-async def test_malformed_setpoints_are_counted_and_named():
+async def test_a_malformed_setpoint_is_named_and_leaving_while_flying_ends_with_a_release():
     async with live_daemon() as flown, flown.client() as client:
         publisher = client.stream("setpoint/stick")
 
@@ -153,3 +141,11 @@ async def test_malformed_setpoints_are_counted_and_named():
 
         event = await flown.until(refused)
         assert (event["status"], event["token"]) == ("denied", "malformed")
+        pilot = await engage(flown, client, "alice")
+        pilot.sticks["pitch"] = 30.0
+        await flown.until(lambda: any(fields["pitch"] == 30 for _, fields in frames(flown)))
+        before = len(flown.samples)
+        await flown.end()
+        await pilot.stop()
+        assert len(releases(flown, before)) >= 5
+        assert not flown.runtime.simulation.flight.core.controlled

@@ -56,14 +56,6 @@ def test_attempts_that_fail_come_ever_more_seldom_and_the_same_reason_is_told_on
     ]
 
 
-def test_a_client_can_ask_for_an_attempt_at_once(ground):
-    ground.next_note(100.0)
-    ground.recovery.attempt_failed(NOTE, "the board fell silent", 100.0)
-    assert ground.next_note(100.1) is None
-    ground.recovery.retry()
-    assert ground.next_note(100.1) is NOTE
-
-
 def test_without_telemetry_about_the_motors_no_attempt_is_made_and_the_refusal_says_why(ground):
     assert ground.recovery.next_note(100.0) is None
     with (

@@ -12,7 +12,6 @@ from mkdaemon.control.admission.beginnings import BoardRequest
 from mkdaemon.daemon.procedures.runner import MOTORS_WAIT
 from mkdaemon.daemon.procedures.table import PROCEDURES, request_model
 from mkdaemon.errors import CommandRejectedError, RequestTimeoutError
-from mkdaemon.protocol.messages import SettingsRequest
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.procedure import ProcedureRequest
 from mkdaemon.telemetry.refusals import Token, refuse
@@ -128,20 +127,18 @@ async def test_sets_are_compared_and_restored(rig):
 
 
 @on_boards(flight_ctrl())
-async def test_motors_that_start_end_a_procedure_and_the_live_set_is_owed(rig):
-    def refuse_sets(message):
-        if isinstance(message, SettingsRequest) and message.index != 255:
-            raise refuse(Token.MOTORS_RUNNING, name="settings_request", detail="must not meet them")
-
+async def test_motors_that_start_between_two_requests_end_a_procedure_and_the_live_set_is_owed(rig):
     asked = asyncio.create_task(rig.ask("settings_backup"))
     await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
-    rig.refusal = refuse_sets
-    assert (await asked).token == "live_set_unproven"
+    known = rig.facts.motors_running
+    rig.facts.motors_running = lambda now, within=2.0: True
+    result = await asked
+    assert (result.token, "motors" in result.reason) == ("live_set_unproven", True)
     assert rig.interlock.owed is not None
     assert (await rig.ask("settings_backup")).token == "live_set_owed"
     with pytest.raises(CommandRejectedError, match="live_set_owed"), rig.interlock.taking_lease():
         pass
-    rig.refusal = lambda message: None
+    rig.facts.motors_running = known
     await rig.until(lambda: rig.interlock.owed is None)
     assert rig.flight.live.raw == rig.flight.eeprom.sets[3]
     assert any("is live, byte for byte as before" in text for text in rig.bus.texts())
@@ -278,17 +275,6 @@ async def test_a_mission_goes_up_in_flight_where_the_request_says_so(rig):
 
 
 @on_boards(flight_ctrl())
-async def test_motors_that_start_between_two_requests_end_a_procedure(rig):
-    asked = asyncio.create_task(rig.ask("settings_backup"))
-    await rig.until(lambda: rig.flight.live.raw == rig.flight.eeprom.sets[2])
-    rig.facts.motors_running = lambda now, within=2.0: True
-    result = await asked
-    assert result.token == "live_set_unproven"
-    assert "motors" in result.reason
-    assert rig.interlock.owed is not None
-
-
-@on_boards(flight_ctrl())
 async def test_a_defect_in_a_procedure_is_answered_and_the_next_one_runs(rig):
     def fail(message):
         raise RuntimeError("wires crossed")
@@ -334,37 +320,14 @@ async def test_a_list_that_is_cut_off_is_said_to_be_incomplete(rig, tmp_path, ve
             raise RequestTimeoutError("the board fell silent")
 
     rig.refusal = fall_silent
-    result = await rig.ask(verb, **({"points": POINTS * 20} if verb == "waypoints_upload" else {}))
+    upload = {"points": POINTS * 20, "source": "field.gpx"}
+    result = await rig.ask(verb, **(upload if verb == "waypoints_upload" else {}))
     assert result.token == "list_incomplete"
     assert "the board fell silent; the board's list may be incomplete" in result.reason
+    [event] = rig.bus.values("event/mission")
+    assert (event.action, event.source) == ("incomplete", "field.gpx" if verb == "waypoints_upload" else "")
     [note] = [path.name for path in tmp_path.iterdir()]
     assert note == "waypoint-list.json"
-
-
-@virtually
-async def test_a_list_left_half_written_is_an_event_at_once_and_at_the_next_start(tmp_path):
-    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
-        await rig.until_ready()
-
-        def fall_silent(message):
-            if any(data[2:3] == b"w" for _, data in rig.socket.wire):
-                raise RequestTimeoutError("the board fell silent")
-
-        rig.refusal = fall_silent
-        await rig.ask("waypoints_upload", points=POINTS, source="field.gpx")
-        [event] = rig.bus.values("event/mission")
-        assert (event.action, event.source) == ("incomplete", "field.gpx")
-    async with procedure_rig(plug_in(navi_ctrl()), tmp_path) as rig:
-        await rig.until_ready()
-        assert [event.action for event in rig.bus.values("event/mission")] == ["incomplete"]
-        assert any("do not fly the list" in text for text in rig.bus.texts())
-
-
-@on_boards(navi_ctrl())
-async def test_what_was_never_written_leaves_no_warning(rig, tmp_path):
-    assert (await rig.ask("waypoints_upload", points=POINTS * 32)).token == "too_many_points"
-    assert rig.bus.values("event/mission") == []
-    assert list(tmp_path.iterdir()) == []
 
 
 @on_boards(navi_ctrl())
@@ -409,17 +372,20 @@ async def test_a_route_is_made_ready_in_flight_and_ended(rig):
     assert (await rig.ask("route_start", confirm=True)).token == "no_route"
 
 
-@pytest.mark.parametrize("refused", ["by its points", "by who must let it pass"])
+@pytest.mark.parametrize(
+    ("points", "token"),
+    [([{**POINTS[0], "poi": 9}], "bad_value"), (POINTS * 32, "too_many_points"), (POINTS, "motors_running")],
+)
 @on_boards(navi_ctrl())
-async def test_an_upload_that_wrote_nothing_neither_leaves_a_note_of_a_list_nor_takes_one_away(rig, tmp_path, refused):
+async def test_an_upload_that_wrote_nothing_neither_leaves_a_note_of_a_list_nor_takes_one_away(
+    rig, tmp_path, points, token
+):
     def refuse_writes(message):
         if message.spec.key == "write_waypoint":
             raise refuse(Token.MOTORS_RUNNING, detail="test")
 
     rig.refusal = refuse_writes
-    points = [{**POINTS[0], "poi": 9}] if refused == "by its points" else POINTS
-    result = await rig.ask("waypoints_upload", points=points)
-    assert result.token == ("bad_value" if refused == "by its points" else "motors_running")
+    assert (await rig.ask("waypoints_upload", points=points)).token == token
     assert not any(data[2:3] == b"w" for _, data in rig.socket.wire)
     assert rig.bus.values("event/mission") == []
     assert list(tmp_path.iterdir()) == []
