@@ -32,20 +32,6 @@ def test_a_file_that_is_there_is_only_replaced_when_asked_for(tmp_path):
     assert file.read_text() == "new"
 
 
-def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch):
-    file = tmp_path / "file"
-    write_whole(file, "old")
-
-    def full(number):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        write_whole(file, "new", overwrite=True)
-    assert file.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
 def test_a_file_that_appears_meanwhile_is_not_replaced(tmp_path, monkeypatch):
     file = tmp_path / "file"
     flush = os.fsync

@@ -147,16 +147,12 @@ async def test_an_observer_looks_and_is_refused_with_words(side, monkeypatch):
             await observer.command("do", "lease", {"action": "take", "holder": "observer"})
 
 
-async def test_a_stranger_gets_no_connection_and_is_told_why(side, tmp_path):
+async def test_a_stranger_and_who_shows_no_certificate_get_no_connection(side, tmp_path):
     assert run(app, ["security", "new-ca", str(tmp_path / "strangers")]) == 0
-    file = tmp_path / "strangers" / "pilot.json5"
-    with pytest.raises(MkError, match="does not trust the certificate"):
-        await open_session(session_config("client", connect=[side.endpoint], zenoh_file=file, patience=0.3))
-
-
-async def test_who_shows_no_certificate_gets_no_connection(side):
-    with pytest.raises(MkError):
-        await open_session(session_config("client", connect=[side.endpoint], patience=0.3))
+    strangers = {"zenoh_file": tmp_path / "strangers" / "pilot.json5"}
+    for how, why in ((strangers, "does not trust the certificate"), ({}, None)):
+        with pytest.raises(MkError, match=why):
+            await open_session(session_config("client", connect=[side.endpoint], patience=0.3, **how))
 
 
 async def test_nobody_hears_setpoints_below_the_number_or_puts_telemetry(side):

@@ -153,27 +153,6 @@ async def test_a_command_is_answered_by_its_handler_and_refusals_keep_their_word
     assert looking_around == [], "a wildcard must command nothing"
 
 
-async def test_too_many_commands_at_once_are_answered_busy():
-    endpoint = free_endpoint()
-    gate = asyncio.Event()
-
-    async def handler(suffix: str, payload: bytes) -> CommandResult:
-        await gate.wait()
-        return CommandResult(status=Status.ACCEPTED)
-
-    async with Bus.open(bus_config(endpoint, max_queries=2), "t2") as opened:
-        opened.serve("cmd", handler)
-        with client(endpoint) as session:
-            asked = [asyncio.to_thread(ask, session, f"mk/t2/cmd/fc/m{n}") for n in range(3)]
-            tasks = [asyncio.ensure_future(one) for one in asked]
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            [(_, first, _)] = done.pop().result()
-            gate.set()
-            rest = [task.result()[0][1] for task in (await asyncio.wait(tasks))[0] if task.result()]
-    assert (first["status"], first["token"]) == ("busy", "busy")
-    assert sorted(result["status"] for result in rest) == ["accepted", "accepted", "busy"]
-
-
 async def test_leaving_ends_commands_that_still_run():
     endpoint = free_endpoint()
     begun = asyncio.Event()

@@ -14,6 +14,8 @@ from mkdaemon.bus.codec import schema_name
 from mkdaemon.bus.keys import KEYS, Use, find, of_use, roots
 from mkdaemon.bus.names import key, suffix_of
 from mkdaemon.bus.schema import schema_json, schema_names
+from mkdaemon.telemetry.state import Attitude
+from mkdaemon.telemetry.traffic import FrameSample
 
 
 def test_every_line_is_a_key_expression_with_a_schema():
@@ -21,6 +23,7 @@ def test_every_line_is_a_key_expression_with_a_schema():
         zenoh.KeyExpr(key("mk1", spec.pattern))
         assert find(spec.suffix.replace("<", "").replace(">", "")) is spec
         assert spec.about.endswith(".")
+        assert not any(chunk.startswith("@") for chunk in spec.suffix.split("/")), "it would hide from wildcards"
         assert bool(spec.when) == (spec.use in {Use.PUBLISHED, Use.CLIENT})
         if spec.carries is not None:
             schema = json.loads(schema_json(schema_name(spec.carries)))
@@ -53,21 +56,20 @@ def test_no_two_lines_claim_the_same_key():
     assert clashes == []
 
 
-def test_keys_of_other_vehicles_and_unknown_ones():
-    assert suffix_of("mk1", "mk/mk1/state/battery") == "state/battery"
+def test_keys_are_found_by_their_suffix_and_those_of_other_vehicles_and_unknown_ones_are_none():
+    assert (find("state/attitude").carries, find("rx/nc/osd").carries) == (Attitude, FrameSample)
+    assert suffix_of("mk1", key("mk1", "state/battery")) == "state/battery"
     with pytest.raises(ValueError, match="not a key of vehicle mk1"):
         suffix_of("mk1", "mk/mk10/state/battery")
-    assert find("state/nothing") is None
-    assert find("state") is None
-    assert find("rx/nc/osd/more") is None
+    assert [find(suffix) for suffix in ("state/nothing", "state", "rx/nc/osd/more", "state/attitude/more")] == [
+        None
+    ] * 4
+    assert schema_json("Nothing.v1") is None
+    assert "OsdData5.v1" in schema_names()
+    assert len(schema_names()) == len(set(schema_names()))
 
 
 def test_the_daemon_answers_for_the_roots_it_publishes():
     assert {"raw", "rx", "tx", "state", "link", "event", "health"} <= set(roots(Use.PUBLISHED))
     assert "sim" not in roots(Use.PUBLISHED)
     assert all(spec.use is Use.QUERY for spec in of_use(Use.QUERY))
-
-
-def test_a_schema_nobody_has_is_none():
-    assert schema_json("Nothing.v1") is None
-    assert len(schema_names()) == len(set(schema_names()))

@@ -109,14 +109,9 @@ def test_what_is_not_there_is_said_beside_what_is(flown, mkctl):
     assert err.endswith("there is mk1: use --vehicle; waiting for it\n")
 
 
-@pytest.mark.parametrize(
-    ("text", "seconds"), [("100ms", 0.1), ("100", 0.1), ("0.1s", 0.1), ("10Hz", 0.1), ("off", 0.0), ("0", 0.0)]
-)
-def test_intervals_in_the_units_people_write(text, seconds):
-    assert read_interval(text) == pytest.approx(seconds)
-
-
-@pytest.mark.parametrize("text", ["", "fast", "-5ms", "1 m"])
-def test_intervals_that_are_none(text):
-    with pytest.raises(ConfigError, match="not an interval"):
-        read_interval(text)
+def test_intervals_in_the_units_people_write():
+    found = [read_interval(text) for text in ("100ms", "100", "0.1s", "10Hz", "off", "0")]
+    assert found == pytest.approx([0.1, 0.1, 0.1, 0.1, 0.0, 0.0])
+    for wrong in ("", "fast", "-5ms", "1 m"):
+        with pytest.raises(ConfigError, match="not an interval"):
+            read_interval(wrong)

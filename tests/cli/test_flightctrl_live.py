@@ -40,22 +40,6 @@ def test_settings_are_written_as_the_board_takes_them(at: list[str], ctl: Ctl) -
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
 
 
-def test_a_set_of_another_revision_is_refused_before_writing(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
-    file = tmp_path / "set.toml"
-    assert ctl(at, "settings", "backup", str(file))[::2] == (EXIT_OK, "")
-    text = file.read_text()
-    raw = next(line for line in text.splitlines() if line.startswith("raw"))
-    head = text.partition("[values]")[0]
-    file.write_text(head.replace("revision = 106", "revision = 103").replace(raw, f'raw = "67{"00" * 135}"'))
-    code, _, err = ctl(at, "settings", "restore", str(file))
-    assert code == EXIT_FAILURE
-    assert "the file has revision 103, the FlightCtrl 106" in err
-    file.write_text(head.replace(raw, 'raw = "6a00"'))
-    code, _, err = ctl(at, "settings", "restore", str(file))
-    assert code == EXIT_CONFIG
-    assert "parameter revision 106 has 144 bytes, these are 2" in err
-
-
 def test_mixer_and_motor_controllers(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "mixer.toml"
     assert ctl(at, "board", "mixer", "read", str(file))[::2] == (EXIT_OK, "")

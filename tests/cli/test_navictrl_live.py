@@ -40,18 +40,6 @@ def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(at: list[str], 
     assert "holds no points" in err
 
 
-def test_what_cannot_be_uploaded_is_one_line(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
-    file = tmp_path / "long.csv"
-    write_mission(mission(32), file)
-    code, _, err = ctl(at, "waypoints", "upload", str(file))
-    assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
-    assert "the mission has 32 points and this board holds 31" in err
-    file.write_text("latitude_deg,longitude_deg\n")
-    code, _, err = ctl(at, "waypoints", "upload", str(file))
-    assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
-    assert f"{file}:1: column 'altitude' is missing" in err
-
-
 def test_a_conversion_names_what_is_lost(ctl: Ctl, tmp_path: Path) -> None:
     file, plan = tmp_path / "mission.csv", tmp_path / "mission.plan"
     file.write_text("lat,lon,altitude,event\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
@@ -85,18 +73,6 @@ def test_send_prints_the_typed_answer_and_refusals(at: list[str], ctl: Ctl) -> N
     code, _, err = ctl(at, "board", "send", "redirect", "--port", "fc")
     assert code == EXIT_FAILURE
     assert "not_confirmed" in err
-
-
-def test_the_flightctrl_behind_a_navictrl_is_reached_and_telemetry_goes_on(
-    at: list[str], ctl: Ctl, tmp_path: Path
-) -> None:
-    """Each request passes the line through for itself, so that the motors stay watched."""
-    file = tmp_path / "set3.toml"
-    assert ctl(at, "settings", "backup", str(file), "--slot", "3")[::2] == (EXIT_OK, "")
-    assert ctl(at, "settings", "compare", str(file)) == (EXIT_OK, "no difference\n", "")
-    assert "1 = [64, 64, 0, 64]" in ctl(at, "board", "mixer", "read")[1]
-    assert ctl(at, "board", "send", "version-request", "--board", "nc")[::2] == (EXIT_OK, "")
-    assert json.loads(ctl(at, "get", "state/flight", "--json")[1])["motors_running"] is False
 
 
 def test_while_motors_run_an_upload_needs_its_flag(at: list[str], ctl: Ctl, tmp_path: Path) -> None:

@@ -309,21 +309,18 @@ program.main("x", "", [program.CommandEntry("linger", "lingering:linger", "Stay.
 """
 
 
-def test_a_closed_terminal_ends_a_command_in_order_like_an_interrupt():
+@pytest.mark.parametrize(
+    ("before", "signals", "ended_by"),
+    [([], [signal.SIGHUP], signal.SIGHUP), (["nohup"], [signal.SIGHUP, signal.SIGTERM], signal.SIGTERM)],
+)
+def test_a_closed_terminal_ends_a_command_in_order_like_an_interrupt_unless_no_hangup_is_wanted(
+    before, signals, ended_by
+):
     """Otherwise a motor test would leave out its stop, and a backup the set that was live."""
-    with subprocess.Popen([sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*before, sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "here\n"
-        process.send_signal(signal.SIGHUP)
+        for number in signals:
+            process.send_signal(number)
         assert process.stdout.read() == "left in order\n"
-    assert process.returncode == 128 + signal.SIGHUP
-
-
-def test_who_wants_no_hangup_gets_none():
-    with subprocess.Popen(["nohup", sys.executable, "-c", LEAVING], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "here\n"
-        process.send_signal(signal.SIGHUP)
-        process.terminate()
-        assert process.stdout.read() == "left in order\n"
-    assert process.returncode == 128 + signal.SIGTERM
+    assert process.returncode == 128 + ended_by

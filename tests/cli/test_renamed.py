@@ -16,15 +16,11 @@ ROWS = [(program, old, new) for program, table in RENAMED.items() for old, new i
 
 
 @pytest.mark.parametrize(("program", "old", "new"), ROWS)
-def test_an_old_name_is_answered_with_the_new_one_and_nothing_is_done(program, old, new, capsys):
+def test_an_old_name_is_answered_with_the_new_one_which_exists_and_nothing_is_done(program, old, new, capsys):
     assert run(PROGRAMS[program], [*shlex.split(old), "--help"]) == EXIT_CONFIG
     told = capsys.readouterr()
     assert told.out == "" and len(told.err.splitlines()) == 1
     assert f"`{program} {old}` is now `" in told.err and new in told.err
-
-
-@pytest.mark.parametrize(("program", "old", "new"), ROWS)
-def test_what_is_named_exists_and_the_old_name_does_not(program, old, new):
     words = shlex.split(new.replace(",", " and ").split(" and ")[0])
     app = PROGRAMS[words.pop(0) if words[0] == "mkdaemon" else program]
     for word in words:
@@ -39,9 +35,6 @@ def test_what_is_named_exists_and_the_old_name_does_not(program, old, new):
     assert last not in app
 
 
-def test_a_name_that_is_kept_and_an_argument_that_looks_like_an_old_name_are_left_alone():
-    assert new_name("mkctl", ["status"]) is None
-    assert new_name("mkctl", []) is None
-    assert new_name("mkctl", ["get", "record"]) is None
-    assert new_name("mkctl", ["log", "list"]) is None
-    assert new_name("mkctl", ["log", "record"]) is None
+@pytest.mark.parametrize("words", [["status"], [], ["get", "record"], ["log", "list"], ["log", "record"]])
+def test_a_name_that_is_kept_and_an_argument_that_looks_like_an_old_name_are_left_alone(words):
+    assert new_name("mkctl", words) is None

@@ -151,21 +151,3 @@ def test_changes_are_told_as_show_tells_values(board: FlightCtrl, ctl: Ctl) -> N
     }
     lines = ctl("write", "global_config=", "--dry-run")[1].splitlines()
     assert lines in ([f"set 3: would change global_config from {bits} to none"], ["nothing to change"])
-
-
-def test_a_full_disk_leaves_the_old_file_and_fails(
-    board: FlightCtrl, ctl: Ctl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    file = tmp_path / "set.toml"
-    assert ctl("backup", str(file))[0] == EXIT_OK
-    before = file.read_bytes()
-
-    def full(number: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    code, _, err = ctl("backup", str(file), "--force")
-    assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
-    assert "cannot be written (No space left on device)" in err
-    assert file.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [file]

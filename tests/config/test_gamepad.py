@@ -37,18 +37,13 @@ def test_mapping_with_defaults_is_read(tmp_path: Path) -> None:
     ("old", "new", "words"),
     [
         ("enable", "enabel", r"pad.toml:11: buttons.enabel: unknown key; did you mean \"enable\"\?"),
-        ("left_x", "leftx", r"pad.toml:5: sticks.leftx: unknown key; did you mean \"left_x\"\?"),
-        ("[sticks]", "[stiks]", r"pad.toml:4: stiks: unknown key; did you mean \"sticks\"\?"),
         ('"045e:028e"', '"45E:28E"', r"pad.toml:2: ids.0: .*pattern"),
         ('"ABS_X"', '"abs x"', r'sticks.left_x: "abs x" will not do. Left stick, right positive'),
-        ('"ABS_X"', "3", r"sticks.left_x: a text in quotes is needed, not 3"),
         ('"ABS_X"', '"ABS_Y"', "axis ABS_Y is used twice"),
         ('"BTN_TL"\n', '"BTN_TL"\nstop = "BTN_TL"\n', "button BTN_TL is used twice"),
         ('"BTN_TL"\n', '"BTN_TL"\n[thrust]\nhover = 50\n', "does not hold"),
         ('"BTN_TL"\n', '"BTN_TL"\n[pitch]\nexpo = 2\n', "pitch.expo: must be at most 1, not 2"),
-        ('name = "Pad"', 'name = ""', "name: must not be empty"),
         ('name = "Pad"', 'name = "Pad"\nmode = 5', "mode: 1, 2, 3 or 4 is needed, not 5"),
-        ('name = "Pad"', "name = ", "not valid TOML"),
     ],
 )
 def test_mistake_names_file_place_and_fix(tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -17,7 +17,6 @@ from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.flightnote import MOST_AGE, NAME, FlightNotes
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.virtualtime import run_virtually
 
@@ -47,19 +46,6 @@ async def reopen(flown):
     flown.socket.port.lose("the program was killed")
     await flown.until(lambda: flown.socket.openings > before)
     await flown.until(lambda: flown.link.is_up)
-
-
-@virtually
-async def test_a_lease_after_a_restart_in_flight_needs_the_confirmation():
-    async with flying() as flown:
-        await reopen(flown)
-        with pytest.raises(CommandRejectedError) as refused:
-            await flown.flight.lease(TAKE)
-        assert refused.value.token == Token.REMEMBERED_ONLY
-        assert "FlightCtrl 2.12a" in refused.value.reason
-        grant = await flown.flight.lease(CONFIRM)
-        assert grant.holder == "alice"
-        assert flown.flight.phase is Phase.LEASED
 
 
 @virtually

@@ -82,7 +82,7 @@ async def test_the_daemon_flies_by_motion_capture_from_take_off_to_landing(tmp_p
         await flight.bus.take_lease("pilot")
         await flight.stream(TakeOffSetpoint, 20.0, {"height": HEIGHT, "target": "room"}, lambda status: status.is_done)
         assert flight.world.truth.position_enu[2] > HEIGHT - 0.2
-        await flight.stream(HoldSetpoint, 5.0, {"target": "room"})
+        await flight.stream(HoldSetpoint, 3.0, {"target": "room"})
         x, y, z = flight.world.truth.position_enu
         assert math.hypot(x, y) < 0.1
         assert abs(z - HEIGHT) < 0.1

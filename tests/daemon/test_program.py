@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import os
 import re
@@ -152,25 +151,3 @@ def test_a_bus_endpoint_in_use(mistake):
         code, line = mistake("--port", "tcp:localhost:9", "--listen", endpoint)
     assert code == 1
     assert f"bus.listen {endpoint} is in use: another mkdaemon runs here" in line
-
-
-def test_a_device_at_another_line_rate_is_named_in_one_line(terminal):
-    near, far = terminal
-    endpoint = free_endpoint()
-    with mkdaemon("run", "--port", f"pty:{far}", "--listen", endpoint, "--log", "warning") as process:
-        wait_until_it_listens(endpoint, process).close()
-        deadline = time.monotonic() + PATIENCE
-        os.set_blocking(near, False)
-        os.set_blocking(process.stderr.fileno(), False)
-        said = ""
-        while "garbage" not in said:
-            assert time.monotonic() < deadline, said
-            with contextlib.suppress(BlockingIOError):  # it may not have read the last ones yet
-                os.write(near, bytes(range(128, 256)) * 4)
-            with contextlib.suppress(BlockingIOError):
-                os.read(near, 65536)
-            with contextlib.suppress(BlockingIOError):
-                said += os.read(process.stderr.fileno(), 65536).decode()
-            time.sleep(0.05)
-        line = next(line for line in said.splitlines() if "garbage" in line)
-        assert far in line

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line
+from lab.rigs.linkrig import flight_ctrl, on_line
 from lab.rigs.sticks import build_sticks
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError
@@ -64,12 +64,3 @@ async def test_of_two_who_wait_for_a_release_one_may_give_up(r):
     impatient, patient = r.link.release("first"), r.link.release("second")
     impatient.cancel()
     assert (await patient).status == "confirmed"
-
-
-@on_line(navi_ctrl())
-async def test_who_gives_up_a_question_leaves_the_line_to_others(r):
-    asking = asyncio.create_task(r.link.request(VersionRequest(), board=Board.NC))
-    await asyncio.sleep(0.001)
-    asking.cancel()
-    await asyncio.gather(asking, return_exceptions=True)
-    assert await r.link.request(VersionRequest(), board=Board.NC)

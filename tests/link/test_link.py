@@ -151,16 +151,6 @@ async def test_a_cancelled_question_leaves_nothing_behind(r):
 
 
 @on_line(flight_ctrl())
-async def test_too_many_questions_are_refused_not_queued_for_ever(r):
-    asked = [asyncio.create_task(r.link.request(LabelRequest(index=n % 32))) for n in range(200)]
-    done = await asyncio.gather(*asked, return_exceptions=True)
-    refused = [error for error in done if isinstance(error, CommandRejectedError)]
-    assert refused
-    assert {error.token for error in refused} == {"busy"}
-    assert sum(not isinstance(reply, Exception) for reply in done) + len(refused) == 200
-
-
-@on_line(flight_ctrl())
 async def test_what_has_no_answer_is_sent_not_asked(r):
     silent = SerialChannels(channels=(0,) * 12)
     assert await r.link.send(silent) is None

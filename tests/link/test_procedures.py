@@ -10,7 +10,7 @@ import pytest
 from lab.rigs.boardport import Socket
 from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, rig, virtually
 from mkdaemon.errors import CommandRejectedError, LinkLostError, ProtocolError, RequestTimeoutError
-from mkdaemon.link.procedures import BUSY_WAIT, InterruptedProcedureError, SilentObserver, run_procedure
+from mkdaemon.link.procedures import BUSY_WAIT, SilentObserver, run_procedure
 from mkdaemon.protocol.flags import RedirectPort
 from mkdaemon.protocol.messages import SettingsRequest, SettingsWritten, VersionRequest
 from mkdaemon.protocol.messages.navictrl import Redirect
@@ -76,21 +76,6 @@ async def ready(r: Rig) -> None:
     make_sets_differ(r.socket)
 
 
-@pytest.mark.parametrize("make", [flight_ctrl(), navi_ctrl()], ids=["fc", "nc"])
-@virtually
-async def test_a_backup_reads_all_sets_and_leaves_the_live_one(make):
-    async with rig(make) as r:
-        await ready(r)
-        flight, notes = r.socket.aircraft.flight, Notes()
-        live = flight.live.raw
-        backup = await run_procedure(r.link, backup_settings(PATIENCE), notes)
-        assert {slot: raw[: len(live)] for slot, raw in backup.sets.items()} == flight.eeprom.sets
-        assert flight.live.raw == live
-        assert notes.steps.index("at risk") < notes.steps.index("live set proven")
-        assert (notes.at_risk[0].active, notes.at_risk[0].live[: len(live)]) == (3, live)
-        assert r.link.health().state.redirected_to == ""
-
-
 @virtually
 async def test_a_redirection_that_the_line_lost_is_sent_again():
     async with rig(navi_ctrl()) as r:
@@ -109,20 +94,6 @@ async def test_a_redirection_that_the_line_lost_is_sent_again():
         await run_procedure(r.link, backup_settings(PATIENCE), Proving(r.link))
         assert len(seen) > 5
         assert r.socket.aircraft.flight.live.raw == live
-
-
-@virtually
-async def test_an_interrupted_procedure_leaves_the_board_as_it_promises():
-    async with rig(flight_ctrl()) as r:
-        await ready(r)
-        flight, notes = r.socket.aircraft.flight, Notes()
-        task = asyncio.create_task(run_procedure(r.link, backup_settings(PATIENCE), notes))
-        await r.until(lambda: flight.live.raw == flight.eeprom.sets[2], 5)
-        task.cancel()
-        with pytest.raises(InterruptedProcedureError):
-            await task
-        assert flight.live.raw == flight.eeprom.sets[3]
-        assert notes.steps[-1] == "live set proven"
 
 
 @virtually

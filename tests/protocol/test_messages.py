@@ -99,7 +99,7 @@ JUNK = (
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(cls=st.sampled_from(CLASSES), data=st.data())
 def test_whatever_is_put_in_a_message_is_refused_or_fits_the_wire(cls, data):
     """No NaN, nothing out of range, nothing short gets out."""

@@ -36,52 +36,34 @@ async def test_events_are_reported_under_every_name_of_their_code() -> None:
     pad.close()
 
 
-async def test_pad_is_asked_for_what_it_has_not_reported() -> None:
-    device = PipedPad()
+async def test_pad_is_asked_for_what_it_has_not_reported_and_names_ranges_buttons_and_radio() -> None:
+    device = PipedPad(bustype=5)
     device.move(ABS_RY=-7, BTN_TL=1)
     pad = EvdevPad(device, Reports().report)
     state = pad.ask(3.5)
     assert state is not None
     assert state.at == 3.5
     assert (state.values["ABS_RY"], state.values["BTN_TL"], state.values["BTN_TR"]) == (-7, 1, 0)
-    pad.close()
-
-
-async def test_facts_name_ranges_buttons_and_radio() -> None:
-    pad = EvdevPad(PipedPad(bustype=5), Reports().report)
     assert pad.facts.ranges["ABS_Z"] == AxisRange(0, 255)
     assert {"BTN_TL", "BTN_SOUTH"} <= pad.facts.buttons
-    assert pad.facts.is_wireless
-    assert pad.is_gamepad
-    assert pad.id == "045e:028e"
+    assert (pad.facts.is_wireless, pad.is_gamepad, pad.id) == (True, True, "045e:028e")
     pad.close()
 
 
-async def test_unplugged_pad_wakes_the_loop_and_is_lost() -> None:
+@pytest.mark.parametrize("is_noticed", [True, False], ids=["it wakes the loop", "without an event"])
+async def test_unplugged_pad_is_lost_when_asked(is_noticed: bool) -> None:
     device, reports = PipedPad(), Reports()
     pad = EvdevPad(device, reports.report)
-    device.unplug()
-    await wait_until(lambda: bool(reports))
-    with pytest.raises(DeviceLostError, match="was unplugged"):
-        pad.ask(1.0)
-    pad.close()
-
-
-async def test_pad_that_is_gone_without_an_event_is_lost_when_asked() -> None:
-    device = PipedPad()
-    pad = EvdevPad(device, Reports().report)
-    device._is_gone = True
-    with pytest.raises(DeviceLostError, match="was unplugged"):
-        pad.ask(1.0)
-    pad.close()
-
-
-async def test_alarm_shakes_the_pad() -> None:
-    device = PipedPad()
-    pad = EvdevPad(device, Reports().report)
-    pad.alarm()
-    pad.alarm()
+    for _ in range(2):
+        pad.alarm()
     assert device.shaken == 2
+    if is_noticed:
+        device.unplug()
+        await wait_until(lambda: bool(reports))
+    else:
+        device._is_gone = True
+    with pytest.raises(DeviceLostError, match="was unplugged"):
+        pad.ask(1.0)
     pad.close()
 
 

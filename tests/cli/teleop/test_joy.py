@@ -120,9 +120,9 @@ def test_unknown_pad_is_told_of_with_the_advice(tmp_path: Path, monkeypatch: pyt
     assert "mkctl teleop --learn" in run_virtually(main())
 
 
-def test_mode_of_the_command_line_replaces_that_of_the_mapping() -> None:
+def test_mapping_that_is_given_is_that_of_every_pad_with_the_mode_of_the_command_line() -> None:
     assert Mappings(gamepad(mode=2), 3).of("0000:0000", "pad").mode == 3
-    assert Mappings(gamepad(mode=2), None).of("0000:0000", "pad").mode == 2
+    assert Mappings(gamepad(mode=2), None).of("1234:5678", "odd").mode == 2
 
 
 def test_mapping_of_this_machine_goes_before_that_of_mkdaemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,11 +104,6 @@ def test_what_is_no_recording_is_refused_with_its_line(tmp_path: Path, text: str
         read_recording(path)
 
 
-def test_missing_recording_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_recording(tmp_path / "none.jsonl")
-
-
 class FakeBus:
     """The last values of the simulator and of the daemon."""
 

@@ -11,7 +11,6 @@ from lab.rigs.waiting import wait_until
 from mkdaemon.cli.mkctl.teleop import padsearch
 from mkdaemon.cli.mkctl.teleop.evdevpad import EvdevPad
 from mkdaemon.cli.mkctl.teleop.padsearch import Mappings, look_for_pads, only_pad
-from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.errors import MkError
 from tests.cli.teleop.rig import FakeDaemon
 from tests.client.teleop.pads import gamepad
@@ -90,8 +89,3 @@ async def test_the_only_pad_is_taken_and_two_are_refused(folder: InputFolder) ->
     folder.devices = {"event1": PipedPad("event1"), "event2": PipedPad("event2")}
     with pytest.raises(MkError, match="leave one"):
         only_pad(asyncio.Event())
-
-
-def test_mapping_that_is_given_is_that_of_every_pad() -> None:
-    given: Gamepad = gamepad()
-    assert Mappings(given, None).of("1234:5678", "odd") is given

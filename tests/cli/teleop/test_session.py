@@ -103,22 +103,16 @@ def test_refused_setpoint_is_told() -> None:
     assert "no target is seen" in fly(daemon, story).notice
 
 
-def test_alarm_shakes_every_pad() -> None:
-    async def story(session: TeleopSession, pad: HandPad) -> None:
-        session.alarm("the link is down")
-        assert pad.alarms == 1
-
-    assert fly(FakeDaemon(), story).notice == "the link is down"
-
-
-def test_report_and_loss_of_an_unknown_device_change_nothing() -> None:
+def test_alarm_shakes_every_pad_and_reports_and_loss_of_an_unknown_device_change_nothing() -> None:
     async def story(session: TeleopSession, pad: HandPad) -> None:
         session.reported("other", "ABS_X", 1.0, session.now)
         session.lost("other", "gone")
         await asyncio.sleep(0.1)
         assert session.teleop.pilot == "pad"
+        session.alarm("the link is down")
+        assert pad.alarms == 1
 
-    fly(FakeDaemon(), story)
+    assert fly(FakeDaemon(), story).notice == "the link is down"
 
 
 def test_released_keyboard_has_its_enable_button_off() -> None:
