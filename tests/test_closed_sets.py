@@ -19,7 +19,6 @@ from mkdaemon.telemetry.control import Outcome, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import Alarm, EyeState
-from mkdaemon.view.top.panels import TONES
 from mkdaemon.vision.pipeline import MAYBE_POSED, NEVER_POSED
 
 ROOT = Path(mkdaemon.__file__).parent
@@ -95,10 +94,6 @@ def test_an_abort_can_be_asked_for_in_exactly_the_phases_that_say_so():
     sources = {phase for row in ROWS if row.event is Trigger.ABORT_REQUESTED for phase in row.sources}
     assert sources == {phase for phase in Phase if phase.may_be_aborted}
     assert all(phase.is_in_flight for phase in sources)
-
-
-def test_top_has_a_look_for_every_tone():
-    assert set(TONES) == set(Tone)
 
 
 def test_every_alarm_that_prevents_poses_is_a_state_of_the_eyes():

@@ -1,4 +1,4 @@
-"""Files that are whole or not there."""
+"""Files that are whole or not there, and folders of a user that has none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mkdaemon.errors import ConfigError, MkError
-from mkdaemon.files import flush_folder, saving, write_whole
+from mkdaemon.files import flush_folder, saving, user_folder, user_name, write_whole
 
 
 def test_text_and_bytes_are_written_and_nothing_else_is_left(tmp_path):
@@ -125,3 +125,20 @@ def test_a_file_written_bit_by_bit_replaces_nothing_unasked_and_names_what_is_wr
     with pytest.raises(MkError, match=r"a\.bin: cannot be written \(No space left\)"), saving(path, overwrite=True):
         raise OSError(28, "No space left")
     assert [one.read_bytes() for one in tmp_path.iterdir()] == [b"old"]
+
+
+@pytest.fixture
+def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("HOME", "USER", "LOGNAME", "LNAME", "USERNAME", "XDG_STATE_HOME", "XDG_CONFIG_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("os.getuid", lambda: 12345)
+
+
+@pytest.mark.usefixtures("homeless")
+@pytest.mark.parametrize("variable", ["XDG_STATE_HOME", "XDG_CONFIG_HOME"])
+def test_a_user_without_a_home_is_told_what_to_set(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match=f"user 12345 has no home folder; set HOME or {variable}"):
+        user_folder(variable)
+    assert user_name() == "12345"
+    monkeypatch.setenv(variable, "/srv/state")
+    assert user_folder(variable) == Path("/srv/state/mkdaemon")

@@ -69,12 +69,6 @@ def test_a_command_overwrites_only_with_force_and_never_on_a_full_disk(command, 
     assert f"{file}: cannot be written (File too large); choose another place" in capsys.readouterr().err
     assert file.read_bytes() == OLD
     assert sorted(tmp_path.iterdir()) == names
-
-
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.__name__)
-def test_with_force_a_command_writes(command, tmp_path, capsys):
-    app, file, words = command(tmp_path, "--force")
-    file.write_bytes(OLD)
     assert run(app, [str(word) for word in words]) == EXIT_OK
     assert file.read_bytes() != OLD
 

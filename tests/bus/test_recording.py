@@ -1,18 +1,25 @@
-"""What the bus shows to a recorder."""
+"""What the bus shows to a recorder, and reports of sources of poses at keys that only their sender can name."""
 
 from __future__ import annotations
 
 import asyncio
+import time
+from functools import partial
 
 import msgpack
 import zenoh
 
-from mkdaemon.bus.codec import TooLong
+from lab.rigs.waiting import wait_until
+from mkdaemon.bus.codec import TooLate, TooLong
 from mkdaemon.bus.gateway import Bus
 from mkdaemon.bus.intake import Arrived
 from mkdaemon.bus.recording import recorded_taker
+from mkdaemon.client import connect
+from mkdaemon.client.positions import PositionSender
+from mkdaemon.daemon.positions import clock_of
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.signature import private_key, stamped_proof
 from mkdaemon.telemetry.status import Status
 from tests.bus.support import PATIENCE, ask, bus_config, client, free_endpoint, sticks_of
 from tests.bus.test_gateway import BATTERY
@@ -86,3 +93,78 @@ def test_what_is_too_long_is_taken_and_not_recorded():
     take(Arrived(1.0, TooLong(9000, 1024), b"", None, None))
     assert recorder.seen == []
     assert taken == [TooLong(9000, 1024)]
+
+
+SECRET = "0123456789abcdef"
+SUFFIX = "positions/mocap/report"
+PLAIN = f"mk/t1/{SUFFIX}"
+POSE = ((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0))
+
+
+def receive(bus, secret):
+    taken = []
+
+    def take(at, payload, signed_for):
+        taken.append((at, payload, signed_for))
+
+    bus.receive_reports(SUFFIX, take, partial(clock_of, SUFFIX, secret), secret)
+    return taken
+
+
+async def test_what_the_owner_of_the_secret_sends_arrives_and_a_strangers_is_refused_by_name():
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), "t1", positions={SUFFIX: SECRET}) as bus:
+        taken = receive(bus, SECRET)
+        bus.announce()
+        async with connect("t1", endpoint) as uav:
+            sender = PositionSender(uav, "mocap", SECRET, epoch=5)
+            sender.send(*POSE, age=0.004)
+            await wait_until(lambda: len(taken) == 1)
+            (at, payload, signed_for) = taken[0]
+            assert signed_for == 5
+            assert 0.0 <= time.monotonic() - at < PATIENCE
+            stranger = PositionSender(uav, "mocap", None, epoch=6)
+            with client(endpoint) as session:
+                looks = asyncio.create_task(bus.refuse_uninvited())
+                await asyncio.sleep(0.02)
+                while not looks.done():
+                    stranger.send(*POSE)
+                    await asyncio.sleep(0.01)
+                await looks
+                assert {signed_for for _, _, signed_for in taken[1:]} == {None}
+                before = len(taken)
+                forged = stamped_proof("another secret", SUFFIX, payload, 1.0)
+                await asyncio.to_thread(session.put, private_key(SECRET, PLAIN), payload, attachment=forged)
+                await wait_until(lambda: len(taken) == before + 1)
+                assert taken[-1][2] is None
+
+
+async def test_a_report_that_was_sent_too_long_ago_is_not_read():
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), "t1", positions={SUFFIX: SECRET}) as bus:
+        taken = receive(bus, SECRET)
+        bus.announce()
+        now = [100.0]
+        async with connect("t1", endpoint) as uav:
+            sender = PositionSender(uav, "mocap", SECRET, clock=lambda: now[0], epoch=1)
+            sender.send(*POSE)
+            await wait_until(lambda: len(taken) == 1)
+            now[0] -= 2.0
+            sender.send(*POSE)
+            await wait_until(lambda: len(taken) == 2)
+            assert isinstance(taken[1][1], TooLate)
+            again = PositionSender(uav, "mocap", SECRET, clock=lambda: now[0], epoch=2)
+            again.send(*POSE)
+            await wait_until(lambda: len(taken) == 3)
+            assert isinstance(taken[2][1], bytes), "a sender that starts again has another clock"
+
+
+async def test_without_a_secret_the_plain_key_is_enough():
+    endpoint = free_endpoint()
+    async with Bus.open(bus_config(endpoint), "t1", positions={SUFFIX: None}) as bus:
+        taken = receive(bus, None)
+        with client(endpoint) as session:
+            await asyncio.to_thread(ask, session, "mk/t1/schema/PositionReport.v1")
+            await asyncio.to_thread(session.put, PLAIN, b"\x81\xa5epoch\x07")
+            await wait_until(lambda: len(taken) == 1)
+    assert taken[0][1:] == (b"\x81\xa5epoch\x07", 7)

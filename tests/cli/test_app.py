@@ -1,16 +1,23 @@
-"""Options of every command before the command."""
+"""Options before the command, lists and helps, old names of commands, and completion by Tab as bash does it."""
 
 from __future__ import annotations
 
 import importlib
 import os
+import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.app import move_behind_command
+from mkdaemon.cli.mkctl.commands import ABOUT, COMMANDS
+from mkdaemon.cli.mkdaemon.app import app as mkdaemon
+from mkdaemon.cli.program import COMPLETION, EXIT_CONFIG, build, run
+from mkdaemon.cli.renamed import RENAMED, new_name
 
 GROUPS = {"lease", "sim"}
 MKCTL = Path(sys.executable).with_name("mkctl")
@@ -37,13 +44,13 @@ def test_options_move_behind_the_command(typed, moved):
     assert " ".join(move_behind_command(typed.split(), GROUPS)) == moved
 
 
-def mkctl(*arguments):
+def type_mkctl(*arguments):
     command = [sys.executable, "-m", "mkdaemon.cli.mkctl.app", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
 
 
 def test_mkctl_takes_the_vehicle_before_the_command():
-    done = mkctl("--vehicle", "Mk 1", "lease", "show")
+    done = type_mkctl("--vehicle", "Mk 1", "lease", "show")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "mkctl: --vehicle 'Mk 1': a name has lower-case letters, digits, - and _\n"
 
@@ -99,3 +106,99 @@ def test_the_help_of_a_command_needs_no_library_and_fits_its_screen(words):
     assert max(map(len, ended.stdout.splitlines())) <= 60
     assert ended.stdout.isascii()
     assert ended.stderr in ("", "\n")
+
+
+PROGRAMS = {"mkctl": mkctl, "mkdaemon": mkdaemon}
+ROWS = [(program, old, new) for program, table in RENAMED.items() for old, new in table.items()]
+
+
+@pytest.mark.parametrize(("program", "old", "new"), ROWS)
+def test_an_old_name_is_answered_with_the_new_one_which_exists_and_nothing_is_done(program, old, new, capsys):
+    assert run(PROGRAMS[program], [*shlex.split(old), "--help"]) == EXIT_CONFIG
+    told = capsys.readouterr()
+    assert told.out == "" and len(told.err.splitlines()) == 1
+    assert f"`{program} {old}` is now `" in told.err and new in told.err
+    words = shlex.split(new.replace(",", " and ").split(" and ")[0])
+    app = PROGRAMS[words.pop(0) if words[0] == "mkdaemon" else program]
+    for word in words:
+        if not word.startswith("-") and app.default_command is None:
+            app = app[word]
+    app = PROGRAMS[program]
+    *groups, last = shlex.split(old)
+    for word in groups:
+        if word not in app:
+            return
+        app = app[word]
+    assert last not in app
+
+
+@pytest.mark.parametrize("words", [["status"], [], ["get", "record"], ["log", "list"], ["log", "record"]])
+def test_a_name_that_is_kept_and_an_argument_that_looks_like_an_old_name_are_left_alone(words):
+    assert new_name("mkctl", words) is None
+
+
+ASK = """
+source {script}
+COMP_WORDS=({words}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+_mkctl
+echo "${{COMPREPLY[@]}}"
+"""
+
+
+def program(commands=COMMANDS):
+    return build("mkctl", ABOUT, commands, chosen=COMPLETION)
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory):
+    path = tmp_path_factory.mktemp("completion") / "mkctl.bash"
+    assert run(program(), [COMPLETION, "--shell", "bash", "--output", str(path)]) == 0
+    return path
+
+
+def completed(script, words):
+    shell = shutil.which("bash")
+    assert shell is not None, "install bash"
+    found = subprocess.run([shell, "-c", ASK.format(script=script, words=words)], capture_output=True, text=True)
+    return found.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "among"),
+    [
+        ("mkctl ta", {"take-off"}),
+        ("mkctl lease ''", {"take", "show"}),
+        ("mkctl take-off --ve", {"--vehicle"}),
+    ],
+)
+def test_bash_completes_commands_their_second_words_and_options(script, words, among):
+    assert among <= set(completed(script, words))
+
+
+def test_the_startup_file_is_changed_where_no_other_file_was_asked_for(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert run(program(COMMANDS[:1]), [COMPLETION, "--shell", "bash"]) == 0
+    script = tmp_path / ".local" / "share" / "bash-completion" / "completions" / "mkctl"
+    assert script.is_file()
+    assert str(script) in (tmp_path / ".bashrc").read_text()
+    assert "mkctl completes commands" in capsys.readouterr().out
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert run(program(COMMANDS[:1]), [COMPLETION, "--shell", "bash", "--output", str(tmp_path / "file" / "x")]) == 1
+    assert "give another file by --output" in capsys.readouterr().err
+
+
+def test_a_shell_that_is_not_known_is_asked_for(monkeypatch, capsys):
+    monkeypatch.setattr("cyclopts.completion.detect.detect_shell", _fail)
+    monkeypatch.setattr("cyclopts.core.detect_shell", _fail, raising=False)
+    monkeypatch.setattr("cyclopts.completion.install.detect_shell", _fail, raising=False)
+    code = run(program(COMMANDS[:1]), [COMPLETION])
+    assert (code, "give --shell" in capsys.readouterr().err) == (2, True)
+
+
+def _fail():
+    from cyclopts.completion.detect import ShellDetectionError
+
+    raise ShellDetectionError

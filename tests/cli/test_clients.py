@@ -1,15 +1,24 @@
-"""The daemon's clients, as a user types them, against a whole daemon on the simulated boards."""
+"""The daemon's clients, as a user types them, against a whole daemon; and a release where the bus does not answer."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 
 import pytest
 
 from lab.rigs.desk import desk
+from mkdaemon.bus.localsocket import socket_folders, socket_name
+from mkdaemon.cli.mkctl import release
+from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.streams import read_interval
-from mkdaemon.errors import ConfigError
+from mkdaemon.daemon.localsocket import LocalSocket
+from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.telemetry.command import CommandResult
+from mkdaemon.telemetry.control import ReleaseReport
+from mkdaemon.telemetry.refusals import Token, refuse
+from mkdaemon.telemetry.status import Status
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +124,63 @@ def test_intervals_in_the_units_people_write():
     for wrong in ("", "fast", "-5ms", "1 m"):
         with pytest.raises(ConfigError, match="not an interval"):
             read_interval(wrong)
+
+
+HERE = Connection(vehicle="alone", connect="tcp/127.0.0.1:7999")
+DONE = {"status": "confirmed", "sent": 5, "confirmed": 5, "reason": "enough"}
+
+
+@pytest.fixture
+async def asked():
+    """What the daemon's socket was asked."""
+    asked = []
+
+    async def answer(suffix, payload):
+        asked.append(suffix)
+        return CommandResult(status=Status.ACCEPTED, reply=DONE)
+
+    async with LocalSocket(answer).serve(socket_folders()[0] / socket_name(HERE.vehicle, HERE.connect)):
+        yield asked
+
+
+def bus_that(monkeypatch, outcome):
+    """A bus that never answers (None), fails or answers."""
+
+    async def over_bus(connection, reason):
+        if outcome is None:
+            await asyncio.Event().wait()
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(release, "_release_over_bus", over_bus)
+
+
+@pytest.mark.parametrize(
+    "outcome", [None, MkError("nobody answers"), refuse(Token.BUSY, detail="too many queries wait for an answer")]
+)
+async def test_a_bus_that_does_not_answer_leaves_the_socket(monkeypatch, asked, capsys, outcome):
+    monkeypatch.setattr(release, "BUS_TIME", 0.05)
+    bus_that(monkeypatch, outcome)
+    assert await release.release(connection=HERE) == 0
+    assert asked == ["do/release"]
+    assert "FlightCtrl confirmed it" in capsys.readouterr().out
+
+
+async def test_a_bus_that_answers_is_enough(monkeypatch, asked):
+    bus_that(monkeypatch, ReleaseReport.model_validate(DONE))
+    assert await release.release(connection=HERE) == 0
+    assert asked == []
+
+
+async def test_a_refusal_of_the_bus_counts(monkeypatch, asked):
+    bus_that(monkeypatch, CommandRejectedError("timeout", "no end in 5 s.", "Look."))
+    with pytest.raises(CommandRejectedError):
+        await release.release(connection=HERE)
+    assert asked == []
+
+
+async def test_without_a_socket_the_bus_has_the_last_word(monkeypatch):
+    bus_that(monkeypatch, MkError("nobody answers"))
+    with pytest.raises(MkError, match="nobody answers"):
+        await release.release(connection=HERE)

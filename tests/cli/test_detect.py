@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.cli.mkdaemon.app import app
-from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK, run
+from mkdaemon.cli.program import EXIT_FAILURE, EXIT_OK
 from mkdaemon.frames import rotation_from_quaternion
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.tagmap import single
@@ -26,11 +26,15 @@ LENS = Intrinsics(width=640, height=480, fx=600, fy=602, cx=322, cy=238, k1=-0.2
 SHORT = "600,602,322,238,-0.2,0.05"
 
 
-def detect(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, list[dict], str]:
-    """Exit code, JSON objects and error text."""
-    code = run(app, ["detect", *(str(word) for word in words)])
-    captured = capsys.readouterr()
-    return code, [json.loads(line) for line in captured.out.splitlines()] if "--json" in words else [], captured.err
+@pytest.fixture
+def detect(typed):
+    """Runs the command: exit code, JSON objects and error text."""
+
+    def call(*words):
+        code, out, err = typed(app, "detect", *words)
+        return code, [json.loads(line) for line in out.splitlines()] if "--json" in words else [], err
+
+    return call
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +63,9 @@ def assert_pose(found: dict, pad: SceneTarget) -> None:
     assert not found["ambiguous"]
 
 
-def test_a_target_of_the_map_is_found_where_it_is(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_target_of_the_map_is_found_where_it_is(pictures, detect):
     words = (pictures / "nested.png", "--target", TARGET, "--intrinsics", SHORT, "--json")
-    code, (found,), _ = detect(capsys, *words)
+    code, (found,), _ = detect(*words)
     assert code == EXIT_OK
     assert found["file"].endswith("nested.png")
     assert {tag["id"] for tag in found["tags"]} == {48, 1}
@@ -72,9 +76,9 @@ def test_a_target_of_the_map_is_found_where_it_is(pictures: Path, capsys: pytest
     assert_pose(found["pose"], PADS["nested"])
 
 
-def test_single_tags_have_their_own_poses(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_single_tags_have_their_own_poses(pictures, detect):
     words = (pictures / "single.png", "--tag-size", 0.2, "--intrinsics", SHORT, "--json")
-    _, (found,), _ = detect(capsys, *words)
+    _, (found,), _ = detect(*words)
     (tag,) = found["tags"]
     assert tag["id"] == 7
     np.testing.assert_allclose(tag["corners"], true_corners(PADS["single"], VIEW)["tag36h11", 7], atol=0.4)
@@ -82,43 +86,37 @@ def test_single_tags_have_their_own_poses(pictures: Path, capsys: pytest.Capture
     assert found["pose"] == tag["pose"] == found["poses"][0]
 
 
-def test_a_camera_file_does_what_the_short_form_does(
-    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_camera_file_does_what_the_short_form_does(pictures, tmp_path, detect):
     file = tmp_path / "camera.toml"
     lines = [f"{key} = {json.dumps(value)}" for key, value in LENS if value is not None]
     file.write_text("[intrinsics]\n" + "\n".join(lines) + "\n")
-    short = detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--intrinsics", SHORT, "--json")
-    assert detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--camera", file, "--json") == short
+    short = detect(pictures / "single.png", "--tag-size", 0.2, "--intrinsics", SHORT, "--json")
+    assert detect(pictures / "single.png", "--tag-size", 0.2, "--camera", file, "--json") == short
 
 
-def test_without_a_calibration_there_are_tags_and_no_poses(pictures: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, (found,), _ = detect(capsys, pictures / "single.png", "--tag-size", 0.2, "--json")
+def test_without_a_calibration_there_are_tags_and_no_poses(pictures, detect):
+    code, (found,), _ = detect(pictures / "single.png", "--tag-size", 0.2, "--json")
     assert code == EXIT_OK
     assert len(found["tags"]) == 1
     assert found["pose"] is None
     assert "pose" not in found["tags"][0]
 
 
-def test_a_calibration_of_another_size_gives_an_error_and_no_pose(
-    pictures: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_calibration_of_another_size_gives_an_error_and_no_pose(pictures, detect):
     small = cv2.imread(str(pictures / "single.png"))[:400]
     cv2.imwrite(str(pictures / "small.png"), small)
     camera = CONFIGS / "cameras" / "sim.toml"
-    code, (found,), _ = detect(capsys, pictures / "small.png", "--tag-size", 0.2, "--camera", camera, "--json")
+    code, (found,), _ = detect(pictures / "small.png", "--tag-size", 0.2, "--camera", camera, "--json")
     (pictures / "small.png").unlink()
     assert code == EXIT_FAILURE
     assert found["pose"] is None
     assert found["error"] == "the picture is 640x400, the calibration is for 640x480"
 
 
-def test_a_folder_gives_one_object_a_picture_and_overlays(
-    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_gives_one_object_a_picture_and_overlays(pictures, tmp_path, detect):
     (pictures / "broken.png").write_bytes(b"\x89PNG nothing")
     words = (pictures, "--tag-size", 0.2, "--intrinsics", SHORT, "--overlay", tmp_path / "over", "--json")
-    code, found, _ = detect(capsys, *words)
+    code, found, _ = detect(*words)
     (pictures / "broken.png").unlink()
     assert code == EXIT_FAILURE
     assert [Path(item["file"]).name for item in found] == ["broken.png", "nested.png", "single.png"]
@@ -134,22 +132,20 @@ def test_a_folder_gives_one_object_a_picture_and_overlays(
     assert (high - low < 2.2 * np.ptp(truth, axis=0)).all()
 
 
-def test_a_video_gives_one_object_an_image(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_gives_one_object_an_image(tmp_path, detect):
     clip = tmp_path / "clip.avi"
     writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (640, 480), isColor=False)
     for k in range(3):
         view = view_towards(LENS, np.array([0.1 * k, -0.3, 0.9]), np.zeros(3))
         writer.write(Scene([PADS["single"]], ground=None, seed=k).render(view))
     writer.release()
-    code, found, _ = detect(capsys, clip, "--tag-size", 0.2, "--ids", "5-9", "--intrinsics", SHORT, "--json")
+    code, found, _ = detect(clip, "--tag-size", 0.2, "--ids", "5-9", "--intrinsics", SHORT, "--json")
     assert code == EXIT_OK
     assert [item["frame"] for item in found] == [0, 1, 2]
     assert all(item["pose"]["target"] == "tag36h11:7" for item in found)
 
 
-def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(tmp_path, detect):
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     drawn = np.full((480, 640), 255, np.uint8)
     drawn[100:260, 200:360] = cv2.aruco.generateImageMarker(dictionary, 7, 160)
@@ -157,14 +153,14 @@ def test_a_tag_drawn_by_opencv_is_upside_down_against_an_official_print(
     official[100:260, 200:360] = np.rot90(drawn[100:260, 200:360], 2)
     for name, image, top_left in (("cv", drawn, (359.5, 259.5)), ("official", official, (199.5, 99.5))):
         cv2.imwrite(str(tmp_path / f"{name}.png"), image)
-        _, (found,), _ = detect(capsys, tmp_path / f"{name}.png", "--json")
+        _, (found,), _ = detect(tmp_path / f"{name}.png", "--json")
         # Cells fill pixels 200..359: with centres at whole numbers their edges are at 199.5 and 359.5.
         np.testing.assert_allclose(found["tags"][0]["corners"][0], top_left, atol=0.15)
 
 
-def test_labelled_photographs(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_labelled_photographs(shared, detect):
     folder = shared / "images" / "apriltag"
-    _, results, _ = detect(capsys, folder, "--json")
+    _, results, _ = detect(folder, "--json")
     assert len(results) == 3
     total, apart = 0, []
     for result in results:
@@ -189,10 +185,10 @@ def _apart(found: np.ndarray, label: np.ndarray) -> float:
     return min(float(np.linalg.norm(found - way, axis=1).mean()) for way in ways)
 
 
-def test_the_rotation_series_turns_in_steps_of_twenty_degrees(shared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_rotation_series_turns_in_steps_of_twenty_degrees(shared, detect):
     folder = shared / "images" / "rotation"
     words = ("--intrinsics", "329.873,332.946,528,396", "--tag-size", 0.065, "--json")
-    _, results, _ = detect(capsys, folder, *words)
+    _, results, _ = detect(folder, *words)
     turns = {}
     for result in results:
         nominal = int(re.findall(r"-?\d+", Path(result["file"]).stem)[-1])

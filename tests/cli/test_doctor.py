@@ -1,7 +1,8 @@
-"""What the doctor finds on machines made for the purpose: a healthy one, and one for each fault."""
+"""What the doctor finds on machines made for the purpose, one for each fault, and what it asks of a daemon."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 from collections import Counter
@@ -9,20 +10,31 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+import zenoh
 
+from lab.rigs.processes import connected
+from mkdaemon.bus.gateway import Bus
+from mkdaemon.bus.session import session_config
 from mkdaemon.cli.mkdaemon.doctor.check import Needs, Severity
 from mkdaemon.cli.mkdaemon.doctor.command import run_doctor
-from mkdaemon.cli.mkdaemon.doctor.daemonreport import client_endpoint
+from mkdaemon.cli.mkdaemon.doctor.daemonreport import NO_DAEMON, ask_daemon, client_endpoint
 from mkdaemon.cli.mkdaemon.doctor.machine import Machine, installed_version, may_use
 from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
 from mkdaemon.cli.mkdaemon.security import certificates
 from mkdaemon.cli.mkdaemon.security.roles import zenoh_file
 from mkdaemon.cli.mkdaemon.service.units import UNITS, unit_text
 from mkdaemon.cli.systemcommands import CommandOutput, run_command
+from mkdaemon.config.reader import load
+from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.link import LinkCondition, LinkState
+from mkdaemon.telemetry.preflight import Blocks, CheckState, Finding, PreflightReport
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
+from mkdaemon.telemetry.status import Status
+from mkdaemon.telemetry.vehicle import VehicleHealth
 from mkdaemon.telemetry.vision import EyeState, VisionStats
+from tests.bus.support import bus_config, free_endpoint
 from tests.cli.sickbay import CALIBRATION, NOW, PORT, Tree
+from tests.values import made
 
 ADAPTER = "/sys/devices/pci0/usb1/1-1"
 V4L2 = "v4l2-ctl --device /dev/video0 --list-formats-ext"
@@ -450,3 +462,60 @@ def test_a_client_of_this_machine_meets_who_listens_everywhere():
     assert client_endpoint("tls/0.0.0.0:7447") == "tls/localhost:7447"
     assert client_endpoint("tcp/[::]:7447") == "tcp/localhost:7447"
     assert client_endpoint("tcp/127.0.0.1:7447") == "tcp/127.0.0.1:7447"
+
+
+LINE = made(LinkState)
+
+
+def finding(name, token, blocks=Blocks.AUTONOMY):
+    state = CheckState.PASSED if token is None else CheckState.STANDS
+    return Finding(name=name, state=state, blocks=blocks, token=token, reason=f"{name} is so", fix="mend it")
+
+
+FOUND = (finding("gate", "gate_constant"), finding("advice", "watch_it", Blocks.NOTHING), finding("disk", None))
+
+
+@pytest.fixture
+async def endpoint():
+    """A router that describes itself, and a daemon that is connected to it."""
+    where = free_endpoint()
+    more = {"adminspace/enabled": True}
+    router = await asyncio.to_thread(zenoh.open, session_config("router", listen=[where], more=more))
+
+    async def preflight(suffix, payload):
+        report = PreflightReport(is_ready=False, findings=FOUND)
+        return CommandResult(status=Status.ACCEPTED, reply=report.model_dump(mode="json"))
+
+    async with Bus.open(bus_config(free_endpoint(), connect=(where,)), "t1") as bus:
+        bus.serve("do", preflight)
+        bus.publish("health", made(VehicleHealth, is_alive=True))
+        bus.publish("link/state", LINE)
+        bus.publish("vision/down/stats", LINE)  # of no kind that this release knows
+        bus.announce()
+        async with connected(where, "t1"):
+            pass  # the router has heard of the daemon
+        yield where
+    await asyncio.to_thread(router.close)
+
+
+async def test_a_daemon_and_a_router_are_asked(endpoint):
+    cfg = load(None, {"vehicle.name": "t1"})
+    report = await asyncio.to_thread(ask_daemon, cfg, [endpoint])
+    assert (report.failure, report.daemons) == ("", 1)
+    assert report.clock is not None
+    assert report.line == LINE
+    assert report.eyes == ()
+    assert report.standing == {"gate_constant": ("gate", "gate is so", "mend it")}
+    assert report.routers
+    assert all(version.lstrip("v")[0].isdigit() for version in report.routers), json.dumps(report.routers)
+
+
+async def test_nobody_is_asked_without_the_certificate_that_is_needed(monkeypatch):
+    monkeypatch.delenv("MK_ZENOH_FILE", raising=False)
+    assert await asyncio.to_thread(ask_daemon, load(None), ["tls/127.0.0.1:1"]) == NO_DAEMON
+
+
+async def test_nobody_there_is_told_with_the_reason():
+    report = await asyncio.to_thread(ask_daemon, load(None), ["tcp/127.0.0.1:1"])
+    assert "no program answers at tcp/127.0.0.1:1" in report.failure
+    assert report.daemons == 0

@@ -1,4 +1,4 @@
-"""`mkctl goto`, `hold`, `velocity` and `land` against a daemon without boards."""
+"""`mkctl` manoeuvres, and routes that the NaviCtrl flies, against a daemon without boards."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, preflight, script
+from mkdaemon.cli.mkctl import flightshow, manoeuvres, motors, navi, preflight, script
 from mkdaemon.cli.mkctl.app import app
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, run
 from mkdaemon.errors import CommandRejectedError, ManoeuvreError, MkError
 from mkdaemon.telemetry.control import ControlEstimate, Outcome, Phase
-from mkdaemon.telemetry.refusals import Token
+from mkdaemon.telemetry.navi import ControlNavi, NaviStage
+from mkdaemon.telemetry.refusals import Token, refuse
 from tests.client.fake import CLOCK, VEHICLE, fake_daemon
 from tests.values import made
 
@@ -98,17 +99,14 @@ def reach(daemon):
         daemon.say(Phase.FLYING, f"{daemon.holder} flies", manoeuvre="takeoff", stage="at height", is_done=True)
 
 
-async def test_a_take_off_is_followed_by_a_hold(capsys):
+async def test_a_take_off_is_followed_by_a_hold_and_a_flight_by_attitude_is_in_degrees(capsys):
     async with flying((0.0, 0.0, 2.0)) as (daemon, here):
         daemon.follow = lambda: reach(daemon)
         await manoeuvres.take_off(2.0, seconds=0.2, connection=here)
         assert daemon.setpoints[30]["height"] == 2.0
         assert "height" not in daemon.setpoints[-1]
-    assert "took off" in capsys.readouterr().out
-
-
-async def test_a_flight_by_attitude_is_in_degrees(capsys):
-    async with flying((0.0, 0.0, 2.0)) as (daemon, here):
+        assert "took off" in capsys.readouterr().out
+        daemon.follow = lambda: None
         await manoeuvres.attitude(pitch=3.0, seconds=0.2, connection=here)
         assert daemon.setpoints[-1]["pitch"] == pytest.approx(math.radians(3.0))
     assert "setpoints" in capsys.readouterr().out
@@ -158,14 +156,9 @@ async def test_motors_that_may_carry_an_aircraft_are_not_stopped():
     assert refusal.value.token == Token.FLYING_STOP
 
 
-def end_landing(daemon):
-    if len(daemon.setpoints) == 20:
-        daemon.lose("landed on pad", outcome=Outcome.LANDED)
-
-
 async def test_a_landing_ends_with_the_words_of_the_daemon(capsys):
     async with flying((0.0, 0.0, 0.1)) as (daemon, here):
-        daemon.follow = lambda: end_landing(daemon)
+        daemon.follow = lambda: end_after(daemon, 20)
         await manoeuvres.land(connection=here)
     assert capsys.readouterr().out == "landed on pad; the pilot stops the motors\n"
 
@@ -369,3 +362,84 @@ async def test_a_script_is_checked_without_a_daemon(tmp_path, capsys):
     path.write_text(SCRIPT)
     await script.fly(path, check=True)
     assert "5 steps, nothing wrong" in capsys.readouterr().out
+
+
+UPLOADED = {"count": 1, "digest": "00", "rounds": 1, "writes": 1}
+POINTS = "latitude_deg,longitude_deg,altitude\n53.0,8.0,10\n53.0001,8.0,10\n"
+
+
+def report(stage, **fields):
+    known = {"waypoint": 1, "waypoints": 1, "target_distance": 12.0, "home_distance": 20.0}
+    return made(ControlNavi, CLOCK.stamp(), stage=stage, hands=f"does what {stage.value} needs", **known | fields)
+
+
+@asynccontextmanager
+async def navictrl(*reports, is_active=False):
+    """A daemon that answers the verbs of the NaviCtrl, and then reports these."""
+    async with fake_daemon() as daemon:
+
+        def answer(**fields):
+            for one in reports:
+                daemon.bus.publish("control/navi", one)
+            return UPLOADED | fields
+
+        def start():
+            answer()
+            if is_active:
+                raise refuse(Token.ROUTE_ACTIVE, index=1, count=1)
+            return {"count": 1, "switch": "x"}
+
+        daemon.replies |= {
+            "do/navi_goto": lambda: answer(switch="x"),
+            "do/waypoints_upload": lambda: UPLOADED,
+            "do/route_start": start,
+            "do/route_end": answer,
+        }
+        yield daemon, Connection(vehicle=VEHICLE, connect=daemon.endpoint)
+
+
+READY, ROUTE = report(NaviStage.READY), report(NaviStage.ROUTE)
+REACHED = report(NaviStage.AT_POINT, target_distance=1.0, is_route_done=True)
+
+
+async def test_goto_at_home_asks_the_navictrl_and_shows_what_the_pilot_does(capsys):
+    async with navictrl(READY, ROUTE, ROUTE, REACHED) as (daemon, here):
+        assert await manoeuvres.goto(10.0, -4.0, 3.0, yaw=0.0, frame="home", confirm=True, connection=here) == 0
+        wanted = next(fields for suffix, fields in daemon.asked if suffix == "do/navi_goto")
+    assert tuple(wanted["position"]) == (10.0, -4.0, 3.0)
+    assert (wanted["heading_deg"], wanted["hold"], wanted["confirm"]) == (90, 255, True)
+    shown = capsys.readouterr()
+    assert shown.err.splitlines()[:2] == [
+        "ready, waypoint 1 of 1, 12 m to go, 20 m from home: the pilot does what ready needs",
+        "route, waypoint 1 of 1, 12 m to go, 20 m from home: the pilot does what route needs",
+    ]
+    assert shown.out == "reached; the pilot does what at_point needs\n"
+
+
+async def test_a_route_is_uploaded_made_ready_and_followed(capsys, tmp_path):
+    (tmp_path / "field.csv").write_text(POINTS)
+    async with navictrl(READY, is_active=True) as (daemon, here):
+        with pytest.raises(ManoeuvreError, match=r"not there within 0.3 s: ready; the pilot does what ready needs"):
+            await navi.fly(tmp_path / "field.csv", confirm=True, patience=0.3, connection=here)
+        verbs = [suffix for suffix, _ in daemon.asked]
+    assert verbs[-2:] == ["do/waypoints_upload", "do/route_start"], "a list that is active already needs no start"
+    async with navictrl(READY, REACHED) as (_, here):
+        await navi.fly(confirm=True, connection=here)
+    assert "the last of 1 points is reached" in capsys.readouterr().out
+
+
+async def test_the_way_home_is_followed_and_an_aircraft_that_lands_first_ends_it(capsys):
+    home = {"waypoint": 0, "waypoints": 0}
+    async with navictrl(report(NaviStage.HOME, **home), report(NaviStage.HOME, is_home=True, **home)) as (_, here):
+        await navi.home(confirm=True, connection=here)
+        await navi.status(connection=here)
+    assert "home; the pilot does" in capsys.readouterr().out
+    async with navictrl(report(NaviStage.GROUND)) as (_, here):
+        with pytest.raises(ManoeuvreError, match="stands on the ground"):
+            await navi.home(confirm=True, connection=here)
+
+
+async def test_a_list_that_is_gone_on_the_way_ends_the_waiting():
+    async with navictrl(ROUTE, report(NaviStage.HOME, waypoint=0, waypoints=0)) as (_, here):
+        with pytest.raises(ManoeuvreError, match="list is gone"):
+            await manoeuvres.goto(1.0, 0.0, 2.0, frame="home", confirm=True, connection=here)

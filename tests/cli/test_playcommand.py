@@ -1,4 +1,4 @@
-"""`mkctl log play` on a terminal and without one: keys, the bar, the verdict."""
+"""`mkctl log play` on a terminal and without one: keys, the bar, the verdict; and the page of `mkctl view`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import gc
 import json
 import os
+import signal
 import sys
 import termios
 
@@ -14,14 +15,17 @@ import pytest
 from lab.rigs.waiting import wait_until
 from mkdaemon.cli import promptness
 from mkdaemon.cli.mkctl import play as playcommand
+from mkdaemon.cli.mkctl import view as viewcommand
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.play import key_pressed, play, showing_player
+from mkdaemon.cli.mkctl.view import view
 from mkdaemon.client.player import PlayPace
 from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayState, PlayStatus
 from tests.bus.support import client, free_endpoint
 from tests.cli.pseudoterminal import own_terminal
 from tests.client.test_play import STICKS, Listener, samples
+from tests.view.page.test_server import ask
 
 
 @pytest.fixture(autouse=True)
@@ -157,3 +161,27 @@ def test_a_program_of_its_own_lets_threads_take_turns_often():
     finally:
         sys.setswitchinterval(before)
         gc.unfreeze()
+
+
+@pytest.fixture(autouse=True)
+def no_favour_for_view(monkeypatch):
+    """What is right for a program of its own is not for that of the tests."""
+    monkeypatch.setattr(viewcommand, "favour_threads", lambda: None)
+
+
+async def test_a_recording_is_served_until_it_is_asked_to_end(capsys):
+    looking = asyncio.create_task(view(STICKS, port=0, no_browser=True, paused=True, connection=Connection(json=True)))
+    said = ""
+
+    def is_open() -> bool:
+        nonlocal said
+        said += capsys.readouterr().out
+        return "\n" in said or looking.done()
+
+    await wait_until(is_open)
+    address = json.loads(said)["address"]
+    port = int(address.rsplit(":", 1)[1].strip("/"))
+    head, _ = await ask(port, "/")
+    assert head.startswith("HTTP/1.1 200 ")
+    os.kill(os.getpid(), signal.SIGTERM)
+    await looking

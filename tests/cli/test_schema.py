@@ -1,10 +1,14 @@
+"""Tables that are printed for programs: messages, and faults of the simulator."""
+
 from __future__ import annotations
 
 import json
 
+from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.wire import MESSAGES
+from mkdaemon.telemetry.sim_faults import FAULTS
 
 
 def printed(capsys, *tokens):
@@ -44,3 +48,12 @@ def test_without_the_option_it_is_a_json_schema_of_every_message(capsys):
     schemas = printed(capsys)
     assert set(schemas) == {cls.__name__ for cls in MESSAGES.values()}
     assert schemas["ExternControlV2"]["properties"]["pitch"]["maximum"] == 127
+
+
+def test_faults_are_told_to_programs_too(capsys):
+    assert run(mkctl, ["sim", "faults", "--json"]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [fault["name"] for fault in told] == list(FAULTS)
+    weak = next(fault for fault in told if fault["name"] == "motor_weak")
+    assert weak["effect"].endswith(".")
+    assert weak["parameters"]["share"]["high"] == 1.0

@@ -1,4 +1,4 @@
-"""Layers of a configuration: what goes before what, where each value comes from, and how mistakes are named."""
+"""Layers of a configuration: what goes before what, how mistakes are named, and what a running daemon takes up."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import pytest
 
 from mkdaemon.config.keys import keys_of
 from mkdaemon.config.layers import find_key, load_layers, values_of
+from mkdaemon.config.reader import load
+from mkdaemon.config.reload import plan_reload
 from mkdaemon.config.root import DaemonSections
 from mkdaemon.errors import ConfigError
 
@@ -92,3 +94,33 @@ def test_a_key_is_found_by_its_own_name_where_there_is_one_of_it():
         find_key("neutral_band")
     with pytest.raises(ConfigError, match="lists all"):
         find_key("zzzzzzzzzzzz")
+
+
+def test_what_can_be_taken_up_is_and_the_rest_is_named():
+    running = load(None, {"link.port": "tcp:h:1"})
+    wanted = load(
+        None,
+        {
+            "link.port": "tcp:h:2",
+            "vehicle.note": "new battery",
+            "commands.allow_reset": True,
+            "record.images.hz": 5.0,
+            "control.limiter.max_pitch": 10,
+            "cameras": [{"source": "/dev/video0"}],
+            "sim": {"board": "fc"},
+        },
+    )
+    plan = plan_reload(running, wanted)
+    assert plan.taken == ("vehicle.note", "commands.allow_reset", "record.images.hz")
+    assert plan.waiting == ("link.port", "control.limiter.max_pitch", "cameras")
+    assert (plan.cfg.vehicle.note, plan.cfg.commands.allow_reset, plan.cfg.record.images.hz) == (
+        "new battery",
+        True,
+        5.0,
+    )
+    assert (plan.cfg.link, plan.cfg.control, plan.cfg.cameras) == (running.link, running.control, ())
+
+
+def test_nothing_differs_from_itself():
+    plan = plan_reload(load(None), load(None))
+    assert (plan.taken, plan.waiting, plan.cfg) == ((), (), load(None))

@@ -1,8 +1,9 @@
-"""The daemon's own recorder: what passes is in the file, and its state is published."""
+"""The daemon's own recorder: what passes is in the file, its state is published; a configuration is read again."""
 
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import msgpack
 import numpy as np
@@ -10,11 +11,14 @@ import pytest
 
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
+from mkdaemon.config.reader import load
 from mkdaemon.config.record import RecordedImages
 from mkdaemon.config.root import Config
 from mkdaemon.daemon import blackbox
 from mkdaemon.daemon.audit import Audit
 from mkdaemon.daemon.blackbox import LOCAL_EXCHANGES, BlackBox, ImageRecorder, open_black_box, recording_folder
+from mkdaemon.daemon.reloading import Reloading
+from mkdaemon.errors import ConfigError
 from mkdaemon.record.entry import EntryKind, Notice
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.command import CommandResult
@@ -22,22 +26,14 @@ from mkdaemon.telemetry.status import Status
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.camera.imagecodec import unpack
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from tests.daemon.procedures import procedure_rig
 
 
-class Bus:
-    """Keeps what is published."""
-
-    def __init__(self):
-        self.published = []
-
-    def publish(self, suffix, value, *, schema=None):
-        self.published.append((suffix, value))
+class Bus(procedure_rig.Bus):
+    """Keeps what is published, and counts."""
 
     def counts(self):
         return {"health": 3}
-
-    def values(self, suffix):
-        return [value for key, value in self.published if key == suffix]
 
 
 def config(state, **record):
@@ -156,3 +152,61 @@ async def test_images_are_recorded_at_the_rate_and_coding_asked_for(tmp_path, co
 def test_a_daemon_without_one_has_one_that_does_nothing():
     assert BlackBox(Clock()).tap is None
     assert ImageRecorder.record is not None
+
+
+class LogQueue:
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        self.lines: asyncio.Queue[tuple[str, str]] = asyncio.Queue()
+
+    def log(self, level: str, text: str) -> None:
+        self.lines.put_nowait((level, text))
+
+
+async def test_each_question_is_answered_in_the_log():
+    running, audit, taken = load(None), LogQueue(), []
+    files = iter(
+        [
+            load(None, {"vehicle.note": "one", "link.baud": 19200}),
+            ConfigError("x.toml:3: link.prot: unknown key"),
+            load(None, {"vehicle.note": "one"}),
+        ]
+    )
+
+    def read():
+        file = next(files)
+        if isinstance(file, ConfigError):
+            raise file
+        return file
+
+    reloading = Reloading(read)
+    following = asyncio.create_task(reloading.follow(running, taken.append, audit))
+    reloading.ask()
+    assert await audit.lines.get() == ("info", "configuration reloaded: vehicle.note")
+    assert await audit.lines.get() == ("warning", "needs a restart, on the ground: link.baud")
+    reloading.ask()
+    level, text = await audit.lines.get()
+    assert level == "error"
+    assert "the running one stays: x.toml:3" in text
+    reloading.ask()
+    assert await audit.lines.get() == ("info", "configuration reloaded: no key that can change at run time differs")
+    assert [cfg.vehicle.note for cfg in taken] == ["one", "one"]
+    assert all(cfg.link.baud == 57600 for cfg in taken)
+    following.cancel()
+
+
+def test_the_black_box_takes_up_its_room_and_its_images(tmp_path: Path):
+    def configured(**record):
+        return load(None, {"record.folder": str(tmp_path), **{f"record.{key}": value for key, value in record.items()}})
+
+    box = open_black_box(configured(total_mb=10), Clock(), is_recording=False)
+    recorder = box.image_recorder(RecordedImages()).__self__
+    assert isinstance(recorder, ImageRecorder)
+    wanted = configured(total_mb=7, images={"hz": 9.0})
+    box.reconfigure(wanted.record)
+    assert box._folder.limits.total_bytes == 7_000_000
+    assert recorder._cfg.hz == 9.0
+    off = open_black_box(configured(enabled=False), Clock(), is_recording=False)
+    off.reconfigure(wanted.record)
+    assert off.status().state == "off"

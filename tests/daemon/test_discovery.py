@@ -1,19 +1,24 @@
-"""Whoever wants to act waits until the aircraft is known, and hears why it is not."""
+"""Whoever wants to act waits until the aircraft is known, hears why it is not, and is measured over a slow path."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 from types import SimpleNamespace
 
 import pytest
 
 from lab.rigs.linkrig import virtually
+from mkdaemon.control.admission.beginnings import TakeLease
+from mkdaemon.control.admission.rows import refusal
 from mkdaemon.daemon.discovery import require_discovery, require_flightctrl
+from mkdaemon.daemon.pathdelay import WAITING, PathProbe
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.discovery import DISCOVERY_TIME
 from mkdaemon.protocol.wire import Board
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token, refuse
+from tests.control.admission.situations import GOOD
 from tests.control.events import link_state
 
 
@@ -108,3 +113,50 @@ async def test_without_a_memory_or_a_line_the_refusal_says_so_whatever_is_confir
         await require_flightctrl(lost, link_state(LinkCondition.DOWN, "unplugged"), use_remembered=True)
     assert caught.value.token == "link_down"
     assert not known.is_confirmed and not lost.is_confirmed
+
+
+class Time:
+    """A clock that is set."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Time()
+
+
+@pytest.fixture
+def probe(clock):
+    return PathProbe(clock)
+
+
+def test_an_echo_that_is_back_in_time_counts_once(probe, clock):
+    echo = probe.new_echo()
+    clock.now += 0.49
+    assert probe.delay(echo) == pytest.approx(0.49)
+    assert probe.delay(echo) == math.inf
+
+
+def test_an_echo_that_comes_late_says_how_late(probe, clock):
+    echo = probe.new_echo()
+    clock.now += 2.05
+    error = refusal(TakeLease(path_delay=probe.delay(echo), is_early=True), GOOD)
+    assert error.token == Token.SLOW_PATH
+    assert "takes 2.05 s, more than 0.5 s" in error.reason
+    assert "max_path_delay" in error.fix
+
+
+def test_who_asks_for_no_echo_is_not_measured(probe):
+    assert probe.delay("") is None
+
+
+def test_echoes_that_never_come_back_fill_no_memory(probe):
+    first = probe.new_echo()
+    last = [probe.new_echo() for _ in range(WAITING)][-1]
+    assert probe.delay(last) == 0.0
+    assert probe.delay(first) == math.inf

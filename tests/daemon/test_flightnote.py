@@ -1,4 +1,4 @@
-"""A daemon that restarts in flight behind a NaviCtrl: what it remembers, and what a client must confirm."""
+"""What the next daemon remembers: a flight behind a NaviCtrl, and how many cells the battery has."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from hypothesis import strategies as st
 from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.linkrig import virtually
 from mkdaemon.clock import Clock
+from mkdaemon.control.events import CellsKnown
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.daemon.audit import Audit
+from mkdaemon.daemon.cellnote import LOOK, CellNotes
+from mkdaemon.daemon.cellnote import NAME as CELLS_NAME
 from mkdaemon.daemon.flightnote import MOST_AGE, NAME, FlightNotes
-from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import LeaseRequest
-from mkdaemon.telemetry.refusals import Token
 from mkdaemon.virtualtime import run_virtually
+from tests.control.test_batterywatch import battery
 
 PORT = "/dev/virtual"
 BEHIND = Boards("2.12a", "0.24")
@@ -46,23 +49,6 @@ async def reopen(flown):
     flown.socket.port.lose("the program was killed")
     await flown.until(lambda: flown.socket.openings > before)
     await flown.until(lambda: flown.link.is_up)
-
-
-@virtually
-async def test_another_aircraft_that_flies_cannot_be_confirmed():
-    async with flying() as flown:
-        flown.socket.unplug()
-        flown.socket.replace(Boards("2.08", "0.24").make(2))
-        await asyncio.sleep(0.5)
-        flown.aircraft.advance(flown.socket.now())
-        flown.aircraft.world.pilot.gas = 60
-        flown.aircraft.flight.core.start()
-        await asyncio.sleep(1.0)
-        flown.socket.is_present = True
-        await flown.until(lambda: flown.link.is_up)
-        with pytest.raises(CommandRejectedError) as refused:
-            await flown.flight.lease(CONFIRM)
-        assert refused.value.token == Token.NOTHING_REMEMBERED
 
 
 class Silent:
@@ -155,3 +141,68 @@ async def _follow_in_this_thread(notes, link, audit):
 
         patch.setattr(asyncio, "to_thread", here)
         await notes.follow(link, audit)
+
+
+class Log:
+    def __init__(self):
+        self.lines = []
+
+    def log(self, level, text):
+        self.lines.append((level, text))
+
+
+async def followed(notes, facts, log=None):
+    """What the flight core is told during the first look at the notes, and the next two."""
+    fed, looks, sleep = [], 0, asyncio.sleep
+
+    async def counted(seconds):
+        nonlocal looks
+        assert seconds == LOOK
+        looks += 1
+        await sleep(0)
+        if looks == 3:
+            raise asyncio.CancelledError
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mkdaemon.daemon.cellnote.asyncio.sleep", counted)
+        with pytest.raises(asyncio.CancelledError):
+            await notes.follow(facts, fed.append, log or Log())
+    return fed
+
+
+def resting(voltage):
+    facts = VehicleMemory()
+    facts.motors_reported(False, 1.0)
+    facts.state_received(battery(voltage), 1.0)
+    return facts
+
+
+async def test_cells_that_a_battery_shows_at_rest_are_remembered(tmp_path):
+    assert await followed(CellNotes(tmp_path / "new", None), resting(14.6)) == [CellsKnown(4)]
+    later = CellNotes(tmp_path / "new", None)
+    assert later.read() == 4
+    assert await followed(later, resting(12.8)) == [CellsKnown(4)]
+
+
+async def test_configured_cells_count_and_nothing_else_is_remembered(tmp_path):
+    notes = CellNotes(tmp_path, 6)
+    assert await followed(notes, resting(14.6)) == [CellsKnown(6)]
+    assert not (tmp_path / CELLS_NAME).exists()
+
+
+async def test_cells_in_doubt_are_not_remembered(tmp_path):
+    assert await followed(CellNotes(tmp_path, None), resting(12.8)) == []
+    assert not (tmp_path / CELLS_NAME).exists()
+
+
+async def test_a_folder_that_takes_nothing_is_reported_once(tmp_path):
+    (tmp_path / "file").write_text("")
+    log = Log()
+    await followed(CellNotes(tmp_path / "file" / "x", None), resting(14.6), log)
+    assert [level for level, _ in log.lines] == ["warning"]
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"version": 1, "cells": 0}', '{"version": 1, "cells": "4"}', "x" * 300])
+def test_a_note_that_is_none_says_nothing(tmp_path, text):
+    (tmp_path / CELLS_NAME).write_text(text)
+    assert CellNotes(tmp_path, None).read() is None

@@ -72,13 +72,6 @@ async def test_it_is_for_this_user_alone_or_for_a_group_that_exists(path):
             pass
 
 
-async def test_silent_connections_shut_nobody_out(desk, path):
-    silent = [await asyncio.open_unix_connection(str(path)) for _ in range(3 * CONNECTIONS)]
-    assert (await ask_locally(path, "release")).is_accepted
-    for _, writer in silent:
-        writer.close()
-
-
 async def test_a_silent_connection_is_closed(desk, path, monkeypatch):
     monkeypatch.setattr(localsocket, "REQUEST_TIME", 0.05)
     reader, writer = await asyncio.open_unix_connection(str(path))

@@ -23,18 +23,20 @@ TO_FLIGHTCTRL, TO_COMPASS = Redirect(port=RedirectPort.FC), Redirect(port=Redire
 
 @virtually
 async def test_a_navictrl_is_found_its_streams_started_and_the_flightctrl_behind_it_looked_up():
+    """`u 0` stops the camera servos' timer; the escape starts it only after `u 1`: docs/firmware-notes, "Sending"."""
     async with rig(navi_ctrl()) as r:
         assert await r.until_up() <= 0.5
-        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 3)
-        await asyncio.sleep(1)
+        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 5)
+        await asyncio.sleep(2)
         state = r.link.health().state
-        assert state.boards == ("fc", "nc")
+        assert (state.boards, state.external_control, state.redirected_to) == (("fc", "nc"), "v2", "")
         assert state.firmware.startswith("NaviCtrl 0.24")
         assert state.firmware.endswith(", FlightCtrl 2.12a")
-        assert state.external_control == "v2"
-        assert state.redirected_to == ""
         assert r.log.kinds(since=0.5).keys() >= {"O", "C", "D", "Z"}
-        assert r.link.direct_board is Board.NC
+        assert (r.link.direct_board, r.condition) == (Board.NC, "up")
+        sent = [s.message or s.raw for s in r.log.tx if s.message in (TO_FLIGHTCTRL, TO_COMPASS, None)]
+        begun = sent.index(TO_FLIGHTCTRL)
+        assert sent[begun:] == [TO_FLIGHTCTRL, ESCAPE, ESCAPE, TO_COMPASS, ESCAPE, ESCAPE]
 
 
 @on_line(navi_ctrl(pilot_plan="hover", pilot_wait=0.0))
@@ -141,19 +143,6 @@ async def test_a_flightctrl_that_never_answers_is_looked_for_ever_more_seldom_an
         await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 10)
 
 
-@virtually
-async def test_a_look_behind_starts_the_camera_servos_again():
-    """`u 0` stops their timer, and the escape starts it again only after `u 1`: docs/firmware-notes, "Sending"."""
-    async with rig(navi_ctrl()) as r:
-        await r.until(lambda: r.link.dialect.extern_control is ExternControlV2, 5)
-        await asyncio.sleep(2)
-        sent = [s.message or s.raw for s in r.log.tx if s.message in (TO_FLIGHTCTRL, TO_COMPASS, None)]
-        begun = sent.index(TO_FLIGHTCTRL)
-        assert sent[begun:] == [TO_FLIGHTCTRL, ESCAPE, ESCAPE, TO_COMPASS, ESCAPE, ESCAPE]
-        assert r.condition == "up"
-        assert r.link.health().state.redirected_to == ""
-
-
 @on_line(navi_ctrl(), probe_flightctrl=False)
 async def test_the_look_behind_can_be_switched_off(r):
     await asyncio.sleep(2)
@@ -187,14 +176,24 @@ async def test_nothing_that_could_harm_is_sent_by_itself():
 
 
 @virtually
-async def test_a_flightctrl_behind_a_navictrl_can_be_asked_while_redirected():
+async def test_a_redirection_leads_to_its_board_asks_once_more_whether_it_may_begin_and_ends():
     async with rig(navi_ctrl()) as r:
         await r.until(lambda: r.link.dialect.fc_release is not None, 3)
         await asyncio.sleep(1)
+
+        def refuse():
+            raise CommandRejectedError("flying", "somebody flies.", "Wait.")
+
+        before = len(r.log.tx)
+        with pytest.raises(CommandRejectedError, match="somebody flies"):
+            async with redirection(r.link, Board.ANY, refuse):
+                pytest.fail("the line was passed through")
+        assert [s for s in r.log.tx[before:] if s.message == Redirect(port=RedirectPort.GPS)] == []
+        async with redirection(r.link, Board.MAG):
+            assert r.link.health().state.redirected_to == "mag"
         async with redirection(r.link, Board.FC):
             assert r.link.health().state.redirected_to == "fc"
-            reply = await r.link.request(ControlStateRequest())
-            assert int(reply.config) == 0
+            assert int((await r.link.request(ControlStateRequest())).config) == 0
         await asyncio.sleep(0.5)
         assert r.condition == "up"
         assert r.link.health().state.redirected_to == ""
@@ -221,23 +220,6 @@ async def test_a_redirection_is_refused_with_motors_not_known_off_and_without_a_
             async with redirection(r.link, Board.MAG):
                 raise AssertionError
         assert caught.value.token == "not_redirectable"
-
-
-@virtually
-async def test_a_redirection_that_has_waited_asks_once_more_whether_it_may_begin():
-    async with rig(navi_ctrl()) as r:
-        await r.until(lambda: r.link.dialect.fc_release is not None, 3)
-
-        def refuse():
-            raise CommandRejectedError("flying", "somebody flies.", "Wait.")
-
-        before = len(r.log.tx)
-        with pytest.raises(CommandRejectedError, match="somebody flies"):
-            async with redirection(r.link, Board.ANY, refuse):
-                pytest.fail("the line was passed through")
-        assert [s for s in r.log.tx[before:] if s.message == Redirect(port=RedirectPort.GPS)] == []
-        async with redirection(r.link, Board.MAG):
-            assert r.link.health().state.redirected_to == "mag"
 
 
 @virtually

@@ -33,7 +33,7 @@ async def test_an_ordinary_flight_and_its_release_need_no_guard(word, nc):
         await r.until(lambda: r.link.dialect.extern_control is not None and r.link.is_up, 5)
         await asyncio.sleep(1.0)
         assert not guard.guard.is_armed, "nobody has flown"
-        await fly(r, 5.0, pitch=20)
+        await fly(r, 2.0, pitch=20)
         assert guard.guard.is_armed
         await r.link.release("test")
         await asyncio.sleep(0.1)

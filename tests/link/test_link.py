@@ -8,15 +8,19 @@ import itertools
 import pytest
 
 from lab.rigs.boardport import LineFault
-from lab.rigs.linkrig import flight_ctrl, navi_ctrl, on_line, rig, virtually
+from lab.rigs.linkrig import Rig, flight_ctrl, navi_ctrl, on_line, rig, virtually
 from lab.rigs.sticks import build_sticks
+from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import (
     CommandRejectedError,
     LinkLostError,
     RequestTimeoutError,
 )
+from mkdaemon.link.session.dialogue import Dialogue
 from mkdaemon.link.session.line import FC_GAP
-from mkdaemon.link.session.traffic import Purpose
+from mkdaemon.link.session.traffic import Purpose, SetpointRefused
+from mkdaemon.protocol.decoder import Unknown
+from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.messages import (
     AttitudeRequest,
     ControlStateRequest,
@@ -25,10 +29,13 @@ from mkdaemon.protocol.messages import (
     ErrorTextRequest,
     ExternControlV2,
     LabelRequest,
+    SelectSettings,
     SerialChannels,
     VersionRequest,
 )
 from mkdaemon.protocol.wire import Board
+from mkdaemon.telemetry.control import Obstacle
+from mkdaemon.telemetry.link import Fates
 
 EVERY_FC = ("early", "2.08", "2.12a", "2.14")
 
@@ -244,3 +251,128 @@ async def test_a_stream_that_a_clients_own_request_starts_is_in_the_budget_and_e
     await r.link.request(DebugRequest(interval=10))
     await r.link.request(DebugRequest(interval=0))
     assert "debug" not in r.link.rates()
+
+
+@pytest.mark.parametrize("word", ["2.12a", "2.08", "early"])
+@virtually
+async def test_the_debug_stream_of_a_flightctrl_ends_with_the_daemon(word):
+    async with rig(flight_ctrl(word, **({"gas_law": "fork"} if word == "2.12a" else {}))) as r:
+        await r.until_up()
+        await r.until(lambda: "debug" in r.link.rates(), 2)
+        await asyncio.sleep(1.0)
+        r.task.cancel()
+        await asyncio.gather(r.task, return_exceptions=True)
+        sent = [frame.message for frame in r.log.tx if frame.message is not None]
+        is_asked = sent[-2].spec.id == "d" and sent[-2].interval == 0
+        assert is_asked is (word == "2.12a"), "a request would refresh the dead-man of the others"
+        assert (sent[-1].spec.id, int(sent[-1].config)) == ("b", 0)
+        boards = r.socket.aircraft
+        boards.advance(r.socket.now() + (0.5 if is_asked else 5.0))
+        after = b"".join(data for _, data in boards.advance(r.socket.now() + 12.0))
+        assert b"#bD" not in after
+
+
+@on_line(navi_ctrl(), rates={"osd": 500})
+async def test_a_stream_that_another_program_left_behind_is_ended_and_told(r):
+    await r.until(lambda: r.link.dialect.fc_release is not None, 3)
+    await asyncio.sleep(1.0)
+    r.socket.aircraft.write(DebugRequest(interval=20).to_frame(Board.NC), r.socket.now())
+    await r.until(lambda: r.log.ended == ["debug"], 8)
+    await asyncio.sleep(1.0)
+    began = asyncio.get_running_loop().time()
+    await asyncio.sleep(3.0)
+    assert r.log.kinds(since=began)["D"] == 0
+    assert r.log.kinds(since=began)["O"] > 0
+    asked = [sent.message.interval for sent in r.log.tx if isinstance(sent.message, DebugRequest)]
+    assert set(asked) == {0}, "it is ended, and never asked for"
+
+
+FLOWN = 20.0
+"""Length of each flight [s]; streams live for 4.1 s."""
+
+
+def radio(loss: float) -> dict[str, object]:
+    return {way: {"kind": "xbee", "loss": loss} for way in ("to_board", "to_host")}
+
+
+async def fly_by_radio(r: Rig, rate: float) -> float:
+    """Hand in setpoints steadily; returns when that began [s]."""
+    await r.until(lambda: r.link.dialect.extern_control is not None, 10)
+    await asyncio.sleep(2.0)
+    layout, loop = r.link.dialect.extern_control, asyncio.get_running_loop()
+    began = loop.time()
+    for step in range(int(FLOWN * rate)):
+        await asyncio.sleep(max(0.0, began + step / rate - loop.time()))
+        r.link.send_setpoint(build_sticks(layout, pitch=step % 20), deadline=loop.time() + 0.1)
+    return began
+
+
+@virtually
+async def test_by_radio_the_attitude_is_not_silent_and_requests_are_answered():
+    loss = 0.10
+    async with rig(flight_ctrl(seed=2, radio=radio(loss)), rates={"attitude": 50, "debug": 200}) as r:
+        began = await fly_by_radio(r, 40.0)
+        seen = [frame.at for frame in r.log.rx if frame.frame.id == "C" and frame.at > began]
+        assert max(after - before for before, after in itertools.pairwise(seen)) <= 0.8
+        tests = r.link.health().link_tests
+        by_radio = 1.0 - (1.0 - loss) ** 2
+        assert tests.answered >= (0.95 - 1.5 * by_radio) * (tests.sent - tests.waiting)
+        health = r.link.health()
+        for fates in (health.link_tests, health.requests, health.stick_frames):
+            assert_complete(fates)
+        sticks = [s for s in r.log.tx if s.purpose in (Purpose.SETPOINT, Purpose.RELEASE)]
+        assert health.stick_frames.sent == len(sticks)
+        assert health.link_tests.sent == sum(s.purpose is Purpose.ECHO for s in r.log.tx)
+
+
+def assert_complete(fates: Fates) -> None:
+    """The parts add up to what was sent."""
+    assert fates.sent == fates.answered + fates.late + fates.unanswered + fates.waiting + fates.silent
+    assert fates.unanswered == fates.lost + fates.replaced + fates.outage + fates.withdrawn
+    assert min(fates.model_dump().values()) >= 0
+
+
+@on_line(flight_ctrl())
+async def test_a_frame_that_no_message_fits_counts_as_a_frame_and_changes_nothing(r):
+    before = r.link.dialect
+    r.socket.port._deliver(encode_frame(1, "!", b"abc"))
+    await r.until(lambda: isinstance(r.log.rx[-1].message, Unknown), 1.0)
+    assert r.condition == "up"
+    assert r.link.dialect == before
+    assert r.link.direct_board is Board.FC
+
+
+@on_line(flight_ctrl())
+async def test_a_version_reply_of_a_length_nobody_knows_still_tells_who_is_there(r):
+    r.socket.port._deliver(encode_frame(2, "V", bytes(3)))
+    await r.until(lambda: Board.NC in r.link.boards, 1.0)
+    assert r.link.direct_board is Board.NC
+
+
+@on_line(flight_ctrl(), rates="off")
+async def test_a_board_that_is_deaf_after_a_request_is_sent_nothing(r):
+    await asyncio.sleep(2.0)
+    await r.link.request(SelectSettings(index=3), board=Board.FC)
+    asked = next(sent.at for sent in reversed(r.log.tx) if isinstance(sent.message, SelectSettings))
+    await asyncio.sleep(2.0)
+    after = [sent.at - asked for sent in r.log.tx if sent.at > asked]
+    assert min(after) >= SelectSettings.spec.policy(Board.FC).deaf
+    assert r.condition == "up"
+
+
+def test_a_recording_is_asked_nothing_and_steered_nowhere():
+    dialogue = Dialogue(LinkConfig(port="replay:x"), 0.0)
+    dialogue.port_opened(0.0, baud=57600, is_recording=True)
+    with pytest.raises(CommandRejectedError, match="recording"):
+        dialogue.ask(VersionRequest(), Board.FC, 0.1)
+    assert dialogue.control_line(0.1).obstacle is Obstacle.RECORDING
+    fate = dialogue.steer(build_sticks(ExternControlV2), 0.3, 0.1)
+    assert isinstance(fate, SetpointRefused)
+    assert fate.refusal.token == "recording"
+
+
+@on_line(flight_ctrl())
+async def test_of_two_who_wait_for_a_release_one_may_give_up(r):
+    impatient, patient = r.link.release("first"), r.link.release("second")
+    impatient.cancel()
+    assert (await patient).status == "confirmed"

@@ -64,23 +64,6 @@ def test_order_is_release_setpoint_retry_request_subscription_echo_background(sc
     assert [item.purpose for _, item in sent_until(scheduler, 1.0)] == list(Purpose)
 
 
-def test_a_flightctrl_gets_five_idle_milliseconds_after_each_carriage_return(scheduler):
-    for number in range(20):
-        scheduler.submit(entry(Purpose.REQUEST, number=number), 0.0)
-    sent = sent_until(scheduler, 2.0)
-    gaps = [later - (at + FC.wire_time(item.raw)) for (at, item), (later, _) in itertools.pairwise(sent)]
-    assert len(sent) == 20
-    assert min(gaps) >= FC_GAP - 1e-9
-
-
-def test_before_anybody_answered_the_careful_gap_holds():
-    scheduler = TransmitScheduler(NOBODY_YET)
-    scheduler.submit(entry(Purpose.REQUEST), 0.0)
-    scheduler.submit(entry(Purpose.REQUEST), 0.0)
-    first, second = sent_until(scheduler, 1.0)
-    assert second[0] - first[0] >= NOBODY_YET.wire_time(first[1].raw) + FC_GAP - 1e-9
-
-
 def test_a_navictrl_needs_no_gap_but_frames_never_overlap():
     scheduler = TransmitScheduler(NC)
     for number in range(5):

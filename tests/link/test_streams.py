@@ -1,9 +1,10 @@
-"""Streams: what boards are asked for, when it is renewed, and what somebody wants."""
+"""Streams: what boards are asked for within the line's budget, when it is renewed, and what somebody wants."""
 
 from __future__ import annotations
 
 import itertools
 import math
+import random
 
 import pytest
 from hypothesis import given
@@ -12,8 +13,17 @@ from hypothesis import strategies as st
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.link.session import budget
+from mkdaemon.link.session.budget import Demand, best_mix, check, plan
 from mkdaemon.link.session.line import LineRules
-from mkdaemon.link.session.renewal import HeardShare
+from mkdaemon.link.session.renewal import (
+    ONCE_IN,
+    PRIOR_FIRST,
+    SHORTEST,
+    TIME_TO_LIVE,
+    HeardShare,
+    renewal_interval,
+    time_between_ends,
+)
 from mkdaemon.link.session.streamkinds import FASTEST, KINDS, SLOWEST_TIME, TICK_TIME, kind_of, round_up_interval
 from mkdaemon.link.session.streams import ASK_AGAIN, ASK_RARELY, OVERDUE_PERIODS, Streams, Subscriptions, check_rates
 from mkdaemon.protocol.messages import AttitudeRequest, DebugRequest, OsdRequestV1
@@ -254,3 +264,123 @@ def test_a_clients_request_to_end_a_stream_touches_no_wish():
     streams.want("osd", 0.5, RULES, demand_of)
     streams.request_received(OsdRequestV1(interval=0), Board.NC, 0.0, RULES, demand_of)
     assert streams.wanted == {"osd": pytest.approx(0.5)}
+
+
+NC = LineRules(direct=Board.NC)
+FC = LineRules(direct=Board.FC)
+
+
+def test_two_fast_streams_are_refused_with_the_arithmetic_and_the_advice_fits():
+    wanted = {"osd": 0.02, "debug": 0.02}
+    with pytest.raises(CommandRejectedError) as caught:
+        check(Demand(wanted), NC, limit=0.85)
+    assert caught.value.token == "line_budget"
+    assert "O at 20 ms + D at 20 ms need 184 % of the line" in caught.value.reason
+    assert "2.2 times longer" in caught.value.fix
+    check(Demand({key: interval * 2.25 for key, interval in wanted.items()}, echo_hz=5), NC, limit=0.85)
+
+
+def test_one_stream_is_singular_and_echoes_are_named():
+    with pytest.raises(CommandRejectedError, match=r"O at 20 ms \+ echoes and confirmations \(9 %\) need 111 %"):
+        check(Demand({"osd": 0.02}, echo_hz=50), NC, limit=0.85)
+    with pytest.raises(CommandRejectedError, match="O at 20 ms needs 102 %"):
+        check(Demand({"osd": 0.02}), NC, limit=0.85)
+
+
+def test_setpoints_that_do_not_fit_are_refused():
+    with pytest.raises(CommandRejectedError, match="towards the board"):
+        check(Demand({"attitude": 0.05}, echo_hz=5, setpoint_hz=130), FC, limit=0.85)
+
+
+@pytest.mark.parametrize(
+    ("demand", "rules", "rx"),
+    [
+        (Demand({"osd": 0.05, "debug": 0.05, "attitude": 0.05}), NC, 0.826),  # measured: 84 %
+        (Demand({"debug": 0.1}), FC, 94 * 182e-6 / 0.1),  # slower than nominal
+        (Demand({}, setpoint_hz=50, confirms=True), FC, 50 * 10 * 182e-6),
+        (Demand({}, setpoint_hz=50, confirms=False), FC, 0.0),
+    ],
+)
+def test_the_share_of_the_line_towards_us_is_as_measured(demand, rules, rx):
+    assert plan(demand, rules).rx == pytest.approx(rx, abs=0.005)
+
+
+@pytest.mark.parametrize(("board", "rules"), [(Board.NC, NC), (Board.FC, FC)])
+@pytest.mark.parametrize("limit", [0.2, 0.5, 0.85])
+def test_the_automatic_mix_fits_and_nothing_better_does(board, rules, limit):
+    others = Demand({}, echo_hz=5, setpoint_hz=50, confirms=board is Board.FC)
+    mix = best_mix(board, rules, limit=limit, demand=others)
+    assert plan(Demand(mix, 5, 50, 18, board is Board.FC), rules).rx <= limit
+    assert set(mix) == {key for key, kind in KINDS.items() if board in kind.boards and key != "display"}
+
+
+def test_the_automatic_mix_lets_every_frame_through():
+    """A stream faster than all kinds together take would be overtaken by its own next frame."""
+    mix = best_mix(Board.NC, NC, limit=0.85)
+    assert min(mix.values()) >= NC.reply_time(118 + 94 + 26)
+    assert mix["attitude"] <= mix["osd"] <= mix["debug"]
+
+
+FATES = st.lists(st.booleans(), max_size=400)
+
+
+def share_of(fates) -> HeardShare:
+    share = HeardShare()
+    for is_answered in fates:
+        share.note(is_answered=is_answered)
+    return share
+
+
+def fates_in_bursts(first: float, after_a_loss: float, count: int) -> list[bool]:
+    """Whether each of some requests is heard, where a loss makes the next one more likely."""
+    rng, fates, is_lost = random.Random(1), [], False
+    for _ in range(count):
+        is_lost = rng.random() < (after_a_loss if is_lost else first)
+        fates.append(not is_lost)
+    return fates
+
+
+@given(fates=FATES, longest=st.floats(0.5, 2.0))
+def test_streams_run_out_less_than_once_in_a_hundred_hours_or_renewals_come_as_often_as_they_may(fates, longest):
+    share = share_of(fates)
+    interval = renewal_interval(share, longest)
+    assert SHORTEST <= interval <= longest
+    assert time_between_ends(interval, share) >= ONCE_IN or interval == SHORTEST
+    if interval < longest:  # no more often than needed
+        fewer = int(TIME_TO_LIVE / interval + 1e-9) - 1
+        rarer = min(TIME_TO_LIVE / fewer, longest)
+        assert rarer == interval or time_between_ends(rarer, share) < ONCE_IN or interval == SHORTEST
+
+
+@pytest.mark.parametrize(("first", "after", "interval"), [(0.3, 0.5, 0.5), (0.2, 0.6, 0.8), (0.5, 0.5, 1.0)])
+def test_the_time_until_streams_run_out_is_that_of_losses_played_out(first, after, interval):
+    share = HeardShare()
+    share._first, share._next = [1e9 * first, 1e9 * (1 - first)], [1e9 * after, 1e9 * (1 - after)]
+    in_a_row, ends, run = int(TIME_TO_LIVE / interval + 1e-9), 0, 0
+    fates = fates_in_bursts(first, after, 400_000)
+    for is_heard in fates:
+        run = 0 if is_heard else run + 1
+        ends += run == in_a_row
+    assert time_between_ends(interval, share) == pytest.approx(len(fates) * interval / ends, rel=0.15)
+
+
+def test_losses_in_bursts_ask_for_more_renewals_than_as_many_single_ones():
+    apart, in_bursts = share_of(([True] * 9 + [False]) * 20), share_of(([True] * 36 + [False] * 4) * 5)
+    assert in_bursts.next_lost > apart.next_lost
+    assert renewal_interval(in_bursts, 1.5) < renewal_interval(apart, 1.5)
+
+
+@pytest.mark.parametrize(("answered", "slowest", "fastest"), [(1.0, 0.6, 0.4), (0.9, 0.8, 0.3), (0.4, 0.21, SHORTEST)])
+def test_a_worse_line_is_renewed_more_often(answered, slowest, fastest):
+    rng = random.Random(2)
+    share = share_of(rng.random() < answered for _ in range(400))
+    assert fastest <= renewal_interval(share, 1.5) <= slowest
+
+
+def test_before_the_first_link_test_the_prior_holds_and_what_was_long_ago_is_forgotten():
+    share = HeardShare()
+    assert share.first_lost == pytest.approx(PRIOR_FIRST[0] / sum(PRIOR_FIRST))
+    bad = share_of([False, True] * 100)
+    for _ in range(1500):
+        bad.note(is_answered=True)
+    assert bad.first_lost < 0.01

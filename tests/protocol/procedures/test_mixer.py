@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from mkdaemon.errors import CommandRejectedError
-from mkdaemon.protocol.flags import MotorControllerStatus
+from mkdaemon.protocol.flags import MotorControllerBits, MotorControllerItems, MotorControllerStatus
 from mkdaemon.protocol.messages import (
     Mixer,
     MixerRequest,
@@ -18,9 +18,10 @@ from mkdaemon.protocol.messages import (
     WriteMixer,
     WriteMotorController,
 )
+from mkdaemon.protocol.messages.blctrl import motor_controller_checksum
 from mkdaemon.protocol.procedures import Patience
 from mkdaemon.protocol.procedures.mixer import write_mixer
-from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, read_motor_controller
+from mkdaemon.protocol.procedures.motor_controllers import change_motor_controller, configure, read_motor_controller
 from mkdaemon.protocol.wire import WireMessage
 
 from .talk import Reply, drive
@@ -97,3 +98,33 @@ def test_an_answer_about_another_motor_is_none() -> None:
 
     with pytest.raises(Exception, match="configuration of motor controller 3: no answer"):
         drive(read_motor_controller(3, PATIENCE), other)
+
+
+PRESENT = MotorController.decode(bytes((1, 0, 3, 2, 0, 255, 30, 99, 64, 0x02, 7)))
+NOTHING: dict[str, int | None] = dict.fromkeys(["pwm_scaling", "current_limit", "temperature_limit", "current_scaling"])
+
+
+@pytest.mark.parametrize(
+    ("given", "reverse", "save", "items"),
+    [
+        ({"current_limit": 20}, None, False, MotorControllerItems.CURRENT_LIMIT),
+        ({"pwm_scaling": 200}, None, True, MotorControllerItems.PWM_SCALING | MotorControllerItems.SAVE),
+        ({}, True, False, MotorControllerItems.BITS),
+        ({"temperature_limit": 0}, False, False, MotorControllerItems.TEMPERATURE_LIMIT | MotorControllerItems.BITS),
+    ],
+)
+def test_only_what_is_given_is_applied(
+    given: dict[str, int], reverse: bool | None, save: bool, items: MotorControllerItems
+) -> None:
+    write = configure(PRESENT, {**NOTHING, **given}, reverse=reverse, save=save)
+    assert write.items == items
+    assert (write.motor, write.revision) == (3, 2)
+    assert write.checksum == motor_controller_checksum(write.encode()[1:8])
+    for name in NOTHING:
+        assert getattr(write, name) == given.get(name, getattr(PRESENT, name))
+
+
+def test_the_sense_of_rotation_keeps_the_other_bits() -> None:
+    turned = configure(PRESENT, NOTHING, reverse=True, save=False)
+    assert turned.bits == MotorControllerBits.REVERSE | MotorControllerBits.START_1
+    assert configure(PRESENT, NOTHING, reverse=False, save=False).bits == MotorControllerBits.START_1
