@@ -93,6 +93,9 @@ def test_a_line_that_works_is_up_and_says_both_directions(line):
     heard, answered = line.health.heard_age(line.now), line.health.answer_age(line.now)
     assert heard < 0.1
     assert answered < 0.3
+    rates = {kind.key: (kind.rate, kind.asked_rate) for kind in line.health.kinds(line.now) if kind.key in STREAMS}
+    assert rates["osd"] == pytest.approx((10, 10), rel=0.1)
+    assert rates["attitude"] == pytest.approx((20, 20), rel=0.1)
 
 
 SEARCHING = VerdictFinding(LinkCondition.GARBAGE, "no frame at 9600 baud: trying 57600")
