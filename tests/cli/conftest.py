@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 from cyclopts import App
@@ -29,7 +30,7 @@ def typed(capsys: pytest.CaptureFixture[str]) -> Ctl:
 
 @pytest.fixture
 def ctl(typed: Ctl) -> Ctl:
-    return lambda at, *words: typed(app, *words, *at)
+    return partial(typed, app)
 
 
 def mission(count: int) -> Mission:

@@ -13,12 +13,15 @@ from mkdaemon.bus.localsocket import socket_folders, socket_name
 from mkdaemon.cli.mkctl import release
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.streams import read_interval
+from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.daemon.localsocket import LocalSocket
 from mkdaemon.errors import CommandRejectedError, ConfigError, MkError
+from mkdaemon.missions import write_mission
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.control import ReleaseReport
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.status import Status
+from tests.cli.conftest import mission
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +35,7 @@ def flown(tmp_path_factory):
 def mkctl(ctl, monkeypatch):
     """Run `mkctl`: exit code, output, errors."""
     monkeypatch.setenv("COLUMNS", "200")
-    return lambda *arguments: ctl([], *arguments)
+    return ctl
 
 
 def test_a_first_look_around(flown, mkctl):
@@ -60,23 +63,6 @@ def test_a_first_look_around(flown, mkctl):
     assert code == 1
     assert "line_budget" in err
     assert "% of the line" in err
-
-
-def test_flying_by_hand_from_the_command_line(flown, mkctl):
-    code, out, _ = mkctl("lease", "show")
-    assert (code, out.strip()) == (0, "no client holds the lease")
-    code, out, _ = mkctl("lease", "take", "--holder", "tester", "--json")
-    assert (code, json.loads(out)["holder"]) == (0, "tester")
-    code, _, err = mkctl("lease", "take", "--holder", "other")
-    assert (code, err.startswith("mkctl: lease_held: tester holds the lease")) == (1, True)
-    assert "--force" in err
-    assert mkctl("release")[0] == 0
-    fly = ("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
-    code, out, err = mkctl(*fly)
-    assert '"pitch": -12' in out, err
-    code, out, _ = mkctl("release")
-    assert code == 0
-    assert out == "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)\n"
 
 
 def test_mistakes_are_one_line(flown, mkctl):
@@ -184,3 +170,90 @@ async def test_without_a_socket_the_bus_has_the_last_word(monkeypatch):
     bus_that(monkeypatch, MkError("nobody answers"))
     with pytest.raises(MkError, match="nobody answers"):
         await release.release(connection=HERE)
+
+
+def test_a_mission_goes_up_is_verified_comes_down_and_is_cleared(flown, mkctl, tmp_path):
+    file, back = tmp_path / "mission.csv", tmp_path / "back.gpx"
+    write_mission(mission(6), file)
+    code, out, err = mkctl("waypoints", "upload", str(file), "--json")
+    assert (code, err) == (EXIT_OK, "")
+    up = json.loads(out)
+    assert up["count"] == 6
+    assert up["rounds"] >= 1  # more where a loaded machine lets an answer come late
+    assert mkctl("waypoints", "verify", str(file))[::2] == (EXIT_OK, "")
+    code, out, _ = mkctl("waypoints", "read", str(back), "--json")
+    assert (code, json.loads(out)["digest"]) == (EXIT_OK, up["digest"])
+    assert mkctl("waypoints", "clear")[:2] == (EXIT_OK, "the list is empty\n")
+    code, out, _ = mkctl("waypoints", "verify", str(back))
+    assert (code, out.splitlines()[0]) == (EXIT_FAILURE, "point 1 is absent")
+    code, _, err = mkctl("waypoints", "read", str(tmp_path / "none.gpx"))
+    assert code == EXIT_FAILURE
+    assert "holds no points" in err
+
+
+def test_a_conversion_names_what_is_lost(mkctl, tmp_path):
+    file, plan = tmp_path / "mission.csv", tmp_path / "mission.plan"
+    file.write_text("lat,lon,altitude,event\n53.1,8.1,10,1\n53.2,8.1,10,3\n")
+    code, out, err = mkctl("waypoints", "convert", str(file), str(plan))
+    assert (code, out) == (EXIT_OK, f"2 points written to {plan}\n")
+    assert err == f"mkctl: {plan}: this format does not keep event of points 1 and 2\n"
+
+
+def test_navictrl_parameters_labels_and_display(flown, mkctl):
+    assert mkctl("board", "parameters", "set", "target-speed", "25")[:2] == (EXIT_OK, "target_speed 25 0.1 m/s\n")
+    assert mkctl("board", "parameters", "get", "target_speed")[1] == "target_speed 25 0.1 m/s\n"
+    assert mkctl("board", "parameters", "set", "heading_setpoint", "-1")[::2] == (EXIT_OK, "")
+    code, _, err = mkctl("board", "parameters", "set", "target_speed", "99999")
+    assert (code, "<= 32767" in err) == (EXIT_CONFIG, True)
+    code, _, err = mkctl("board", "parameters", "get", "speed")
+    assert code == EXIT_CONFIG
+    assert "target-speed" in err
+    first = mkctl("board", "labels", "nc")[1].splitlines()
+    assert len(first) == 32
+    assert mkctl("board", "labels", "nc")[1].splitlines() == first  # kept, not asked again
+    lines = mkctl("board", "display", "nc", "--once")[1].splitlines()
+    assert [len(line) for line in lines] == [20] * 4
+
+
+def test_send_prints_the_typed_answer_and_refusals(flown, mkctl):
+    assert mkctl("board", "send", "echo-request", "--pattern", "0x5AA5")[1].split() == ["pattern", "23205"]
+    code, _, err = mkctl("board", "send", "echo-request", "--pattern", "70000")
+    assert (code, err.strip()) == (EXIT_CONFIG, "mkctl: --pattern: '70000' does not fit; it takes: 0..65535.")
+    code, out, _ = mkctl("board", "send", "waypoint-request", "--index", "9", "--json")
+    assert json.loads(out)["reply"] == {"count": 0}
+    code, _, err = mkctl("board", "send", "redirect", "--port", "fc")
+    assert code == EXIT_FAILURE
+    assert "not_confirmed" in err
+
+
+def test_flying_by_hand_from_the_command_line(flown, mkctl):
+    code, out, _ = mkctl("lease", "show")
+    assert (code, out.strip()) == (0, "no client holds the lease")
+    code, out, _ = mkctl("lease", "take", "--holder", "tester", "--json")
+    assert (code, json.loads(out)["holder"]) == (0, "tester")
+    code, _, err = mkctl("lease", "take", "--holder", "other")
+    assert (code, err.startswith("mkctl: lease_held: tester holds the lease")) == (1, True)
+    assert "--force" in err
+    assert mkctl("release")[0] == 0
+    fly = ("stick", "--throttle", "5", "--pitch", "-12", "--seconds", "0.5", "--json")
+    code, out, err = mkctl(*fly)
+    assert '"pitch": -12' in out, err
+    code, out, _ = mkctl("release")
+    assert code == 0
+    assert out == "released; a confirmation cannot come this way (NaviCtrl between us and the FlightCtrl)\n"
+
+
+def test_while_motors_run_an_upload_needs_its_flag(flown, mkctl, tmp_path):
+    file = tmp_path / "mission.csv"
+    write_mission(mission(3), file)
+    mkctl("sim", "start")
+    shown = mkctl("watch", "state/flight", "--seconds", "8", "--json")[1].splitlines()
+    assert json.loads(shown[-1])["motors_running"] is True
+    code, _, err = mkctl("waypoints", "upload", str(file))
+    assert code == EXIT_FAILURE
+    assert "in_flight_needed: motors are running, and do/waypoints_upload takes effect at once" in err
+    assert "--in-flight" in err
+    assert mkctl("waypoints", "upload", str(file), "--in-flight")[::2] == (EXIT_OK, "")
+    code, _, err = mkctl("settings", "list")
+    assert code == EXIT_FAILURE
+    assert "motors_running" in err

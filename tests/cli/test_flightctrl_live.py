@@ -3,78 +3,76 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from lab.rigs.desk import desk
 from mkdaemon.cli.program import EXIT_CONFIG, EXIT_FAILURE, EXIT_OK
 from mkdaemon.missions import write_mission
-from tests.cli.conftest import Ctl, mission
+from tests.cli.conftest import mission
 
 
-@pytest.fixture(scope="module")
-def at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
-    """Options of every command, while `mkctl` is at the desk of an aircraft."""
+@pytest.fixture(scope="module", autouse=True)
+def aircraft(tmp_path_factory):
+    """`mkctl` is at the desk of an aircraft."""
     with desk(tmp_path_factory.mktemp("aircraft"), board="fc"):
-        yield []
+        yield
 
 
-def test_without_a_navictrl_an_upload_says_so(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
+def test_without_a_navictrl_an_upload_says_so(ctl, tmp_path):
     file = tmp_path / "mission.csv"
     write_mission(mission(2), file)
     for words in (("upload", str(file)), ("verify", str(file)), ("clear",), ("read", str(tmp_path / "b.csv"))):
-        code, _, err = ctl(at, "waypoints", *words)
+        code, _, err = ctl("waypoints", *words)
         assert (code, err.count("\n")) == (EXIT_FAILURE, 1)
         assert "board_unreachable: nc cannot be reached from here: the line ends at a FlightCtrl" in err
 
 
-def test_settings_are_written_as_the_board_takes_them(at: list[str], ctl: Ctl) -> None:
+def test_settings_are_written_as_the_board_takes_them(ctl):
     changes = ("gyro_p=85", "throttle_max=5")
-    out = ctl(at, "settings", "write", *changes, "--slot", "1", "--dry-run")[1]
+    out = ctl("settings", "write", *changes, "--slot", "1", "--dry-run")[1]
     assert "set 1: would change gyro_p from 90 to 85" in out
-    out = ctl(at, "settings", "write", *changes, "--slot", "1")[1]
+    out = ctl("settings", "write", *changes, "--slot", "1")[1]
     assert "the FC changed throttle_max from 5 to 100" in out
-    out = ctl(at, "settings", "list", "--json")[1]
+    out = ctl("settings", "list", "--json")[1]
     assert [row["slot"] for row in json.loads(out) if row["active"]] == [3]
 
 
-def test_mixer_and_motor_controllers(at: list[str], ctl: Ctl, tmp_path: Path) -> None:
+def test_mixer_and_motor_controllers(ctl, tmp_path):
     file = tmp_path / "mixer.toml"
-    assert ctl(at, "board", "mixer", "read", str(file))[::2] == (EXIT_OK, "")
+    assert ctl("board", "mixer", "read", str(file))[::2] == (EXIT_OK, "")
     file.write_text(file.read_text().replace("1 = [64, 64, 0, 64]", "1 = [60, 64, 0, 64]"))
-    code, _, err = ctl(at, "board", "mixer", "write", str(file))
+    code, _, err = ctl("board", "mixer", "write", str(file))
     assert code == EXIT_CONFIG
     assert "--confirm" in err
-    assert ctl(at, "board", "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
-    assert "1 = [60, 64, 0, 64]" in ctl(at, "board", "mixer", "read")[1]
+    assert ctl("board", "mixer", "write", str(file), "--confirm")[::2] == (EXIT_OK, "")
+    assert "1 = [60, 64, 0, 64]" in ctl("board", "mixer", "read")[1]
 
-    assert "current_limit        30 A" in ctl(at, "board", "motor-controllers", "read", "2")[1]
+    assert "current_limit        30 A" in ctl("board", "motor-controllers", "read", "2")[1]
     code, out, _ = ctl(
-        at, "board", "motor-controllers", "write", "2", "--current-limit", "20", "--reverse", "--confirm", "--json"
+        "board", "motor-controllers", "write", "2", "--current-limit", "20", "--reverse", "--confirm", "--json"
     )
     found = json.loads(out)
     assert (found["current_limit"], found["reverse"], found["pwm_scaling"]) == (20, True, 255)
-    assert json.loads(ctl(at, "board", "motor-controllers", "read", "2", "--json")[1])["current_limit"] == 20
-    code, _, err = ctl(at, "board", "motor-controllers", "write", "2", "--current-limit", "21")
+    assert json.loads(ctl("board", "motor-controllers", "read", "2", "--json")[1])["current_limit"] == 20
+    code, _, err = ctl("board", "motor-controllers", "write", "2", "--current-limit", "21")
     assert code == EXIT_CONFIG
     assert "repeat with --confirm" in err
 
 
-def test_motors_turn_and_stop(at: list[str], ctl: Ctl) -> None:
-    code, _, err = ctl(at, "board", "motors", "test", "1")
+def test_motors_turn_and_stop(ctl):
+    code, _, err = ctl("board", "motors", "test", "1")
     assert code == EXIT_CONFIG
     assert "take the propellers off" in err
-    assert ctl(at, "board", "motors", "test", "1", "2", "--seconds", "1", "--propellers-off")[:2] == (
+    assert ctl("board", "motors", "test", "1", "2", "--seconds", "1", "--propellers-off")[:2] == (
         EXIT_OK,
         "motors stopped\n",
     )
 
 
-def test_the_menu_is_that_of_the_board_that_is_there(at: list[str], ctl: Ctl) -> None:
-    assert ctl(at, "board", "display")[1].startswith("FlightCtrl ")
+def test_the_menu_is_that_of_the_board_that_is_there(ctl):
+    assert ctl("board", "display")[1].startswith("FlightCtrl ")
 
 
-def test_a_release_is_confirmed(at: list[str], ctl: Ctl) -> None:
-    assert "the FlightCtrl confirmed it" in ctl(at, "release")[1]
+def test_a_release_is_confirmed(ctl):
+    assert "the FlightCtrl confirmed it" in ctl("release")[1]
