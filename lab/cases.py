@@ -26,11 +26,26 @@ SHOWN: Final = 200
 
 
 class Judged(Protocol):
-    """What became of a flight: a dataclass."""
+    """What became of a flight: a dataclass. Else it is a row; see `judged`."""
 
     @property
     def is_wrong(self) -> bool:
         """Whether it breaks a limit."""
+
+
+def judged(limits: Mapping[str, float | str], **found: Any) -> Row:
+    """What became of a flight, and `is_wrong`: whether it breaks a limit.
+
+    Args:
+        limits: by the name of what was found: of a number or a claim the largest that is right, of a word the word;
+            None, for what never was, breaks any.
+        found: all of it.
+    """
+    return found | {"is_wrong": not all(_keeps(found[name], limit) for name, limit in limits.items())}
+
+
+def _keeps(value: Any, limit: float | str) -> bool:
+    return bool(value == limit if isinstance(limit, str) else value is not None and value <= limit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +114,10 @@ def fly(asked: Asked) -> Row:
 
 
 def _row(one: Any) -> Row:
-    judged = {name: getattr(one, name) for name in ("is_wrong", "is_machine_late") if hasattr(one, name)}
-    return asdict(one) | judged
+    if isinstance(one, dict):
+        return one
+    more = {name: getattr(one, name) for name in ("is_wrong", "is_machine_late") if hasattr(one, name)}
+    return asdict(one) | more
 
 
 async def _in_time(flight: Coroutine[Any, Any, Any], longest: float) -> Any:

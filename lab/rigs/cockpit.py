@@ -216,6 +216,11 @@ class Cockpit:
             await asyncio.sleep(step)
         return loop.time() - began
 
+    def forget(self) -> None:
+        """Keep nothing of what was seen on the line and in the FlightCtrl so far."""
+        for kept in (self.sink.tx, self.aircraft.held, self.aircraft.applied):
+            kept.clear()
+
     @property
     def may_fly(self) -> bool:
         """Whether a lease would be granted and could be flown with."""

@@ -1,12 +1,15 @@
-"""Waiting for something to become true, and work beside it, in real and in virtual time."""
+"""Waiting for something to become true, work beside it, and work in virtual time."""
 
 from __future__ import annotations
 
 import asyncio
+import functools
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
+
+from mkdaemon.virtualtime import run_virtually
 
 if TYPE_CHECKING:
     from mkdaemon.client import Sample, Vehicle
@@ -15,6 +18,17 @@ PATIENCE: Final = 30.0
 """Longest wait for what takes two seconds on an idle machine [s]: what takes longer is broken."""
 
 _Found = TypeVar("_Found")
+_Given = ParamSpec("_Given")
+
+
+def in_virtual_time(work: Callable[_Given, Coroutine[Any, Any, _Found]]) -> Callable[_Given, _Found]:
+    """A function that runs a coroutine function to its end in virtual time."""
+
+    @functools.wraps(work)
+    def run(*args: _Given.args, **kwargs: _Given.kwargs) -> _Found:
+        return run_virtually(work(*args, **kwargs))
+
+    return run
 
 
 async def wait_until(claim: Callable[[], Any], within: float = PATIENCE, step: float = 0.002) -> float:

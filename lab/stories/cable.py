@@ -10,24 +10,24 @@ import asyncio
 import itertools
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
-from lab.rigs.waiting import running
+from lab.rigs.waiting import in_virtual_time, running
 from lab.stories.standstills import Streamer
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.decoder import MessageDecoder
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.virtualtime import run_virtually
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""
-CLEARED: Final = 1.1
-"""An old tilt that came back with the board is taken away within this time [s]."""
+LIMITS: Final[dict[str, float | str]] = {"back": BACK, "first": "release", "steered": 0, "is_held": False, "obeyed": 1.1}
+"""Of one interruption; see `pull_cable`."""
 WATCH: Final = 1.0
 """How long the boards are watched after that [s]."""
 
@@ -41,35 +41,6 @@ class Cut(StrEnum):
     """The device vanishes while it is written."""
     REBOOT = "reboot"
     """The boards are reset: boot text, silence, everything forgotten but the first frame received meanwhile."""
-
-
-@dataclass(frozen=True, slots=True)
-class Cycle:
-    """One interruption.
-
-    Attributes:
-        number: within the session.
-        cut: what happened.
-        back: streamed telemetry after the device came back [s]; None where it did not.
-        first: what was written first after the questions who is there; `release` as it must be.
-        steered: stick frames with a control bit, from the opening to the end, although nobody took a lease since.
-        is_held: whether the FlightCtrl still held a command at the end.
-        obeyed: time for which the FlightCtrl followed an old tilt after its reboot [s].
-    """
-
-    number: int
-    cut: Cut
-    back: float | None
-    first: str
-    steered: int
-    is_held: bool
-    obeyed: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        is_late = self.back is None or self.back > BACK or self.obeyed > CLEARED
-        return is_late or self.first != "release" or self.steered > 0 or self.is_held
 
 
 QUESTIONS: Final = frozenset("voq")
@@ -88,18 +59,23 @@ def first_words(written: bytes) -> str:
     return "nothing"
 
 
-def pull_cable(
-    boards: Boards, seed: int, *, cycles: int, cuts: Sequence[Cut] | None = None, tick: float = TICK_TIME
-) -> list[Cycle]:
-    """Interrupt one session again and again; in every way that its boards know, if none is given.
+@in_virtual_time
+async def pull_cable(boards: Boards, seed: int, *, cycles: int, tick: float = TICK_TIME) -> list[Row]:
+    """Interrupt one session again and again, in every way that its boards know.
 
-    Bytes are carried every `tick` [s].
+    Args:
+        boards: that fly.
+        seed: of everything random.
+        cycles: interruptions.
+        tick: bytes are carried so often [s].
+
+    Returns:
+        Of each `cut`; `back`, streamed telemetry after the device came back [s], None where it did not; `first`, what
+        was written first after the questions who is there; `steered`, stick frames with a control bit, from the opening
+        to the end, although nobody took a lease since; `is_held`, whether the FlightCtrl still held a command at the
+        end; `obeyed`, for how long it followed an old tilt after its reboot [s].
     """
-    ways = tuple(Cut) if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)
-    return run_virtually(_pull_cable(boards, seed, cycles, cuts or ways, tick))
-
-
-async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut], tick: float) -> list[Cycle]:
+    cuts = tuple(Cut) if boards.nc is None else (Cut.UNPLUGGED, Cut.WHILE_WRITING)
     found = []
     async with cockpit(boards, seed, tick=tick) as flown:
         for number in range(cycles):
@@ -108,12 +84,12 @@ async def _pull_cable(boards: Boards, seed: int, cycles: int, cuts: Sequence[Cut
             async with running(Streamer(flown, f"client{number}").fly()):
                 await flown.until(lambda: flown.aircraft.is_controlled)
                 await asyncio.sleep(rng.uniform(0.1, 0.6))
-                found.append(await _interrupt(flown, cut, number, rng))
+                found.append(await _interrupt(flown, cut, rng))
             await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
     return found
 
 
-async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) -> Cycle:
+async def _interrupt(flown: Cockpit, cut: Cut, rng: random.Random) -> Row:
     """Cut the line, restore it, and watch."""
     socket, port = flown.socket, flown.socket.port
     assert port is not None
@@ -139,7 +115,8 @@ async def _interrupt(flown: Cockpit, cut: Cut, number: int, rng: random.Random) 
         first = next((word for word in words if word not in QUESTIONS), "nothing")
     flown.sink.tx.clear()
     obeyed = _tilted_time(flown.aircraft.applied, restarted, flown.aircraft.now) if cut is Cut.REBOOT else 0.0
-    return Cycle(number, cut, back, first, len(steering), flown.aircraft.is_controlled, obeyed)
+    more = {"steered": len(steering), "is_held": flown.aircraft.is_controlled, "obeyed": obeyed}
+    return judged(LIMITS, cut=cut, back=back, first=first, **more)
 
 
 def _tilted_time(applied: Sequence[Held], begin: float, end: float) -> float:

@@ -10,60 +10,31 @@ import asyncio
 import random
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
-from lab.rigs.waiting import running
+from lab.rigs.waiting import in_virtual_time, running
 from lab.stories.dyingclient import Death, DyingClient
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
 from mkdaemon.protocol.messages import LabelRequest
 from mkdaemon.telemetry.control import ReleaseOutcome
-from mkdaemon.virtualtime import run_virtually
 from mksim.boards.line import HOST_CHAR
 
 NEUTRAL_TIME: Final = 0.350
 """Neutral sticks on the wire this long after the last setpoint [s]."""
 RELEASE_TIME: Final = 1.1
 """Config cleared in the FlightCtrl this long after the last setpoint [s]."""
+LIMITS: Final = {"wire": NEUTRAL_TIME, "released": RELEASE_TIME, "relapses": 0}
+"""Of every single death; see `measure_loss`."""
 WATCH: Final = 2.5
 """How long each death is watched [s]."""
 SESSION: Final = 20
 """Deaths a session, the last of a campaign may have fewer."""
-
-
-@dataclass(frozen=True, slots=True)
-class Loss:
-    """One death, measured from the last usable setpoint.
-
-    Attributes:
-        seed: of the session.
-        number: within the session.
-        death: how.
-        wire: neutral frame on the wire [s]; None where none came.
-        neutral: neutral in the FlightCtrl [s]; None where it never was.
-        applied: neutral at the motors' mixer [s].
-        released: Config cleared in the FlightCtrl [s]; None where it still held a command at the end.
-        relapses: stick frames, or commands in the FlightCtrl, that moved something after they had to be neutral.
-    """
-
-    seed: int
-    number: int
-    death: Death
-    wire: float | None
-    neutral: float | None
-    applied: float | None
-    released: float | None
-    relapses: int
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit that holds for every single death."""
-        is_late = self.wire is None or self.wire > NEUTRAL_TIME or self.released is None
-        return is_late or self.relapses > 0 or (self.released or 0.0) > RELEASE_TIME
 
 
 class SilentRelease(Link):
@@ -74,7 +45,8 @@ class SilentRelease(Link):
         return ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason)
 
 
-def fly_session(
+@in_virtual_time
+async def fly_session(
     boards: Boards,
     seed: int,
     deaths: int = SESSION,
@@ -83,20 +55,12 @@ def fly_session(
     watched: float = WATCH,
     ways: tuple[Death, ...] = tuple(Death),
     tick: float = TICK_TIME,
-) -> list[Loss]:
-    """Discover the boards once, then lose one client after another; bytes are carried every `tick` [s]."""
-    return run_virtually(_fly_session(boards, seed, deaths, link_class, watched, ways, tick))
+) -> list[Row]:
+    """Discover the boards once, then lose one client after another; bytes are carried every `tick` [s].
 
-
-async def _fly_session(
-    boards: Boards,
-    seed: int,
-    deaths: int,
-    link_class: type[Link],
-    watched: float,
-    ways: tuple[Death, ...],
-    tick: float,
-) -> list[Loss]:
+    Returns:
+        Of each its `death`, and what `measure_loss` finds.
+    """
     losses = []
     async with (
         cockpit(boards, seed, link_class=link_class, tick=tick) as flown,
@@ -108,10 +72,8 @@ async def _fly_session(
             client = DyingClient(flown, rng, f"client{number}")
             await _take_turn(flown, client.fly)
             await client.die(death, watched)
-            losses.append(replace(measure_loss(flown, client.last_usable), seed=seed, number=number, death=death))
-            flown.sink.tx.clear()
-            flown.aircraft.held.clear()
-            flown.aircraft.applied.clear()
+            losses.append({"death": death} | measure_loss(flown, client.last_usable))
+            flown.forget()
     return losses
 
 
@@ -133,26 +95,27 @@ async def _poll(flown: Cockpit, rng: random.Random) -> None:
         await asyncio.sleep(rng.uniform(0.02, 0.3))
 
 
-def measure_loss(flown: Cockpit, since: float) -> Loss:
-    """What happened since the last usable setpoint [s]."""
+def measure_loss(flown: Cockpit, since: float) -> Row:
+    """What happened since the last usable setpoint, at `since` [s].
+
+    Returns:
+        Times from then on, None for never: `wire`, neutral frame on the wire [s]; `neutral`, in the FlightCtrl [s];
+        `applied`, at the motors' mixer [s]; `released`, Config cleared in the FlightCtrl [s]. `relapses`: stick frames
+        that moved something after the release had begun.
+    """
     sticks = [frame for frame in flown.sink.tx if frame.purpose in {Purpose.SETPOINT, Purpose.RELEASE}]
     moving = max((n for n, frame in enumerate(sticks) if not _is_neutral(frame)), default=-1)
     level = next((frame for frame in sticks[moving + 1 :]), None)
     wire = None if level is None else level.at + len(level.raw) * HOST_CHAR - since
     held, applied = flown.aircraft.held, flown.aircraft.applied
-    neutral, released = settled(held, lambda one: one.is_neutral), settled(held, lambda one: not one.is_valid)
-    mixed = settled(applied, lambda one: one.is_neutral)
+    ends = {
+        "neutral": settled(held, lambda one: one.is_neutral),
+        "applied": settled(applied, lambda one: one.is_neutral),
+        "released": settled(held, lambda one: not one.is_valid),
+    }
+    times = {name: None if at is None else at - since for name, at in ends.items()}
     begun = next((n for n, frame in enumerate(sticks) if frame.at > since and not _config(frame)), len(sticks))
-    return Loss(
-        seed=0,
-        number=0,
-        death=Death.KILLED,
-        wire=wire,
-        neutral=None if neutral is None else neutral - since,
-        applied=None if mixed is None else mixed - since,
-        released=None if released is None else released - since,
-        relapses=sum(_config(frame) != 0 for frame in sticks[begun:]),
-    )
+    return judged(LIMITS, wire=wire, **times, relapses=sum(_config(frame) != 0 for frame in sticks[begun:]))
 
 
 def _is_neutral(frame: Sent) -> bool:

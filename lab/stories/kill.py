@@ -9,60 +9,36 @@ import asyncio
 import random
 import signal
 import time
-from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import DaemonProcess, ObservedSimulation, daemon_process
+from lab.rigs.processes import ObservedSimulation, daemon_process
 from lab.rigs.waiting import wait_until
 from lab.stories.cable import first_words
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 
-END_TIME: Final = 2.0
-"""An orderly end takes no longer than this, the release included [s]."""
+LIMITS: Final[dict[str, Any]] = {"first": "release", "steered": 0, "tracebacks": 0}
+"""Of every end; see `end_daemon`."""
+ORDERLY: Final[dict[str, Any]] = LIMITS | {"took": 2.0, "held": 2.0, "exit_code": 0}
+"""Of one that a signal asks for: the release is included [s]."""
 WATCH: Final = 2.0
 """How long the boards are watched after a new start has released them [s]."""
 SIGNALS: Final = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
 
-@dataclass(frozen=True, slots=True)
-class End:
-    """One end of a daemon.
+async def end_daemon(fc: str, number: signal.Signals, seed: int) -> Row:
+    """Fly, end the daemon this way, and start another one where it was killed.
 
-    Attributes:
-        fc: FlightCtrl release.
-        signal: what ended it.
-        took: until the process was gone [s].
-        held: until the FlightCtrl held no command any more, counted from the signal [s].
-        first: what the first bytes of the next daemon were, after a kill; else what the last bytes of this one were.
-        steered: stick frames with a control bit after that.
-        released: from the first bytes of the next daemon to Config cleared in the FlightCtrl [s]; 0 where the
-            FlightCtrl had let go by itself before; None where no next one was needed.
-        exit_code: of the process.
-        tracebacks: in its log.
+    Returns:
+        `signal`; `took`, until the process was gone [s]; `held`, until the FlightCtrl held no command any more, counted
+        from the signal [s]; `first`, what the first bytes of the next daemon were, after a kill, else what the last
+        bytes of this one were; `steered`, stick frames with a control bit after that; `released`, from the first bytes
+        of the next daemon to Config cleared in the FlightCtrl [s], 0 where it had let go by itself before, None where
+        no next one was needed; `exit_code`, without a sign; `tracebacks` in the log.
     """
-
-    fc: str
-    signal: str
-    took: float
-    held: float
-    first: str
-    steered: int
-    released: float | None
-    exit_code: int
-    tracebacks: int
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        orderly = self.signal != "SIGKILL"
-        late = orderly and (self.took > END_TIME or self.held > END_TIME or self.exit_code != 0)
-        return late or self.first != "release" or self.steered > 0 or self.tracebacks > 0
-
-
-async def end_daemon(fc: str, number: signal.Signals, seed: int) -> End:
-    """Fly, end the daemon this way, and start another one where it was killed."""
     rng = random.Random(f"{seed} {fc} {number.name}")
     simulation = observed(seed, fc, keeps=True)
     async with flown(simulation) as one, Pilot(one.client, "pilot") as pilot:
@@ -78,14 +54,15 @@ async def end_daemon(fc: str, number: signal.Signals, seed: int) -> End:
         if number is signal.SIGKILL:
             await asyncio.sleep(rng.uniform(0.0, 1.0))
             simulation.heard.clear()
-            first, steered, released = await _restart(one)
+            limits, after = LIMITS, await _restart(one)
         else:
-            first, steered, released = last_words(_written(simulation)), 0, None
-        held = await letting_go
-    return End(fc, number.name, _round(took), _round(held), first, steered, released, code, _tracebacks(daemon))
+            limits, after = ORDERLY, {"first": last_words(_written(simulation)), "steered": 0, "released": None}
+        times = {"took": round(took, 3), "held": round(await letting_go, 3)}
+    more = {"exit_code": abs(code), "tracebacks": daemon.errors.count("Traceback")}
+    return judged(limits, signal=number.name, **times, **after, **more)
 
 
-async def _restart(one: Flown) -> tuple[str, int, float]:
+async def _restart(one: Flown) -> Row:
     """Start the next daemon where the killed one was; the client finds it again and streams what it streamed."""
     before, simulation = one.daemon, one.simulation
     async with daemon_process(one.port, one.folder, endpoint=before.endpoint) as daemon:
@@ -96,7 +73,7 @@ async def _restart(one: Flown) -> tuple[str, int, float]:
         await asyncio.sleep(WATCH)
         written = _written(simulation)
         before.errors += daemon.errors
-        return first_words(written), steering(written), _round(released)
+        return {"first": first_words(written), "steered": steering(written), "released": round(released, 3)}
 
 
 def _written(simulation: ObservedSimulation) -> bytes:
@@ -113,11 +90,3 @@ def last_words(written: bytes) -> str:
     """What bytes end with, as `first_words` says it."""
     frames = [item for item in FrameDecoder().feed(written) if isinstance(item, Frame)]
     return first_words(frames[-1].raw) if frames else "nothing"
-
-
-def _tracebacks(daemon: DaemonProcess) -> int:
-    return daemon.errors.count("Traceback")
-
-
-def _round(seconds: float) -> float:
-    return round(seconds, 3)

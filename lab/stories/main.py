@@ -1,7 +1,6 @@
 """`python -m lab stories`: the safety stories about link and release, run a thousand times against simulated boards.
 
-Everything in virtual time is seeded and the same on every machine; `clients`, `plug`, `kill`, `race` and `soak` run
-real processes.
+Everything in virtual time is seeded and the same on every machine; `plug`, `kill`, `race` and `soak` run processes.
 """
 
 from __future__ import annotations
@@ -13,8 +12,7 @@ from typing import Any, Final
 from lab.campaign import Row
 from lab.cases import Case, Flight, command, largest, part, sessions, total
 from lab.rigs.cockpit import Boards
-from lab.stories.cable import Cut, pull_cable
-from lab.stories.clients import lose_clients
+from lab.stories.cable import pull_cable
 from lab.stories.deaths import SESSION, SilentRelease, fly_session
 from lab.stories.faults import FAULTS, judge_fault
 from lab.stories.kill import SIGNALS, end_daemon
@@ -73,20 +71,11 @@ def _cuts(runs: int | None, first: int) -> Flights:
 
 def _freezes(runs: int | None, first: int) -> Flights:
     return [
-        Flight(f"{who} for {seconds:g} s", boards.name, partial(_stop, boards, who, seconds, runs or RUNS), first)
+        Flight(f"{who} for {seconds:g} s", boards.name, partial(stand_still, boards, who, seconds, runs or RUNS), first)
         for who in Stopped
         for boards in DIRECT
         for seconds in STOPS
     ]
-
-
-def _stop(boards: Boards, who: Stopped, seconds: float, count: int, seed: int) -> list[Any]:
-    return list(stand_still(boards, who, seconds, seed=seed, count=count))
-
-
-def _swap(runs: int, seed: int) -> list[Any]:
-    """A run is there and back."""
-    return list(swap_aircraft(seed, count=2 * runs))
 
 
 def _one(what: str, boards: str, fly: Callable[..., Any], default: int) -> Callable[[int | None, int], Flights]:
@@ -100,25 +89,10 @@ CASES: Final = {
                   "relapses": total("relapses")}
     ),
     "unreleased": Case(_unreleased, {"released": largest("released")}, holds=_fails),
-    "clients": Case(
-        lambda runs, first: [
-            Flight("client process killed or stopped", boards.name, partial(lose_clients, boards.fc, runs or 20), first)
-            for boards in DIRECT
-        ],
-        {"neutral": largest("neutral"), "released": largest("released")}, longest=1200.0,
-    ),
     "cable": Case(_cuts, {"back": largest("back"), "steered": total("steered"), "obeyed": largest("obeyed")}),
     "swap": Case(
-        _one("another aircraft at the same port", "FC 2.12a and 2.08 behind NC 0.24", _swap, RUNS),
+        _one("another aircraft at the same port", "FC 2.12a and 2.08 behind NC 0.24", swap_aircraft, RUNS),
         {"wrong_layout": total("wrong"), "right_layout": total("right")},
-    ),
-    "reboot": Case(
-        lambda runs, first: [
-            Flight("FlightCtrl reboots in flight", boards.name,
-                   partial(pull_cable, boards, cycles=runs or RUNS, cuts=(Cut.REBOOT,)), first)
-            for boards in DIRECT
-        ],
-        {"steered": total("steered"), "obeyed": largest("obeyed")},
     ),
     "freeze": Case(_freezes, {"tilted": total("tilted"), "cleared": largest("cleared")}),
     "restart": Case(
@@ -167,7 +141,7 @@ main: Final = command(
     CASES,
     """Run the safety stories and measure them; exit code 1 if a limit is broken.
 
-    Clients, plug, kill, race and soak run processes in real time, the others run in virtual time; the soak alone takes
+    Plug, kill, race and soak run processes in real time, the others run in virtual time; the soak alone takes
     twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
     """,
 )

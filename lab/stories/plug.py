@@ -10,10 +10,11 @@ import random
 import statistics
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.flown import observed
 from lab.rigs.processes import DaemonProcess, ObservedSimulation, connected, daemon_process
 from lab.rigs.waiting import following, wait_until
@@ -24,39 +25,10 @@ from mksim.runtime import Runtime
 STREAMED: Final = frozenset({"osd", "attitude", "debug"})
 WARM_UP: Final = 0.25
 """Part of the cycles before descriptors and memory are compared."""
-MEMORY_MB: Final = 2.0
-"""Growth that still counts as flat [MiB]: the allocator's grain."""
-
-
-@dataclass(frozen=True, slots=True)
-class Replugs:
-    """What the cycles showed.
-
-    Attributes:
-        cycles: how many.
-        back_p50: time from the device's return to streamed telemetry, median [s].
-        back_max: longest [s].
-        not_release: cycles whose first bytes were not a release.
-        never_back: cycles after which no telemetry came.
-        descriptors: open files of the daemon after the warm-up and at the end, line open.
-        memory_mb: its memory, median after the warm-up and of the last quarter [MiB].
-        tracebacks: in its log.
-    """
-
-    cycles: int
-    back_p50: float
-    back_max: float
-    not_release: list[int]
-    never_back: list[int]
-    descriptors: tuple[int, int]
-    memory_mb: tuple[float, float]
-    tracebacks: int
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        grows = self.descriptors[1] > self.descriptors[0] or self.memory_mb[1] - self.memory_mb[0] > MEMORY_MB
-        return self.back_max > BACK or bool(self.not_release or self.never_back or self.tracebacks) or grows
+LIMITS: Final = {"back_max": BACK, "memory_mb_more": 2.0} | dict.fromkeys(
+    ("not_release", "never_back", "descriptors_more", "tracebacks"), 0.0
+)
+"""Of all cycles together; memory that grows by no more than the allocator's grain is flat [MiB]; see `replug`."""
 
 
 class _Telemetry:
@@ -76,15 +48,14 @@ class _Bench:
 
     def __init__(self, simulation: ObservedSimulation, device: Path, rng: random.Random) -> None:
         self.back: list[float] = []
-        self.wrong: list[int] = []
-        self.lost: list[int] = []
+        self.wrong = self.lost = 0
         self.descriptors: list[int] = []
         self.memory: list[float] = []
         self._simulation = simulation
         self._device = device
         self._rng = rng
 
-    async def cycle(self, number: int, daemon: DaemonProcess, telemetry: _Telemetry) -> None:
+    async def cycle(self, daemon: DaemonProcess, telemetry: _Telemetry) -> None:
         """Plug in, wait for telemetry, look at everything, unplug."""
         simulation, rng = self._simulation, self._rng
         runtime = Runtime(simulation)
@@ -97,18 +68,25 @@ class _Bench:
                 await wait_until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
                 self.back.append(telemetry.latest - returned)
             except TimeoutError:
-                self.lost.append(number)
+                self.lost += 1
             await asyncio.sleep(rng.uniform(0.05, 0.4))
             self.descriptors.append(daemon.descriptors())
             self.memory.append(daemon.resident_mb())
             if first_words(b"".join(data for _, data in simulation.heard)) != "release":
-                self.wrong.append(number)
+                self.wrong += 1
             self._device.unlink()
         await asyncio.sleep(rng.uniform(0.05, 0.6))
 
 
-async def replug(cycles: int, seed: int) -> Replugs:
-    """Unplug and plug in so many times."""
+async def replug(cycles: int, seed: int) -> Row:
+    """Unplug and plug in so many times.
+
+    Returns:
+        `back_p50` and `back_max`, median and longest time from the device's return to streamed telemetry [s];
+        `not_release`, cycles whose first bytes were not a release; `never_back`, cycles after which no telemetry came;
+        `descriptors`, open files of the daemon at the end, line open, and `memory_mb`, its memory, median of the last
+        quarter [MiB]; both with what they are more than after the warm-up; `tracebacks` in its log.
+    """
     telemetry = _Telemetry()
     with tempfile.TemporaryDirectory() as folder:
         device = Path(folder) / "ttyMK"
@@ -118,19 +96,20 @@ async def replug(cycles: int, seed: int) -> Replugs:
             connected(daemon.endpoint) as client,
             following(client, telemetry.take, "rx/**"),
         ):
-            for number in range(cycles):
-                await bench.cycle(number, daemon, telemetry)
+            for _ in range(cycles):
+                await bench.cycle(daemon, telemetry)
     warm, quarter = int(cycles * WARM_UP), max(1, cycles // 4)
-    return Replugs(
-        cycles=cycles,
+    files, memory = bench.descriptors, bench.memory
+    level = statistics.median(memory[-quarter:])
+    return judged(
+        LIMITS,
         back_p50=round(statistics.median(bench.back), 3),
         back_max=round(max(bench.back), 3),
         not_release=bench.wrong,
         never_back=bench.lost,
-        descriptors=(max(bench.descriptors[warm : warm + quarter]), max(bench.descriptors[-quarter:])),
-        memory_mb=(
-            round(statistics.median(bench.memory[warm : warm + quarter]), 2),
-            round(statistics.median(bench.memory[-quarter:]), 2),
-        ),
+        descriptors=max(files[-quarter:]),
+        descriptors_more=max(files[-quarter:]) - max(files[warm : warm + quarter]),
+        memory_mb=round(level, 2),
+        memory_mb_more=round(level - statistics.median(memory[warm : warm + quarter]), 2),
         tracebacks=daemon.errors.count("Traceback"),
     )

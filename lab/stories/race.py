@@ -9,9 +9,10 @@ from __future__ import annotations
 import asyncio
 import random
 import time
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import connected
@@ -40,34 +41,6 @@ class Grant(NamedTuple):
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class Race:
-    """What the race showed.
-
-    Attributes:
-        takes: leases granted.
-        refused: leases refused because the other held one.
-        frames: stick frames on the wire.
-        tilted: of those, with somebody's tilt.
-        foreign: tilted frames of somebody who did not hold the lease.
-        backwards: outputs whose epoch is older than one before.
-        unseen: transmissions that did not reach the observer.
-    """
-
-    takes: int
-    refused: int
-    frames: int
-    tilted: int
-    foreign: int
-    backwards: int
-    unseen: int
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether a frame of an old epoch left, or one was not seen, or nothing was raced for."""
-        return bool(self.foreign or self.backwards or self.unseen) or self.takes < 2 or self.tilted == 0
-
-
 class _Observer:
     """Keeps the stick frames and epochs that the daemon shows."""
 
@@ -87,8 +60,15 @@ class _Observer:
                 self.sticks.append((sample.fields["stamp"]["monotonic"], ExternControlV2.decode(item.payload).pitch))
 
 
-async def race(seconds: float, seed: int) -> Race:
-    """Let two clients take the lease from each other for so long [s]."""
+async def race(seconds: float, seed: int) -> Row:
+    """Let two clients take the lease from each other for so long [s].
+
+    Returns:
+        `takes`, leases granted; `refused`, because the other held one; `frames`, stick frames on the wire; `tilted`, of
+        those with somebody's tilt; `foreign`, tilted ones of somebody who did not hold the lease; `backwards`, outputs
+        whose epoch is older than one before; `unseen`, transmissions that did not reach the observer; `is_empty`,
+        nothing was raced for.
+    """
     observer = _Observer()
     grants: list[Grant] = []
     async with (
@@ -105,13 +85,15 @@ async def race(seconds: float, seed: int) -> Race:
         )
         await asyncio.sleep(0.5)
     tilted = [(at, 1 if pitch > 0 else -1) for at, pitch in observer.sticks if pitch]
-    return Race(
+    return judged(
+        {"foreign": 0, "backwards": 0, "unseen": 0, "is_empty": False},
         takes=len(grants),
         refused=sum(refusals),
         frames=len(observer.sticks),
         tilted=len(tilted),
         foreign=sum(not may_steer(grants, at, side) for at, side in tilted),
         backwards=sum(after < before for before, after in zip(observer.epochs, observer.epochs[1:], strict=False)),
+        is_empty=len(grants) < 2 or not tilted,
         unseen=observer.numbers[-1] - observer.numbers[0] + 1 - len(observer.numbers),
     )
 

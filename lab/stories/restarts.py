@@ -8,58 +8,34 @@ from __future__ import annotations
 
 import asyncio
 import random
-from dataclasses import dataclass
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME, Socket
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
+from lab.rigs.waiting import in_virtual_time, running
 from lab.stories.standstills import Streamer, is_tilted
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.knownflight import FlightMemory
 from mkdaemon.telemetry.refusals import Token
-from mkdaemon.virtualtime import run_virtually
 
-CLEARED: Final = 0.35
-"""The old command is taken away so long after the first bytes of the new daemon [s]."""
+LIMITS: Final[dict[str, float | str]] = {"cleared": 0.35, "steered": 0, "token": Token.REMEMBERED_ONLY}
+"""Of one restart; see `restart`."""
 WATCH: Final = 2.0
 """How long a new daemon is watched before a client confirms [s]."""
 IN_FLIGHT_GAS: Final = 60
 
 
-@dataclass(frozen=True, slots=True)
-class Restart:
-    """One restart.
+@in_virtual_time
+async def restart(boards: Boards, seed: int, *, count: int, tick: float = TICK_TIME) -> list[Row]:
+    """Kill and start the daemon of one flight again and again; bytes are carried every `tick` [s].
 
-    Attributes:
-        number: within the session.
-        cleared: the FlightCtrl held no command any more, from the first bytes [s]; None where it did at the end.
-        steered: frames with the valid bit before a client confirmed the FlightCtrl.
-        token: why a lease without the confirmation was refused; empty where it was granted.
-        layout: in which the confirmed lease flew; empty for none.
-        expected: the layout of the aircraft.
+    Returns:
+        Of each `cleared`, when the FlightCtrl held no command any more, from the first bytes [s], None where it did at
+        the end; `steered`, frames with the valid bit before a client confirmed the FlightCtrl; `token`, why a lease
+        without the confirmation was refused, empty where it was granted; `layout`, in which the confirmed lease flew.
     """
-
-    number: int
-    cleared: float | None
-    steered: int
-    token: str
-    layout: str
-    expected: str
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        is_late = self.cleared is None or self.cleared > CLEARED
-        is_other = self.layout != self.expected or not self.layout
-        return is_late or self.steered > 0 or self.token != Token.REMEMBERED_ONLY or is_other
-
-
-def restart(boards: Boards, seed: int, *, count: int, tick: float = TICK_TIME) -> list[Restart]:
-    """Kill and start the daemon of one flight again and again; bytes are carried every `tick` [s]."""
-    return run_virtually(_restart(boards, seed, count, tick))
-
-
-async def _restart(boards: Boards, seed: int, count: int, tick: float) -> list[Restart]:
     async with cockpit(boards, seed, tick=tick, rates={"osd": 200}) as flown:
         await asyncio.sleep(1.0)
         flown.aircraft.world.pilot.gas = IN_FLIGHT_GAS
@@ -77,21 +53,18 @@ async def _restart(boards: Boards, seed: int, count: int, tick: float) -> list[R
 
 async def _fly_and_die(flown: Cockpit, name: str, *, use_remembered: bool) -> FlightMemory:
     """Fly with a tilt, then end as a killed process does; returns what the note says."""
-    flying = asyncio.create_task(Streamer(flown, name).fly(use_remembered=use_remembered), name="client")
-    await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
-    await asyncio.sleep(0.5)
-    memory, port = flown.link.flight_memory, flown.socket.port
-    assert memory is not None
-    assert port is not None
-    port.lose("the program was killed")
-    flying.cancel()
-    await asyncio.gather(flying, return_exceptions=True)
+    async with running(Streamer(flown, name).fly(use_remembered=use_remembered)):
+        await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
+        await asyncio.sleep(0.5)
+        memory, port = flown.link.flight_memory, flown.socket.port
+        assert memory is not None and port is not None
+        port.lose("the program was killed")
     return memory
 
 
 async def _begin_again(
     boards: Boards, socket: Socket, memory: FlightMemory, number: int, layout: str
-) -> tuple[Restart, FlightMemory]:
+) -> tuple[Row, FlightMemory]:
     was_controlled = not socket.aircraft.flight.external.is_valid
     written = len(socket.wire)
     async with cockpit(boards, number, socket=socket, rates={"osd": 200}) as flown:
@@ -109,5 +82,5 @@ async def _begin_again(
         except CommandRejectedError as error:
             token = error.token
         memory = await _fly_and_die(flown, f"client{number}", use_remembered=True)
-        found = Restart(number, cleared, steered, token, flown.link.dialect.extern_control_layout or "", layout)
-    return found, memory
+        flew = flown.link.dialect.extern_control_layout or "none"
+    return judged(LIMITS | {"layout": layout}, cleared=cleared, steered=steered, token=token, layout=flew), memory

@@ -13,9 +13,10 @@ import statistics
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from typing import Any, Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.flown import flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import DaemonProcess, ObservedSimulation
@@ -28,62 +29,25 @@ SAMPLE: Final = 2.0
 """Time between two looks at memory and descriptors [s]."""
 WARM_UP: Final = 0.25
 """Part of the run before memory is compared: caches, windows and allocator arenas fill."""
-MEMORY_MB: Final = 2.0
-"""Growth that still counts as flat [MiB]: the allocator's grain."""
-CPU_PERCENT: Final = 25.0
-"""Largest share of a core."""
+LIMITS: Final = {"memory_mb_more": 2.0, "cpu_percent": 25.0} | dict.fromkeys(
+    ("unreceived", "damaged", "echo_loss", "descriptors_more", "tracebacks", "exit_code"), 0.0
+)
+"""Of a soak; memory that grows by no more than the allocator's grain is flat [MiB]; see `soak`."""
 SETTLE_TIME: Final = 1.5
 """Counters are published once a second [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Soak:
-    """What a soak showed.
+async def soak(seconds: float, seed: int) -> Row:
+    """Fly at full load for so long [s], then count.
 
-    Attributes:
-        seconds: how long it flew.
-        board_sent: frames the simulated board wrote.
-        daemon_received: frames the daemon counted.
-        daemon_sent: frames the daemon counted.
-        board_received: frames that reached the simulated board.
-        dropped: losses the daemon counted while it flew, by reason; meeting the boards cuts a frame or two before.
-        tracebacks: in its log.
-        memory_mb: median of its memory after the warm-up, and of the last quarter [MiB].
-        descriptors: open files after the warm-up and at the end.
-        cpu_percent: of one core.
-        echo_loss: link tests lost over the last window [%].
-        exit_code: of the daemon.
-        engagements: how often the client had to take the lease: once, unless the machine stalled it for a second.
-        sticks: external control frames sent.
+    Returns:
+        `board_sent` and `daemon_sent`, frames that each wrote; `unreceived`, frames that the other did not count, or
+        counted too many; `dropped`, losses the daemon counted while it flew, by reason, and `damaged`, those of a bad
+        line: meeting the boards cuts a frame or two before; `tracebacks`; `memory_mb`, median of the last quarter
+        [MiB], and `descriptors`, open files at the end, both with what they are more than after the warm-up;
+        `cpu_percent` of a core; `echo_loss`, link tests lost over the last window [%]; `exit_code`; `engagements`, how
+        often the client had to take the lease: once, unless the machine stalled it for a second; `sticks` sent.
     """
-
-    seconds: float
-    board_sent: int
-    daemon_received: int
-    daemon_sent: int
-    board_received: int
-    dropped: dict[str, int]
-    tracebacks: int
-    memory_mb: tuple[float, float]
-    descriptors: tuple[int, int]
-    cpu_percent: float
-    echo_loss: float
-    exit_code: int
-    engagements: int = 1
-    sticks: int = 0
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether a frame was lost or damaged, the daemon grew or failed, or used too much of a core."""
-        is_lost = self.board_sent != self.daemon_received or self.daemon_sent != self.board_received
-        is_damaged = bool({"checksum", "length", "characters"} & self.dropped.keys()) or self.echo_loss != 0
-        grows = self.memory_mb[1] - self.memory_mb[0] > MEMORY_MB or self.descriptors[1] > self.descriptors[0]
-        has_failed = bool(self.tracebacks or self.exit_code)
-        return is_lost or is_damaged or grows or has_failed or self.cpu_percent > CPU_PERCENT
-
-
-async def soak(seconds: float, seed: int) -> Soak:
-    """Fly at full load for so long [s], then count."""
     simulation = observed(seed, nc="0.24")
     async with flown(simulation, link=LOAD) as one, _last_values(one.client, "link/traffic", "link/health") as last:
         client, daemon = one.client, one.daemon
@@ -97,37 +61,23 @@ async def soak(seconds: float, seed: int) -> Soak:
         code = await daemon.end(signal.SIGTERM)
         await asyncio.sleep(SETTLE_TIME)
         traffic = last["link/traffic"]
-    return Soak(
-        seconds=seconds,
+    lost = {reason: more for reason, count in traffic["dropped"].items() if (more := count - before.get(reason, 0))}
+    return judged(
+        LIMITS,
         board_sent=simulation.to_host,
-        daemon_received=traffic["rx_frames"],
         daemon_sent=traffic["tx_frames"],
-        board_received=simulation.from_host,
-        dropped={
-            reason: more for reason, count in traffic["dropped"].items() if (more := count - before.get(reason, 0))
-        },
+        unreceived=abs(simulation.to_host - traffic["rx_frames"]) + abs(traffic["tx_frames"] - simulation.from_host),
+        damaged=sum(lost.get(reason, 0) for reason in ("checksum", "length", "characters")),
+        dropped=lost,
         tracebacks=daemon.errors.count("Traceback"),
-        memory_mb=watch.memory_mb,
-        descriptors=watch.descriptors,
-        cpu_percent=watch.cpu_percent,
-        engagements=watch.engagements,
         sticks=traffic["tx_kinds"].get("fc.b", 0),
         echo_loss=echo,
-        exit_code=code,
+        exit_code=abs(code),
+        **watch,
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Watch:
-    """What the daemon's process did while it flew."""
-
-    memory_mb: tuple[float, float]
-    descriptors: tuple[int, int]
-    cpu_percent: float
-    engagements: int
-
-
-async def _fly(client: Vehicle, daemon: DaemonProcess, simulation: ObservedSimulation, seconds: float) -> _Watch:
+async def _fly(client: Vehicle, daemon: DaemonProcess, simulation: ObservedSimulation, seconds: float) -> Row:
     """Stream slow circles of the sticks; a lease that is lost on a busy machine is taken again, and counted."""
     memory: list[float] = []
     descriptors: list[int] = []
@@ -146,9 +96,15 @@ async def _fly(client: Vehicle, daemon: DaemonProcess, simulation: ObservedSimul
             await asyncio.sleep(0.1)
         cpu = 100 * (daemon.cpu_s() - cpu) / t
     warm, quarter = int(len(memory) * WARM_UP), max(1, len(memory) // 4)
-    first, final = memory[warm : warm + quarter], memory[-quarter:]
-    levels = round(statistics.median(first), 2), round(statistics.median(final), 2)
-    return _Watch(levels, (descriptors[warm], descriptors[-1]), round(cpu, 1), engagements)
+    level = statistics.median(memory[-quarter:])
+    return {
+        "memory_mb": round(level, 2),
+        "memory_mb_more": round(level - statistics.median(memory[warm : warm + quarter]), 2),
+        "descriptors": descriptors[-1],
+        "descriptors_more": descriptors[-1] - descriptors[warm],
+        "cpu_percent": round(cpu, 1),
+        "engagements": engagements,
+    }
 
 
 @asynccontextmanager

@@ -9,21 +9,22 @@ from __future__ import annotations
 import asyncio
 import random
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.waiting import running
+from lab.rigs.waiting import in_virtual_time, running
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.link.session.traffic import Purpose, Sent
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.virtualtime import VirtualLoop, run_virtually
+from mkdaemon.virtualtime import VirtualLoop
 
-CLEARED: Final = 1.1
-"""External control is cleared in the FlightCtrl so long after the end of the standstill [s]."""
+LIMITS: Final = {"tilted": 0, "cleared": 1.1}
+"""Of one standstill; see `stand_still`."""
 WATCH: Final = 2.5
 """How long the boards are watched after it [s]."""
 STICK_TIME: Final = 0.02
@@ -36,26 +37,6 @@ class Stopped(StrEnum):
     DAEMON = "daemon"
     BOTH = "daemon and client"
     MACHINE = "machine suspended"
-
-
-@dataclass(frozen=True, slots=True)
-class Standstill:
-    """One of them.
-
-    Attributes:
-        number: within the session.
-        tilted: frames with the valid bit and a tilt written after it.
-        cleared: the FlightCtrl held no command any more, from its end [s]; None where it did at the end.
-    """
-
-    number: int
-    tilted: int
-    cleared: float | None
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        return self.tilted > 0 or self.cleared is None or self.cleared > CLEARED
 
 
 class Streamer:
@@ -90,16 +71,16 @@ class Streamer:
             self._flown.stream(setpoint, secret=self._secret)
 
 
-def stand_still(
-    boards: Boards, who: Stopped, seconds: float, *, seed: int, count: int, tick: float = TICK_TIME
-) -> list[Standstill]:
-    """Stop one session again and again for so long [s]; bytes are carried every `tick` [s]."""
-    return run_virtually(_stand_still(boards, who, seconds, seed, count, tick))
+@in_virtual_time
+async def stand_still(
+    boards: Boards, who: Stopped, seconds: float, count: int, seed: int, tick: float = TICK_TIME
+) -> list[Row]:
+    """Stop one session again and again for so long [s]; bytes are carried every `tick` [s].
 
-
-async def _stand_still(
-    boards: Boards, who: Stopped, seconds: float, seed: int, count: int, tick: float
-) -> list[Standstill]:
+    Returns:
+        Of each `tilted`, frames with the valid bit and a tilt written after it; `cleared`, when the FlightCtrl held no
+        command any more, from its end [s], None where it did at the end of the watch.
+    """
     found = []
     async with cockpit(boards, seed, tick=tick, rates={"osd": 200} if boards.nc else "off") as flown:
         for number in range(count):
@@ -108,12 +89,12 @@ async def _stand_still(
             async with running(client.fly()):
                 await flown.until(lambda: flown.aircraft.is_controlled and is_tilted(flown.sink.tx[-40:]))
                 await asyncio.sleep(rng.uniform(0.1, 0.5))
-                found.append(await _stop(flown, client, who, seconds, number))
+                found.append(await _stop(flown, client, who, seconds))
             await flown.until(lambda: flown.may_fly and flown.flight.phase is Phase.FREE)
     return found
 
 
-async def _stop(flown: Cockpit, client: Streamer, who: Stopped, seconds: float, number: int) -> Standstill:
+async def _stop(flown: Cockpit, client: Streamer, who: Stopped, seconds: float) -> Row:
     loop = asyncio.get_running_loop()
     assert isinstance(loop, VirtualLoop)
     if who is Stopped.MACHINE:
@@ -131,7 +112,7 @@ async def _stop(flown: Cockpit, client: Streamer, who: Stopped, seconds: float, 
     end = min((state.at for state in held if state.at > since), default=woken)
     cleared = None if flown.aircraft.is_controlled else max(0.0, end - woken)
     flown.aircraft.held.clear()
-    return Standstill(number, tilted, cleared)
+    return judged(LIMITS, tilted=tilted, cleared=cleared)
 
 
 def is_tilted(frames: list[Sent]) -> bool:

@@ -8,18 +8,18 @@ from __future__ import annotations
 import asyncio
 import random
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import LineFault
 from lab.rigs.linkrig import Rig, navi_ctrl, rig
 from lab.rigs.sticks import build_sticks
-from lab.rigs.waiting import running
+from lab.rigs.waiting import in_virtual_time, running
 from mkdaemon.link.session.identity import GAP
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mkdaemon.protocol.wire import WireMessage
-from mkdaemon.virtualtime import run_virtually
 
 LAYOUTS: Final[dict[str, type[WireMessage]]] = {"2.12a": ExternControlV2, "2.08": ExternControlV1}
 LONGEST: Final = 2.0
@@ -37,43 +37,20 @@ class Swap(StrEnum):
     BOTH_FLY = "the port stays open, both fly"
 
 
-@dataclass(frozen=True, slots=True)
-class Swapped:
-    """One swap.
+@in_virtual_time
+async def swap_aircraft(runs: int, seed: int) -> list[Row]:
+    """Exchange the aircraft at one port so often there and back, FlightCtrl 2.12a and 2.08 in turn.
 
-    Attributes:
-        number: within the session.
-        swap: how.
-        wrong: frames with the valid bit in the layout of another aircraft than the one at the port.
-        right: frames with the valid bit in its own layout.
-        found: release that was discovered in time; empty for none.
-        expected: the release it has.
+    Returns:
+        Of each `swap`, how; `wrong`, frames with the valid bit in the layout of another aircraft than the one at the
+        port; `right`, frames with it in its own; `found`, the release that was discovered in time, empty for none;
+        `is_missed`, it is not the right one, or nothing was flown.
     """
-
-    number: int
-    swap: Swap
-    wrong: int
-    right: int
-    found: str
-    expected: str
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        return self.wrong > 0 or self.right == 0 or not self.found.startswith(self.expected)
-
-
-def swap_aircraft(seed: int, *, count: int) -> list[Swapped]:
-    """Exchange the aircraft at one port again and again, FlightCtrl 2.12a and 2.08 in turn."""
-    return run_virtually(_swap_aircraft(seed, count))
-
-
-async def _swap_aircraft(seed: int, count: int) -> list[Swapped]:
     found = []
     words = tuple(LAYOUTS)
     async with rig(navi_ctrl("0.24", words[0], seed, gate_parameter=200), seed=seed) as r, running(fly_as_allowed(r)):
         await r.until(lambda: r.link.dialect.extern_control is LAYOUTS[words[0]], FOUND)
-        for number in range(count):
+        for number in range(2 * runs):
             rng = random.Random(f"{seed} swap {number}")
             await asyncio.sleep(rng.uniform(1.0, 2.0))
             found.append(await _exchange(r, list(Swap)[number % len(Swap)], words[(number + 1) % 2], number, rng))
@@ -90,7 +67,7 @@ async def fly_as_allowed(r: Rig) -> None:
         await asyncio.sleep(0.025)
 
 
-async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Random) -> Swapped:
+async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Random) -> Row:
     if swap in {Swap.IN_FLIGHT, Swap.BOTH_FLY}:
         _take_off(r)
         await asyncio.sleep(5.0)
@@ -122,7 +99,10 @@ async def _exchange(r: Rig, swap: Swap, word: str, number: int, rng: random.Rand
     sent = [frame.message for frame in r.log.tx if frame.message is not None]
     valid = [type(message) for message in sent if message.spec.id == "b" and int(getattr(message, "config", 0)) & 1]
     right = valid.count(LAYOUTS[word])
-    return Swapped(number, swap, len(valid) - right, right, str(r.link.dialect.fc_release or ""), word)
+    found = str(r.link.dialect.fc_release or "")
+    is_missed = not right or not found.startswith(word)
+    limits = {"wrong": 0, "is_missed": False}
+    return judged(limits, swap=swap, wrong=len(valid) - right, right=right, found=found, is_missed=is_missed)
 
 
 def _take_off(r: Rig) -> None:

@@ -12,10 +12,10 @@ import json
 import os
 import random
 import time
-from dataclasses import dataclass
 from typing import Final
 
-from lab.cases import percentile
+from lab.campaign import Row
+from lab.cases import judged, percentile
 from lab.rigs.flown import flown, observed
 from lab.rigs.pipedpad import PipedPad
 from lab.rigs.processes import Program, connected
@@ -27,43 +27,13 @@ from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV2
 
-LIMIT: Final = 0.025
-"""From the event to the bytes, 99th percentile [s]."""
+LIMITS: Final = {"p99_ms": 25.0, "unseen": 0}
+"""See `summed_up`."""
 SIDES: Final = (13_000, 19_000)
 """Raw roll, in turn: both give other counts, close enough for the limiter to pass at once."""
 PAUSE: Final = (0.05, 0.15)
 """Shortest and longest time between two moves [s]."""
 _OPERATOR: Final = "import asyncio, sys; from lab.teleop.latency import fly; asyncio.run(fly(*sys.argv[1:]))"
-
-
-@dataclass(frozen=True, slots=True)
-class Latency:
-    """How long moves of a stick took [ms].
-
-    Attributes:
-        moves: how many.
-        unseen: moves that no frame showed.
-        p50_ms: median.
-        p99_ms: 99th percentile.
-        max_ms: longest.
-        frames: stick frames on the line.
-        rate: of these, a second [Hz].
-        load: load average of the machine before and after.
-    """
-
-    moves: int
-    unseen: int
-    p50_ms: float
-    p99_ms: float
-    max_ms: float
-    frames: int
-    rate: float
-    load: tuple[float, float]
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks the limit, or a move was not seen."""
-        return bool(self.unseen) or not self.p99_ms <= 1000 * LIMIT
 
 
 async def fly(endpoint: str, moves: str, seed: str) -> None:
@@ -94,7 +64,7 @@ async def fly(endpoint: str, moves: str, seed: str) -> None:
     print(json.dumps(moved), flush=True)
 
 
-async def measure_latency(moves: int, seed: int) -> Latency:
+async def measure_latency(moves: int, seed: int) -> Row:
     """Move a stick so often and measure."""
     simulation = observed(seed, keeps=True)
     before = os.getloadavg()[0]
@@ -118,13 +88,17 @@ def _rolls(written: list[tuple[float, bytes]]) -> list[tuple[float, int]]:
     return found
 
 
-def summed_up(moved: list[float], rolls: list[tuple[float, int]], load: float) -> Latency:
+def summed_up(moved: list[float], rolls: list[tuple[float, int]], load: float) -> Row:
     """Find the first frame after each move that shows another roll than the one before it.
 
     Args:
         moved: when the stick moved [s; monotonic].
         rolls: time and roll of every stick frame.
-        load: load average before [s].
+        load: load average before.
+
+    Returns:
+        `moves`; `unseen`, those that no frame showed; `p50_ms`, `p99_ms` and `max_ms` of the times, None without any
+        [ms]; `frames`, stick frames on the line, and their `rate` [Hz]; `load` average before and after.
     """
     taken = []
     for number, at in enumerate(moved):
@@ -135,7 +109,8 @@ def summed_up(moved: list[float], rolls: list[tuple[float, int]], load: float) -
             taken.append(seen - at)
     ordered = sorted(taken)
     in_time = [when for when, _ in rolls if moved[0] <= when <= moved[-1]]
-    return Latency(
+    return judged(
+        LIMITS,
         moves=len(moved),
         unseen=len(moved) - len(taken),
         p50_ms=_ms(percentile(ordered, 0.5)),
@@ -147,5 +122,5 @@ def summed_up(moved: list[float], rolls: list[tuple[float, int]], load: float) -
     )
 
 
-def _ms(seconds: float | None) -> float:
-    return float("nan") if seconds is None else round(1000 * seconds, 1)
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1000 * seconds, 1)

@@ -9,20 +9,21 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
+from lab.campaign import Row
+from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.cockpitclient import CockpitClient, PublishedValues
 from lab.rigs.handpad import HandKeyboard, HandPad
-from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, measure_loss
+from lab.rigs.waiting import in_virtual_time
+from lab.stories.deaths import LIMITS, measure_loss
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
-from mkdaemon.virtualtime import run_virtually
 
 WATCH: Final = 2.5
 """How long each loss is watched [s]."""
@@ -47,35 +48,6 @@ class Way(StrEnum):
     """The pad that flies is unplugged while a second one is held and moved."""
     STUCK = "stuck"
     """The pad is unplugged and plugged in again with its enable button pressed and its sticks moved."""
-
-
-@dataclass(frozen=True, slots=True)
-class HandsLost:
-    """One loss; times from it [s].
-
-    Attributes:
-        seed: of the session.
-        number: within it.
-        way: how.
-        wire: neutral frame on the wire; None where none came.
-        released: `Config` cleared in the FlightCtrl; None where it still held a command at the end.
-        relapses: stick frames after the release had begun, or moved by hands that must not fly.
-        foreign: stick frames of a second pad while the first flew.
-    """
-
-    seed: int
-    number: int
-    way: Way
-    wire: float | None
-    released: float | None
-    relapses: int
-    foreign: int
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        is_late = self.wire is None or self.wire > NEUTRAL_TIME or self.released is None
-        return is_late or (self.released or 0.0) > RELEASE_TIME or self.relapses > 0 or self.foreign > 0
 
 
 class _Operator:
@@ -177,15 +149,16 @@ class _Operator:
         await asyncio.gather(self.task, return_exceptions=True)
 
 
-def lose_hands(boards: Boards, seed: int, way: Way, losses: int, tick: float = TICK_TIME) -> list[HandsLost]:
+@in_virtual_time
+async def lose_hands(boards: Boards, way: Way, losses: int, seed: int, tick: float = TICK_TIME) -> list[Row]:
     """Discover the boards once, then lose one operator after another in the same way.
 
     Bytes are carried every `tick` [s].
+
+    Returns:
+        Of each what `measure_loss` finds from the loss on, and `foreign`: stick frames of a second pad while the first
+        flew.
     """
-    return run_virtually(_lose_hands(boards, seed, way, losses, tick))
-
-
-async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int, tick: float) -> list[HandsLost]:
     published = PublishedValues()
     found = []
     async with cockpit(boards, seed, tick=tick, outlet=published) as flown:
@@ -196,12 +169,10 @@ async def _lose_hands(boards: Boards, seed: int, way: Way, losses: int, tick: fl
             foreign = await _fly_beside(operator) if way is Way.TWO_PADS else 0
             lost_at = await operator.lose(way)
             loss = measure_loss(flown, lost_at)
-            found.append(HandsLost(seed, number, way, loss.wire, loss.released, loss.relapses, foreign))
+            found.append(judged(LIMITS | {"foreign": 0}, **loss | {"foreign": foreign}))
             await operator.end()
             await flown.until(lambda: flown.flight.phase is Phase.FREE, PATIENCE)
-            flown.sink.tx.clear()
-            flown.aircraft.held.clear()
-            flown.aircraft.applied.clear()
+            flown.forget()
     return found
 
 

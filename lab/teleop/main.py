@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from lab.cases import Case, Flight, command, largest, sessions, total
 from lab.rigs.cockpit import Boards
-from lab.teleop.losses import HandsLost, Way, lose_hands
+from lab.teleop.losses import Way, lose_hands
 
 GENERATIONS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
 """One FlightCtrl of each dead-man generation."""
@@ -17,14 +17,10 @@ SESSION: Final = 10
 
 def _losses(way: Way, runs: int | None, first: int) -> list[Flight]:
     return [
-        Flight(f"hands lost: {way}", boards.name, partial(_lose, boards, way, size), seed)
+        Flight(f"hands lost: {way}", boards.name, partial(lose_hands, boards, way, size), seed)
         for boards in GENERATIONS
         for seed, size in enumerate(sessions(runs or 50, SESSION), first)
     ]
-
-
-def _lose(boards: Boards, way: Way, losses: int, seed: int) -> list[HandsLost]:
-    return lose_hands(boards, seed, way, losses)
 
 
 def _latency(moves: int, seed: int) -> Any:

@@ -50,9 +50,9 @@ ON_THE_WIRE = 0.005
 def test_neutral_sticks_leave_when_the_setpoint_grows_too_old():
     cfg = ControlConfig()
     for loss in fly_session(Boards("2.12a"), seed=7, deaths=3, watched=1.5, ways=SILENT):
-        assert loss.wire is not None
+        assert loss["wire"] is not None
         # A request may have taken the place of the frame that was due: docs/safety.md promises 0.35 s.
-        assert cfg.limiter.setpoint_ttl < loss.wire < cfg.limiter.setpoint_ttl + TAKEN + ON_THE_WIRE
-        assert loss.released is not None
+        assert cfg.limiter.setpoint_ttl < loss["wire"] < cfg.limiter.setpoint_ttl + TAKEN + ON_THE_WIRE
+        assert loss["released"] is not None
         # The board's next request for its receiver values comes between.
-        assert cfg.lease.release_after < loss.released < cfg.lease.release_after + TAKEN + ON_THE_WIRE
+        assert cfg.lease.release_after < loss["released"] < cfg.lease.release_after + TAKEN + ON_THE_WIRE

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from dataclasses import dataclass
 from functools import partial
 
 import pytest
 
-from lab.cases import Case, Flight, carry_out, largest, part, percentile, sessions, total
+from lab.cases import Case, Flight, carry_out, judged, largest, part, percentile, sessions, total
 from mkdaemon.errors import ConfigError
 
 
@@ -74,3 +75,23 @@ def test_percentiles_are_values_that_occurred():
 def test_the_last_session_has_what_is_left():
     assert sessions(43, 20) == [20, 20, 3]
     assert sessions(2, 20) == [2]
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_wrong"),
+    [
+        ({}, False),
+        ({"late": 0.35, "frames": 0}, False),
+        ({"late": 0.351}, True),
+        ({"late": None}, True),
+        ({"late": math.nan}, True),
+        ({"frames": 1}, True),
+        ({"held": True}, True),
+        ({"first": "sticks"}, True),
+        ({"other": 1000}, False),
+    ],
+)
+def test_what_breaks_a_limit_is_wrong(changes, is_wrong):
+    found = {"late": 0.1, "frames": 0, "held": False, "first": "release"} | changes
+    limits = {"late": 0.35, "frames": 0, "held": False, "first": "release"}
+    assert judged(limits, **found) == found | {"is_wrong": is_wrong}

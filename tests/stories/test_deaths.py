@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from lab.stories import deaths as campaign
-from lab.stories.deaths import NEUTRAL_TIME, RELEASE_TIME, Death, Loss, SilentRelease
+from lab.stories.deaths import RELEASE_TIME, Death, SilentRelease
 
 WAYS = tuple(Death)
 SOME = (Death.KILLED, Death.TOKEN)
@@ -23,49 +22,25 @@ fly_session = partial(campaign.fly_session, tick=ADAPTER_TIME, watched=WATCHED)
 @pytest.mark.parametrize(("fc", "ways"), [("early", SOME), ("2.08", SOME), ("2.12a", WAYS)])
 def test_whatever_a_client_dies_of_the_aircraft_is_level_and_let_go_of(fc, ways):
     losses = fly_session(Boards(fc), seed=7, deaths=len(ways), ways=ways)
-    assert {loss.death for loss in losses} == set(ways)
-    for loss in losses:
-        assert loss.wire is not None, loss
-        assert loss.wire <= NEUTRAL_TIME, loss
-        assert loss.neutral is not None, loss
-        assert loss.released is not None, loss
-        assert loss.released <= RELEASE_TIME, loss
-        assert loss.relapses == 0, loss
+    assert {loss["death"] for loss in losses} == set(ways)
+    assert not any(loss["is_wrong"] or loss["neutral"] is None for loss in losses), losses
 
 
 def test_behind_a_navictrl_too():
     losses = fly_session(Boards("2.14", "2.14"), seed=3, deaths=2, ways=(Death.MID_FRAME, Death.TOKEN))
-    assert not any(loss.is_wrong for loss in losses), losses
+    assert not any(loss["is_wrong"] for loss in losses), losses
 
 
 @pytest.mark.parametrize(("fc", "way"), [("early", Death.KILLED), ("2.08", Death.FROZEN)])
 def test_without_the_active_release_the_old_generations_obey_a_dead_client_for_ever(fc, way):
     """The trap of docs/safety.md: polling goes on, and each request keeps the last command alive."""
     [loss] = fly_session(Boards(fc), seed=1, deaths=1, link_class=SilentRelease, watched=5.5, ways=(way,))
-    assert loss.is_wrong
-    assert loss.released is None, "the control should still be held"
+    assert loss["is_wrong"]
+    assert loss["released"] is None, "the control should still be held"
     if way is Death.KILLED:
-        assert loss.neutral is None, "the tilt of the dead client should still be held"
+        assert loss["neutral"] is None, "the tilt of the dead client should still be held"
 
 
 def test_the_same_seed_dies_the_same_deaths_however_many_follow():
     short, longer = (fly_session(Boards("2.12a"), seed=5, deaths=deaths) for deaths in (1, 2))
     assert short == longer[:1]
-
-
-GOOD = Loss(1, 0, Death.KILLED, wire=0.02, neutral=0.03, applied=0.04, released=0.05, relapses=0)
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        replace(GOOD, wire=0.351),
-        replace(GOOD, wire=None),
-        replace(GOOD, released=1.11),
-        replace(GOOD, released=None),
-        replace(GOOD, relapses=1),
-    ],
-)
-def test_a_death_that_breaks_a_limit(bad):
-    assert bad.is_wrong
-    assert not GOOD.is_wrong
