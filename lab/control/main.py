@@ -15,7 +15,7 @@ from lab.control.cases import CASES, REPORTING
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
 from lab.control.wallfaults import run_wallfaults
-from lab.control.walltime import run_timing
+from lab.fly import run_timing
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError

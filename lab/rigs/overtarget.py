@@ -60,10 +60,7 @@ class Seen:
 
     Attributes:
         truths: time [s; monotonic] and true position [m; ENU], while the daemon's sticks act.
-        steps: when the simulator published its state [s; monotonic].
         latencies: from the exposure to the pose [s].
-        outputs: when stick frames were made [s; monotonic].
-        estimates: time [s; monotonic] and estimated position in the frame of the target [m].
         phases: phase and reason, on every change.
         captures: when the images were taken in which a target was found [s; monotonic].
         deliveries: how much later the camera had delivered each of them [s].
@@ -73,10 +70,7 @@ class Seen:
     """
 
     truths: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
-    steps: list[float] = field(default_factory=list)
     latencies: list[float] = field(default_factory=list)
-    outputs: list[float] = field(default_factory=list)
-    estimates: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
     failsafes: list[str] = field(default_factory=list)
     captures: list[float] = field(default_factory=list)
@@ -89,8 +83,6 @@ class Seen:
         """Keep what counts."""
         fields = self.last[sample.suffix] = sample.fields
         at = float(fields["stamp"]["monotonic"]) if "stamp" in fields else math.nan
-        if sample.suffix == "sim/truth":
-            self.steps.append(at)
         match sample.suffix:
             case "sim/truth" if fields["controlled"]:
                 self.truths.append((at, tuple(fields["position_enu"])))
@@ -100,13 +92,9 @@ class Seen:
                 self.captures.append(at)
             case "vision/down/stats" if self.eyes[-1:] != [fields["state"]]:
                 self.eyes.append(fields["state"])
-            case "control/output":
-                self.outputs.append(at)
-            case "control/estimate":
-                self.estimates.append((at, tuple(fields["position"])))
-                if (output := self.last.get("control/output")) is not None:
-                    made = float(output["stamp"]["monotonic"])
-                    self.frames.append(Made(output["frame"], at - float(fields["image_age"]), made))
+            case "control/estimate" if (output := self.last.get("control/output")) is not None:
+                made = float(output["stamp"]["monotonic"])
+                self.frames.append(Made(output["frame"], at - float(fields["image_age"]), made))
             case "control/status":
                 words = f"{fields['phase']}: {fields['reason']}"
                 if not self.phases or self.phases[-1] != words:

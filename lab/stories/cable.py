@@ -26,7 +26,7 @@ from mkdaemon.telemetry.control import Phase
 
 BACK: Final = 3.0
 """Telemetry flows again so long after the device is back [s]."""
-LIMITS: Final[dict[str, float | str]] = {"back": BACK, "first": "release", "steered": 0, "is_held": False, "obeyed": 1.1}
+LIMITS: Final[dict[str, float | str]] = {"first": "release", "back": BACK, "obeyed": 1.1, "steered": 0, "is_held": 0}
 """Of one interruption; see `pull_cable`."""
 WATCH: Final = 1.0
 """How long the boards are watched after that [s]."""

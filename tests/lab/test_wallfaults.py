@@ -7,8 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from lab.control.wallfaults import SILENCE, STORIES, sum_up
-from lab.control.walltold import Told
+from lab.control.wallfaults import SILENCE, STORIES, Told, sum_up
 from lab.rigs.overtarget import Seen
 from lab.rigs.troubled import Trouble, stand_still
 from mkdaemon.protocol.messages import ExternControlV2
@@ -33,7 +32,7 @@ def told(*phases, ended=20.0, **changes):
 def test_times_count_from_the_event():
     one = told(level=10.3, release=11.0)
     assert (one.level(), one.released()) == pytest.approx((0.3, 1.0))
-    assert max(one.gaps()) == pytest.approx(0.02)
+    assert one.gap() == pytest.approx(0.02)
 
 
 def test_one_level_frame_by_chance_is_not_level():
