@@ -97,7 +97,10 @@ class Scene:
         loop: in virtual time.
         bench: what the boards are mounted on, with the pilot's transmitter.
         said: the latest value published under each key, by field.
+        before: a stick before it was moved.
     """
+
+    before = 0.0
 
     def __init__(self, flown: Cockpit, client: Client, guard: VirtualGuard, published: PublishedValues) -> None:
         self.flown, self.client, self.guard = flown, client, guard
@@ -118,7 +121,7 @@ class Scene:
         return math.inf if waited is None else self.loop.time()
 
     async def lean(self) -> None:
-        """Fly by sticks, tilted; nobody looks at a target then."""
+        """Fly by sticks, tilted; no camera looks at a target then."""
         self.client.is_seeing = False
         await self.until(lambda: self.flown.flight.phase is Phase.FLYING)
         self.client.setpoint = (StickSetpoint, LEANING)

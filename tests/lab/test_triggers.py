@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from dataclasses import replace
 
 import pytest
 
-from lab.control.linestories import dead_man
-from lab.control.triggers import ELSEWHERE, TRIGGERS, Fired, Shown, Trigger, fire
-from lab.control.triggerstories import aborted
+from lab.control import triggers
+from lab.control.triggers import ELSEWHERE, TRIGGERS, fire
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from tests.places import DOCS
@@ -18,23 +18,24 @@ from tests.places import DOCS
 @pytest.mark.parametrize("number", range(len(TRIGGERS)), ids=[trigger.name for trigger in TRIGGERS])
 def test_a_trigger_fires_at_its_time(number):
     trigger = TRIGGERS[number]
-    fired = fire(trigger, trigger.boards[number % len(trigger.boards)], seed=number, tick=ADAPTER_TIME)
-    assert fired.is_right, fired
+    fired = fire(trigger.name, trigger.boards[number % len(trigger.boards)], seed=number, tick=ADAPTER_TIME)
+    assert fired["ending"] == "finished", fired
 
 
-def test_a_trigger_that_is_late_early_or_never_is_wrong():
-    assert Fired("x", "y", 0.36, 0.3, 0.0).is_right
-    assert not Fired("x", "y", 0.37, 0.3, 0.0).is_right
-    assert not Fired("x", "y", 0.23, 0.3, 0.0).is_right
-    assert not Fired("x", "y", math.inf, 0.3, 0.0).is_right
-    assert Trigger("x", dead_man, None).time(Boards("2.08")) == 5.25
-    assert Trigger("x", aborted, 0.0).time(Boards("2.08")) == 0.0
+def test_a_trigger_that_is_late_early_or_never_is_wrong(monkeypatch):
+    times = {0.36: "finished", 0.37: "wrong", 0.23: "wrong", math.inf: "wrong"}
+    monkeypatch.setitem(triggers.BY_NAME, "stale", replace(triggers.BY_NAME["stale"], slack=0.0))
+    for at, ending in times.items():
+        monkeypatch.setattr(triggers, "_fire", lambda *_, at=at: at)
+        assert fire("stale", Boards("2.08"), 1)["ending"] == ending
 
 
 def test_a_trigger_is_tried_on_the_boards_that_show_it():
-    assert not any(boards.nc for boards in Trigger("x", aborted, 0.0, Shown.ON_A_CABLE).boards)
-    assert all(boards.nc for boards in Trigger("x", aborted, 0.0, Shown.BY_A_NAVICTRL).boards)
-    assert len(Trigger("x", aborted, 0.0).boards) == 6
+    by_name = triggers.BY_NAME
+    assert not any(boards.nc for boards in by_name["dead_man"].boards)
+    assert all(boards.nc for boards in by_name["gps_switch"].boards)
+    assert len(by_name["aborted"].boards) == 6
+    assert (by_name["dead_man"].time(Boards("2.08")), by_name["aborted"].time(Boards("2.08"))) == (5.25, 0.0)
 
 
 def test_every_row_of_the_safety_table_has_a_story():
