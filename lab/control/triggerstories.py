@@ -384,13 +384,15 @@ TRIGGERS: Final = (
         *(holds(lambda scene: not scene.flown.aircraft.is_controlled), None, Shown.ON_A_CABLE),
     ),
     Trigger(
-        *("height_control", SWITCHES, switchable, switch_height_control, released),
-        *(0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
+        *("height_control", SWITCHES, switchable, switch_height_control, released, 0.0),
+        shown=Shown.BY_A_NAVICTRL,
+        slack=TELEMETRY + PROMPT,
     ),
     Trigger(
         *("gps_switch", SWITCHES, over_target),
-        *(lambda scene: scene.bench.pilot.switches.update({GPS_SWITCH: GPS_SWITCH_VALUES["hold"]}), released),
-        *(0.0, Shown.BY_A_NAVICTRL, TELEMETRY + PROMPT),
+        *(lambda scene: scene.bench.pilot.switches.update({GPS_SWITCH: GPS_SWITCH_VALUES["hold"]}), released, 0.0),
+        shown=Shown.BY_A_NAVICTRL,
+        slack=TELEMETRY + PROMPT,
     ),
     Trigger(
         *("throttle_capped", "the pilot's throttle is lower than ours", over_target_by_hand),
