@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import random
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+from pydantic import BaseModel
 from rich.text import Text
 
 from lab.cases import silence_log
 from lab.places import CONFIGS
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.cockpitclient import CockpitClient, PublishedValues
+from lab.rigs.cockpitclient import CockpitClient
 from lab.rigs.handpad import HandPad
 from mkdaemon.cli.mkctl.teleop.screen import COLUMNS, screen_lines
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
@@ -70,17 +71,18 @@ def screen_picture(_root: Path) -> str:
 
 
 async def _flown_screen() -> list[Text]:
-    published = PublishedValues()
     watcher = Watcher()
 
-    def follow(key: str, fields: dict[str, Any]) -> None:
+    def follow(key: str, value: BaseModel) -> None:
         spec = key_spec(key)
         if spec is not None and spec.carries is not None:
-            watcher.take(key, spec.carries.model_validate(fields))
+            watcher.take(key, spec.carries.model_validate(value.model_dump()))
 
-    published.followers.append(follow)
-    async with cockpit(Boards("2.12a"), _SEED, outlet=published) as flown:
-        session = TeleopSession(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(_SEED)).lease))
+    async with cockpit(Boards("2.12a"), _SEED) as flown:
+        for key, value in flown.bus.values.items():
+            follow(key, value)
+        flown.bus.followers.append(follow)
+        session = TeleopSession(LeaseKeeper(CockpitClient(flown, "operator", random.Random(_SEED)).lease))
         stop = asyncio.Event()
         running = asyncio.create_task(session.run(stop))
         pad = HandPad(session, "Xbox pad")

@@ -12,7 +12,6 @@ import numpy as np
 from lab.control.corerig import pose_of
 from lab.rigs.boardport import BoardPort
 from lab.rigs.cockpit import Cockpit
-from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualguard import VirtualGuard
 from mkdaemon.bus.codec import encode_map
@@ -96,16 +95,15 @@ class Scene:
         guard: of the daemon.
         loop: in virtual time.
         bench: what the boards are mounted on, with the pilot's transmitter.
-        said: the latest value published under each key, by field.
+        said: the latest value published under each key.
         before: a stick before it was moved.
     """
 
     before = 0.0
 
-    def __init__(self, flown: Cockpit, client: Client, guard: VirtualGuard, published: PublishedValues) -> None:
+    def __init__(self, flown: Cockpit, client: Client, guard: VirtualGuard) -> None:
         self.flown, self.client, self.guard = flown, client, guard
-        self.said: dict[str, dict[str, Any]] = {}
-        published.followers.append(self.said.__setitem__)
+        self.said = flown.bus.values
         self.loop = asyncio.get_running_loop()
         self.bench = cast("GroundedAircraft", flown.aircraft.world)
 

@@ -18,7 +18,6 @@ from lab.control.triggerrig import CLIENT, Client, Scene
 from lab.control.triggerstories import DEAD_MAN, TRIGGERS
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.cockpitclient import PublishedValues
 from lab.rigs.virtualguard import VirtualGuard
 from lab.rigs.waiting import in_virtual_time, running
 
@@ -49,10 +48,10 @@ def fire(name: str, boards: Boards, seed: int, tick: float = TICK_TIME) -> Row:
 
 @in_virtual_time
 async def _fire(name: str, boards: Boards, seed: int, tick: float) -> float:
-    guard, published = VirtualGuard(), PublishedValues()
+    guard = VirtualGuard()
     rates: dict[str, Any] = {"rates": {"osd": 200}} if boards.nc else {}
     async with (
-        cockpit(boards, seed, tick=tick, guard=guard, outlet=published, **rates) as flown,
+        cockpit(boards, seed, tick=tick, guard=guard, **rates) as flown,
         AsyncExitStack() as on,
     ):
         on.callback(guard.stop)
@@ -61,7 +60,7 @@ async def _fire(name: str, boards: Boards, seed: int, tick: float) -> float:
         await flown.take(CLIENT)
         for work in (client.stream(), client.see()):
             await on.enter_async_context(running(work))
-        return await BY_NAME[name].fire(Scene(flown, client, guard, published))
+        return await BY_NAME[name].fire(Scene(flown, client, guard))
 
 
 Work = tuple[str, Boards, int]

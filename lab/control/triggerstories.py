@@ -172,7 +172,7 @@ async def lose_receiver(scene: Scene) -> float:
 async def empty_battery(scene: Scene) -> float:
     """The voltage falls; counts from when the board first reports it."""
     scene.bench.sensors.battery_voltage = EMPTY
-    return await scene.until(lambda: scene.said["state/battery"]["voltage"] < EMPTY + 0.1)
+    return await scene.until(lambda: scene.said["state/battery"].voltage < EMPTY + 0.1)
 
 
 def silence(scene: Scene, fault: LineFault = LineFault.SILENCE) -> float:
@@ -223,7 +223,7 @@ def move_stick(scene: Scene) -> None:
 
 async def searches(scene: Scene, since: float) -> float:
     """The aircraft searches for the target."""
-    return await scene.until(lambda: scene.said["control/status"]["stage"] == SEARCHES) - since
+    return await scene.until(lambda: scene.said["control/status"].stage == SEARCHES) - since
 
 
 async def searches_and_goes_on(scene: Scene, since: float) -> float:
@@ -232,7 +232,7 @@ async def searches_and_goes_on(scene: Scene, since: float) -> float:
     await asyncio.sleep(since + 2.0 - scene.loop.time())
     scene.client.is_seeing = True
     await asyncio.sleep(0.5)
-    goes_on = scene.flown.flight.phase is Phase.FLYING and scene.said["control/status"]["stage"] == ""
+    goes_on = scene.flown.flight.phase is Phase.FLYING and scene.said["control/status"].stage == ""
     return took if goes_on else math.inf
 
 
@@ -354,7 +354,7 @@ TRIGGERS: Final = (
     ),
     Trigger(
         *("blind_frozen", BLIND, over_target, hide_target),
-        *(holds(lambda scene: tuple(scene.said["control/error"]["goal"]) != ASIDE["position"]), 0.2),
+        *(holds(lambda scene: tuple(scene.said["control/error"].goal) != ASIDE["position"]), 0.2),
     ),
     Trigger("blind_searches", BLIND, over_target, hide_target, searches, 1.0),
     Trigger("blind_release", BLIND, over_target, hide_target, released, 3.0),
@@ -397,7 +397,7 @@ TRIGGERS: Final = (
     Trigger(
         *("throttle_capped", "the pilot's throttle is lower than ours", over_target_by_hand),
         lambda scene: setattr(scene.bench.pilot, "gas", CAPPING),
-        *(holds(lambda scene: scene.said["control/status"]["pilots_throttle"] is not None), 0.4),
+        *(holds(lambda scene: scene.said["control/status"].pilots_throttle is not None), 0.4),
         slack=2 * TELEMETRY,
     ),
     Trigger("receiver_lost", "the receiver is lost", lean_for_long, lose_receiver, released, 0.0, slack=TELEMETRY),

@@ -13,15 +13,12 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, cast
 
-from pydantic import BaseModel
-
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
-from mkdaemon.daemon.audit import Outlet
 from mkdaemon.daemon.wiring import Wiring
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
@@ -102,20 +99,6 @@ class WatchedSimulation(Simulation):
         return self.flight.external.is_valid
 
 
-class CockpitBus(LocalBus):
-    """The bus of a cockpit; a listener hears everything that is published."""
-
-    def __init__(self, listener: Outlet | None) -> None:
-        super().__init__()
-        self._listener = listener
-
-    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
-        """Hand a value on."""
-        super().publish(suffix, value, schema=schema)
-        if self._listener is not None:
-            self._listener.publish(suffix, value, schema=schema)
-
-
 class LineWatch:
     """What the daemon hears about the line, kept, and handed on to its sink.
 
@@ -185,7 +168,7 @@ class Cockpit:
         link: the line.
         flight: control: the lease, the tick, the release.
         run_line: keeps the line.
-        bus: where clients bring what they want.
+        bus: where clients bring what they want, and values are published.
         sink: what was seen on the line.
         socket: the cable and the boards at its end.
         epoch: of the lease taken last.
@@ -193,7 +176,7 @@ class Cockpit:
         tasks: of line and control.
     """
 
-    def __init__(self, wiring: Wiring, bus: CockpitBus, sink: LineWatch, socket: Socket) -> None:
+    def __init__(self, wiring: Wiring, bus: LocalBus, sink: LineWatch, socket: Socket) -> None:
         self.core, self.link, self.flight, self.run_line = wiring.core, wiring.link, wiring.flight, wiring.run_line
         self.bus, self.sink, self.socket = bus, sink, socket
         self.epoch = 0
@@ -254,7 +237,6 @@ async def cockpit(
     socket: Socket | None = None,
     tick: float = ADAPTER_TIME,
     guard: LineGuard | None = None,
-    outlet: Outlet | None = None,
     **link: Any,
 ) -> AsyncIterator[Cockpit]:
     """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
@@ -267,7 +249,6 @@ async def cockpit(
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         tick: how often bytes are carried [s].
         guard: what the link feeds; none by default.
-        outlet: who hears what control and the line publish; nobody by default.
         link: further settings of the link.
 
     Raises:
@@ -276,7 +257,7 @@ async def cockpit(
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    flown = _wired(cfg, cable, _virtual_clock(cable, seed), CockpitBus(outlet), guard, link_class)
+    flown = _wired(cfg, cable, _virtual_clock(cable, seed), LocalBus(), guard, link_class)
     # What else runs in a daemon touches neither the line nor the sticks.
     flown.tasks = [
         asyncio.create_task(flown.run_line(), name="link"),
@@ -297,7 +278,7 @@ def _wired(
     cfg: LinkConfig,
     cable: Socket,
     clock: Clock,
-    bus: CockpitBus,
+    bus: LocalBus,
     guard: LineGuard | None,
     link_class: type[Link],
 ) -> Cockpit:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, Final, cast
 
@@ -27,25 +27,8 @@ WAY: Final = (0.0005, 0.004)
 """Shortest and longest way of a sample on the bus [s]; Zenoh on loopback needs a millisecond."""
 
 
-class PublishedValues:
-    """What is published, for the clients of a cockpit.
-
-    Attributes:
-        listeners: of leases: status and refusals.
-        followers: are told everything: key and fields.
-    """
-
-    def __init__(self) -> None:
-        self.listeners: list[asyncio.Queue[Sample]] = []
-        self.followers: list[Callable[[str, dict[str, Any]], None]] = []
-
-    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
-        """Hand `control/status` and `event/command` to every lease, and everything to followers."""
-        for follower in self.followers:
-            follower(suffix, value.model_dump())
-        if suffix in {"control/status", "event/command"}:
-            for listener in self.listeners:
-                listener.put_nowait(Sample(suffix, value.model_dump(mode="json"), encoding_of(schema or type(value))))
+HEARD: Final = ("control/status", "event/command")
+"""What a lease hears of."""
 
 
 class _Stream:
@@ -69,14 +52,12 @@ class CockpitClient:
         name: of the program.
         rng: of the ways on its bus.
         is_alive: its process lives: what it puts arrives.
-        last_arrived: when its latest setpoint arrived [s].
     """
 
-    def __init__(self, flown: Cockpit, published: PublishedValues, name: str, rng: random.Random) -> None:
+    def __init__(self, flown: Cockpit, name: str, rng: random.Random) -> None:
         self.name, self.rng = name, rng
         self.is_alive = True
-        self.last_arrived = float("-inf")
-        self._flown, self._published = flown, published
+        self._flown = flown
 
     def stream(self, suffix: str) -> _Stream:
         """Make a publisher; see `Transport.stream`."""
@@ -85,8 +66,7 @@ class CockpitClient:
     def arrived(self, kind: Any, payload: bytes, proof: bytes) -> None:
         """Bring a setpoint to control."""
         if self.is_alive:
-            self.last_arrived = asyncio.get_running_loop().time()
-            self._flown.bus.deliver(kind, self.last_arrived, payload, proof)
+            self._flown.bus.deliver(kind, asyncio.get_running_loop().time(), payload, proof)
 
     async def command(self, target: str, name: str, fields: Mapping[str, Any], *, patience: float = 0.0) -> Answer:
         """Carry out a request about the lease; see `Transport.command`.
@@ -109,9 +89,14 @@ class CockpitClient:
             CommandRejectedError: it was refused.
         """
         queue: asyncio.Queue[Sample] = asyncio.Queue()
+
+        def follow(suffix: str, value: BaseModel) -> None:
+            if suffix in HEARD:
+                queue.put_nowait(Sample(suffix, value.model_dump(mode="json"), encoding_of(type(value))))
+
         session = session or FlightSession()
         session.take()
-        self._published.listeners.append(queue)
+        self._flown.bus.followers.append(follow)
         try:
             granted = await self._flown.flight.lease(LeaseRequest(action="take", holder=self.name))
             assert isinstance(granted, LeaseGrant)
@@ -120,7 +105,7 @@ class CockpitClient:
             async with Lease(transport, self.name, session, _listen(queue)) as lease:
                 yield lease
         finally:
-            self._published.listeners.remove(queue)
+            self._flown.bus.followers.remove(follow)
 
     def die(self) -> None:
         """End the process: nothing that it puts arrives any more."""

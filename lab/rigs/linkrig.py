@@ -6,38 +6,33 @@ import asyncio
 import functools
 import inspect
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any, cast
 
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
-from lab.rigs.motors import MotorWatch
-from lab.rigs.waiting import running, wait_until
+from lab.rigs.waiting import in_virtual_time, running, wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
+from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.link.discovery import discover
 from mkdaemon.link.link import Link
 from mkdaemon.link.session.guarding import LineGuard
 from mkdaemon.link.session.traffic import LinkSink, Lost, Received, Sent
+from mkdaemon.protocol.boards import board_at
+from mkdaemon.protocol.decoder import Unknown
 from mkdaemon.telemetry.link import LinkHealth, LinkState, LinkTraffic
-from mkdaemon.virtualtime import run_virtually
+from mkdaemon.translate.state import motors_running
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 
-AsyncTest = Callable[..., Awaitable[None]]
+AsyncTest = Callable[..., Coroutine[Any, Any, None]]
 
 
-def virtually(test: AsyncTest) -> Callable[..., None]:
-    """Run a test in virtual time (pytest sees a plain function with the same arguments)."""
-
-    def run(**arguments: object) -> None:
-        run_virtually(cast("Coroutine[Any, Any, None]", test(**arguments)))
-
-    run.__name__, run.__doc__ = test.__name__, test.__doc__
-    run.__signature__ = inspect.signature(test)  # type: ignore[attr-defined]
-    return run
+virtually = in_virtual_time
+"""Runs a test in virtual time (pytest sees a plain function with the same arguments)."""
 
 
 class Log:
@@ -51,6 +46,8 @@ class Log:
         self.states: list[LinkState] = []
         self.healths: list[LinkHealth] = []
         self.traffics: list[LinkTraffic] = []
+        self.dropped, self.stream_ended, self.state_changed = self.lost.append, self.ended.append, self.states.append
+        self.health_measured, self.traffic_counted = self.healths.append, self.traffics.append
 
     def received(self, frame: Received) -> None:
         """Keep a right frame."""
@@ -60,29 +57,37 @@ class Log:
         """Keep a transmission."""
         self.tx.append(frame)
 
-    def dropped(self, loss: Lost) -> None:
-        """Keep what was dropped."""
-        self.lost.append(loss)
-
-    def state_changed(self, state: LinkState) -> None:
-        """Keep a verdict."""
-        self.states.append(state)
-
-    def health_measured(self, health: LinkHealth) -> None:
-        """Keep a measurement."""
-        self.healths.append(health)
-
-    def stream_ended(self, key: str) -> None:
-        """Keep it."""
-        self.ended.append(key)
-
-    def traffic_counted(self, traffic: LinkTraffic) -> None:
-        """Keep counts."""
-        self.traffics.append(traffic)
-
     def kinds(self, since: float = 0.0) -> Counter[str]:
         """Count received frames by letter, from a time on [s]."""
         return Counter(frame.frame.id for frame in self.rx if frame.at >= since)
+
+
+class MotorWatch:
+    """A sink that passes everything on and remembers what telemetry says about the motors: a link wants to know.
+
+    Attributes:
+        facts: what is known; `facts.motors_running` is what the link asks.
+    """
+
+    def __init__(self, sink: LinkSink) -> None:
+        self.facts = VehicleMemory()
+        self.sent, self.dropped, self.health_measured = sink.sent, sink.dropped, sink.health_measured
+        self.stream_ended, self.traffic_counted = sink.stream_ended, sink.traffic_counted
+        self._sink = sink
+
+    def received(self, frame: Received) -> None:
+        """Take a right frame."""
+        board = board_at(frame.frame.address)
+        if board is not None and not isinstance(frame.message, Unknown):
+            running = motors_running(board.word, frame.message)
+            if running is not None:
+                self.facts.motors_reported(running, frame.at)
+        self._sink.received(frame)
+
+    def state_changed(self, state: LinkState) -> None:
+        """Take a verdict on the line."""
+        self.facts.link_changed(state)
+        self._sink.state_changed(state)
 
 
 def flight_ctrl(word: str = "2.12a", seed: int = 1, **sim: object) -> Callable[[], Simulation]:

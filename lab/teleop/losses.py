@@ -16,7 +16,7 @@ from lab.campaign import Row
 from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
-from lab.rigs.cockpitclient import CockpitClient, PublishedValues
+from lab.rigs.cockpitclient import CockpitClient
 from lab.rigs.handpad import HandKeyboard, HandPad
 from lab.rigs.waiting import in_virtual_time
 from lab.stories.deaths import LIMITS, measure_loss
@@ -53,9 +53,9 @@ class Way(StrEnum):
 class _Operator:
     """One program with its hands on one cockpit."""
 
-    def __init__(self, flown: Cockpit, published: PublishedValues, name: str, rng: random.Random) -> None:
+    def __init__(self, flown: Cockpit, name: str, rng: random.Random) -> None:
         self.flown, self.rng, self.name = flown, rng, name
-        self.client = CockpitClient(flown, published, name, rng)
+        self.client = CockpitClient(flown, name, rng)
         self.session = TeleopSession(LeaseKeeper(self.client.lease))
         self.stop = asyncio.Event()
         self.pad = HandPad(self.session)
@@ -159,12 +159,11 @@ async def lose_hands(boards: Boards, way: Way, losses: int, seed: int, tick: flo
         Of each what `measure_loss` finds from the loss on, and `foreign`: stick frames of a second pad while the first
         flew.
     """
-    published = PublishedValues()
     found = []
-    async with cockpit(boards, seed, tick=tick, outlet=published) as flown:
+    async with cockpit(boards, seed, tick=tick) as flown:
         for number in range(losses):
             rng = random.Random(f"{seed} {way} {number}")
-            operator = _Operator(flown, published, f"operator{number}", rng)
+            operator = _Operator(flown, f"operator{number}", rng)
             await operator.fly(way)
             foreign = await _fly_beside(operator) if way is Way.TWO_PADS else 0
             lost_at = await operator.lose(way)

@@ -11,7 +11,7 @@ import pytest
 
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.cockpit import Boards, cockpit
-from lab.rigs.cockpitclient import CockpitClient, PublishedValues
+from lab.rigs.cockpitclient import CockpitClient
 from lab.rigs.handpad import HandPad
 from mkdaemon.cli.mkctl.teleop.session import TeleopSession
 from mkdaemon.client.leasekeeper import LeaseKeeper
@@ -30,11 +30,10 @@ async def fly_each_stick() -> dict[str, tuple[float, float]]:
     """Fly one pulse of each stick in turn; returns the change of what it should move, for + and for -."""
     config = SimConfig(board="fc", pilot_plan=PilotPlan.SUPERVISE, pilot_wait=0.5, calibrated=True, seed=4)
     socket = Socket(lambda: Simulation(config), seed=4, tick=ADAPTER_TIME)
-    published = PublishedValues()
     found: dict[str, list[float]] = {axis: [] for axis in PULSES}
-    async with cockpit(Boards("2.12a"), 4, socket=socket, outlet=published) as flown:
+    async with cockpit(Boards("2.12a"), 4, socket=socket) as flown:
         await asyncio.sleep(HOVERING)
-        session = TeleopSession(LeaseKeeper(CockpitClient(flown, published, "operator", random.Random(4)).lease))
+        session = TeleopSession(LeaseKeeper(CockpitClient(flown, "operator", random.Random(4)).lease))
         stop = asyncio.Event()
         running = asyncio.create_task(session.run(stop))
         pad = HandPad(session)
