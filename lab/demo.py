@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -42,23 +42,6 @@ LONGEST_ATTITUDE_HOLE: Final = 0.4
 """Goal of the campaign [s]."""
 LONGEST_POSE_HOLE: Final = 0.5
 """Goal of the campaign, while the target is in view [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """One demonstration.
-
-    Attributes:
-        seed: of everything random.
-        loss: share of radio packets lost each way; None for the radio's own.
-        wind: none, indoor, light or moderate.
-        fps: images a second.
-    """
-
-    seed: int
-    loss: float | None
-    wind: str
-    fps: float
 
 
 @dataclass(slots=True)
@@ -133,8 +116,11 @@ class Watch:
         return longest
 
 
-def fly(flight: Flight) -> Row:
+def fly(flight: Row) -> Row:
     """Fly once.
+
+    Args:
+        flight: `seed`, `loss` (share of radio packets lost each way; None for the radio's own), `wind` and `fps`.
 
     Returns:
         How it ended and why; `touch_cm` from the middle of the target at the end; the longest times in the air without
@@ -145,7 +131,7 @@ def fly(flight: Flight) -> Row:
     watch = Watch()
 
     async def rehearsed() -> Any:
-        aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps, flight.loss)
+        aircraft = simulated_aircraft(flight["seed"], flight["wind"], flight["fps"], flight["loss"])
         rehearsal = demonstration(aircraft, lambda moment, status: None)
         watch.attach(rehearsal)
         record = await rehearsal.fly()
@@ -206,7 +192,7 @@ def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -
     }
 
 
-DEMONSTRATIONS: Final = Campaign("demo", fly, asdict, limit=600.0)
+DEMONSTRATIONS: Final = Campaign("demo", fly, dict, limit=600.0)
 
 
 def summary(rows: list[Row]) -> Row:
@@ -240,7 +226,11 @@ def main(
         fps: images a second.
     """
     shares = loss or (None,)
-    asked = [Flight(seed, share, wind, fps) for seed in range(first, first + seeds) for share in shares]
+    asked = [
+        {"seed": seed, "loss": share, "wind": wind, "fps": fps}
+        for seed in range(first, first + seeds)
+        for share in shares
+    ]
     rows = DEMONSTRATIONS.rows(asked, jobs, results)
     found = [
         {"radio loss": "own" if share is None else f"{share:g}"}

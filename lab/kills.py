@@ -14,12 +14,12 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from lab.cases import Case, Figure, Flight, command, largest, part, total
+from lab.campaign import Row
+from lab.cases import Case, Figure, Flight, command, judged, largest, part, total
 from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program, connected, daemon_process
 from lab.rigs.settingsbench import RESTORED, Bench, Contents, open_bench
 from lab.rigs.waiting import PATIENCE
@@ -34,30 +34,8 @@ LOOK: Final = 0.1
 """Time between two looks at whether the live set is proven [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Kill:
-    """One kill and what was left.
-
-    Attributes:
-        moment: from the first progress to the kill [s].
-        was_other_set_live: another set than the right one was live at that moment.
-        is_live_same: the live set is byte-identical in the end, and the same one is active.
-        are_others_same: so is every stored set that was not to be changed.
-        is_half_written: a set to be restored is neither the old one nor the new one.
-        took: from the kill to the end of the procedure, or to the proof after the next start [s].
-    """
-
-    moment: float
-    was_other_set_live: bool
-    is_live_same: bool
-    are_others_same: bool
-    is_half_written: bool
-    took: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether anything is not as it must be."""
-        return not (self.is_live_same and self.are_others_same) or self.is_half_written
+LIMITS: Final = {"is_live_changed": False, "are_others_changed": False, "is_half_written": False}
+"""Of what a kill leaves; see `judge`."""
 
 
 class Cut(NamedTuple):
@@ -70,15 +48,24 @@ class Cut(NamedTuple):
     was_other_set_live: bool
 
 
-def judge(cut: Cut, after: Contents, took: float) -> Kill:
-    """Compare what is left with what was there."""
+def judge(cut: Cut, after: Contents, took: float) -> Row:
+    """Compare what is left with what was there.
+
+    Returns:
+        `was_other_set_live`, another set than the right one when it was killed; `is_live_changed`, the live set is not
+        byte-identical in the end, or another one is active; `are_others_changed`, so is a stored set that was not to be
+        changed; `is_half_written`, a set to be restored is neither the old one nor the new one; `took`, from the kill
+        to the end of the procedure, or to the proof after the next start [s]; `moment`, from the first progress to the
+        kill [s].
+    """
     changed = RESTORED if cut.verb == "restore" else ()
     before = cut.before.sets
-    return Kill(
+    return judged(
+        LIMITS,
         moment=round(cut.moment, 3),
         was_other_set_live=cut.was_other_set_live,
-        is_live_same=(after.live, after.active) == (cut.before.live, cut.before.active),
-        are_others_same=all(after.sets[slot] == raw for slot, raw in before.items() if slot not in changed),
+        is_live_changed=(after.live, after.active) != (cut.before.live, cut.before.active),
+        are_others_changed=any(after.sets[slot] != raw for slot, raw in before.items() if slot not in changed),
         is_half_written=any(after.sets[slot] not in (before[slot], cut.wanted[slot]) for slot in changed),
         took=round(took, 3),
     )
@@ -91,7 +78,7 @@ async def measure(bench: Bench, uav: Vehicle, verb: str) -> float:
     return time.monotonic() - began
 
 
-async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed: int, length: float) -> Kill:
+async def kill_mkctl(bench: Bench, uav: Vehicle, endpoint: str, verb: str, seed: int, length: float) -> Row:
     """Kill the program that asked; the daemon must bring the procedure to its end."""
     rng = random.Random(f"mkctl {verb} {seed}")
     wanted, before = bench.new_sets(), bench.contents()
@@ -151,7 +138,7 @@ async def wait_until_proven(uav: Vehicle) -> None:
             await asyncio.sleep(LOOK)
 
 
-async def kill_mkctls(verb: str, runs: int, seed: int) -> list[Kill]:
+async def kill_mkctls(verb: str, runs: int, seed: int) -> list[Row]:
     """Kill mkctl so many times in a procedure, beside one daemon."""
     async with (
         open_bench(seed) as bench,
@@ -163,9 +150,9 @@ async def kill_mkctls(verb: str, runs: int, seed: int) -> list[Kill]:
         return [await kill_mkctl(bench, uav, daemon.endpoint, verb, seed + run, length) for run in range(runs)]
 
 
-async def kill_daemons(verb: str, runs: int, seed: int) -> list[Kill]:
+async def kill_daemons(verb: str, runs: int, seed: int) -> list[Row]:
     """Kill the daemon so many times in a procedure; each next one is the victim after it."""
-    kills: list[Kill] = []
+    kills: list[Row] = []
     async with open_bench(seed) as bench:
         length, cut = 0.0, None
         for run in range(runs + 1):
@@ -181,8 +168,8 @@ async def kill_daemons(verb: str, runs: int, seed: int) -> list[Kill]:
 
 
 FIGURES: Final[Mapping[str, Figure]] = {
-    "live_set_same": total("is_live_same"),
-    "other_sets_same": total("are_others_same"),
+    "live_set_changed": total("is_live_changed"),
+    "other_sets_changed": total("are_others_changed"),
     "half_written": total("is_half_written"),
     "other_set_live_at_the_kill": total("was_other_set_live"),
     "until_proven_p50": part("took", 0.5),

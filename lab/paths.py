@@ -8,7 +8,7 @@ path is read from the physics, at the moment for which the daemon says where it 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -44,23 +44,11 @@ GOAL_RMS_CM: Final = 10.0
 """Goal for the horizontal distance from the path, root mean square."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """One flight.
-
-    Attributes:
-        seed: of everything random, and of what the survey left wrong.
-        wind: none, indoor, light or moderate.
-        speed: mean, along the path [m/s].
-    """
-
-    seed: int
-    wind: str
-    speed: float = SPEED
-
-
-def fly(flight: Flight) -> Row:
+def fly(flight: Row) -> Row:
     """Fly once.
+
+    Args:
+        flight: `seed`, of what the survey left wrong, too; `wind`; `speed`, mean along the path [m/s].
 
     Returns:
         How it ended and why; `touch_cm` from the middle of the pad at the end; `rms_cm` and `most_cm`, horizontal
@@ -70,8 +58,8 @@ def fly(flight: Flight) -> Row:
     followed = Followed()
 
     def prepare(watch: Watcher) -> Rehearsal:
-        aircraft = simulated_aircraft(flight.seed, flight.wind, 15.0)
-        return followed.attached(room_demonstration(aircraft, watch, None, eights(flight.speed), limits=LIMITS))
+        aircraft = simulated_aircraft(flight["seed"], flight["wind"], 15.0)
+        return followed.attached(room_demonstration(aircraft, watch, None, eights(flight["speed"]), limits=LIMITS))
 
     _, row = flown(prepare, STRAYED)
     return followed.judged(row)
@@ -123,7 +111,7 @@ class Followed:
         }
 
 
-PATHS: Final = Campaign("paths", fly, asdict, limit=900.0)
+PATHS: Final = Campaign("paths", fly, dict, limit=900.0)
 
 
 def main(
@@ -143,6 +131,7 @@ def main(
         wind: none, indoor, light or moderate.
         speed: mean, along the path [m/s].
     """
-    rows = PATHS.rows([Flight(seed, wind, speed) for seed in range(first, first + seeds)], jobs, results)
+    asked = [{"seed": seed, "wind": wind, "speed": speed} for seed in range(first, first + seeds)]
+    rows = PATHS.rows(asked, jobs, results)
     figures = summed_up(rows, "rms_cm", "most_cm", "touch_cm", rms_cm=(1.0, GOAL_RMS_CM))
     return show([figures], ("flights",), as_json=as_json)

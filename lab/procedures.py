@@ -9,11 +9,11 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from lab.cases import Case, Figure, Flight, command, total
+from lab.campaign import Row
+from lab.cases import Case, Figure, Flight, command, judged, total
 from lab.rigs.grounded import GroundedAircraft
 from lab.rigs.virtualline import Noise, VirtualBoard, VirtualLine
 from mkdaemon.errors import CommandRejectedError, MkError
@@ -41,28 +41,8 @@ SHORT_PATIENCE: Final = Patience(attempts=40, timeout=0.1)
 HASTY: Final = Patience(attempts=12, timeout=0.1)
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """How one run ended.
-
-    Attributes:
-        end: `verified`, or the name of the failure.
-        claims_wrongly: it claimed what the board does not hold.
-        is_changed: the live parameter set is not what it was (backups).
-        asked: requests sent.
-        seconds: virtual time it took [s].
-    """
-
-    end: str
-    claims_wrongly: bool
-    is_changed: bool
-    asked: int
-    seconds: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it lied or left another live set."""
-        return self.claims_wrongly or self.is_changed
+LIMITS: Final = {"claims_wrongly": False, "is_changed": False}
+"""Of a run: it neither lies nor leaves another live set."""
 
 
 def random_route(rng: random.Random, count: int) -> tuple[WireMessage, ...]:
@@ -83,8 +63,8 @@ def random_route(rng: random.Random, count: int) -> tuple[WireMessage, ...]:
     return to_points(Mission(points=tuple(points)), point_format(Release(0, 24)))
 
 
-def run_upload(seed: int, noise: Noise = NOISE, patience: Patience = UPLOAD_PATIENCE, *, longest: int = 31) -> Run:
-    """Upload a random mission over an old one, and compare the claim with the board's list."""
+def run_upload(seed: int, noise: Noise = NOISE, patience: Patience = UPLOAD_PATIENCE, *, longest: int = 31) -> Row:
+    """Upload a random mission over an old one, and compare the claim with the board's list; see `_row`."""
     rng = random.Random(seed)
     flight = FlightCtrl(FC_GENERATIONS["2.12a"], GroundedAircraft(), seed=seed)
     board = NaviCtrl(NC_GENERATIONS["0.24"], flight, seed=seed)
@@ -94,11 +74,11 @@ def run_upload(seed: int, noise: Noise = NOISE, patience: Patience = UPLOAD_PATI
     end, line = _drive(board, noise, rng, upload_points(points, patience))
     held = [(board.navigator.points.read(number) or b"")[2:] for number in range(1, board.navigator.points.count + 1)]
     lies = end == "verified" and held != [point.encode() for point in points]
-    return Run(end, lies, False, line.traffic.asked, line.now)
+    return _row(end, line, claims_wrongly=lies, is_changed=False)
 
 
-def run_backup(seed: int, noise: Noise = NOISE, patience: Patience = BACKUP_PATIENCE) -> Run:
-    """Back up five different sets, and compare the files with the EEPROM and the live set with what it was."""
+def run_backup(seed: int, noise: Noise = NOISE, patience: Patience = BACKUP_PATIENCE) -> Row:
+    """Back up five different sets; compare the files with the EEPROM, the live set with what it was; see `_row`."""
     rng = random.Random(seed)
     board = FlightCtrl(FC_GENERATIONS["2.12a"], GroundedAircraft(), seed=seed)
     for slot, raw in list(board.eeprom.sets.items()):
@@ -114,7 +94,18 @@ def run_backup(seed: int, noise: Noise = NOISE, patience: Patience = BACKUP_PATI
 
     end, line = _drive(board, noise, rng, procedure())
     lies = end == "verified" and {slot: raw[: len(live)] for slot, raw in saved.items()} != sets
-    return Run(end, lies, board.live.raw != live, line.traffic.asked, line.now)
+    return _row(end, line, claims_wrongly=lies, is_changed=board.live.raw != live)
+
+
+def _row(end: str, line: VirtualLine, **found: bool) -> Row:
+    """How one run ended.
+
+    Args:
+        end: `verified`, or the name of the failure.
+        line: how many requests were sent on it, and the virtual time that it took.
+        found: it claimed what the board does not hold; the live parameter set is not what it was (backups).
+    """
+    return judged(LIMITS, end=end, asked=line.traffic.asked, seconds=line.now, **found)
 
 
 def _drive(
@@ -130,7 +121,7 @@ def _drive(
     return "verified", line
 
 
-def _flights(rows: Mapping[str, Callable[[int], Run]], runs: int) -> Callable[[int | None, int], list[Flight]]:
+def _flights(rows: Mapping[str, Callable[[int], Row]], runs: int) -> Callable[[int | None, int], list[Flight]]:
     return lambda asked, first: [
         Flight(what, "virtual line", run, seed)
         for what, run in rows.items()
@@ -145,7 +136,7 @@ FIGURES: Final[Mapping[str, Figure]] = {
     "asked": total("asked"),
     "hours_on_a_real_line": lambda found: round(sum(one["seconds"] for one in found) / 3600, 2),
 }
-BACKUPS: Final[Mapping[str, Callable[[int], Run]]] = {
+BACKUPS: Final[Mapping[str, Callable[[int], Row]]] = {
     "backups, 0.3 % of bytes harmed": partial(run_backup, noise=FAIR, patience=SHORT_PATIENCE),
     "backups, 1 % of bytes harmed, 12 attempts": partial(run_backup, noise=POOR, patience=HASTY),
     "backups, 3 % of bytes harmed, 40 attempts": partial(run_backup, noise=NOISE, patience=SHORT_PATIENCE),

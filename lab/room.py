@@ -6,7 +6,6 @@ back, a hold and a figure of eight in the middle of the room, landing. What beca
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from typing import Final
 
 import numpy as np
@@ -26,30 +25,18 @@ GOAL_P90_CM: Final = 6.0
 """Goal for the distance of landings from the middle of the pad, 90 of 100."""
 
 
-@dataclass(frozen=True, slots=True)
-class Flight:
-    """One flight.
-
-    Attributes:
-        seed: of everything random, and of what the survey left wrong.
-        wind: none, indoor, light or moderate.
-        fps: images a second.
-    """
-
-    seed: int
-    wind: str
-    fps: float
-
-
-def fly(flight: Flight) -> Row:
+def fly(flight: Row) -> Row:
     """Fly once.
+
+    Args:
+        flight: `seed`, of what the survey left wrong, too; `wind` and `fps`.
 
     Returns:
         How it ended and why; `touch_cm` from the middle of the pad at the end; `hold_cm` and `midway_cm`, horizontal
         RMS of the true place against the wanted one over the pad and in the middle of the room; `eight_cm`, the same
         along the figure of eight; `posed`, share of the images with a pose; its length [s].
     """
-    aircraft = simulated_aircraft(flight.seed, flight.wind, flight.fps)
+    aircraft = simulated_aircraft(flight["seed"], flight["wind"], flight["fps"])
     record, row = flown(lambda watch: room_demonstration(aircraft, watch), STRAYED)
     return row | figures_of(record)
 
@@ -68,7 +55,7 @@ def rms_cm(distances: npt.ArrayLike) -> float | None:
     return round(100.0 * float(np.sqrt(squares.mean())), 1) if squares.size else None
 
 
-ROOMS: Final = Campaign("room", fly, asdict, limit=900.0)
+ROOMS: Final = Campaign("room", fly, dict, limit=900.0)
 
 
 def main(
@@ -88,6 +75,7 @@ def main(
         wind: none, indoor, light or moderate.
         fps: images a second.
     """
-    rows = ROOMS.rows([Flight(seed, wind, fps) for seed in range(first, first + seeds)], jobs, results)
+    asked = [{"seed": seed, "wind": wind, "fps": fps} for seed in range(first, first + seeds)]
+    rows = ROOMS.rows(asked, jobs, results)
     figures = ("touch_cm", "hold_cm", "midway_cm", "eight_cm", "posed")
     return show([summed_up(rows, *figures, touch_cm=(0.9, GOAL_P90_CM))], ("flights",), as_json=as_json)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -34,21 +34,6 @@ MOVED: Final = 9
 GOAL: Final = 0.005
 """Error of each tag [m], and a thousandth of its distance from the middle more."""
 DOWN: Final = np.diag([1.0, -1.0, -1.0])
-
-
-@dataclass(frozen=True, slots=True)
-class Room:
-    """One survey.
-
-    Attributes:
-        seed: of places, path and noise.
-        fault: what is wrong with one tag; None for nothing.
-        images: of the survey.
-    """
-
-    seed: int
-    fault: str | None
-    images: int
 
 
 def room_of(seed: int) -> Target:
@@ -90,21 +75,21 @@ def path_of(seed: int, count: int) -> Iterator[CameraView]:
         yield CameraView(VGA, turned, np.array([x, y, z]), velocity_enu=speed, exposure_time=0.004)
 
 
-def images_of(room: Room) -> Iterator[Grey]:
+def images_of(room: Row) -> Iterator[Grey]:
     """The images of a survey."""
-    rng = np.random.default_rng(room.seed + 20_000)
-    before = room_of(room.seed)
-    after = _changed(before, room.fault, rng)
-    from_image = rng.uniform(0.3, 0.7) * room.images if room.fault == TagFault.MOVED else 0
+    rng = np.random.default_rng(room["seed"] + 20_000)
+    before = room_of(room["seed"])
+    after = _changed(before, room["fault"], rng)
+    from_image = rng.uniform(0.3, 0.7) * room["images"] if room["fault"] == TagFault.MOVED else 0
     shown = [[before], [after]]
-    if room.fault == TagFault.TWICE:  # a target of its own: one shows a code once
+    if room["fault"] == TagFault.TWICE:  # a target of its own: one shows a code once
         copy = replace(before.tags[MOVED], position=before.tags[0].position + np.array([0.45, 0.5, 0.0]))
         shown[1].append(replace(before, name="copy", tags=(copy,)))
     scenes = [
-        Scene([SceneTarget.of(each, Platform()) for each in targets], ground="asphalt", seed=room.seed, fine=False)
+        Scene([SceneTarget.of(each, Platform()) for each in targets], ground="asphalt", seed=room["seed"], fine=False)
         for targets in shown
     ]
-    for number, view in enumerate(path_of(room.seed, room.images)):
+    for number, view in enumerate(path_of(room["seed"], room["images"])):
         yield scenes[number >= from_image].render(view)
 
 
@@ -127,18 +112,22 @@ def laid_over(mapped: Array, true: Array) -> Array:
     return np.asarray(a - b @ (left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right).T)
 
 
-def run(room: Room) -> Row:
-    """Carry out one survey."""
+def run(room: Row) -> Row:
+    """Carry out one survey.
+
+    Args:
+        room: `seed`, of places, path and noise; `fault`, what is wrong with one tag, None for nothing; `images`.
+    """
     began = time.process_time()
     tags = list(look_at(images_of(room), VGA, "tag36h11", 1))
     looked = time.process_time()
     found = survey(tags, KnownTags(SIDE, {}), Projection(VGA))
-    off, squares = errors_of(found, room_of(room.seed))
+    off, squares = errors_of(found, room_of(room["seed"]))
     sizes = np.linalg.norm(off, axis=1)
     places = np.array([one.tag.position for one in found.tags])
     reach = np.linalg.norm(places - places.mean(axis=0), axis=1)
     named = {one.tag_id: str(one.fault) for one in found.left_out}
-    expected = {MOVED: room.fault} if room.fault is not None else {}
+    expected = {MOVED: room["fault"]} if room["fault"] is not None else {}
     is_near = bool((sizes <= GOAL + 0.001 * reach).all())
     is_good = is_near and named == expected
     return {
@@ -154,7 +143,7 @@ def run(room: Room) -> Row:
     }
 
 
-SURVEYS: Final = Campaign("survey", run, asdict, limit=900.0)
+SURVEYS: Final = Campaign("survey", run, dict, limit=900.0)
 
 
 def main(
@@ -174,6 +163,7 @@ def main(
         fault: what is wrong with one tag: moved, twice or wrong_side; nothing where none is given.
         images: of each survey.
     """
-    rows = SURVEYS.rows([Room(seed, fault, images) for seed in range(first, first + seeds)], jobs, results)
+    asked = [{"seed": seed, "fault": fault, "images": images} for seed in range(first, first + seeds)]
+    rows = SURVEYS.rows(asked, jobs, results)
     figures = summed_up(rows, "worst_mm", "rms_mm", "nees", "rms_px", "looking_s", "adjusting_s")
     return show([figures], ("flights",), as_json=as_json)

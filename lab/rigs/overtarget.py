@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 from lab.places import ROOT
 from lab.rigs.processes import MKCTL, PROGRAM, START, DaemonProcess, Program, connected, start_daemon, wait_for_control
-from lab.rigs.waiting import wait_for
+from lab.rigs.waiting import following, wait_for
 from lab.rigs.wiretap import WireTap, tapped
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Sample, Vehicle
@@ -206,16 +206,23 @@ async def over_target(setting: Setting) -> AsyncIterator[Hover]:
         endpoint = stack.enter_context(reserved_endpoint())
         where = stack.enter_context(reserved_endpoint()).removeprefix("tcp/")
         config = _config(folder, setting, endpoint)
-        simulator = await stack.enter_async_context(_simulator(config, where))
+        # Its boards are behind a TCP port: lab/rigs/live.py says why.
+        simulator = await Program.start(*PROGRAM, "sim", "--config", str(config), "--listen", where)
+        stack.push_async_callback(simulator.end)
+        favour(simulator.pid)  # its threads, started later, inherit it
+        await simulator.first_line()  # it serves
         tap = await stack.enter_async_context(tapped(where)) if setting.is_tapped else None
         _name_port(config, f"tcp:{where}" if tap is None else tap.port)
-        daemon = await stack.enter_async_context(_daemon(config, endpoint, setting.program))
+        daemon = await start_daemon(config, endpoint, setting.program)
+        stack.callback(lambda: sys.stderr.write(daemon.errors))
+        stack.push_async_callback(daemon.end, signal.SIGINT)
         client = await stack.enter_async_context(connected(endpoint, VEHICLE, patience=START))
-        await stack.enter_async_context(_observing(client, seen))
+        keys = ("sim/truth", "vision/down/pose", "vision/down/stats", "control/*", "event/failsafe")
+        await stack.enter_async_context(following(client, seen.take, *keys))
         await wait_for_control(client)
         await wait_for(lambda: "sim/truth" in seen.last)
         await client.command("sim", "start")
-        yield Hover(endpoint, daemon, client, seen, simulator, tap)
+        yield Hover(endpoint, daemon, client, seen, simulator.pid, tap)
 
 
 def _config(folder: Path, setting: Setting, endpoint: str) -> Path:
@@ -251,42 +258,3 @@ def favour(process: int) -> None:
 def _name_port(config: Path, port: str) -> None:
     with config.open("a", encoding="utf-8") as file:
         file.write(f'\n[link]\nport = "{port}"\n')
-
-
-@asynccontextmanager
-async def _simulator(config: Path, where: str) -> AsyncIterator[int]:
-    """The simulator, with its boards behind a TCP port (lab/rigs/live.py says why); number of its process."""
-    simulator = await Program.start(*PROGRAM, "sim", "--config", str(config), "--listen", where)
-    try:
-        favour(simulator.pid)  # its threads, started later, inherit it
-        await simulator.first_line()  # it serves
-        yield simulator.pid
-    finally:
-        await simulator.end()
-
-
-@asynccontextmanager
-async def _daemon(config: Path, endpoint: str, program: Sequence[str]) -> AsyncIterator[DaemonProcess]:
-    daemon = await start_daemon(config, endpoint, program)
-    try:
-        yield daemon
-    finally:
-        await daemon.end(signal.SIGINT)
-        sys.stderr.write(daemon.errors)
-
-
-@asynccontextmanager
-async def _observing(client: Vehicle, seen: Seen) -> AsyncIterator[None]:
-    async def listen() -> None:
-        keys = ("sim/truth", "vision/down/pose", "vision/down/stats", "control/*", "event/failsafe")
-        async with client.watch(*keys) as samples:
-            async for sample in samples:
-                seen.take(sample)
-
-    listening = asyncio.create_task(listen(), name="observer")
-    try:
-        yield
-    finally:
-        listening.cancel()
-        with suppress(asyncio.CancelledError):
-            await listening  # what it could not read is no silence

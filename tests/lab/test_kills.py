@@ -14,4 +14,4 @@ pytestmark = pytest.mark.flight
 )
 async def test_a_kill_during_a_procedure_leaves_the_live_set_as_it_was(kill, verb):
     [found] = await kill(verb, 1, 7)
-    assert not found.is_wrong
+    assert not found["is_wrong"]
