@@ -14,7 +14,7 @@ import numpy as np
 from lab.control.camera import CameraModel
 from lab.control.corerig import HandoverRig, TakeOffRig
 from lab.control.flights import Flight, Record
-from lab.control.law2010 import PiGains
+from lab.control.law2010 import LawRig
 from lab.control.rendered import RenderedLandingRig, RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
@@ -73,7 +73,7 @@ def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
     """Horizontal RMS of a hover [cm]."""
 
     def measure(record: Record) -> dict[str, float]:
-        errors = _after(record, SETTLED)
+        errors = np.array(record.errors)[np.array(record.times) > SETTLED]
         return {key: 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan}
 
     return measure
@@ -136,10 +136,6 @@ def survival(key: str) -> Callable[[Record], dict[str, float]]:
 def step_goal(t: float) -> Goal:
     """1 m along x, once, across the target: half a metre to a side it is still in sight while the aircraft leans."""
     return Goal(position=np.array([1.0 - STEP_FROM if t >= STEP_AT else -STEP_FROM, 0.0, 2.0]))
-
-
-def _after(record: Record, time: float) -> Any:
-    return np.array(record.errors)[np.array(record.times) > time]
 
 
 def takeoff_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
@@ -240,7 +236,7 @@ CASES: Final = {
     "takeoff_light": _take_off(LIGHT, 40, takeoff_light_success_percent=98.0),
     "takeoff_moderate": _take_off(MODERATE, 20),
     "law_2010": replace(
-        _hover("law_2010", INDOOR, 20, 0.0, law=PiGains(), seconds=30.0),
+        _hover("law_2010", INDOOR, 20, 0.0, LawRig, seconds=30.0),
         measure=survival("law_2010_lost_percent"),
         goals={},
     ),

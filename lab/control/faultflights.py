@@ -7,15 +7,14 @@ import random
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from lab.campaign import Campaign, Ending, Row, endings
-from lab.control.expectations import TOLERANCE, Expectation
 from lab.control.faultrig import LAND_AT, FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight, Record
+from lab.control.trouble import TOLERANCE, Expectation
 from mksim.config import WindClass
 
 LENGTH: Final = 27.0
@@ -32,15 +31,8 @@ ON_TARGET: Final = 0.35
 """An aircraft that has landed stands no farther from the middle of the target [m]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """A fault of a flight.
-
-    Attributes:
-        name: of the fault.
-        at: when it begins [s].
-        expected: what may follow.
-    """
+class Drawn(NamedTuple):
+    """A fault of a flight: its name, when it begins [s], and what may follow."""
 
     name: str
     at: float
@@ -58,36 +50,20 @@ def draw(rig: FaultRig, seed: int) -> tuple[Drawn, ...]:
     return tuple(sorted(drawn, key=lambda fault: fault.at))
 
 
-@dataclass(frozen=True, slots=True)
-class FaultFlight:
-    """What became of one flight.
+def fly_one(seed: int) -> Row:
+    """Fly one flight with faults.
 
-    Attributes:
-        seed: of it.
-        faults: names.
-        ending: how it ended; `HELD` is an aborted landing, or one that waits.
-        why: reason of the release, or what is wrong.
-        frames: stick frames that were checked.
-        violations: rules they broke.
+    Returns:
+        Names of its `faults`; its `ending`: `HELD` is an aborted landing, or one that waits; `why`, reason of the
+        release, or what is wrong; `frames`, stick frames that were checked; `violations`, rules they broke.
     """
-
-    seed: int
-    faults: tuple[str, ...]
-    ending: Ending
-    why: str
-    frames: int
-    violations: dict[str, int]
-
-
-def fly_one(seed: int) -> FaultFlight:
-    """Fly one flight with faults."""
     wind = random.Random(f"{seed} air").choice((WindClass.INDOOR, WindClass.LIGHT))
     rig = FaultRig(Flight(seed=seed, seconds=LENGTH, wind=wind, land_at=LAND_AT))
     drawn: list[Drawn] = []
     outcome = rig.fly_with(lambda flying: drawn.extend(draw(flying, seed)))
     end, why = judge(rig, tuple(drawn))
-    names = tuple(fault.name for fault in drawn)
-    return FaultFlight(seed, names, end, why, outcome.frames, dict(outcome.violations))
+    found = {"faults": [fault.name for fault in drawn], "ending": end, "why": why}
+    return found | {"frames": outcome.frames, "violations": dict(outcome.violations)}
 
 
 def judge(rig: FaultRig, drawn: tuple[Drawn, ...]) -> tuple[Ending, str]:
@@ -123,11 +99,7 @@ def _ended(record: Record) -> float:
     return record.times[-1] if record.lost and record.times else math.inf
 
 
-def _row(seed: int) -> Row:
-    return asdict(fly_one(seed))
-
-
-FAULT_FLIGHTS: Final = Campaign("control faults", _row, lambda seed: {"seed": seed}, limit=300.0)
+FAULT_FLIGHTS: Final = Campaign("control faults", fly_one, lambda seed: {"seed": seed}, limit=300.0)
 
 
 def run_faults(count: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, dict[str, Any]]:

@@ -220,10 +220,8 @@ class FaultRig(CoreRig):
         super()._hold(self._arrived._replace(throttle=min([self._arrived.throttle, *lids])))
 
     def _hold(self, sticks: StickCounts) -> None:
-        now = self._world.now
-        if now >= self.trouble.gate_shut or self.core.phase not in IN_FLIGHT:
-            self._arrived = sticks
-            self.lid_moved(now)
+        self._arrived = sticks
+        self.lid_moved(self._world.now)
 
     # -- cameras and boards ---------------------------------------------------------------------------------------
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
 from lab.control.boardfaults import battery_low, gps_switch, height_control, throttle_capped
 from lab.control.corerig import stamp
-from lab.control.expectations import LOST_SIGHT, NOTHING, TOLERANCE, Expectation, Fault
 from lab.control.faultrig import FaultRig
+from lab.control.trouble import LOST_SIGHT, NOTHING, TOLERANCE, Expectation
 from mkdaemon.control.events import (
     AbortAsked,
     ClientGone,
+    Event,
     GuardActed,
     LineChanged,
     ReleaseAsked,
@@ -26,6 +28,44 @@ from mkdaemon.telemetry.control import ControlLine, Obstacle
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import AttitudeSetpoint, Setpoint, SetpointFrame, StickSetpoint, VelocitySetpoint
 from mkdaemon.telemetry.state import Pilot
+
+Fault = Callable[[FaultRig, float, random.Random], Expectation]
+"""Prepares a fault that begins at a time [s]; its numbers are drawn."""
+Span = tuple[float, float]
+"""Between which a number is drawn."""
+
+
+def lasts(name: str, *pauses: Span) -> Fault:
+    """What is named so in `Trouble` is wrong until a time, one of some pauses after it began [s]."""
+
+    def begin(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+        drawn = [rng.uniform(*pause) for pause in pauses]
+        end = at + (rng.choice(drawn) if len(drawn) > 1 else drawn[0])
+        rig.at(at, lambda now: setattr(rig.trouble, name, end))
+        return Expectation(LOST_SIGHT)
+
+    return begin
+
+
+def is_off(name: str, pause: Span, off: Span, reasons: tuple[str, ...] = LOST_SIGHT) -> Fault:
+    """What is named so in `Trouble` is late or wrong by some amount, for a pause [s]."""
+
+    def begin(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+        spell = (at + rng.uniform(*pause), rng.uniform(*off))
+        rig.at(at, lambda now: setattr(rig.trouble, name, spell))
+        return Expectation(reasons)
+
+    return begin
+
+
+def comes(event: Event, reason: str) -> Fault:
+    """The core hears of something, and lets go at once."""
+
+    def begin(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
+        rig.at(at, lambda now: rig.core.feed(event, 0.0))
+        return Expectation((reason,), 0.0)
+
+    return begin
 
 
 def client_silent(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
@@ -44,20 +84,6 @@ def client_dies(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 
     rig.at(at, die)
     return Expectation(("client lab is gone",), 0.0)
-
-
-def client_late(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """Setpoints overtake each other and come up to 0.25 s late."""
-    spell = (at + rng.uniform(0.5, 4.0), rng.uniform(0.02, 0.25))
-    rig.at(at, lambda now: setattr(rig.trouble, "client_late", spell))
-    return NOTHING
-
-
-def client_wild(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """The client asks for places far away, below ground, another one each time."""
-    end = at + rng.uniform(0.2, 1.5)
-    rig.at(at, lambda now: setattr(rig.trouble, "client_wild", end))
-    return Expectation(LOST_SIGHT)
 
 
 def stranger(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
@@ -122,36 +148,9 @@ def aborted(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     return NOTHING
 
 
-def release_asked(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """Somebody asks for a release."""
-    rig.at(at, lambda now: rig.core.feed(ReleaseAsked(ReleaseRequest(reason="somebody asks")), 0.0))
-    return Expectation(("somebody asks",), 0.0)
-
-
-def blind(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """The target is out of sight for a while."""
-    pause = rng.choice((rng.uniform(0.05, 1.4), rng.uniform(1.4, 2.8), rng.uniform(3.2, 6.0)))
-    rig.at(at, lambda now: setattr(rig.trouble, "blind", now + pause))
-    return Expectation(LOST_SIGHT)
-
-
 def eyes_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """The detector stands still for 2 s, then everything it has seen comes at once."""
     rig.at(at, lambda now: setattr(rig.trouble, "eyes_stalled", now + 2.0))
-    return Expectation(LOST_SIGHT)
-
-
-def camera_late(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """Poses come later by up to 0.4 s."""
-    spell = (at + rng.uniform(0.5, 4.0), rng.uniform(0.05, 0.4))
-    rig.at(at, lambda now: setattr(rig.trouble, "camera_late", spell))
-    return Expectation(LOST_SIGHT)
-
-
-def camera_wrong(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """A few poses are off by up to a metre."""
-    spell = (at + rng.uniform(0.03, 0.12), rng.uniform(0.2, 1.0))
-    rig.at(at, lambda now: setattr(rig.trouble, "camera_wrong", spell))
     return Expectation(LOST_SIGHT)
 
 
@@ -160,12 +159,6 @@ def core_stalled(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     pause = rng.choice((rng.uniform(0.02, 0.25), rng.uniform(0.35, 1.0)))
     rig.at(at, lambda now: setattr(rig.trouble, "core_stalled", (now, now + pause)))
     return Expectation(("the daemon did not run",), pause) if pause > 0.3 else NOTHING
-
-
-def guard_acts(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """The guard says that it has released the aircraft."""
-    rig.at(at, lambda now: rig.core.feed(GuardActed(), 0.0))
-    return Expectation(("the guard released",), 0.0)
 
 
 def line_bad(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
@@ -207,20 +200,6 @@ def receiver_lost(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     return Expectation(("the receiver is lost",), 0.0)
 
 
-def telemetry_silent(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """The boards' attitude does not come."""
-    end = at + rng.uniform(0.2, 3.0)
-    rig.at(at, lambda now: setattr(rig.trouble, "telemetry_silent", end))
-    return Expectation(LOST_SIGHT)
-
-
-def uplink_dead(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
-    """No stick frame arrives for a while; the FlightCtrl holds the last one."""
-    end = at + rng.uniform(0.1, 0.6)
-    rig.at(at, lambda now: setattr(rig.trouble, "uplink_dead", end))
-    return Expectation(LOST_SIGHT)
-
-
 def gust(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
     """A gust of up to 5 m/s."""
     speed, course, length = rng.uniform(1.0, 5.0), rng.uniform(0.0, 360.0), rng.uniform(0.5, 3.0)
@@ -238,10 +217,18 @@ def compass_off(rig: FaultRig, at: float, rng: random.Random) -> Expectation:
 FAULTS: Final[dict[str, Fault]] = {
     fault.__name__: fault
     for fault in (
-        client_silent, client_dies, client_late, client_wild, stranger, other_kinds, taken_over, aborted, release_asked,
-        blind, eyes_stalled, camera_late, camera_wrong, core_stalled, guard_acts, line_bad, line_gone, line_refuses,
-        receiver_lost, telemetry_silent, uplink_dead, gust, compass_off, battery_low, gps_switch, height_control,
-        throttle_capped,
+        client_silent, client_dies, stranger, other_kinds, taken_over, aborted, eyes_stalled, core_stalled,
+        line_bad, line_gone, line_refuses, receiver_lost, gust, compass_off, battery_low, gps_switch, height_control, throttle_capped,
     )
+} | {
+    "client_wild": lasts("client_wild", (0.2, 1.5)),
+    "client_late": is_off("client_late", (0.5, 4.0), (0.02, 0.25), ()),
+    "release_asked": comes(ReleaseAsked(ReleaseRequest(reason="somebody asks")), "somebody asks"),
+    "blind": lasts("blind", (0.05, 1.4), (1.4, 2.8), (3.2, 6.0)),
+    "camera_late": is_off("camera_late", (0.5, 4.0), (0.05, 0.4)),
+    "camera_wrong": is_off("camera_wrong", (0.03, 0.12), (0.2, 1.0)),
+    "guard_acts": comes(GuardActed(), "the guard released"),
+    "telemetry_silent": lasts("telemetry_silent", (0.2, 3.0)),
+    "uplink_dead": lasts("uplink_dead", (0.1, 0.6)),
 }  # fmt: skip
 """Every fault by name."""

@@ -10,14 +10,9 @@ from typing import Final
 import numpy as np
 
 from lab.control.camera import CameraModel
-from lab.control.law2010 import PiGains
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import LandingLimits
 from mkdaemon.control.regulator.autopilot import Goal, at_origin
-from mkdaemon.control.regulator.horizontal import HorizontalCosts
-from mkdaemon.control.regulator.vertical import VerticalGains
 from mksim.config import ChannelConfig, RadioKind, WindClass
 from mksim.physics.attitude_loop import EASY, AttitudeGains
 
@@ -41,18 +36,12 @@ class Flight:
         gains: of the aircraft's attitude loop.
         mass: [kg].
         model: what the product believes of the aircraft; None for the truth.
-        nominal: beliefs of the estimator.
-        robust: its first beliefs.
-        costs: of the regulator.
-        vertical: gains of the height.
         camera: the eyes.
         radio: that carries every frame, either way.
         pad: velocity of the target once it moves [m/s].
         pad_starts: when it begins to move [s].
         attitude_scale: what the boards report over what they believe.
         land_at: when to begin to land [s].
-        landing: how.
-        law: fly by the law of 2010 instead; None for the autopilot.
     """
 
     seed: int
@@ -64,18 +53,12 @@ class Flight:
     gains: AttitudeGains = field(default_factory=lambda: AttitudeGains.from_parameters(**EASY))
     mass: float = 1.25
     model: AircraftModel | None = None
-    nominal: Tuning = NOMINAL
-    robust: Tuning = ROBUST
-    costs: HorizontalCosts = field(default_factory=HorizontalCosts)
-    vertical: VerticalGains = field(default_factory=VerticalGains)
     camera: CameraModel = field(default_factory=CameraModel)
     radio: ChannelConfig = RADIO
     pad: tuple[float, float] = (0.0, 0.0)
     pad_starts: float = 8.0
     attitude_scale: float = 1.0
     land_at: float = math.inf
-    landing: LandingLimits = field(default_factory=LandingLimits)
-    law: PiGains | None = None
 
     def pad_at(self, t: float) -> Array:
         """Where the target is [m]."""
@@ -90,7 +73,6 @@ class Record:
         times: of the control ticks [s].
         positions: true position in the frame of the target, one a tick (3,) [m].
         errors: true position less goal, one a tick (3,) [m].
-        estimates: estimated less true position, one a tick from the first image on (3,) [m].
         lost: why it ended early; empty when it flew to the end.
         touched: when the feet first stood after `land_at` [s].
         touch_error: horizontal distance from the target's middle then [m]; infinite where they never stood.
@@ -101,7 +83,6 @@ class Record:
     times: list[float] = field(default_factory=list)
     positions: list[Array] = field(default_factory=list)
     errors: list[Array] = field(default_factory=list)
-    estimates: list[Array] = field(default_factory=list)
     lost: str = ""
     touched: float = math.nan
     touch_error: float = math.inf

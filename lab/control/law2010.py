@@ -6,52 +6,47 @@ aircraft: if it flies, the simulator lies. Source: docs/lab/control.md, "The law
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from lab.control.flights import Flight
+from lab.control.rig import Rig
 from mkdaemon.control.estimator.values import TargetView
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
+from mkdaemon.control.regulator.autopilot import at_origin
 
-PERIOD = 1 / 15
+PERIOD: Final = 1 / 15
 """[s]."""
+GAINS: Final = np.array([14.0, 14.0, 8.0])
+"""Of the offset: forward, left and height [count/m]."""
+SLOW_GAIN: Final = 2.0
+"""Of its sum [count/(m s)]."""
+HOVER: Final = -2.0
+"""Throttle it starts from [stick from the centre]."""
+HEIGHT: Final = 2.0
+"""Flown [m]."""
 
 
-@dataclass(frozen=True, slots=True)
-class PiGains:
-    """Gains of the law.
-
-    Attributes:
-        p: [count/m].
-        i: [count/(m s)].
-        height_p: [count/m].
-        height_i: [count/(m s)].
-        hover: throttle it starts from [stick from the centre].
-    """
-
-    p: float = 14.0
-    i: float = 2.0
-    height_p: float = 8.0
-    height_i: float = 2.0
-    hover: float = -2.0
-
-
-class PiLaw:
+class LawRig(Rig):
     """One flight with it."""
 
-    def __init__(self, gains: PiGains, height: float) -> None:
-        self._gains = gains
-        self._height = height
+    def __init__(self, flight: Flight) -> None:
+        super().__init__(flight)
         self._sum: Array = np.zeros(3)
 
-    def sticks(self, view: TargetView, step: float) -> StickCounts:
-        """Return sticks for the newest image, taken as if it were of now and the aircraft level."""
-        gains = self._gains
+    def _control(self, at: float) -> None:
+        """The images alone decide."""
+
+    def _see(self, view: TargetView, at: float) -> None:
+        """Take the newest image as if it were of now and the aircraft level, at most every 1/15 s."""
+        if self.record.times and at - self.record.times[-1] < PERIOD:
+            return
         forward, left, up = view.position_flu
-        error = np.array([forward, left, self._height + up])
-        self._sum = np.clip(self._sum + error * step, -3.0, 3.0)
-        level = gains.p * error[:2] + gains.i * self._sum[:2]
-        throttle = gains.hover + gains.height_p * error[2] + gains.height_i * self._sum[2]
-        pitch, left_down = np.clip(np.round(level), -40, 40)
-        return StickCounts(int(pitch), -int(left_down), 0, int(np.clip(round(throttle), -60, 50)))
+        error = np.array([forward, left, HEIGHT + up])
+        self._sum = np.clip(self._sum + error * PERIOD, -3.0, 3.0)
+        pitch, left_down, throttle = np.round(GAINS * error + SLOW_GAIN * self._sum + (0.0, 0.0, HOVER))
+        level = np.clip((pitch, left_down), -40, 40).astype(int)
+        self._send(StickCounts(int(level[0]), -int(level[1]), 0, int(np.clip(throttle, -60, 50))), at)
+        self._keep(at_origin(HEIGHT), at)

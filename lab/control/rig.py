@@ -15,16 +15,17 @@ from typing import Final
 import numpy as np
 
 from lab.control.flights import RADIO, STOOD, Flight, Record
-from lab.control.law2010 import PERIOD, PiLaw
 from mkdaemon.config.control import LimiterConfig
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import NO_FILTER, AircraftModel
 from mkdaemon.control.estimator.values import StickCommand, TargetView
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.linear import Array
-from mkdaemon.control.manoeuvres.land import Landing, LandingPhase
-from mkdaemon.control.regulator.autopilot import Autopilot, Goal, at_origin
+from mkdaemon.control.manoeuvres.land import Landing, LandingLimits, LandingPhase
+from mkdaemon.control.regulator.autopilot import Autopilot, Goal
+from mkdaemon.control.regulator.horizontal import HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
+from mkdaemon.control.regulator.vertical import VerticalGains
 from mksim.config import AirframeConfig, ChannelConfig, FlightConfig, SensorConfig
 from mksim.physics.attitude_loop import AttitudeGains
 from mksim.physics.deck import MovingDeck
@@ -98,7 +99,6 @@ class Rig:
         self._sink, self._stands_since = 0.0, math.inf
         self._autopilot: Autopilot | None = None
         self._landing: Landing | None = None
-        self._law = None if flight.law is None else PiLaw(flight.law, 2.0)
         self._queue: list[tuple[float, int, Callable[[float], object]]] = []
         self._count = 0
 
@@ -106,8 +106,7 @@ class Rig:
         """Fly to the end, or until the aircraft is lost."""
         self._at(0.004, self._expose)
         self._at(0.006, self._report)
-        if self._law is None:
-            self._at(0.010, self._control)
+        self._at(0.010, self._control)
         while not self.record.lost and self._queue[0][0] < self._flight.seconds:
             at, _, event = heapq.heappop(self._queue)
             self._move_world(at)
@@ -166,22 +165,13 @@ class Rig:
 
     def _see(self, view: TargetView, at: float) -> None:
         flight = self._flight
-        if self._law is not None:
-            self._at(at, lambda now: self._fly_by_law(view, now))
-            return
         if self._autopilot is None:
-            estimator = Estimator(
-                flight.model or believed_model(flight.gains, flight.radio),
-                view,
-                FIRST_HOVER,
-                nominal=flight.nominal,
-                robust=flight.robust,
-            )
+            estimator = Estimator(flight.model or believed_model(flight.gains, flight.radio), view, FIRST_HOVER)
             estimator.advance(at)
             self._autopilot = Autopilot(
                 estimator,
-                costs=flight.costs,
-                gains=flight.vertical,
+                costs=HorizontalCosts(),
+                gains=VerticalGains(),
                 level_limits=ReferenceLimits(1.2, 1.4),
                 height_limits=ReferenceLimits(0.6, 0.8),
                 estimate=estimator.estimate(at),
@@ -213,7 +203,7 @@ class Rig:
             estimator = self._autopilot.estimator
             believed = estimator.estimate(at)
             if at >= self._flight.land_at:
-                self._landing = self._landing or Landing(self._flight.landing, believed)
+                self._landing = self._landing or Landing(LandingLimits(), believed)
                 goal = self._landing.goal(believed, goal.yaw, CONTROL_PERIOD)
             sticks = self._autopilot.sticks(goal, at)
             if self._landing is not None and self._landing.phase is LandingPhase.DOWN:
@@ -221,16 +211,7 @@ class Rig:
             gas = sticks.throttle + 127.0
             estimator.sent(StickCommand(at, sticks.pitch, sticks.roll, sticks.yaw, gas))
             self._send(sticks, at)
-            self.record.estimates.append(believed.position - self._place(at))
         self._keep(goal, at)
-
-    def _fly_by_law(self, view: TargetView, at: float) -> None:
-        """The newest image decides, at most every 1/15 s."""
-        if self.record.times and at - self.record.times[-1] < PERIOD:
-            return
-        assert self._law is not None
-        self._send(self._law.sticks(view, PERIOD), at)
-        self._keep(at_origin(2.0), at)
 
     def _send(self, sticks: StickCounts, at: float) -> None:
         arrival = self._arrival(self._up, STICK_BYTES, at)
@@ -252,8 +233,3 @@ class Rig:
         self.record.times.append(at)
         self.record.positions.append(place)
         self.record.errors.append(place - goal.position)
-
-
-def fly(flight: Flight) -> Record:
-    """Fly one flight."""
-    return Rig(flight).fly()

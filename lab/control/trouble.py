@@ -1,8 +1,31 @@
-"""What is wrong in a flight with faults."""
+"""What is wrong in a flight with faults, and what may follow."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+TOLERANCE: Final = 1.2
+"""A trigger fires at its time, at most so much later: docs/safety.md."""
+
+
+class Expectation(NamedTuple):
+    """What may follow from a fault.
+
+    Attributes:
+        reasons: what the reason of a release may begin with or contain; of a client whose setpoints are refused and
+            which has none left, what the refusal may contain.
+        within: it must come so soon after the fault [s]; infinite where it need not.
+    """
+
+    reasons: tuple[str, ...] = ()
+    within: float = math.inf
+
+
+NOTHING: Final = Expectation()
+LOST_SIGHT: Final = ("no image of", "it needs a fresh image of")
+"""Images that are gone for too long end a flight, and what needs one cannot begin while they come late."""
 
 
 @dataclass(slots=True)
@@ -20,7 +43,6 @@ class Trouble:
         core_stalled: the core does not run, from a beginning to an end.
         telemetry_silent: no attitude is heard.
         uplink_dead: no stick frame arrives.
-        gate_shut: the FlightCtrl takes no stick frame.
         lids: the pilot's throttle lies so far below hover [stick], each from a beginning to an end.
     """
 
@@ -34,5 +56,4 @@ class Trouble:
     core_stalled: tuple[float, float] = (0.0, 0.0)
     telemetry_silent: float = 0.0
     uplink_dead: float = 0.0
-    gate_shut: float = 0.0
     lids: list[tuple[float, float, float]] = field(default_factory=list)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict
 
 import pytest
 
 from lab.campaign import Ending
-from lab.control.expectations import Expectation
-from lab.control.faultflights import Drawn, FaultFlight, fly_one, judge, sum_up
+from lab.control.faultflights import Drawn, fly_one, judge, sum_up
 from lab.control.faultrig import FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight
+from lab.control.trouble import Expectation
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.limiter import StickCounts
 
@@ -21,8 +20,8 @@ from mkdaemon.control.limiter import StickCounts
 @pytest.mark.parametrize(("seed", "end"), [(5, Ending.RELEASED), (2, Ending.FINISHED)])
 def test_a_flight_with_faults_ends_as_the_table_says(seed, end):
     flight = fly_one(seed)
-    assert (flight.ending, flight.violations) == (end, {})
-    assert flight.frames > 100
+    assert (flight["ending"], flight["violations"]) == (end, {})
+    assert flight["frames"] > 100
 
 
 @pytest.fixture
@@ -103,9 +102,15 @@ def test_a_jump_of_the_sticks_and_a_frame_after_the_release_are_found(rig):
 
 
 def test_the_sum_counts_every_end_and_every_broken_rule():
-    good = asdict(FaultFlight(1, ("blind",), Ending.FINISHED, "landed on pad", 10, {}))
-    bad = asdict(FaultFlight(2, ("gust",), Ending.LOST, "left at 3.2 s", 10, {"slew": 2}))
-    released = asdict(FaultFlight(3, ("blind",), Ending.RELEASED, "no image", 10, {}))
+    rows = [
+        {"faults": [fault], "ending": ending, "why": why, "frames": 10, "violations": violations}
+        for fault, ending, why, violations in (
+            ("blind", Ending.FINISHED, "landed on pad", {}),
+            ("gust", Ending.LOST, "left at 3.2 s", {"slew": 2}),
+            ("blind", Ending.RELEASED, "no image", {}),
+        )
+    ]
+    good, bad, released = ({"seed": seed, **row} for seed, row in enumerate(rows, 1))
     figures = sum_up([good, bad, good, released])
     ends = figures["faults_ends"]
     assert (ends["finished"], ends["released"], ends["lost"]) == (2, 1, 1)
