@@ -36,7 +36,6 @@ def main(before: Path, after: Path, *campaign: str, as_json: AsJson = False) -> 
         before: a file of `--results`, or a source tree.
         after: the same kind.
         campaign: of two trees: what is carried out in both, for example `-- demo --seeds 20 --loss 0.05`.
-        as_json: print one JSON object in place of tables.
 
     Raises:
         ConfigError: a file and a tree, trees without a campaign, or files that have no flight in common.

@@ -150,7 +150,6 @@ def flown(prepare: Callable[[Watcher], Rehearsal], strayed: float) -> tuple[Rehe
     """Fly a rehearsal in virtual time; its record, and how it ended as `landing_of` has it.
 
     Args:
-        prepare: makes it, with what follows its status.
         strayed: an aircraft farther from the middle of its pad than this is lost [m].
     """
     silence_log()
@@ -174,10 +173,7 @@ def landing_of(record: Rehearsed, reason: str, *, stands: bool, is_lost: bool) -
     """How a flight that should land ended, by the physics: ending, why, `touch_cm` and `seconds`.
 
     Args:
-        record: of the flight.
         reason: of its first release; it only explains.
-        stands: the aircraft stands on the ground at the end.
-        is_lost: it flew away.
     """
     last = record.landing if record.landing is not None else (record.moments[-1] if record.moments else None)
     touch = math.nan if last is None else math.hypot(*last.position[:2])

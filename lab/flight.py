@@ -103,9 +103,6 @@ def main(*, as_json: AsJson = False) -> int:
     """Measure the simulated flight: its speed and its answer to a tilt step.
 
     About ten seconds.
-
-    Args:
-        as_json: print one JSON object instead of tables.
     """
     speeds = [
         measure_world(WindClass.NONE),

@@ -74,8 +74,6 @@ def images_to_wire(seen: Seen, sticks: Sequence[Sticks], since: float) -> list[W
     """The way of each image to the first stick frame on the wire that rests on it.
 
     Args:
-        seen: what was published.
-        sticks: what was on the wire.
         since: images before this do not count [s; monotonic].
     """
     left: dict[int, list[float]] = {}
@@ -110,13 +108,7 @@ def main(*, seconds: float = 20.0, seed: int = 1, as_json: AsJson = False) -> in
 
 
 def run_timing(runs: int | None, first_seed: int, jobs: int) -> dict[str, Row]:
-    """Fly in earnest and measure; figures by key.
-
-    Args:
-        runs: flights through each port; one if None.
-        first_seed: seeds count up from here.
-        jobs: has no meaning here, where one flight fills the machine.
-    """
+    """Fly in earnest and measure; figures by key."""
     found: dict[str, Row] = {}
     for k, (board, prefix) in itertools.product(range(runs or 1), BOARDS.items()):
         setting = Setting(30.0, seed=first_seed + k, latency_ms=CAMERA_MS, jitter_ms=0.0, is_tapped=True, board=board)

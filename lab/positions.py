@@ -35,7 +35,6 @@ class Flight:
     """One flight.
 
     Attributes:
-        seed: of everything random.
         wind: none, indoor, light or moderate.
         fault: of the motion capture system; empty for none.
         at: when it begins [s].

@@ -84,8 +84,6 @@ async def measure(board: str, *, is_deaf: bool, seconds: float) -> Row:
     """Steer into a server that stands still.
 
     Args:
-        board: `fc` or `nc`.
-        is_deaf: telemetry goes on meanwhile.
         seconds: how long it stands still [s].
 
     Returns:

@@ -54,8 +54,6 @@ class Case:
     """One row of figures.
 
     Attributes:
-        flight: makes the flight of a seed.
-        flights: how many.
         measure: key of each figure and its value from a record: infinite where what was to happen never did, not a
             number where nothing was to be measured.
         goals: largest median (or for `_p90` keys, 90th percentile) that meets the goal, by key.

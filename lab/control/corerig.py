@@ -49,8 +49,6 @@ class CoreRig(Rig):
     """A flight decided by the flight core.
 
     Attributes:
-        core: as in the daemon.
-        cfg: with which it decides.
         actions: everything it decided, with its time [s].
         estimates: what it published.
         is_silent: the client sends nothing any more.

@@ -103,14 +103,7 @@ FAULT_FLIGHTS: Final = Campaign("control faults", fly_one, lambda seed: {"seed":
 
 
 def run_faults(count: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, dict[str, Any]]:
-    """Fly the campaign; figures by key, every outcome counted.
-
-    Args:
-        count: flights; the campaign's own number if None.
-        first_seed: seeds count up from here.
-        jobs: processes.
-        results: file in which flights are kept.
-    """
+    """Fly the campaign; figures by key, every outcome counted."""
     return sum_up(FAULT_FLIGHTS.rows(range(first_seed, first_seed + (count or FLIGHTS)), jobs, results))
 
 

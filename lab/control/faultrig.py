@@ -55,13 +55,10 @@ class Outcome:
     Attributes:
         engaged: the core flew.
         released: when it let go [s]; infinite for never.
-        reason: why.
         stood: the feet stood then, by the physics.
         aside: distance from the middle of the target then [m].
         refused: why the client's newest setpoint before that was refused; empty where it was not.
-        phases: it went through.
         violations: rules that were broken, by name.
-        frames: handed to the line.
     """
 
     engaged: bool = False
@@ -79,8 +76,6 @@ class FaultRig(CoreRig):
     """A flight with faults.
 
     Attributes:
-        trouble: what is wrong now.
-        outcome: what became of the flight.
         stream: what the client streams at a time, in place of its plan; None for the plan.
     """
 

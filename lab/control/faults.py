@@ -218,7 +218,8 @@ FAULTS: Final[dict[str, Fault]] = {
     fault.__name__: fault
     for fault in (
         client_silent, client_dies, stranger, other_kinds, taken_over, aborted, eyes_stalled, core_stalled,
-        line_bad, line_gone, line_refuses, receiver_lost, gust, compass_off, battery_low, gps_switch, height_control, throttle_capped,
+        line_bad, line_gone, line_refuses, receiver_lost, gust, compass_off, battery_low, gps_switch, height_control,
+        throttle_capped,
     )
 } | {
     "client_wild": lasts("client_wild", (0.2, 1.5)),

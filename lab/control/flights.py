@@ -27,17 +27,12 @@ class Flight:
     """One flight to fly.
 
     Attributes:
-        seed: of everything random.
         seconds: length [s].
         start: height of the feet at the start [m]; zero stands on the ground, the motors at idle.
         place: where that is, east and north of the target [m].
-        wind: class.
         goal: wanted position at a time of the flight.
-        gains: of the aircraft's attitude loop.
         mass: [kg].
         model: what the product believes of the aircraft; None for the truth.
-        camera: the eyes.
-        radio: that carries every frame, either way.
         pad: velocity of the target once it moves [m/s].
         pad_starts: when it begins to move [s].
         attitude_scale: what the boards report over what they believe.

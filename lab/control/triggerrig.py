@@ -38,11 +38,8 @@ class Client:
     """Streams setpoints of a kind, and poses of a target beside which the aircraft stands still.
 
     Attributes:
-        setpoint: kind and fields of what is streamed.
         last: when the last one was put [s].
         seen: when the last pose was taken [s].
-        is_streaming: setpoints are put.
-        is_seeing: poses are taken.
     """
 
     def __init__(self, flown: Cockpit) -> None:
@@ -90,10 +87,6 @@ class Scene:
     """One flight to which one thing happens.
 
     Attributes:
-        flown: the daemon and its boards.
-        client: who flies.
-        guard: of the daemon.
-        loop: in virtual time.
         bench: what the boards are mounted on, with the pilot's transmitter.
         said: the latest value published under each key.
         before: a stick before it was moved.

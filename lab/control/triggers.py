@@ -77,14 +77,7 @@ FIRINGS: Final = Campaign(
 
 
 def run_triggers(runs: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, Row]:
-    """Let every trigger fire on every generation; figures by key.
-
-    Args:
-        runs: times each; three if None.
-        first_seed: seeds count up from here.
-        jobs: processes.
-        results: file in which what fired is kept.
-    """
+    """Let every trigger fire on every generation; figures by key."""
     seeds = range(first_seed, first_seed + (runs or 3))
     work = [(trigger.name, boards, seed) for trigger in TRIGGERS for boards in trigger.boards for seed in seeds]
     rows = FIRINGS.rows(work, jobs, results)

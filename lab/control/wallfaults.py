@@ -210,13 +210,7 @@ STORIES: Final = {
 
 
 def run_wallfaults(runs: int | None, first_seed: int, jobs: int) -> dict[str, Row]:
-    """Tell every story; figures by key.
-
-    Args:
-        runs: times each; once if None.
-        first_seed: seeds count up from here.
-        jobs: has no meaning here, where one flight fills the machine.
-    """
+    """Tell every story; figures by key."""
     found: dict[str, Row] = {}
     for name, story in STORIES.items():
         told = [asyncio.run(tell(story, first_seed + k)) for k in range(runs or 1)]

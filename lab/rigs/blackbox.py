@@ -98,16 +98,7 @@ class ClientSide(LocalBus):
 
 
 class RecordedDaemon:
-    """A daemon in the time of the running loop.
-
-    Attributes:
-        cfg: its configuration.
-        clock: its clock.
-        client: at its bus.
-        wiring: its parts.
-        tape: what it recorded.
-        socket: the boards.
-    """
+    """A daemon in the time of the running loop."""
 
     def __init__(
         self,
@@ -122,12 +113,8 @@ class RecordedDaemon:
         """Put it together.
 
         Args:
-            cfg: of the daemon.
-            make: powers the boards up.
-            seed: of the line.
             tick: how often bytes are carried [s].
             age: the boards have been powered up for so long [s].
-            make_eyes: makes the cameras.
         """
         self.cfg, self.clock = cfg, virtual_clock()
         self.tape = Tape(cfg.vehicle.name, self.clock)

@@ -59,12 +59,8 @@ class Socket:
     """Where a cable is plugged in: opens ports to the same boards again and again, or says that nothing is there.
 
     Attributes:
-        is_present: whether the device is there.
         right_baud: line rate at which bytes can be understood.
-        openings: ports opened so far.
-        port: the latest one.
         wire: everything written, with its time [s].
-        aircraft: the simulated boards and what they fly.
         slept: how long the host has been suspended; the boards went on [s].
         tick: how often bytes are carried [s].
     """
@@ -135,9 +131,7 @@ class BoardPort:
     """An open port to a simulated board; see `Port`.
 
     Attributes:
-        fault: what is wrong at the moment.
         amount: how much of it, where that has a meaning.
-        is_closed: nobody uses it any more.
         discarded: bytes that were thrown away before they left.
     """
 

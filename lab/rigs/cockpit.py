@@ -103,10 +103,8 @@ class LineWatch:
     """What the daemon hears about the line, kept, and handed on to its sink.
 
     Attributes:
-        tx: every transmission.
         heard_at: when the latest frame arrived [s].
         streamed_at: when the latest streamed telemetry arrived [s].
-        states: every verdict on the line.
     """
 
     def __init__(self, sink: LinkSink) -> None:
@@ -164,13 +162,7 @@ class Cockpit:
     """Everything of one session.
 
     Attributes:
-        core: the flight core inside `flight`.
-        link: the line.
-        flight: control: the lease, the tick, the release.
-        run_line: keeps the line.
         bus: where clients bring what they want, and values are published.
-        sink: what was seen on the line.
-        socket: the cable and the boards at its end.
         epoch: of the lease taken last.
         secret: of that lease.
         tasks: of line and control.
@@ -242,14 +234,9 @@ async def cockpit(
     """A running cockpit, boards discovered; not awaited where it begins in the middle of a flight.
 
     Args:
-        boards: which aircraft.
-        seed: of boards, line and everything drawn.
         link_class: another link, for stories about what happens without a part of it.
-        sim: further settings of the simulation.
         socket: the cable of an earlier cockpit, with the boards at its end; a new one if none is given.
         tick: how often bytes are carried [s].
-        guard: what the link feeds; none by default.
-        link: further settings of the link.
 
     Raises:
         TimeoutError: the boards were not discovered.

@@ -49,8 +49,6 @@ class CockpitClient:
     """A program on the bus of a cockpit.
 
     Attributes:
-        name: of the program.
-        rng: of the ways on its bus.
         is_alive: its process lives: what it puts arrives.
     """
 

@@ -198,14 +198,7 @@ class Screen(io.TextIOBase):
 
 
 class Behind(NamedTuple):
-    """A command that runs in the background.
-
-    Attributes:
-        program: whose.
-        words: its command line.
-        page: what it prints.
-        task: runs it.
-    """
+    """A command that runs in the background."""
 
     program: App
     words: list[str]
@@ -217,9 +210,6 @@ class Desk:
     """Everything on it; made by `desk`.
 
     Attributes:
-        simulation: the aircraft.
-        loop: its time.
-        config: of the daemon.
         folder: of its recordings and its state.
         is_full: the disk has no room left.
     """
@@ -379,12 +369,7 @@ class Desk:
 
 @contextmanager
 def desk(folder: Path, **sim: Any) -> Iterator[Desk]:
-    """A desk for as long as the context lasts.
-
-    Args:
-        folder: for recordings and state.
-        sim: settings of the simulated aircraft.
-    """
+    """A desk for as long as the context lasts."""
     config = Config.model_validate(
         {
             "vehicle": {"name": VEHICLE, "note": "simulated aircraft", "state_folder": folder},

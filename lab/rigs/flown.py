@@ -21,9 +21,6 @@ class Flown:
     """What is flown.
 
     Attributes:
-        simulation: the boards.
-        daemon: the process.
-        client: of its bus.
         folder: for files of the flight.
         port: URL of the boards' line.
     """
@@ -39,8 +36,6 @@ def observed(seed: int, fc: str = "2.12a", nc: str | None = None, **more: Any) -
     """Boards whose pilot does nothing; they keep nothing of what the host writes, unless `keeps` is given.
 
     Args:
-        seed: of everything random.
-        fc: release of the FlightCtrl.
         nc: of the NaviCtrl in front of it; None for none.
         more: `keeps`, or a field of the configuration.
     """
@@ -62,11 +57,8 @@ async def flown(
     """Run a daemon before boards while the context lasts; boards that are frozen are let go when it is there.
 
     Args:
-        simulation: the boards.
-        folder: for files; one of its own by default.
         on_tcp: the boards hang on a TCP port in place of a pseudo terminal.
         waits: it begins when the daemon would grant a lease.
-        daemon: see `daemon_process`.
 
     Raises:
         TimeoutError: the daemon did not come up.

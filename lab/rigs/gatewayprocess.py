@@ -32,12 +32,6 @@ class GatewayProcess(Program):
 async def gateway_process(name: str, endpoint: str, vehicle: str, *options: str) -> AsyncIterator[GatewayProcess]:
     """Run a gateway while the context lasts; it serves when the context begins, and ends by SIGTERM.
 
-    Args:
-        name: of the gateway.
-        endpoint: of the daemon's bus.
-        vehicle: name of the vehicle.
-        options: further ones of the gateway.
-
     Raises:
         TimeoutError: it did not say that it serves.
     """

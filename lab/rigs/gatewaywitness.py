@@ -27,8 +27,6 @@ def main(role: str, endpoint: str, vehicle: str, port: int) -> None:
 
     Args:
         role: witness or relay.
-        endpoint: of the daemon's bus.
-        vehicle: its name.
         port: of this machine, where the relay sends to and the witness listens.
     """
     gc.disable()

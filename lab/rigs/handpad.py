@@ -23,8 +23,6 @@ class HandPad:
     """A pad by cable.
 
     Attributes:
-        name: of its device file.
-        facts: what it says about itself.
         alarms: how often it shook.
     """
 
@@ -84,8 +82,6 @@ class HandKeyboard:
     """The keyboard of a terminal that answers every 80 ms.
 
     Attributes:
-        name: `keyboard`.
-        facts: what it says about itself.
         keys: the pad that its keys stand for.
     """
 

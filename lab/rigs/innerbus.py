@@ -191,12 +191,7 @@ class InnerBus(LocalBus):
     """
 
     def __init__(self, vehicle: str, recorder: BusRecorder) -> None:
-        """Begin.
-
-        Args:
-            vehicle: its name.
-            recorder: hears of everything published, asked and streamed.
-        """
+        """Begin."""
         super().__init__()
         self.vehicle = vehicle
         self.tokens: list[str] = []

@@ -112,10 +112,7 @@ class Rig:
     """A running link.
 
     Attributes:
-        link: the link.
         log: everything it reported, where it has no other sink.
-        socket: the cable and the boards at its end.
-        task: in which it runs.
     """
 
     def __init__(self, link: Link, log: Log, socket: Socket, task: asyncio.Task[None]) -> None:
@@ -160,13 +157,9 @@ async def rig(
     """A link that runs as long as the context lasts, in the time of the running loop.
 
     Args:
-        make: powers the boards up.
-        seed: of the line.
         right_baud: line rate at which bytes can be understood.
         sink: told everything, in place of the log.
-        guard: hears of the line.
         tick: how often bytes are carried [s].
-        cfg: further settings of the link.
     """
     log = Log()
     socket = Socket(make, seed=seed, right_baud=right_baud, tick=tick)
@@ -184,12 +177,7 @@ async def rig(
 
 
 def on_line(make: Callable[[], Simulation], **cfg: Any) -> Callable[[AsyncTest], Callable[..., None]]:
-    """Run a test in virtual time on a link that is up: the test's first argument.
-
-    Args:
-        make: powers the boards up.
-        cfg: see `rig`.
-    """
+    """Run a test in virtual time on a link that is up: the test's first argument."""
 
     def decorate(test: AsyncTest) -> Callable[..., None]:
         @functools.wraps(test)

@@ -40,9 +40,7 @@ class LiveDaemon:
     """A simulator, a daemon, and what an observer received from it.
 
     Attributes:
-        runtime: the simulator.
         endpoint: where the daemon's bus listens.
-        samples: everything received so far.
     """
 
     def __init__(self, runtime: Runtime, endpoint: str, stop: asyncio.Event, task: asyncio.Task[None]) -> None:
@@ -107,9 +105,7 @@ async def live_daemon(
     """A daemon that runs as long as the context lasts, as soon as external control is possible.
 
     Args:
-        commands: which dangerous commands are enabled.
         bus: a router that the daemon connects to, at which it is reached then; it listens itself by default.
-        sim: settings of the simulator.
 
     Raises:
         TimeoutError: external control was not possible in time.

@@ -123,7 +123,6 @@ class Setting:
     Attributes:
         fps: images a second.
         wind: none, indoor, light or moderate.
-        seed: of the simulator.
         latency_ms: from the middle of the exposure until the camera delivers the image [ms].
         jitter_ms: standard deviation of that [ms].
         program: what Python runs in place of the daemon's own program.
@@ -149,9 +148,6 @@ class Hover:
 
     Attributes:
         endpoint: where the daemon's bus listens.
-        daemon: its process.
-        client: of the daemon.
-        seen: what an observer receives.
         simulator: number of its process.
         tap: on the line, where the setting asks for one.
     """

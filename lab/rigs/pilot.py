@@ -32,9 +32,6 @@ class Pilot:
 
     Attributes:
         sticks: what it streams [stick; FLU].
-        session: numbers it.
-        epoch: of its lease.
-        secret: of its lease.
         puts: when it put its setpoints [s; monotonic].
     """
 

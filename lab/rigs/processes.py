@@ -120,9 +120,6 @@ class Program:
         """Start it.
 
         Args:
-            words: of Python.
-            prefix: what it is started with.
-            threads: Zenoh's setting of its threads.
             is_read: what it writes to standard output is read; else it goes nowhere.
         """
         more = {"ZENOH_RUNTIME": threads} if threads else {}
@@ -220,8 +217,6 @@ async def start_daemon(
     """Start a daemon with a configuration file.
 
     Args:
-        config: the file.
-        endpoint: where its bus listens.
         program: what Python runs in place of the daemon's own program.
         log: the least severity it writes.
     """
@@ -244,12 +239,9 @@ async def daemon_process(
     """Run a daemon on a port while the context lasts.
 
     Args:
-        port: URL of the port.
-        folder: where its configuration file is written.
         link: further lines of the `link` section.
         endpoint: where its bus listens; a free one by default.
         program: what Python runs in place of the daemon's own program.
-        log: least severity written to standard error.
     """
     config = folder / "daemon.toml"
     config.write_text(

@@ -49,13 +49,7 @@ class RecordedEyes(Eyes):
     """One camera; what it sees comes to the loop later, as from the thread of `VisionWorker`."""
 
     def __init__(self, scene: SceneCamera, feed: Feed, daemon: RecordedDaemon) -> None:
-        """Set the camera up.
-
-        Args:
-            scene: renders what it sees.
-            feed: tells the flight core of poses.
-            daemon: its configuration has one camera.
-        """
+        """Set the camera up."""
         super().__init__(None)
         (camera,) = daemon.cfg.cameras
         self._name, self._scene, self._clock = camera.name, scene, daemon.clock
@@ -117,9 +111,7 @@ class Part(NamedTuple):
     """A part of a flight.
 
     Attributes:
-        kind: of the setpoint that is streamed.
         seconds: for how long [s].
-        fields: of it.
     """
 
     kind: type[Setpoint]
@@ -131,10 +123,6 @@ async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps
     """Fly by itself over a target, from motors that idle on to the end of the last part, and record it.
 
     Args:
-        parts: of the flight.
-        folder: for the daemon's state.
-        seed: of everything random.
-        fps: images a second.
         dark: the camera delivers its first image so late [s].
 
     Raises:

@@ -12,10 +12,6 @@ def build_sticks(layout: type[WireMessage], **fields: int) -> BuildSetpoint:
     """Return what builds a valid frame in this layout, whatever the aircraft's is.
 
     It has sticks as on the wire, zero where not given, and the number it is told.
-
-    Args:
-        layout: class of external control.
-        fields: of the message.
     """
     make: Callable[..., WireMessage] = layout
     sticks = {"pitch": 0, "roll": 0, "yaw": 0, "throttle": 0, "config": 1} | fields

@@ -25,7 +25,6 @@ class TardyLoop(VirtualLoop):
         """Begin.
 
         Args:
-            seed: of everything that is late.
             start: time of the beginning [s].
         """
         super().__init__(start=start)

@@ -16,9 +16,7 @@ class VirtualGuard:
     """Hears what the link says and acts in the time of the running loop.
 
     Attributes:
-        guard: the rules.
         written: every frame it wrote, with its time [s].
-        write: takes them.
     """
 
     def __init__(self, write: Callable[[bytes], None] = lambda data: None) -> None:

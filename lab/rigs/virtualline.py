@@ -64,8 +64,6 @@ class Traffic:
     """Counts of one conversation.
 
     Attributes:
-        asked: requests sent.
-        answered: requests answered.
         lost: bytes that vanished.
         damaged: bytes that became others.
     """

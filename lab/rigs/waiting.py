@@ -35,9 +35,7 @@ async def wait_until(claim: Callable[[], Any], within: float = PATIENCE, step: f
     """Wait until a claim holds, in the time of the running loop.
 
     Args:
-        claim: looked at every `step`.
         within: longest wait [s].
-        step: time between two looks [s].
 
     Returns:
         How long it took [s].

@@ -64,9 +64,6 @@ async def pull_cable(boards: Boards, seed: int, *, cycles: int, tick: float = TI
     """Interrupt one session again and again, in every way that its boards know.
 
     Args:
-        boards: that fly.
-        seed: of everything random.
-        cycles: interruptions.
         tick: bytes are carried so often [s].
 
     Returns:

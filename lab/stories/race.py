@@ -33,7 +33,6 @@ class Grant(NamedTuple):
     Attributes:
         asked: when it was asked for [s].
         granted: when the answer came [s].
-        name: who got it.
     """
 
     asked: float

@@ -93,8 +93,6 @@ def summed_up(moved: list[float], rolls: list[tuple[float, int]], load: float) -
 
     Args:
         moved: when the stick moved [s; monotonic].
-        rolls: time and roll of every stick frame.
-        load: load average before.
 
     Returns:
         `moves`; `unseen`, those that no frame showed; `p50_ms`, `p99_ms` and `max_ms` of the times, None without any
