@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Final
 
@@ -70,18 +70,17 @@ async def fly_session(
             rng = random.Random(f"{seed} {number}")
             death = ways[(seed * SESSION + number) % len(ways)]
             client = DyingClient(flown, rng, f"client{number}")
-            await _take_turn(flown, client.fly)
-            await client.die(death, watched)
+            await _take_turn(client, death, watched)
             losses.append({"death": death} | measure_loss(flown, client.last_usable))
             flown.forget()
     return losses
 
 
-async def _take_turn(flown: Cockpit, fly: Callable[[], Awaitable[None]]) -> None:
+async def _take_turn(client: DyingClient, death: Death, watched: float) -> None:
     """Begin as soon as the one before has been let go of."""
     while True:
         with suppress(CommandRejectedError):
-            await fly()
+            await client.fly_and_die(death, watched)
             return
         await asyncio.sleep(0.05)
 

@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Final
 
 from lab.rigs.cockpit import Cockpit
-from mkdaemon.bus.codec import encode_map
+from lab.stories.standstills import Streamer
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 
@@ -39,37 +39,41 @@ class Death(StrEnum):
     """Its token vanishes while it goes on streaming."""
 
 
-class DyingClient:
-    """Flies by streamed setpoints, then dies."""
+class DyingClient(Streamer):
+    """Flies by streamed setpoints, then dies.
+
+    Attributes:
+        last_usable: when it put the last setpoint that the daemon could use [s].
+    """
 
     def __init__(self, flown: Cockpit, rng: random.Random, name: str) -> None:
-        self.name = name
+        super().__init__(flown, name)
+        self.sticks["throttle"] = 0.0
         self.last_usable = math.nan
-        self._flown = flown
         self._rng = rng
-        self._epoch = 0
-        self._secret = ""
-        self._sequence = 0
-        self._sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self._raw = b""
 
-    async def fly(self) -> None:
-        """Take the lease, engage with neutral sticks, fly at random."""
+    async def fly_and_die(self, death: Death, watched: float) -> None:
+        """Take the lease, engage with neutral sticks, fly at random, die, and stay dead for the time it is watched [s].
+
+        Raises:
+            CommandRejectedError: the lease was refused.
+        """
         rng, flown = self._rng, self._flown
-        self._epoch = await flown.take(self.name)
-        self._secret = flown.secret
+        await self.take()
         loop = asyncio.get_running_loop()
         ends = None
         await asyncio.sleep(rng.uniform(0, 0.02))
         while ends is None or loop.time() < ends:
-            self._stream(self._packed())
+            self._stream(self.packed())
             if flown.flight.phase is Phase.FLYING and self._is_seen():
                 ends = ends or loop.time() + rng.uniform(0.2, 1.5)
-                self._sticks = {axis: self._draw(axis) for axis in self._sticks}
+                self.sticks = {axis: self._draw(axis) for axis in self.sticks}
             await asyncio.sleep(self._pause())
-        self._sticks = {axis: self._draw(axis) for axis in self._sticks}
-        self._stream(self._packed())
+        self.sticks = {axis: self._draw(axis) for axis in self.sticks}
+        self._stream(self.packed())
         await asyncio.sleep(rng.uniform(0, 1 / STICK_HZ))
+        await self._die(death, watched)
 
     def _is_seen(self) -> bool:
         """Whether its sticks have reached the wire."""
@@ -84,18 +88,13 @@ class DyingClient:
         """Time to the next setpoint, with the jitter of a network [s]."""
         return max(0.0, 1 / STICK_HZ + self._rng.gauss(0.0, 0.002))
 
-    def _packed(self, **strange: float) -> bytes:
-        self._sequence += 1
-        return encode_map({**self._sticks, "epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3, **strange})
-
     def _stream(self, raw: bytes, *, usable: bool = True) -> None:
         now = asyncio.get_running_loop().time()
         if usable:
             self._raw, self.last_usable = raw, now
         self._flown.stream(raw, secret=self._secret)
 
-    async def die(self, death: Death, watched: float) -> None:
-        """End in this way, and stay so for the time it is watched [s]."""
+    async def _die(self, death: Death, watched: float) -> None:
         rng, flown = self._rng, self._flown
         loop = asyncio.get_running_loop()
         ends = loop.time() + watched
@@ -103,7 +102,7 @@ class DyingClient:
             await asyncio.sleep(TOKEN_LEASE if death is Death.FROZEN else rng.uniform(0.001, 0.030))
             flown.flight.client_changed(self.name, is_here=False)
         elif death is Death.MID_FRAME:
-            raw = self._packed()
+            raw = self.packed()
             self._stream(raw[: rng.randrange(1, len(raw))], usable=False)
         else:
             if death is Death.TOKEN:
@@ -118,10 +117,10 @@ class DyingClient:
         """What a client in this state sends."""
         rng = self._rng
         if death is Death.NOT_A_NUMBER:
-            axis = rng.choice(list(self._sticks))
-            return self._packed(**{axis: rng.choice((math.nan, math.inf, -math.inf, 1e9, -128.0))})
+            axis = rng.choice(list(self.sticks))
+            return self.packed(**{axis: rng.choice((math.nan, math.inf, -math.inf, 1e9, -128.0))})
         if death is Death.OLD_EPOCH:
-            return self._packed(epoch=self._epoch - rng.randrange(1, 4))
+            return self.packed(epoch=self._epoch - rng.randrange(1, 4))
         if death is Death.GARBAGE:
             return rng.randbytes(rng.randrange(1, 80))
-        return self._packed() if death is Death.TOKEN else self._raw
+        return self.packed() if death is Death.TOKEN else self._raw

@@ -40,35 +40,49 @@ class Stopped(StrEnum):
 
 
 class Streamer:
-    """A client that takes the lease once and streams a tilt for ever, whatever becomes of it."""
+    """A client that takes the lease once and streams sticks for ever, with a tilt once it flies.
 
-    def __init__(self, flown: Cockpit, name: str) -> None:
-        self._flown = flown
-        self._name = name
+    Attributes:
+        sticks: what it streams [stick; FLU].
+    """
+
+    def __init__(self, flown: Cockpit, name: str, tilt: float = TILT) -> None:
+        self.name = name
+        self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": -10.0}
+        self._flown, self._tilt = flown, tilt
         self._secret = ""
         self._epoch = self._sequence = 0
-        self._tilt = 0.0
+
+    async def take(self, *, use_remembered: bool = False) -> None:
+        """Take the lease.
+
+        Raises:
+            CommandRejectedError: it was refused.
+        """
+        self._epoch = await self._flown.take(self.name, use_remembered=use_remembered)
+        self._secret = self._flown.secret
 
     async def fly(self, *, use_remembered: bool = False) -> None:
-        """Take the lease, engage, then tilt."""
-        flown = self._flown
+        """Take the lease as soon as it is granted, engage, then tilt."""
         while not self._epoch:
             with suppress(CommandRejectedError):
-                self._epoch = await flown.take(self._name, use_remembered=use_remembered)
-                self._secret = flown.secret
+                await self.take(use_remembered=use_remembered)
             await asyncio.sleep(STICK_TIME)
         while True:
-            self._tilt = TILT if flown.flight.phase is Phase.FLYING else self._tilt
+            if self._flown.flight.phase is Phase.FLYING:
+                self.sticks |= {"pitch": self._tilt, "roll": -self._tilt}
             self.put()
             await asyncio.sleep(STICK_TIME)
 
     def put(self, count: int = 1) -> None:
         """Stream the next setpoints, all at once."""
         for _ in range(count):
-            self._sequence += 1
-            sticks = {"pitch": self._tilt, "roll": -self._tilt, "yaw": 0.0, "throttle": -10.0}
-            setpoint = encode_map(sticks | {"epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3})
-            self._flown.stream(setpoint, secret=self._secret)
+            self._flown.stream(self.packed(), secret=self._secret)
+
+    def packed(self, **strange: float) -> bytes:
+        """The next setpoint, with some fields as they should not be."""
+        self._sequence += 1
+        return encode_map({**self.sticks, "epoch": self._epoch, "sequence": self._sequence, "ttl": 0.3, **strange})
 
 
 @in_virtual_time

@@ -12,7 +12,6 @@ from lab.rigs.cockpit import Boards, cockpit
 from lab.rigs.linkrig import virtually
 from lab.rigs.waiting import running
 from lab.stories.standstills import Streamer, is_tilted
-from mkdaemon.bus.codec import encode_map
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.protocol.boards import Board
 from mkdaemon.protocol.messages.flightctrl import Beep
@@ -26,22 +25,9 @@ LONGEST_SILENCE = 0.5
 @asynccontextmanager
 async def flying(boards):
     """A client that streams neutral sticks for as long as the context lasts, and flies."""
-    async with cockpit(boards, seed=1) as flown:
-        await flown.take("alice")
-        epoch, secret = flown.epoch, flown.secret
-
-        async def stream():
-            sequence = 0
-            while True:
-                sequence += 1
-                sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-                raw = encode_map({**sticks, "epoch": epoch, "sequence": sequence, "ttl": 0.3})
-                flown.stream(raw, secret=secret)
-                await asyncio.sleep(0.02)
-
-        async with running(stream()):
-            assert await flown.until(lambda: flown.flight.phase is Phase.FLYING) is not None
-            yield flown
+    async with cockpit(boards, seed=1) as flown, running(Streamer(flown, "alice", 0.0).fly()):
+        assert await flown.until(lambda: flown.flight.phase is Phase.FLYING) is not None
+        yield flown
 
 
 def sticks_since(flown, since):
@@ -114,13 +100,7 @@ async def test_nobody_is_told_to_fly_while_the_line_waits_for_a_dead_man():
         flown.flight.client_changed("alice", is_here=False)
         assert await flown.until(lambda: flown.flight.phase is Phase.FREE, 3.0) is not None
         quiet = loop.time()
-        await flown.take("bob")
-        sequence = 0
-        while loop.time() < quiet + 4.0:
-            sequence += 1
-            sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
-            raw = encode_map({**sticks, "epoch": flown.epoch, "sequence": sequence, "ttl": 0.3})
-            flown.stream(raw)
-            await asyncio.sleep(0.02)
+        async with running(Streamer(flown, "bob", 0.0).fly()):
+            await asyncio.sleep(4.0)
         assert flown.flight.phase is not Phase.FLYING
         assert not sticks_since(flown, quiet)
