@@ -22,8 +22,7 @@ from lab.places import ROOT
 from lab.rigs.blackbox import RecordedDaemon
 from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards
-from lab.rigs.recordedeyes import Part, fly_over_target
-from lab.rigs.tardyloop import run_tardily
+from lab.rigs.recordedeyes import Part, fly_over_target, run_tardily
 from mkdaemon.config.root import Config
 from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
 

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from lab.control.corerig import stamp
-from lab.control.faultrig import FaultRig
-from lab.control.trouble import LOST_SIGHT, Expectation
+from lab.control.faultrig import LOST_SIGHT, Expectation, FaultRig
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import StateValue
 from mkdaemon.telemetry.state import Battery, Flight, GpsMode, Pilot

@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from lab.campaign import Campaign, Ending, Row, endings
-from lab.control.faultrig import LAND_AT, FaultRig
+from lab.control.faultrig import LAND_AT, TOLERANCE, Expectation, FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight, Record
-from lab.control.trouble import TOLERANCE, Expectation
 from mksim.config import WindClass
 
 LENGTH: Final = 27.0

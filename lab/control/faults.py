@@ -10,8 +10,7 @@ from typing import Any, Final
 
 from lab.control.boardfaults import battery_low, gps_switch, height_control, throttle_capped
 from lab.control.corerig import stamp
-from lab.control.faultrig import FaultRig
-from lab.control.trouble import LOST_SIGHT, NOTHING, TOLERANCE, Expectation
+from lab.control.faultrig import LOST_SIGHT, NOTHING, TOLERANCE, Expectation, FaultRig
 from mkdaemon.control.events import (
     AbortAsked,
     ClientGone,

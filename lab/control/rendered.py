@@ -13,6 +13,7 @@ from mkdaemon.config.vision import VisionSection
 from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.events import PoseSeen
 from mkdaemon.control.regulator.autopilot import Goal
+from mkdaemon.telemetry.base import Telemetry
 from mkdaemon.telemetry.setpoint import LandSetpoint, Setpoint
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.image import CameraImage
@@ -23,6 +24,7 @@ from mksim.scene.camera import BodyState, SceneCamera
 
 CAMERA: Final = ROOT / "configs" / "cameras" / "sim.toml"
 TARGET: Final = ROOT / "configs" / "targets" / "nested.toml"
+DOWN: Final = CameraSection(name="down", source="zenoh:lab", calibration=CAMERA, targets=(TARGET,), jpeg_hz=0.0)
 EXPOSURE_MS: Final = 6.0
 HISTORY: Final = 200
 """Attitude samples the eyes keep."""
@@ -42,8 +44,7 @@ class RenderedRig(CoreRig):
         super().__init__(flight)
         scene = SceneConfig(enabled=True, camera=CAMERA, targets=(TARGET,), ground="tiles", exposure_ms=EXPOSURE_MS)
         self._scene = SceneCamera(scene, flight.seed)
-        camera = CameraSection(name="down", source="zenoh:lab", calibration=CAMERA, targets=(TARGET,), jpeg_hz=0.0)
-        self._pipeline = CameraPipeline(camera, VisionSection(), Clock())
+        self._pipeline = CameraPipeline(DOWN, VisionSection(), Clock())
         self._attitudes: list[AttitudeSample] = []
         self.images = self.posed = 0
 
@@ -63,12 +64,15 @@ class RenderedRig(CoreRig):
             if seen is not None:
                 self._show_pilot(seen, now)
             image = CameraImage(pixels, at, now, number, "down", "header")
-            for _, value in self._pipeline.process(image, AttitudeHistory(tuple(self._attitudes))):
-                if isinstance(value, VisionPose):
-                    self.posed += 1
-                    self.core.feed(PoseSeen(value), now)
+            self._publish(self._pipeline.process(image, AttitudeHistory(tuple(self._attitudes))), now)
 
         self._at(at + delay, look)
+
+    def _publish(self, values: list[tuple[str, Telemetry]], now: float) -> None:
+        for _, value in values:
+            if isinstance(value, VisionPose):
+                self.posed += 1
+                self.core.feed(PoseSeen(value), now)
 
     def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
         super()._hear(pitch, roll, yaw, at)

@@ -19,7 +19,20 @@ _STICKS = ("ABS_X", "ABS_Y", "ABS_RX", "ABS_RY")
 _FULL = 32767
 
 
-class HandPad:
+class Quiet:
+    """What does nothing when it is asked to ring, to let go, or to close."""
+
+    def alarm(self) -> None:
+        """Nothing rings."""
+
+    def let_go(self) -> None:
+        """Nothing is held."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class HandPad(Quiet):
     """A pad by cable.
 
     Attributes:
@@ -71,14 +84,8 @@ class HandPad:
         """Shake."""
         self.alarms += 1
 
-    def let_go(self) -> None:
-        """Nothing."""
 
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-class HandKeyboard:
+class HandKeyboard(Quiet):
     """The keyboard of a terminal that answers every 80 ms.
 
     Attributes:
@@ -113,12 +120,6 @@ class HandKeyboard:
             self.keys.alive(now)
         return None if self.keys.alive_at is None else DeviceState(self.keys.state(now), self.keys.alive_at)
 
-    def alarm(self) -> None:
-        """Nothing rings."""
-
     def let_go(self) -> None:
         """Switch the enable button off."""
         self.keys.let_go()
-
-    def close(self) -> None:
-        """Nothing is open."""

@@ -13,8 +13,8 @@ from contextlib import asynccontextmanager
 from typing import Any, Final, TypeVar
 
 from lab.rigs.boardport import ADAPTER_TIME
-from lab.rigs.processes import connected
-from lab.rigs.waiting import PATIENCE, running, wait_for
+from lab.rigs.processes import connected, wait_for_control
+from lab.rigs.waiting import PATIENCE, following, wait_for
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Sample, Vehicle, connect
 from mkdaemon.config.bus import BusConfig
@@ -126,30 +126,9 @@ async def live_daemon(
             live = LiveDaemon(
                 runtime, bus.connect[0] if bus else endpoint, stop, asyncio.create_task(run(cfg, stop), name="daemon")
             )
-            async with _observer(live):
-                await live.until(lambda: _is_controllable(live.values("link/state")))
+            async with connected(live.endpoint, VEHICLE) as client, following(client, live.keep, "**"):
+                await wait_for_control(client)
                 try:
                     yield live
                 finally:
                     await live.end()
-
-
-def _is_controllable(states: Sequence[dict[str, Any]]) -> bool:
-    """Whether a lease would be granted now."""
-    is_known = any(state["external_control"] for state in states)
-    return is_known and states[-1]["condition"] in {"up", "degraded"}
-
-
-@asynccontextmanager
-async def _observer(live: LiveDaemon) -> AsyncIterator[None]:
-    async with connected(live.endpoint, VEHICLE) as client, client.watch("**") as samples:
-
-        async def listen() -> None:
-            async for sample in samples:
-                live.keep(sample)
-
-        # What was published before the subscription stands in front of what comes after it; nothing lies between.
-        for sample in (await client.get_all("link/state")).values():
-            live.keep(sample)
-        async with running(listen()):
-            yield

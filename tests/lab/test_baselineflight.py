@@ -8,16 +8,103 @@ from typing import Final
 import numpy as np
 import pytest
 
-from lab.rigs.baselineflight import SOURCE, BaselineFlight
+from lab.control.flights import Flight
+from lab.control.rendered import DOWN, RenderedRig
+from mkdaemon.bus.codec import encode, encoding_of
+from mkdaemon.clock import Clock
+from mkdaemon.config.positions import PositionSource
+from mkdaemon.config.vision import VisionSection
+from mkdaemon.control.regulator.autopilot import Goal
+from mkdaemon.positions.positioneye import PositionEye
+from mkdaemon.record.entry import Entry, EntryKind, TimeBase
+from mkdaemon.record.layout import Session
 from mkdaemon.record.summary import summarise
+from mkdaemon.record.writer import RecordingWriter
 from mkdaemon.view.report.alignment import PoseTrack
 from mkdaemon.view.report.baseline import Baseline, compare
 from mkdaemon.view.report.flight import FlightReader
 from mkdaemon.view.report.make import report_of
-from mksim.physics.mocap import ANGLE_SD, PLACE_SD
+from mkdaemon.vision.pipeline import CameraPipeline
+from mksim.physics.mocap import ANGLE_SD, PLACE_SD, RATE, MotionCapture
 
+SOURCE: Final = "mocap"
+PLACES: Final = (
+    *((0.0, 0.0, 1.0, 0.0), (0.3, 0.0, 1.0, 0.0), (-0.2, 0.2, 1.0, 90.0), (0.0, 0.0, 2.0, 90.0)),
+    *((1.0, 0.0, 2.0, 90.0), (-0.8, 0.7, 2.0, -90.0), (0.0, -0.8, 2.0, -90.0), (0.0, 0.0, 3.5, 0.0)),
+    *((1.6, 0.0, 3.5, 0.0), (-1.4, 1.0, 3.5, 120.0), (0.0, -1.2, 3.0, 0.0), (0.0, 0.0, 1.5, 0.0)),
+)
+"""Flown one after the other, 4 s each: x, y, height [m], yaw [deg]; docs/lab/accuracy.md has the figures of all."""
 LENGTH: Final = 16.0
-"""Of the flight [s]: hover at 1 m, sideways, then sideways and turned by 90 degrees."""
+"""Of the flight here [s]: hover at 1 m, sideways, then sideways and turned by 90 degrees."""
+WALL: Final = 1.7e9
+"""Unix time at which it begins [s]."""
+
+
+def goal_at(t):
+    place = PLACES[min(max(int((t - RenderedRig.handover) / 4.0), 0), len(PLACES) - 1)]
+    return Goal(position=np.array(place[:3]), yaw=math.radians(place[3]))
+
+
+class BaselineFlight(RenderedRig):
+    """A flight over a tag by rendered images, seen by motion capture as well, recorded as the daemon records both.
+
+    Attributes:
+        truth: time [s], position of the vehicle [m], target from FLU (3, 3), at every measurement of the system.
+    """
+
+    def __init__(self, seed, seconds):
+        super().__init__(Flight(seed=seed, seconds=seconds, start=0.6, goal=goal_at))
+        self.now = 0.0
+        self.clock = Clock(monotonic=lambda: self.now, wall=lambda: WALL + self.now, suspended=lambda: 0.0)
+        self.base = TimeBase.of(self.clock.stamp(0.0))
+        self._pipeline = CameraPipeline(DOWN, VisionSection(), self.clock)
+        self.capture = MotionCapture(seed)
+        self.eye = PositionEye(PositionSource(name=SOURCE, target="pad"))
+        self.counts, self.entries, self.truth = {}, [], []
+        self.keep([("vision/down/setup", self._pipeline.setup(self.clock.stamp(0.0)))], 0.0)
+        self._at(0.005, self.measure)
+
+    def keep(self, values, now):
+        """Record values that are published at a time [s]."""
+        for suffix, value in values:
+            count = self.counts[suffix] = self.counts.get(suffix, 0) + 1
+            coded = (f"mk/mk1/{suffix}", encode(value), encoding_of(type(value)))
+            self.entries.append(Entry(EntryKind.SAMPLE, *coded, now, WALL + now, self.base, count))
+
+    def write(self, path):
+        """Write the recording."""
+        session = Session("blackbox", "baseline", 0, "lab", "lab", self.base.boot, self.base.offset_ns, "mk1", "")
+        with path.open("wb") as file:
+            writer = RecordingWriter(file, session)
+            for entry in sorted(self.entries, key=lambda one: one.received):
+                writer.add(entry)
+            writer.finish()
+        return path
+
+    def measure(self, at):
+        """Measure at the rate of the system."""
+        self._at(at + 1.0 / RATE, self.measure)
+        truth = self._world.truth
+        self.truth.append((at, truth.position_enu, truth.enu_from_flu))
+        measured = self.capture.measure(at, truth)
+        if measured is not None:
+            report = measured.report(1, len(self.truth))
+            self._at(at + measured.latency, lambda now: self.take(report, now))
+
+    def take(self, report, now):
+        self.keep(self.eye.take(report, now, now, self.clock.stamp(now), is_flown=self.core.is_in_air), now)
+
+    def _watch(self, at):
+        self.now = at
+        super()._watch(at)
+
+    def _publish(self, values, now):
+        self.keep(values, now)
+        super()._publish(values, now)
+
+    def _hear(self, pitch, roll, yaw, at):
+        self.eye.attitude_received(at, pitch, roll)
+        super()._hear(pitch, roll, yaw, at)
 
 
 @pytest.fixture(scope="module")

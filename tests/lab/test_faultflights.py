@@ -9,10 +9,9 @@ import pytest
 
 from lab.campaign import Ending
 from lab.control.faultflights import Drawn, fly_one, judge, sum_up
-from lab.control.faultrig import FaultRig
+from lab.control.faultrig import Expectation, FaultRig
 from lab.control.faults import FAULTS
 from lab.control.flights import Flight
-from lab.control.trouble import Expectation
 from mkdaemon.control.actions import SendSticks
 from mkdaemon.control.limiter import StickCounts
 
