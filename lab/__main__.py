@@ -17,7 +17,7 @@ CAMPAIGNS: Final = (
     CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("paired", "lab.vision.paired:main", "Images of every kind, a row each, to compare two trees."),
-    CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, races: the safety stories."),
+    CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, swaps: the safety stories."),
     CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),

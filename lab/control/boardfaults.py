@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from lab.control.corerig import stamp
 from lab.control.faultrig import LOST_SIGHT, Expectation, FaultRig
@@ -20,25 +20,14 @@ VOLTAGE: Final = 14.8
 """Of the battery [V]: the FlightCtrl reports less throttle than its stick."""
 LOW_VOLTAGE: Final = 12.8
 """Above which it does [V]."""
-NORMAL: Final[dict[str, Any]] = {
+FLAGS: Final = [
+    name for name, field in Flight.model_fields.items() if bool in (field.annotation, *get_args(field.annotation))
+]
+NORMAL: Final[dict[str, Any]] = dict.fromkeys(FLAGS, False) | {
     "source": "lab",
     "motors_running": True,
     "is_flying": True,
-    "is_calibrating": False,
-    "is_starting": False,
-    "emergency_landing": False,
-    "battery_low": False,
-    "care_free": False,
-    "altitude_control": False,
-    "rc_failsafe": False,
-    "waiting_for_takeoff": False,
-    "auto_starting": False,
-    "auto_landing": False,
     "gps_mode": GpsMode.FREE,
-    "manual_control": False,
-    "range_limit": False,
-    "target_reached": False,
-    "serial_link_lost": False,
     "error_code": 0,
     "error": "none",
     "flying_time": 60.0,

@@ -1,1 +1,1 @@
-"""The safety stories: lost clients, pulled cables, races, faults."""
+"""The safety stories: lost clients, pulled cables, swaps, faults."""

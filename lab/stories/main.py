@@ -1,6 +1,6 @@
 """`python -m lab stories`: the safety stories about link and release, run a thousand times against simulated boards.
 
-Everything in virtual time is seeded and the same on every machine; `plug`, `kill`, `race` and `soak` run processes.
+Everything in virtual time is seeded and the same on every machine; `plug`, `kill` and `soak` run processes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from lab.stories.deaths import SESSION, SilentRelease, fly_session
 from lab.stories.faults import FAULTS, judge_fault
 from lab.stories.kill import SIGNALS, end_daemon
 from lab.stories.plug import replug
-from lab.stories.race import race
 from lab.stories.restarts import restart
 from lab.stories.soak import soak
 from lab.stories.standstills import Stopped, stand_still
@@ -116,11 +115,6 @@ CASES: Final = {
         ],
         {**{name: largest(name) for name in ("took", "held", "released")}, "steered": total("steered")},
     ),
-    "race": Case(
-        _one("two clients race for the lease; a run is a second", "FC 2.12a", race, 120),
-        {name: total(name) for name in ("takes", "refused", "frames", "tilted", "foreign", "backwards", "unseen")},
-        longest=3600.0,
-    ),
     "faults": Case(
         lambda runs, first: [
             Flight(f"line fault: {fault.value}", boards.name, partial(judge_fault, boards, fault), first - 1 + run)
@@ -141,7 +135,7 @@ main: Final = command(
     CASES,
     """Run the safety stories and measure them; exit code 1 if a limit is broken.
 
-    Plug, kill, race and soak run processes in real time, the others run in virtual time; the soak alone takes
+    Plug, kill and soak run processes in real time, the others run in virtual time; the soak alone takes
     twenty minutes. All of them take hours: `--case` runs one, `--runs` shortens it.
     """,
 )

@@ -1,4 +1,4 @@
-"""A daemon process that is killed while a client flies, and who may steer in a race for the lease."""
+"""A daemon process that is killed while a client flies."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 
 from lab.rigs.pilot import NotObeyedError
 from lab.stories.kill import end_daemon
-from lab.stories.race import Grant, may_steer
 from tests.repeats import InconclusiveError
 
 
@@ -19,9 +18,3 @@ async def test_after_a_kill_the_next_start_begins_with_a_release_and_nobody_stee
     except NotObeyedError as why:
         raise InconclusiveError(str(why)) from why
     assert (end["is_wrong"], end["exit_code"]) == (False, signal.SIGKILL), end
-
-
-def test_who_may_steer():
-    grants = [Grant(1.0, 1.1, "forward"), Grant(5.0, 5.2, "back")]
-    assert [may_steer(grants, at, 1) for at in (0.5, 1.05, 2.0, 5.1, 5.3)] == [False, True, True, True, False]
-    assert [may_steer(grants, at, -1) for at in (2.0, 5.1, 5.3)] == [False, True, True]
