@@ -8,10 +8,10 @@ import numpy as np
 
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
+from lab.rigs.confirmingboard import ConfirmingBoard
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft
 from mkdaemon.control.answers import PAUSE, AnswerWatch
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.events import FrameConfirmed, FrameSent
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import PositionSetpoint, SetpointFrame
 from mksim.config import WindClass
@@ -20,33 +20,6 @@ from tests.control.test_answers import SHUT, Gated
 
 STEP = 6.0
 """The client asks for a place 1 m away, and the uplink breaks [s]."""
-
-
-CONFIRMED_AFTER = 0.03
-"""From a frame's arrival at the board until its confirmation is heard [s]: 5 ms of the board, and the way back."""
-
-
-class ConfirmingBoard:
-    """Mixed into a rig: every stick frame carries a number, and is confirmed unless a way is broken."""
-
-    broken = silent = (math.inf, math.inf)
-    """When the uplink, and the downlink, begins to be broken and when it is whole again [s]."""
-    number = 0
-
-    def _send(self, sticks, at):
-        self.number = number = self.number % 255 + 1
-        self.core.feed(FrameSent(number), at)
-        if not self.broken[0] <= at < self.broken[1]:
-            super()._send(sticks, at)
-            self._at(at + CONFIRMED_AFTER, lambda now: self._confirm(number, now))
-
-    def _confirm(self, number, at):
-        if not self.silent[0] <= at < self.silent[1]:
-            self.core.feed(FrameConfirmed(number), at)
-
-    def _hear(self, pitch, roll, yaw, at):
-        if not self.silent[0] <= at < self.silent[1]:
-            super()._hear(pitch, roll, yaw, at)
 
 
 class Stepping(ConfirmingBoard, Told):
