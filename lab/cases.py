@@ -106,7 +106,7 @@ def fly(asked: Asked) -> Row:
     found = asked.flight.fly(asked.flight.seed)
     if inspect.iscoroutine(found):
         found = asyncio.run(_in_time(found, asked.longest))
-    every = [_row(one) for one in (found if isinstance(found, list) else [found])]
+    every = [one if isinstance(one, dict) else _row(one) for one in (found if isinstance(found, list) else [found])]
     wrong = [one for one in every if one["is_wrong"]]
     why = str(wrong[0])[:SHOWN] if wrong else ""
     load = round(os.getloadavg()[0], 1)
@@ -114,10 +114,8 @@ def fly(asked: Asked) -> Row:
 
 
 def _row(one: Any) -> Row:
-    if isinstance(one, dict):
-        return one
-    more = {name: getattr(one, name) for name in ("is_wrong", "is_machine_late") if hasattr(one, name)}
-    return asdict(one) | more
+    judged = {name: getattr(one, name) for name in ("is_wrong", "is_machine_late") if hasattr(one, name)}
+    return asdict(one) | judged
 
 
 async def _in_time(flight: Coroutine[Any, Any, Any], longest: float) -> Any:
