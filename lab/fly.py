@@ -134,8 +134,7 @@ async def fly(setting: Setting, seconds: float) -> dict[str, Row]:
             await asyncio.sleep(seconds - SETTLING)
             ended, after = time.monotonic(), (hover.daemon.cpu_s(), cpu_of(hover.simulator))
         is_flying = hover.seen.is_flying
-        operator.terminate()
-        await operator.wait()
+        await operator.end()
     shares = [round(100 * (new - old) / (ended - began), 1) for new, old in zip(after, before, strict=True)]
     return {name: {"holds": True} | figure for name, figure in _times(hover, began, ended).items()} | {
         "hold": hold_of(hover.seen, began, ended),

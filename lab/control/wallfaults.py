@@ -46,21 +46,19 @@ BUSY: Final = 10.0
 """Other programs are busy for so long [s]."""
 
 
-async def operator_killed(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def operator_killed(hover: Hover, operator: Program) -> float:
     """The operator's program gets SIGKILL: released at once."""
-    operator.kill()
+    operator.send_signal(signal.SIGKILL)
     return await _released_after(hover)
 
 
-async def operator_frozen(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def operator_frozen(hover: Hover, operator: Program) -> float:
     """The operator's program stands still: level after 0.3 s, released after 1 s."""
     operator.send_signal(signal.SIGSTOP)
-    at = await _released_after(hover)
-    operator.kill()
-    return at
+    return await _released_after(hover)
 
 
-async def second_client(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def second_client(hover: Hover, operator: Program) -> float:
     """A second operator is refused, then takes the lease by force: the first one's flight ends with a release."""
     place = (*MKCTL, "hold", "--seconds", "5", "--vehicle", "mk1", "--connect", hover.endpoint)
     refused = await Program.start(*place, is_read=False)
@@ -75,7 +73,7 @@ async def second_client(hover: Hover, operator: asyncio.subprocess.Process) -> f
     return at
 
 
-async def camera_dead(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def camera_dead(hover: Hover, operator: Program) -> float:
     """The camera delivers nothing more: level after 1.5 s, released after 3 s."""
     fields: dict[str, Any] = {"action": "start", "name": "camera_off", "duration": None, "values": {}}
     (await hover.client.command("sim", "fault", fields)).require()
@@ -83,7 +81,7 @@ async def camera_dead(hover: Hover, operator: asyncio.subprocess.Process) -> flo
     return hover.seen.captures[-1]
 
 
-async def detector_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def detector_stalled(hover: Hover, operator: Program) -> float:
     """The thread of the eyes stands still for 2 s: level after 1.5 s, then the flight goes on."""
     at = hover.seen.captures[-1]
     hover.daemon.send_signal(TROUBLE)
@@ -91,13 +89,13 @@ async def detector_stalled(hover: Hover, operator: asyncio.subprocess.Process) -
     return at
 
 
-async def interpreter_stalled(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def interpreter_stalled(hover: Hover, operator: Program) -> float:
     """A C call keeps the interpreter for 2 s, so nothing of the daemon runs: its guard levels and releases."""
     hover.daemon.send_signal(TROUBLE)
     return await _released_after(hover)
 
 
-async def disk_stuck(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def disk_stuck(hover: Hover, operator: Program) -> float:
     """A write of the recorder does not come back for 6 s: the flight goes on."""
     at = time.monotonic()
     hover.daemon.send_signal(TROUBLE)
@@ -105,7 +103,7 @@ async def disk_stuck(hover: Hover, operator: asyncio.subprocess.Process) -> floa
     return at
 
 
-async def cores_busy(hover: Hover, operator: asyncio.subprocess.Process) -> float:
+async def cores_busy(hover: Hover, operator: Program) -> float:
     """As many busy programs of ordinary priority as there are cores: the flight goes on, or ends as the table says."""
     at = time.monotonic()
     busy = [await Program.start("-c", "while True: pass") for _ in range(os.cpu_count() or 1)]
@@ -176,7 +174,7 @@ class Story:
         may_end: the flight may end all the same, if the daemon says why.
     """
 
-    act: Callable[[Hover, asyncio.subprocess.Process], Awaitable[float]]
+    act: Callable[[Hover, Program], Awaitable[float]]
     level: float | None = None
     release: float = math.inf
     words: str = ""
@@ -231,9 +229,7 @@ async def tell(story: Story, seed: int) -> Told:
             await asyncio.sleep(AFTERWARDS)
         finally:
             ended = time.monotonic()
-            if operator.returncode is None:
-                operator.kill()
-            await operator.wait()
+            await operator.end(signal.SIGKILL)
     return Told(hover, at, ended)
 
 

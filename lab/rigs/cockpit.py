@@ -15,7 +15,6 @@ from typing import Any, Final, NamedTuple, cast
 
 from lab.rigs.boardport import ADAPTER_TIME, Socket
 from lab.rigs.grounded import GroundedAircraft
-from mkdaemon.clock import Clock
 from mkdaemon.config.link import LinkConfig
 from mkdaemon.config.record import RecordConfig
 from mkdaemon.config.root import Config
@@ -243,8 +242,18 @@ async def cockpit(
     """
     is_new = socket is None
     cable = socket or Socket(boards.make(seed, **(sim or {})), seed=seed, tick=tick)
+    watches: list[LineWatch] = []
+
+    def make_link(cfg: LinkConfig, sink: LinkSink, **more: Any) -> Link:
+        watches.append(LineWatch(sink))
+        return link_class(cfg, watches[0], **more)
+
     cfg = LinkConfig.model_validate({"port": "/dev/virtual"} | link)
-    flown = _wired(cfg, cable, _virtual_clock(cable, seed), LocalBus(), guard, link_class)
+    config, bus = Config(link=cfg, record=RecordConfig(enabled=False)), LocalBus()
+    # The computer sleeps when its cable says so.
+    clock = virtual_clock(wall=WALL + random.Random(f"{seed} wall").random(), slept=lambda: cable.slept)
+    daemon = VirtualDaemon(bus, cable.open, config=config, clock=clock, guard=guard, make_link=make_link)
+    flown = Cockpit(daemon.wiring, bus, watches[0], cable)
     # What else runs in a daemon touches neither the line nor the sticks.
     flown.tasks = [
         asyncio.create_task(flown.run_line(), name="link"),
@@ -259,28 +268,3 @@ async def cockpit(
         for task in reversed(flown.tasks):
             task.cancel()
             await asyncio.gather(task, return_exceptions=True)
-
-
-def _wired(
-    cfg: LinkConfig,
-    cable: Socket,
-    clock: Clock,
-    bus: LocalBus,
-    guard: LineGuard | None,
-    link_class: type[Link],
-) -> Cockpit:
-    """A daemon of which nothing runs yet."""
-    watches: list[LineWatch] = []
-
-    def make_link(cfg: LinkConfig, sink: LinkSink, **more: Any) -> Link:
-        watches.append(LineWatch(sink))
-        return link_class(cfg, watches[0], **more)
-
-    config = Config(link=cfg, record=RecordConfig(enabled=False))
-    daemon = VirtualDaemon(bus, cable.open, config=config, clock=clock, guard=guard, make_link=make_link)
-    return Cockpit(daemon.wiring, bus, watches[0], cable)
-
-
-def _virtual_clock(cable: Socket, seed: int) -> Clock:
-    """The clock of a computer that sleeps when its cable says so."""
-    return virtual_clock(wall=WALL + random.Random(f"{seed} wall").random(), slept=lambda: cable.slept)

@@ -19,7 +19,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from contextlib import AsyncExitStack, ExitStack, chdir, contextmanager
+from contextlib import AsyncExitStack, ExitStack, chdir, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, cast
 from unittest.mock import patch
@@ -260,7 +260,7 @@ class Desk:
         wiring.guard_changed(True)
         assert isinstance(wiring.eyes, SeeingEyes)
         self._stack.enter_context(bus.show_token(key(VEHICLE, "alive")))
-        session = self._stack.enter_context(bus.session())
+        session = self._stack.enter_context(closing(InnerSession(bus)))
         sim_bus = SimBus(cast("zenoh.Session", session), self.simulation, VEHICLE, "/dev/pts/7")
         daemon.start()
         self._jobs = [

@@ -6,8 +6,7 @@ Queries, subscriptions, publishers and liveliness tokens of one vehicle; everyth
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any, Final
@@ -136,20 +135,12 @@ class _Liveliness:
         return [InnerReply(InnerSample(one, Bytes(), "")) for one in found]
 
 
-class _Info:
-    """What a session knows of the network: there is none."""
-
-    def routers_zid(self) -> list[str]:
-        """Ids of the routers that it is connected to."""
-        return []
-
-
 class InnerSession:
     """A session of a client; see `zenoh.Session`."""
 
     def __init__(self, bus: InnerBus) -> None:
         self.id = "0"
-        self.info = _Info()
+        self.info = SimpleNamespace(routers_zid=list)  # there is no network
         self._bus = bus
         self._declared: list[_Declared] = []
 
@@ -220,15 +211,6 @@ class InnerBus(LocalBus):
         return dict(self._put)
 
     # -- the clients' side ----------------------------------------------------------------------------------------
-
-    @contextmanager
-    def session(self) -> Iterator[InnerSession]:
-        """A session of a client."""
-        session = InnerSession(self)
-        try:
-            yield session
-        finally:
-            session.close()
 
     def show_token(self, whole: str) -> _Declared:
         """Show a liveliness token until it is taken back."""

@@ -6,7 +6,6 @@ off by hand and hovers.
 
 from __future__ import annotations
 
-import asyncio
 import math
 import os
 import signal
@@ -159,19 +158,14 @@ class Hover:
     simulator: int
     tap: WireTap | None
 
-    async def hold(self, seconds: float, *options: str) -> asyncio.subprocess.Process:
+    async def hold(self, seconds: float) -> Program:
         """Let an operator's program of its own hold the place over the target; returns when the daemon flies.
 
         Raises:
             TimeoutError: it did not.
         """
-        place = ("--height", str(HEIGHT), "--seconds", str(seconds), *options)
-        operator = await asyncio.create_subprocess_exec(
-            *(sys.executable, *MKCTL, "hold", *place, "--vehicle", VEHICLE, "--connect", self.endpoint),
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        place = ("--height", str(HEIGHT), "--seconds", str(seconds), "--vehicle", VEHICLE, "--connect", self.endpoint)
+        operator = await Program.start(*MKCTL, "hold", *place, is_read=False)
         favour(operator.pid)
         await wait_for(lambda: self.seen.is_flying, ENGAGED, 0.05)
         return operator

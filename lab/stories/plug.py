@@ -31,20 +31,14 @@ LIMITS: Final = {"back_max": BACK, "memory_mb_more": 2.0} | dict.fromkeys(
 """Of all cycles together; memory that grows by no more than the allocator's grain is flat [MiB]; see `replug`."""
 
 
-class _Telemetry:
-    """When the daemon showed streamed telemetry last, on its clock [s]."""
-
-    def __init__(self) -> None:
-        self.latest = 0.0
-
-    def take(self, sample: Sample) -> None:
-        """Keep its time."""
-        if sample.suffix.rpartition("/")[2] in STREAMED:
-            self.latest = sample.fields["stamp"]["monotonic"]
-
-
 class _Bench:
-    """The device that comes and goes, and what was seen of the daemon meanwhile."""
+    """The device that comes and goes, and what was seen of the daemon meanwhile.
+
+    Attributes:
+        streamed: when the daemon showed streamed telemetry last, on its clock [s].
+    """
+
+    streamed = 0.0
 
     def __init__(self, simulation: ObservedSimulation, device: Path, rng: random.Random) -> None:
         self.back: list[float] = []
@@ -55,7 +49,12 @@ class _Bench:
         self._device = device
         self._rng = rng
 
-    async def cycle(self, daemon: DaemonProcess, telemetry: _Telemetry) -> None:
+    def take(self, sample: Sample) -> None:
+        """Keep the time of a sample."""
+        if sample.suffix.rpartition("/")[2] in STREAMED:
+            self.streamed = sample.fields["stamp"]["monotonic"]
+
+    async def cycle(self, daemon: DaemonProcess) -> None:
         """Plug in, wait for telemetry, look at everything, unplug."""
         simulation, rng = self._simulation, self._rng
         runtime = Runtime(simulation)
@@ -65,8 +64,8 @@ class _Bench:
             self._device.symlink_to(runtime.port)
             try:
                 # After our first bytes: what the old line still held may be read late.
-                await wait_until(lambda: simulation.heard and telemetry.latest >= simulation.heard[0][0])
-                self.back.append(telemetry.latest - returned)
+                await wait_until(lambda: simulation.heard and self.streamed >= simulation.heard[0][0])
+                self.back.append(self.streamed - returned)
             except TimeoutError:
                 self.lost += 1
             await asyncio.sleep(rng.uniform(0.05, 0.4))
@@ -87,17 +86,16 @@ async def replug(cycles: int, seed: int) -> Row:
         `descriptors`, open files of the daemon at the end, line open, and `memory_mb`, its memory, median of the last
         quarter [MiB]; both with what they are more than after the warm-up; `tracebacks` in its log.
     """
-    telemetry = _Telemetry()
     with tempfile.TemporaryDirectory() as folder:
         device = Path(folder) / "ttyMK"
         bench = _Bench(observed(seed, nc="0.24", keeps=True), device, random.Random(f"{seed} plug"))
         async with (
             daemon_process(f"pty:{device}", Path(folder), link="wait_for_port = true") as daemon,
             connected(daemon.endpoint) as client,
-            following(client, telemetry.take, "rx/**"),
+            following(client, bench.take, "rx/**"),
         ):
             for _ in range(cycles):
-                await bench.cycle(daemon, telemetry)
+                await bench.cycle(daemon)
     warm, quarter = int(cycles * WARM_UP), max(1, cycles // 4)
     files, memory = bench.descriptors, bench.memory
     level = statistics.median(memory[-quarter:])
