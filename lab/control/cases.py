@@ -18,6 +18,7 @@ from lab.control.law2010 import LawRig
 from lab.control.rendered import RenderedLandingRig, RenderedRig
 from lab.control.rig import Rig, believed_model
 from mkdaemon.control.estimator.model import NO_FILTER
+from mkdaemon.control.linear import Array
 from mkdaemon.control.regulator.autopilot import Goal
 from mksim.config import WindClass
 from mksim.physics.attitude_loop import EASY, LEAK_SLOW, AttitudeGains
@@ -67,27 +68,22 @@ class Case:
     rig: type[Rig] = Rig
 
 
-def hover_rms(key: str) -> Callable[[Record], dict[str, float]]:
+def level_rms_cm(errors: Array) -> float:
+    """Horizontal RMS of errors (n, 3) [m]; not a number for none."""
+    return 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan
+
+
+def hover_rms(key: str, record: Record) -> dict[str, float]:
     """Horizontal RMS of a hover [cm]."""
-
-    def measure(record: Record) -> dict[str, float]:
-        errors = np.array(record.errors)[np.array(record.times) > SETTLED]
-        return {key: 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan}
-
-    return measure
+    return {key: level_rms_cm(np.array(record.errors)[np.array(record.times) > SETTLED])}
 
 
-def handover_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+def handover_figures(prefix: str, record: Record) -> dict[str, float]:
     """Horizontal RMS from `HELD` after the hand-over on [cm], and whether it was flown to the end [%]."""
-
-    def measure(record: Record) -> dict[str, float]:
-        times = np.array(record.times)
-        errors = np.array(record.errors)[times > times[0] + HELD] if len(times) else np.empty((0, 3))
-        rms = 100 * math.sqrt(float((errors[:, :2] ** 2).sum(axis=1).mean())) if len(errors) else math.nan
-        is_held = bool(len(errors)) and times[-1] > LAST_TICK
-        return {f"{prefix}_rms_cm": rms, f"{prefix}_success_percent": 100.0 * is_held}
-
-    return measure
+    times = np.array(record.times)
+    errors = np.array(record.errors)[times > times[0] + HELD] if len(times) else np.empty((0, 3))
+    is_held = bool(len(errors)) and times[-1] > LAST_TICK
+    return {f"{prefix}_rms_cm": level_rms_cm(errors), f"{prefix}_success_percent": 100.0 * is_held}
 
 
 def step_figures(record: Record) -> dict[str, float]:
@@ -101,34 +97,26 @@ def step_figures(record: Record) -> dict[str, float]:
     }
 
 
-def landing_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+def landing_figures(prefix: str, record: Record) -> dict[str, float]:
     """Distance at the touch [cm], sink [m/s], and whether it stands on the pad [%]."""
-
-    def measure(record: Record) -> dict[str, float]:
-        stands = record.stands and not record.lost and record.touch_error <= PAD_RADIUS
-        return {
-            f"{prefix}_p90_cm": 100 * record.touch_error,
-            f"{prefix}_sink": record.touch_sink,
-            f"{prefix}_success_percent": 100.0 * stands,
-        }
-
-    return measure
+    stands = record.stands and not record.lost and record.touch_error <= PAD_RADIUS
+    return {
+        f"{prefix}_p90_cm": 100 * record.touch_error,
+        f"{prefix}_sink": record.touch_sink,
+        f"{prefix}_success_percent": 100.0 * stands,
+    }
 
 
-def furthest(key: str, start: float, end: float) -> Callable[[Record], dict[str, float]]:
+def furthest(key: str, start: float, end: float, record: Record) -> dict[str, float]:
     """Largest horizontal error in a time [cm]."""
-
-    def measure(record: Record) -> dict[str, float]:
-        times = np.array(record.times)
-        errors = np.array(record.errors)[(times >= start) & (times < end)]
-        return {key: 100 * float(np.hypot(errors[:, 0], errors[:, 1]).max()) if len(errors) else math.nan}
-
-    return measure
+    times = np.array(record.times)
+    errors = np.array(record.errors)[(times >= start) & (times < end)]
+    return {key: 100 * float(np.hypot(errors[:, 0], errors[:, 1]).max()) if len(errors) else math.nan}
 
 
-def survival(key: str) -> Callable[[Record], dict[str, float]]:
+def survival(key: str, record: Record) -> dict[str, float]:
     """Whether the aircraft was lost [%]."""
-    return lambda record: {key: 100.0 * bool(record.lost)}
+    return {key: 100.0 * bool(record.lost)}
 
 
 def step_goal(t: float) -> Goal:
@@ -136,25 +124,21 @@ def step_goal(t: float) -> Goal:
     return Goal(position=np.array([1.0 - STEP_FROM if t >= STEP_AT else -STEP_FROM, 0.0, 2.0]))
 
 
-def takeoff_figures(prefix: str) -> Callable[[Record], dict[str, float]]:
+def takeoff_figures(prefix: str, record: Record) -> dict[str, float]:
     """Whether the last seconds are spent over the target at height [%], and how far it was from the middle [cm]."""
-
-    def measure(record: Record) -> dict[str, float]:
-        places, times = np.array(record.positions), np.array(record.times)
-        last = places[times > TAKEN_OFF]
-        stands = bool(len(last)) and bool((np.linalg.norm(last - [0.0, 0.0, 2.0], axis=1) < NEAR).all())
-        return {
-            f"{prefix}_success_percent": 100.0 * (stands and not record.lost),
-            f"{prefix}_farthest_cm": 100.0 * float(np.hypot(places[:, 0], places[:, 1]).max()),
-        }
-
-    return measure
+    places, times = np.array(record.positions), np.array(record.times)
+    last = places[times > TAKEN_OFF]
+    stands = bool(len(last)) and bool((np.linalg.norm(last - [0.0, 0.0, 2.0], axis=1) < NEAR).all())
+    return {
+        f"{prefix}_success_percent": 100.0 * (stands and not record.lost),
+        f"{prefix}_farthest_cm": 100.0 * float(np.hypot(places[:, 0], places[:, 1]).max()),
+    }
 
 
 def _hover(name: str, wind: WindClass, flights: int, goal: float, rig: type[Rig] = Rig, **more: Any) -> Case:
     """A hover at 2 m, and the largest RMS that is good [cm]."""
     key = f"{name}_rms_cm"
-    return Case(lambda seed: Flight(seed=seed, wind=wind, **more), flights, hover_rms(key), {key: goal}, rig)
+    return Case(lambda seed: Flight(seed=seed, wind=wind, **more), flights, partial(hover_rms, key), {key: goal}, rig)
 
 
 def _landing(
@@ -163,7 +147,7 @@ def _landing(
     """A landing, and how far from the middle of a target with some velocity [m/s] a good one may be [cm]."""
     goals = {f"{name}_p90_cm": goal, f"{name}_sink": 0.6}
     flight = partial(Flight, wind=wind, pad=pad, land_at=15.0, seconds=60.0)
-    return Case(lambda seed: flight(seed=seed), flights, landing_figures(name), goals, rig)
+    return Case(lambda seed: flight(seed=seed), flights, partial(landing_figures, name), goals, rig)
 
 
 def _take_off(wind: WindClass, flights: int, **goals: float) -> Case:
@@ -174,7 +158,13 @@ def _take_off(wind: WindClass, flights: int, **goals: float) -> Case:
         place = (rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1))
         return Flight(seed=seed, wind=wind, start=0.0, place=place, seconds=25.0)
 
-    return Case(flight, flights, takeoff_figures(f"takeoff_{wind}"), goals, TakeOffRig)
+    return Case(flight, flights, partial(takeoff_figures, f"takeoff_{wind}"), goals, TakeOffRig)
+
+
+def _survived(name: str, flight: Callable[[int], Flight], flights: int) -> Case:
+    """Flights of which none is lost."""
+    key = f"{name}_lost_percent"
+    return Case(flight, flights, partial(survival, key), {key: 0.0})
 
 
 def _wrong_filter(seed: int) -> Flight:
@@ -223,19 +213,20 @@ CASES: Final = {
     "land_fast": _landing("land_fast", LIGHT, 40, 14.0, pad=(0.8, 0.6)),
     "tag_gone": Case(
         lambda seed: Flight(seed=seed, wind=LIGHT, camera=CameraModel(gone=((20.0, 21.0),)), seconds=30.0),
-        *(40, furthest("tag_gone_1s_max_cm", 20.0, 25.0), {"tag_gone_1s_max_cm": 50.0}),
+        *(40, partial(furthest, "tag_gone_1s_max_cm", 20.0, 25.0), {"tag_gone_1s_max_cm": 50.0}),
     ),
-    "wrong_model": Case(_wrong, 110, survival("wrong_model_lost_percent"), {"wrong_model_lost_percent": 0.0}),
+    "wrong_model": _survived("wrong_model", _wrong, 110),
     "handover_moderate": replace(
-        _hover("handover_moderate", MODERATE, 40, 18.0, HandoverRig), measure=handover_figures("handover_moderate")
+        _hover("handover_moderate", MODERATE, 40, 18.0, HandoverRig),
+        measure=partial(handover_figures, "handover_moderate"),
     ),
-    "wrong_filter": Case(_wrong_filter, 20, survival("wrong_filter_lost_percent"), {"wrong_filter_lost_percent": 0.0}),
+    "wrong_filter": _survived("wrong_filter", _wrong_filter, 20),
     "takeoff_indoor": _take_off(INDOOR, 20, takeoff_indoor_success_percent=98.0),
     "takeoff_light": _take_off(LIGHT, 40, takeoff_light_success_percent=98.0),
     "takeoff_moderate": _take_off(MODERATE, 20),
     "law_2010": replace(
         _hover("law_2010", INDOOR, 20, 0.0, LawRig, seconds=30.0),
-        measure=survival("law_2010_lost_percent"),
+        measure=partial(survival, "law_2010_lost_percent"),
         goals={},
     ),
 }

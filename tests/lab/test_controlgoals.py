@@ -65,6 +65,6 @@ def test_a_step_that_is_never_answered_has_no_overshoot_of_zero():
     ],
 )
 def test_a_landing_counts_by_where_the_feet_stand_at_the_end(record, success):
-    figures = landing_figures("land")(record)
+    figures = landing_figures("land", record)
     assert figures["land_success_percent"] == success
     assert math.isfinite(figures["land_p90_cm"]) == math.isfinite(record.touched)
