@@ -55,8 +55,8 @@ class Flight:
     Attributes:
         what: is done to it.
         boards: which aircraft.
-        fly: flies with a seed, as a function or a coroutine, and returns a `Judged` or a list of them; made of
-            functions of modules, so that another process finds it.
+        fly: flies with a seed, as a function or a coroutine, and returns a `Judged`, or a row with
+            `is_wrong`, or a list of them; made of functions of modules, so that another process finds it.
         seed: of everything random.
     """
 
@@ -114,8 +114,7 @@ def fly(asked: Asked) -> Row:
 
 
 def _row(one: Any) -> Row:
-    judged = {name: getattr(one, name) for name in ("is_wrong", "is_machine_late") if hasattr(one, name)}
-    return asdict(one) | judged
+    return one if isinstance(one, dict) else asdict(one) | {"is_wrong": one.is_wrong}
 
 
 async def _in_time(flight: Coroutine[Any, Any, Any], longest: float) -> Any:

@@ -98,62 +98,58 @@ def main() -> None:
 def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
     """What attacks once, and returns how often it did."""
     if kind in (Flood.SETPOINTS, Flood.READ, Flood.STEADY, Flood.BIG):
-        publisher = session.declare_publisher(
-            f"mk/{vehicle}/setpoint/stick",
-            congestion_control=zenoh.CongestionControl.BLOCK if kind is Flood.BIG else zenoh.CongestionControl.DROP,
-            priority=zenoh.Priority.REAL_TIME,
-        )
-        sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
-        payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
-        return _setpoints(publisher, payload, STEADY_RATE if kind is Flood.STEADY else None)
-    if kind is Flood.TOKENS:
+        return _setpoints(kind, session, vehicle)
+    lease, nothing = ("do/lease", msgpack.packb({"action": "show"})), ("do/nothing", b"")
+    asked = cycle(
+        {
+            Flood.COMMANDS: [lease],
+            Flood.LOOKUPS: [("**", b"")],
+            Flood.UNREAD: [("schema/**", b"")],
+            Flood.LONG: [(f"{root}/**", bytes(LONG)) for root in (*roots(Use.PUBLISHED), "schema")],
+        }.get(kind, [nothing])
+    )
+    pause = {Flood.LONG: 0.0, Flood.UNREAD: 0.01}.get(kind, 0.0001)
+    kept: list[object] = []
 
-        def show() -> int:
+    def strike() -> int:
+        if kind is Flood.TOKENS:
             session.liveliness().declare_token(f"mk/{vehicle}/client/stranger").undeclare()  # type: ignore[no-untyped-call]
             return 1
-
-        return show
-    key, payload = {
-        Flood.COMMANDS: ("do/lease", msgpack.packb({"action": "show"})),
-        Flood.REFUSALS: ("do/nothing", b""),
-        Flood.BLOCKED: ("do/nothing", b""),
-        Flood.LOOKUPS: ("**", b""),
-        Flood.UNREAD: ("schema/**", b""),
-        Flood.LONG: ("", bytes(LONG)),
-    }[kind]
-    kept: list[object] = []
-    asked = cycle((*roots(Use.PUBLISHED), "schema"))
-
-    def ignore(reply: zenoh.Reply) -> None:
-        """Read it, and that is all."""
-
-    def ask() -> int:
-        if kind is Flood.LONG:
-            channel: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(1)
-            kept.append(session.get(f"mk/{vehicle}/{next(asked)}/**", handler=channel, payload=payload, timeout=60))
-            return 1
-        if kind is Flood.UNREAD:
-            kept.append(session.get(f"mk/{vehicle}/{key}", handler=zenoh.handlers.FifoChannel(1), timeout=60))
-            time.sleep(0.01)
-            return 1
-        handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(ignore, lambda: None, indirect=False)
-        session.get(f"mk/{vehicle}/{key}", handler, payload=payload, timeout=5)
-        time.sleep(0.0001)
+        key, payload = next(asked)
+        if kind in (Flood.LONG, Flood.UNREAD):  # no answer is read
+            full: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(1)
+            kept.append(session.get(f"mk/{vehicle}/{key}", full, payload=payload, timeout=60))
+        else:
+            session.get(
+                f"mk/{vehicle}/{key}", zenoh.handlers.Callback(_read, indirect=False), payload=payload, timeout=5
+            )
+        time.sleep(pause)
         return 1
 
-    return ask
+    return strike
 
 
-def _setpoints(publisher: zenoh.Publisher, payload: bytes, rate: float | None) -> Callable[[], int]:
-    """What puts a setpoint; where it has a rate [Hz], as many as are due."""
+def _read(reply: zenoh.Reply) -> None:
+    """Read it, and that is all."""
+
+
+def _setpoints(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
+    """What puts a setpoint; with a rate, as many as are due."""
+    publisher = session.declare_publisher(
+        f"mk/{vehicle}/setpoint/stick",
+        congestion_control=zenoh.CongestionControl.BLOCK if kind is Flood.BIG else zenoh.CongestionControl.DROP,
+        priority=zenoh.Priority.REAL_TIME,
+    )
+    sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
+    payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
     proof, began, count = bytes(32), time.monotonic(), 0
 
     def put() -> int:
         nonlocal count
         due = 1
-        if rate is not None:
+        if kind is Flood.STEADY:
             time.sleep(0.001)
-            due = int((time.monotonic() - began) * rate) - count
+            due = int((time.monotonic() - began) * STEADY_RATE) - count
         for _ in range(due):
             publisher.put(payload, attachment=proof)
         count += due

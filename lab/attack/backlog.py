@@ -6,21 +6,20 @@ Judged on the wire: by what the simulated FlightCtrl holds, and when the boards 
 from __future__ import annotations
 
 import asyncio
+import math
 import mmap
-import os
 import signal
 import time
-from dataclasses import dataclass
 from typing import Final
 
-from lab.attack.floods import LADDER_LIMIT, NEUTRAL_LIMIT
-from lab.attack.flown import daemon_on_tcp
+from lab.attack.floods import LADDER_LIMIT, NEUTRAL_LIMIT, daemon_on_tcp
 from lab.attack.holder import NOTE
+from lab.campaign import Row
 from lab.rigs.processes import VEHICLE, ObservedSimulation, Program, Sticks
 from lab.rigs.waiting import wait_until
 
-RATES: Final = (1000.0, 3000.0, 5000.0, 0.0)
-"""Of the floods [Hz]; 0 for all that go."""
+RATES: Final = (1000.0, 3000.0, 5000.0, math.inf)
+"""Of the floods [Hz]; without end: all that go."""
 ENDS: Final = ("killed", "silent")
 SECONDS: Final = 3.0
 """How long it floods [s]."""
@@ -30,32 +29,12 @@ BEGINNING: Final = 60.0
 """Longest wait until the flood begins [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Backlog:
-    """One flight.
-
-    Attributes:
-        rate: that the holder reached [1/s]; None where it was killed.
-        neutral: from its last put until no tilted sticks were held [s]; negative where they were gone before.
-        released: from its last put until nothing was held [s]; negative where that was before.
-        lost_before: the aircraft was released while the holder still flooded: its setpoints came too late.
-        load: of the machine, over one minute.
-    """
-
-    rate: float | None
-    neutral: float
-    released: float
-    lost_before: bool
-    load: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        return self.neutral > NEUTRAL_LIMIT or self.released > LADDER_LIMIT
-
-
-async def flood_and_end(rate: float, end: str, seed: int) -> Backlog:
+async def flood_and_end(rate: float, end: str, seed: int) -> Row:
     """Fly one flight.
+
+    Returns:
+        `rate` that the holder reached [1/s], None where it was killed; `neutral` and `released`, from its last put
+        until no tilted sticks were held, and until nothing was [s], negative where that was before it; `is_wrong`.
 
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
@@ -68,12 +47,18 @@ async def flood_and_end(rate: float, end: str, seed: int) -> Backlog:
         holder = await Program.start(*words)
         try:
             with notes_path.open("r+b") as opened, mmap.mmap(opened.fileno(), NOTE.size) as notes:
-                return await _judge(attacked.simulation, notes, holder)
+                neutral, released = await _ended(attacked.simulation, notes)
+            reached = await holder.first_line()
         finally:
             await holder.end(signal.SIGKILL)
+    is_wrong = neutral > NEUTRAL_LIMIT or released > LADDER_LIMIT
+    rate_reached = float(reached) if reached else None
+    return {"rate": rate_reached, "neutral": neutral, "released": released, "is_wrong": is_wrong}
 
 
-async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: Program) -> Backlog:
+async def _ended(simulation: ObservedSimulation, notes: mmap.mmap) -> tuple[float, float]:
+    """When the sticks were level, and when nothing was held, from the last put on [s]."""
+
     def began() -> float:
         return float(NOTE.unpack(notes[:])[1])
 
@@ -81,16 +66,11 @@ async def _judge(simulation: ObservedSimulation, notes: mmap.mmap, holder: Progr
     tilted = held = time.monotonic()
     end = began() + SECONDS
     while held > time.monotonic() - 1.5 or time.monotonic() < end + 1.0:
-        now = time.monotonic()
-        if simulation.sticks is Sticks.STEERED:
-            tilted = now
-        if simulation.sticks is not Sticks.NOTHING:
-            held = now
+        now, sticks = time.monotonic(), simulation.sticks
+        tilted = now if sticks is Sticks.STEERED else tilted
+        held = now if sticks is not Sticks.NOTHING else held
         if now > end + BEGINNING:
             raise TimeoutError("the aircraft was never released")
         await asyncio.sleep(STEP)
     last = float(NOTE.unpack(notes[:])[0])
-    reached = await holder.first_line()
-    rate = float(reached) if reached else None
-    load = round(os.getloadavg()[0], 1)
-    return Backlog(rate, round(tilted - last, 3), round(held - last, 3), held < last, load)
+    return round(tilted - last, 3), round(held - last, 3)

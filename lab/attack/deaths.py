@@ -13,7 +13,6 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -21,12 +20,10 @@ from typing import Final
 
 import zenoh
 
-from lab.attack.blocked import Blocked, fly_on_blocked
-from lab.attack.flightlog import flight_log
-from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON
+from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD
+from lab.campaign import Row
 from lab.rigs.cockpit import Boards
-from lab.rigs.flown import flown, observed
-from lab.rigs.lateness import measured_lateness
+from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, DaemonProcess, Sticks
 from lab.rigs.troubled import TROUBLE
@@ -41,6 +38,8 @@ RELEASE_LIMIT: Final = 1.1
 """The FlightCtrl is released this long after it [s]."""
 WATCH: Final = 3.0
 """How long the boards are watched after the release [s]."""
+LOOK: Final = 0.02
+"""Time between two looks at the boards [s]."""
 
 
 class Death(StrEnum):
@@ -72,51 +71,16 @@ BOARDS: Final = tuple(Boards(fc, nc) for nc in (None, "0.24") for fc in ("early"
 
 
 class ControlLostError(Exception):
-    """Control was lost before anything was done to the daemon: that is no flight to judge; says what was published."""
+    """Control was lost before anything was done to the daemon: that is no flight to judge."""
 
 
-@dataclass(frozen=True, slots=True)
-class Attack:
-    """What one attack did.
-
-    Attributes:
-        boards: FlightCtrl and NaviCtrl.
-        kind: what happened to the daemon.
-        port: what the boards hang on.
-        neutral: until the FlightCtrl held neutral sticks or nothing [s].
-        released: until it held nothing [s].
-        steered: frames with a control bit that came after the release.
-        late: the machine was late by so long at most, and so may be the times [s]; see `lab.rigs.lateness`.
-        blocked: how it flew on while nobody read standard error; None for other kinds.
-    """
-
-    boards: str
-    kind: str
-    port: str
-    neutral: float
-    released: float
-    steered: int
-    late: float = 0.0
-    blocked: Blocked | None = None
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
-        return self._is_wrong_by(0.0)
-
-    @property
-    def is_machine_late(self) -> bool:
-        """Whether it is wrong, and would hold without the lateness of the machine; it counts as wrong all the same."""
-        return self.is_wrong and not self._is_wrong_by(self.late)
-
-    def _is_wrong_by(self, late: float) -> bool:
-        is_slow = self.neutral - late > NEUTRAL_LIMIT or self.released - late > RELEASE_LIMIT
-        is_lost = self.blocked is not None and not self.blocked.kept
-        return is_slow or self.steered > 0 or is_lost
-
-
-async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
+async def attack(boards: Boards, kind: Death, seed: int) -> Row:
     """Fly, attack the daemon, and watch the boards: on a pseudo terminal, with every second seed on a TCP port.
+
+    Returns:
+        `neutral`, until the FlightCtrl held neutral sticks or nothing [s]; `released`, until it held nothing [s];
+        `steered`, frames with a control bit that came after the release; `kept`, it flew on while nobody read standard
+        error; `is_wrong`, it breaks a limit.
 
     Raises:
         TimeoutError: the aircraft was never released.
@@ -127,12 +91,9 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
     rng = random.Random(f"{seed} {boards.name} {kind.value}")
     simulation = observed(seed, boards.fc, boards.nc, keeps=True)
     simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start
-    is_on_terminal = seed % 2 == 1
     async with (
-        flown(simulation, on_tcp=not is_on_terminal, program=_PROGRAMS.get(kind), log="info") as one,
+        flown(simulation, on_tcp=seed % 2 == 0, program=_PROGRAMS.get(kind), log="info") as one,
         Pilot(one.client, "pilot") as pilot,
-        flight_log(one.client, pilot, simulation) as log,
-        measured_lateness() as lateness,
     ):
         await pilot.engage(lambda: simulation.is_controlled)
         pilot.sticks |= {"pitch": 40.0, "roll": -40.0}
@@ -141,11 +102,10 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
         await asyncio.sleep(rng.uniform(0.2, 0.8))
         favour_threads()  # those that carry the pilot's setpoints, and his daemon's death
         if simulation.sticks is not Sticks.STEERED:
-            raise ControlLostError("; ".join(log.said))
-        lateness.forget()
-        blocked = None
+            raise ControlLostError(f"the boards hold {simulation.sticks.value}")
+        is_kept = True
         if kind is Death.BLOCKED:
-            blocked = await fly_on_blocked(one.daemon, one.client, log)
+            is_kept = await _flies_on_blocked(one)
             await pilot.stop()
             began = pilot.puts[-1]
         else:
@@ -154,7 +114,6 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
         neutral = time.monotonic() - began
         await wait_until(lambda: not simulation.is_controlled)
         released = time.monotonic() - began
-        late = round(max(lateness.loop, lateness.thread, lateness.terminal if is_on_terminal else 0.0), 3)
         simulation.heard.clear()
         await asyncio.sleep(WATCH)
         steered = steering(b"".join(data for _, data in simulation.heard)) + int(simulation.is_controlled)
@@ -162,8 +121,39 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Attack:
             steered = max(0, steered - 1)  # the daemon comes back and releases once more, level sticks first
         with suppress(ProcessLookupError):
             one.daemon.send_signal(signal.SIGKILL)
-        times = round(neutral, 3), round(released, 3)
-        return Attack(boards.name, kind.value, one.port[:3], *times, steered, late, blocked)
+    return judged(round(neutral, 3), round(released, 3), steered, is_kept=is_kept)
+
+
+def judged(neutral: float, released: float, steered: int, *, is_kept: bool) -> Row:
+    """The row of an attack; see `attack`."""
+    is_wrong = neutral > NEUTRAL_LIMIT or released > RELEASE_LIMIT or steered > 0 or not is_kept
+    return {"neutral": neutral, "released": released, "steered": steered, "kept": is_kept, "is_wrong": is_wrong}
+
+
+async def _flies_on_blocked(one: Flown) -> bool:
+    """Block standard error, have something logged, and fly on: always steered, while that line waits to be written.
+
+    Raises:
+        TimeoutError: nothing waits to be written.
+    """
+    one.daemon.send_signal(TROUBLE)
+    # Its refusal is a line of the log, at the level `info`; more of them would be a flood.
+    await one.client.command("do", "nothing", {})
+    await wait_until(lambda: _waits_to_write(one.daemon.pid), step=LOOK)
+    began, is_kept = time.monotonic(), True
+    while time.monotonic() - began < HOLD:
+        await asyncio.sleep(LOOK)
+        is_kept &= one.simulation.sticks is Sticks.STEERED
+    return is_kept and _waits_to_write(one.daemon.pid)
+
+
+def _waits_to_write(pid: int) -> bool:
+    """Whether a thread waits for room in a pipe; root alone may see it."""
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(FileNotFoundError, ProcessLookupError):  # a thread that ended meanwhile
+            if "pipe_write" in (task / "wchan").read_text(encoding="ascii"):
+                return True
+    return False
 
 
 async def _strike(daemon: DaemonProcess, kind: Death) -> float:

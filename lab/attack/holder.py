@@ -1,6 +1,6 @@
 """A client that holds the lease and floods: `python -m lab.attack.holder ENDPOINT VEHICLE RATE SECONDS FILE END`.
 
-It engages with level sticks at 50 Hz, tilts, then puts as many setpoints a second as RATE says, or all that go for 0,
+It engages with level sticks at 50 Hz, tilts, then puts as many setpoints a second as RATE says, or all that go for inf,
 through a publisher as the client library makes it. After each put it notes the time in FILE, mapped into memory, so
 that the time of the last one is known when it is killed. END is `silent`, or `killed`: by SIGKILL, of its own doing.
 """
@@ -36,7 +36,7 @@ async def main(endpoint: str, vehicle: str, rate: float, seconds: float, notes: 
     Args:
         endpoint: of the daemon.
         vehicle: its name.
-        rate: of the flood [Hz]; 0 for all that go.
+        rate: of the flood [Hz]; infinite for all that go.
         seconds: how long it floods [s].
         notes: where the times are noted.
         is_killed: it kills itself; else it falls silent.
@@ -61,12 +61,12 @@ def _flood(lease: Lease, rate: float, seconds: float, notes: mmap.mmap) -> int:
     sticks = {"pitch": TILT, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
     began, sent = time.monotonic(), 0
     while (now := time.monotonic()) < began + seconds:
-        due = int((now - began) * rate) if rate else sent + 1
+        due = int((now - began) * rate) if math.isfinite(rate) else sent + 1
         while sent < due:
             lease.put("stick", sticks)
             notes[:] = NOTE.pack(time.monotonic(), began)
             sent += 1
-        if rate:
+        if math.isfinite(rate):
             time.sleep(0.0005)
     return sent
 

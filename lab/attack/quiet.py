@@ -6,9 +6,9 @@ import asyncio
 import math
 import random
 from contextlib import suppress
-from dataclasses import dataclass, field
 from typing import Final
 
+from lab.campaign import Row
 from lab.rigs.boardport import ADAPTER_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.virtualguard import VirtualGuard
@@ -27,36 +27,19 @@ NEEDS_GUARD: Final = frozenset(
 """Faults in which no stick frame can be written: there the guard has to act, or has no port."""
 
 
-@dataclass(slots=True)
-class Quiet:
-    """One flight.
+def fly_quietly(boards: Boards, seed: int) -> Row:
+    """Fly once.
 
-    Attributes:
-        hours: flown under control, virtual.
-        faults: of the line that were played.
-        leases: taken; a fault that ends one is followed by another.
-        written: what the guard wrote, by the time since the flight began [s].
+    Returns:
+        `hours` under control [h; virtual]; `faults` of the line that were played; `leases` taken, a fault that ends one
+        is followed by another; `written`, when the guard wrote anything [s from the begin]; `is_wrong`: it did.
     """
-
-    hours: float = 0.0
-    faults: int = 0
-    leases: int = 0
-    written: list[float] = field(default_factory=list)
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether the guard acted."""
-        return bool(self.written)
-
-
-def fly_quietly(boards: Boards, seed: int) -> Quiet:
-    """Fly once."""
     return run_virtually(_fly(boards, seed))
 
 
-async def _fly(boards: Boards, seed: int) -> Quiet:
+async def _fly(boards: Boards, seed: int) -> Row:
     rng = random.Random(f"{seed} quiet")
-    guard, tally = VirtualGuard(), Quiet()
+    guard, tally = VirtualGuard(), {"hours": 0.0, "faults": 0, "leases": 0}
     kinds = [fault for fault in FAULTS if fault not in NEEDS_GUARD]
     loop = asyncio.get_running_loop()
     async with cockpit(boards, seed, guard=guard, tick=ADAPTER_TIME) as flown:
@@ -68,27 +51,27 @@ async def _fly(boards: Boards, seed: int) -> Quiet:
             if port is None or port.is_closed:
                 continue
             port.inject(fault, FAULTS[fault].amount)
-            tally.faults += 1
+            tally["faults"] += 1
             await asyncio.sleep(rng.uniform(0.1, 2.5))
             if not port.is_closed:
                 port.inject(LineFault.NONE)
         pilot.cancel()
         guard.stop()
-        tally.written = [round(at - began, 3) for at, _ in guard.written]
-        return tally
+        written = [round(at - began, 3) for at, _ in guard.written]
+        return tally | {"written": written, "is_wrong": bool(written)}
 
 
-async def _pilot(flown: Cockpit, rng: random.Random, tally: Quiet) -> None:
+async def _pilot(flown: Cockpit, rng: random.Random, tally: Row) -> None:
     """Stream sticks for ever, with a new lease wherever the last one ended."""
     sequence = 0
     while True:
         if flown.flight.phase is Phase.FREE and flown.may_fly:
             with suppress(CommandRejectedError):
                 await flown.take("pilot", force=True)
-                tally.leases += 1
+                tally["leases"] += 1
                 sequence = 0
         sequence += 1
-        tally.hours += (flown.flight.phase is Phase.FLYING) / STICK_HZ / 3600.0
+        tally["hours"] += (flown.flight.phase is Phase.FLYING) / STICK_HZ / 3600.0
         # The stream begins with level sticks, or nobody engages.
         tilt = 40.0 * math.sin(sequence / 30.0) + rng.uniform(-5.0, 5.0) if sequence > 2 * STICK_HZ else 0.0
         sticks = {"pitch": tilt, "roll": -tilt, "yaw": 0.0, "throttle": 0.0}
