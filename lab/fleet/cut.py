@@ -9,15 +9,16 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import AsyncIterator, Coroutine, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from lab.fleet.findings import CutFindings, Refusal, longest_gap
+from lab.campaign import Row
+from lab.fleet.findings import claims, longest_gap
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.fleet.network import Place
-from lab.fleet.radio import Air, RadioLink
+from lab.fleet.radio import DELAY, LOSS, RadioLink
 from lab.fleet.watcher import NAMES, WATCHED, Watcher
 from lab.rigs.processes import MKCTL, START, wait_for_control
 from lab.rigs.waiting import running, wait_until
@@ -45,12 +46,12 @@ MOMENTS: Final = (0.2, 4.0)
 
 
 @asynccontextmanager
-async def fleet(folder: Path, air: Air, seed: int) -> AsyncIterator[tuple[dict[str, Aircraft], dict[str, Place]]]:
+async def fleet(folder: Path) -> AsyncIterator[tuple[dict[str, Aircraft], RadioLink]]:
     """Three aircraft and a router while the context lasts; this process stands on the ground."""
     async with AsyncExitStack() as stack:
         places: dict[str, Place] = {}
         for number, name in enumerate(NAMES, 1):
-            places[name] = Place(number, air if name == CUT else None, seed)
+            places[name] = Place(number, is_radio=name == CUT)
             stack.callback(places[name].close)
         router = await Member.start(*ROUTER, "tcp/0.0.0.0:7447", threads=RECEIVING)
         stack.push_async_callback(router.end)
@@ -61,49 +62,49 @@ async def fleet(folder: Path, air: Air, seed: int) -> AsyncIterator[tuple[dict[s
                 name, folder / name, 4001, router=f"tcp/{place.ground}:7447", listen=[ENDPOINT], prefix=place.prefix
             )
             stack.push_async_callback(aircraft[name].end)
-        yield aircraft, places
+        radio = places[CUT].radio
+        assert radio is not None
+        yield aircraft, radio
 
 
-async def cut(folder: Path, seconds: float, air: Air, seed: int) -> CutFindings:
+async def cut(folder: Path, seconds: float) -> Row:
     """Cut the link of one aircraft for some time, and look.
 
     Args:
         folder: of all files.
         seconds: length of the cut.
-        air: the link that is cut, while it is not.
-        seed: of its losses.
+
+    Returns:
+        What was seen, see `claims`, and `claims` of it.
 
     Raises:
         ConfigError: network namespaces or devices are not permitted here.
         TimeoutError: the fleet did not come up.
     """
-    findings = CutFindings(seconds, air.loss, air.delay)
-    async with fleet(folder, air, seed) as (aircraft, places), connect(CUT, ENDPOINT) as client:
+    async with fleet(folder) as (aircraft, radio), connect(CUT, ENDPOINT) as client:
         recorder = await Member.start(
             *MKCTL, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT
         )
         watcher = Watcher(client)
         say("the router and three aircraft are started")
-        radio = places[CUT].radio
-        assert radio is not None
         try:
             async with running(watcher.run()):
                 await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
                 await wait_for_control(client, START)
-                begin, end = await _through_the_cut(client, watcher, radio, findings)
+                found, begin, end = await _through_the_cut(client, watcher, radio, seconds)
         finally:
             say("ending")
             await recorder.end(signal.SIGINT)
-        findings.exit_codes = [await one.end() for one in aircraft.values()]
-    _read_black_box(aircraft[CUT].recordings, begin, end, findings)
-    _read_ground(sorted((folder / "ground").glob("*.mcap")), findings)
-    return findings
+        exit_codes = [await one.end() for one in aircraft.values()]
+    found |= {"loss": LOSS, "delay": DELAY, "exit_codes": exit_codes}
+    found |= _black_box(aircraft[CUT].recordings, begin, end) | _ground(sorted((folder / "ground").glob("*.mcap")))
+    return found | {"claims": claims(found), "holds": all(claims(found).values())}
 
 
 async def _through_the_cut(
-    client: Vehicle, watcher: Watcher, radio: RadioLink, findings: CutFindings
-) -> tuple[float, float]:
-    """Before, while and after; returns when the link was cut and when it came back [s; monotonic]."""
+    client: Vehicle, watcher: Watcher, radio: RadioLink, seconds: float
+) -> tuple[Row, float, float]:
+    """Before, while and after: what was seen, when the link was cut and when it came back [s; monotonic]."""
     say("all are here")
     await asyncio.sleep(BEFORE)
     engaged = asyncio.Event()
@@ -116,34 +117,38 @@ async def _through_the_cut(
         raise
     say(f"a client flies {CUT}")
     await asyncio.sleep(FLOWN)
-    radio.cut()
+    radio.is_cut = True
     begin = time.monotonic()
     say(f"the link of {CUT} is cut")
-    asking = asyncio.create_task(_ask(client, begin, findings), name="asking")
-    await asyncio.sleep(findings.cut_for)
-    await asking
-    radio.restore()
+    asking = asyncio.create_task(_ask(client, begin), name="asking")
+    await asyncio.sleep(seconds)
+    refusals = await asking
+    radio.is_cut = False
     end = time.monotonic()
-    findings.cut_for = round(end - begin, 2)
     say("it is back")
     with suppress(TimeoutError):
         await wait_until(lambda: watcher.times[CUT][-1] > end and watcher.state(CUT) == "here", PATIENCE)
-    findings.told_stale = watcher.first(CUT, "stale", begin)
-    findings.told_gone = watcher.first(CUT, "gone", begin)
-    findings.told_back = watcher.first(CUT, "here", end)
-    findings.fresh = next((at - end for at in watcher.times[CUT] if at > end), None)
     say(f"{CUT} is {watcher.state(CUT)}")
-    told, findings.client_words = await flying
-    say(f"its client: {findings.client_words}")
-    findings.client_told = told - begin
-    await _take_again(client, end, findings)
+    lost_at, words = await flying
+    say(f"its client: {words}")
+    leased_again = await _take_again(client, end)
     await asyncio.sleep(AFTER)
-    for name in NAMES:
-        if name != CUT:
-            findings.others |= watcher.between(name, begin, time.monotonic())
-            gap = longest_gap(watcher.heard[name], begin, end)
-            findings.others_gap = max(findings.others_gap, gap)
-    return begin, end
+    others = [name for name in NAMES if name != CUT]
+    seen = set[str]().union(*(watcher.between(name, begin, time.monotonic()) for name in others))
+    found: Row = {
+        "cut_for": round(end - begin, 2),
+        "told_stale": watcher.first(CUT, "stale", begin),
+        "told_gone": watcher.first(CUT, "gone", begin),
+        "told_back": watcher.first(CUT, "here", end),
+        "fresh": next((at - end for at in watcher.times[CUT] if at > end), None),
+        "leased_again": leased_again,
+        "others": sorted(seen),
+        "others_gap": max(longest_gap(watcher.heard[name], begin, end) for name in others),
+        "refusals": refusals,
+        "client_told": lost_at - begin,
+        "client_words": words,
+    }
+    return found, begin, end
 
 
 async def _fly(client: Vehicle, engaged: asyncio.Event) -> tuple[float, str]:
@@ -161,53 +166,53 @@ async def _fly(client: Vehicle, engaged: asyncio.Event) -> tuple[float, str]:
         await asyncio.sleep(1.0)
 
 
-async def _take_again(client: Vehicle, since: float, findings: CutFindings) -> None:
-    with suppress(TimeoutError):
-        async with asyncio.timeout(PATIENCE):
-            while True:
-                with suppress(MkError):
-                    async with client.lease():
-                        findings.leased_again = time.monotonic() - since
-                        return
-                await asyncio.sleep(0.2)
+async def _take_again(client: Vehicle, since: float) -> float | None:
+    """How long after a moment the lease was granted again [s]; None for never."""
+    while time.monotonic() - since < PATIENCE:
+        with suppress(MkError):
+            async with client.lease():
+                return time.monotonic() - since
+        await asyncio.sleep(0.2)
+    return None
 
 
-async def _ask(client: Vehicle, begin: float, findings: CutFindings) -> None:
+async def _ask(client: Vehicle, begin: float) -> list[Row]:
     """Ask the aircraft that is cut off: from a program, and by `mkctl`."""
     first, later = MOMENTS
     await asyncio.sleep(max(begin + first - time.monotonic(), 0.0))
-    await asyncio.gather(
-        _refusal("status, of a program", client.status(), begin, findings),
-        _refusal("preflight, of a program", client.preflight(), begin, findings),
-    )
+    calls = {"status": client.status(), "preflight": client.preflight()}
+    asked = (_asked(f"{word}, of a program", _answered(call)) for word, call in calls.items())
+    found: list[Row] = list(await asyncio.gather(*asked))
     await asyncio.sleep(max(begin + later - time.monotonic(), 0.0))
     for word in ("status", "preflight"):
-        findings.refusals.append(await _refusal_of_mkctl(word, begin))
+        words = ("--vehicle", CUT, "--connect", ENDPOINT, word)
+        found.append(await _asked(f"mkctl --vehicle {CUT} {word}", _answered_by_mkctl(words), is_program=True))
+    return found
 
 
-async def _refusal_of_mkctl(word: str, begin: float) -> Refusal:
+async def _asked(what: str, call: Coroutine[Any, Any, tuple[str, bool]], *, is_program: bool = False) -> Row:
     at = time.monotonic()
-    asked = await Member.start(*MKCTL, "--vehicle", CUT, "--connect", ENDPOINT, word)
-    code, said = await asked.output()
-    said += asked.errors
-    name = f"mkctl --vehicle {CUT} {word}"
-    return Refusal(name, at - begin, time.monotonic() - at, said.strip(), code != 0, is_program=True)
+    words, is_refused = await call
+    row = {"asked": what, "took": time.monotonic() - at, "words": words}
+    return row | {"is_refused": is_refused, "is_program": is_program}
 
 
-async def _refusal(asked: str, call: Awaitable[Any], begin: float, findings: CutFindings) -> None:
-    at = time.monotonic()
+async def _answered(call: Coroutine[Any, Any, Any]) -> tuple[str, bool]:
     try:
-        words, is_refused = str(await call), False
+        return str(await call), False
     except MkError as error:
-        words, is_refused = str(error), True
-    findings.refusals.append(Refusal(asked, at - begin, time.monotonic() - at, words, is_refused))
+        return str(error), True
 
 
-def _read_black_box(files: list[Path], begin: float, end: float, findings: CutFindings) -> None:
+async def _answered_by_mkctl(words: Sequence[str]) -> tuple[str, bool]:
+    asked = await Member.start(*MKCTL, *words)
+    code, said = await asked.output()
+    return (said + asked.errors).strip(), code != 0
+
+
+def _black_box(files: list[Path], begin: float, end: float) -> Row:
     """What the aircraft recorded itself: its values through the gap, setpoints that came, the release on its wire."""
-    values: list[float] = []
-    setpoints: list[float] = []
-    releases: list[float] = []
+    values, setpoints, releases, reasons = list[float](), list[float](), list[float](), list[str]()
     for entry in (entry for path in files for entry in Recording(path).entries()):
         if entry.kind is EntryKind.SAMPLE and entry.suffix == WATCHED:
             values.append(entry.received)
@@ -217,25 +222,24 @@ def _read_black_box(files: list[Path], begin: float, end: float, findings: CutFi
             releases.append(entry.received)
         elif entry.suffix == "event/failsafe" and entry.kind is EntryKind.SAMPLE and begin < entry.received < end:
             event = unpacked(entry.payload)
-            if event.get("action") == "release" and not findings.reason:
-                findings.reason = str(event.get("reason"))
-    findings.aboard = sum(begin < at < end for at in values)
-    findings.aboard_gap = longest_gap(values, begin, end)
-    if setpoints:
-        findings.last_setpoint = setpoints[-1] - begin
-        after = [at for at in releases if at > setpoints[-1]]
-        findings.released = after[0] - setpoints[-1] if after else None
+            reasons += [str(event.get("reason"))] if event.get("action") == "release" else []
+    last = setpoints[-1] if setpoints else None
+    return {
+        "aboard": sum(begin < at < end for at in values),
+        "aboard_gap": longest_gap(values, begin, end),
+        "last_setpoint": None if last is None else last - begin,
+        "released": None if last is None else next((at - last for at in releases if at > last), None),
+        "reason": reasons[0] if reasons else "",
+    }
 
 
-def _read_ground(files: list[Path], findings: CutFindings) -> None:
+def _ground(files: list[Path]) -> Row:
     """What the recorder on the ground has."""
-    key = f"{ROOT}/{CUT}/{WATCHED}"
+    found: Row = {"ground_gap": 0.0, "ground_lost": 0, "others_lost": 0}
     for path in files:
         summary = summarise(path)
-        if (found := summary.keys.get((EntryKind.SAMPLE, key))) is not None:
-            findings.ground_gap = max(findings.ground_gap, found.longest_gap)
-        for one, lost in summary.missed.items():
-            if one.startswith(f"{ROOT}/{CUT}/"):
-                findings.ground_lost += lost
-            else:
-                findings.others_lost += lost
+        if (known := summary.keys.get((EntryKind.SAMPLE, f"{ROOT}/{CUT}/{WATCHED}"))) is not None:
+            found["ground_gap"] = max(found["ground_gap"], known.longest_gap)
+        for key, lost in summary.missed.items():
+            found["ground_lost" if key.startswith(f"{ROOT}/{CUT}/") else "others_lost"] += lost
+    return found

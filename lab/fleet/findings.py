@@ -1,9 +1,8 @@
-"""What a cut of one aircraft's link showed, and the limits that it is held to. Pure."""
+"""What a cut of one aircraft's link must show: the limits that it is held to. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -27,114 +26,46 @@ NOT_CUT: Final = 0.5
 """A recording on the ground has a gap of the cut's length, less so much [s]."""
 
 
-@dataclass
-class Refusal:
-    """How a request to an aircraft that is cut off ended.
+def claims(found: Mapping[str, Any]) -> dict[str, bool]:
+    """What must be so after a cut, in words, and whether it is.
 
-    Attributes:
-        asked: what was asked.
-        after: so long after the cut [s].
-        took: until it ended [s]; of a program with its start, which is the machine's.
-        words: what it said.
-        is_refused: it did not succeed.
-        is_program: a process of its own was asked.
+    Args:
+        found: times from the cut, or from the link's return [s], None for never: `told_stale`, `told_gone` and
+            `told_back` by the fleet view, `fresh` telemetry, `leased_again`, `client_told` that its lease is lost,
+            `last_setpoint` that reached the aircraft, and `released`, on its wire, from that setpoint on. `others`,
+            what the view said of them, `others_gap`, longest time without a value of theirs [s], `others_lost`, values.
+            `refusals`, rows of what was asked while it was cut off. `aboard`, values in the black box in the cut, and
+            `aboard_gap`; `ground_gap` of the same key on the ground, and `ground_lost`. `cut_for` [s]; `exit_codes` of
+            the daemons.
     """
+    least, most = RELEASED
+    untouched = (found["others"], found["others_lost"]) == (["here"], 0) and found["others_gap"] <= UNTOUCHED
+    is_gone = _within(found["told_gone"], GONE)
+    return {
+        "the fleet view says stale": _within(found["told_stale"], SIGN_OF_LIFE + TOLD) or is_gone,
+        "the fleet view says gone": is_gone,
+        "the others are untouched": untouched,
+        "commands refuse clearly": bool(found["refusals"]) and all(map(is_clear, found["refusals"])),
+        "the daemon releases": found["released"] is not None and least <= found["released"] <= most,
+        "its client is told": found["client_told"] is not None,
+        "telemetry heals": _within(found["fresh"], HEALED) and _within(found["told_back"], HEALED),
+        "the lease can be taken again": found["leased_again"] is not None,
+        "the black box has the gap": found["aboard"] > 0 and found["aboard_gap"] <= ABOARD,
+        "the ground's recording names it": found["ground_gap"] >= found["cut_for"] - NOT_CUT
+        and found["ground_lost"] > 0,
+        "daemons end in order": bool(found["exit_codes"]) and not any(found["exit_codes"]),
+    }
 
-    asked: str
-    after: float
-    took: float
-    words: str
-    is_refused: bool
-    is_program: bool = False
 
-    @property
-    def holds(self) -> bool:
-        """It ended in time, with one line that names the aircraft and what to look at."""
-        has_words = "does not reach vehicle" in self.words and "\n" not in self.words.strip()
-        return self.is_refused and has_words and (self.is_program or self.took <= REFUSED)
+def is_clear(refusal: Mapping[str, Any]) -> bool:
+    """Whether what was `asked` ended in time, with one line that names the aircraft and what to look at.
 
-
-@dataclass
-class CutFindings:
-    """What a cut showed; times from the cut, or from the link's return [s]; None for never.
-
-    Attributes:
-        cut_for: length of the cut.
-        loss: share of packets lost on that link, each way, all the time.
-        delay: on that link, each way [s].
-        told_stale: the fleet view calls the aircraft stale.
-        told_gone: it calls it gone.
-        told_back: it calls it here again; from the link's return.
-        fresh: telemetry has come through again; from the link's return.
-        leased_again: the lease was granted again; from the link's return.
-        others: what the fleet view said of the others meanwhile.
-        others_gap: longest time without a value of theirs on the ground, from the cut to the link's return.
-        others_lost: values of theirs that the recorder on the ground knows it has missed.
-        refusals: requests while it was cut off.
-        last_setpoint: the last one that reached the aircraft; from the cut.
-        released: the release on its wire; from that setpoint.
-        reason: of that release, as the black box has it.
-        client_told: the client that flew it lost its lease; from the cut.
-        client_words: what it was told.
-        aboard_gap: longest gap in the black box from the cut to the link's return.
-        aboard: values in the black box in that time.
-        ground_gap: longest gap of the same key on the ground.
-        ground_lost: values that the ground recorder knows it has missed.
-        exit_codes: of the daemons.
+    Args:
+        refusal: `took` until it ended [s], the `words` of it, `is_refused`, `is_program`: with its start, which is the
+            machine's.
     """
-
-    cut_for: float
-    loss: float
-    delay: float
-    told_stale: float | None = None
-    told_gone: float | None = None
-    told_back: float | None = None
-    fresh: float | None = None
-    leased_again: float | None = None
-    others: set[str] = field(default_factory=set)
-    others_gap: float = 0.0
-    others_lost: int = 0
-    refusals: list[Refusal] = field(default_factory=list)
-    last_setpoint: float | None = None
-    released: float | None = None
-    reason: str = ""
-    client_told: float | None = None
-    client_words: str = ""
-    aboard_gap: float = 0.0
-    aboard: int = 0
-    ground_gap: float = 0.0
-    ground_lost: int = 0
-    exit_codes: list[int] = field(default_factory=list)
-
-    def claims(self) -> dict[str, bool]:
-        """What must be so, in words, and whether it is."""
-        return {
-            "the fleet view says stale": _within(self.told_stale, SIGN_OF_LIFE + TOLD) or _within(self.told_gone, GONE),
-            "the fleet view says gone": _within(self.told_gone, GONE),
-            "the others are untouched": self._others_are_untouched,
-            "commands refuse clearly": bool(self.refusals) and all(refusal.holds for refusal in self.refusals),
-            "the daemon releases": self.released is not None and RELEASED[0] <= self.released <= RELEASED[1],
-            "its client is told": self.client_told is not None,
-            "telemetry heals": _within(self.fresh, HEALED) and _within(self.told_back, HEALED),
-            "the lease can be taken again": self.leased_again is not None,
-            "the black box has the gap": self.aboard > 0 and self.aboard_gap <= ABOARD,
-            "the ground's recording names it": self.ground_gap >= self.cut_for - NOT_CUT and self.ground_lost > 0,
-            "daemons end in order": bool(self.exit_codes) and not any(self.exit_codes),
-        }
-
-    @property
-    def _others_are_untouched(self) -> bool:
-        return self.others == {"here"} and self.others_gap <= UNTOUCHED and not self.others_lost
-
-    @property
-    def holds(self) -> bool:
-        """Whether all of it is so."""
-        return all(self.claims().values())
-
-    def row(self) -> dict[str, Any]:
-        """All of it as JSON has it."""
-        found = vars(self) | {"others": sorted(self.others), "refusals": [vars(one) for one in self.refusals]}
-        return found | {"claims": self.claims(), "holds": self.holds}
+    has_words = "does not reach vehicle" in refusal["words"] and "\n" not in refusal["words"].strip()
+    return refusal["is_refused"] and has_words and (refusal["is_program"] or refusal["took"] <= REFUSED)
 
 
 def _within(time: float | None, limit: float) -> bool:

@@ -52,13 +52,11 @@ class Aircraft:
     """A simulated aircraft and its daemon.
 
     Attributes:
-        name: of the vehicle.
         folder: of its files.
         simulator: its boards.
         daemon: its daemon.
     """
 
-    name: str
     folder: Path
     simulator: Member
     daemon: Member
@@ -82,7 +80,7 @@ class Aircraft:
         simulator = await Member.start(*words, "--listen", f"127.0.0.1:{port}", prefix=prefix)
         await simulator.first_line()
         daemon = await Member.start(*PROGRAM, "run", "--config", str(config), "--log", "warning", prefix=prefix)
-        return cls(name, folder, simulator, daemon)
+        return cls(folder, simulator, daemon)
 
     @property
     def recordings(self) -> list[Path]:

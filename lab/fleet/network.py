@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from lab.fleet.radio import Air, RadioLink, open_device
+from lab.fleet.radio import RadioLink, open_device
 from lab.rigs.waiting import wait_blocking
 from mkdaemon.errors import ConfigError
 
@@ -50,16 +50,15 @@ class Place:
     Attributes:
         ground: address of the ground's end.
         prefix: what a program is started with to run in it.
-        radio: its link, where it is none of cable.
+        radio: its link; None for a cable.
     """
 
-    def __init__(self, number: int, air: Air | None = None, seed: int = 1) -> None:
+    def __init__(self, number: int, *, is_radio: bool) -> None:
         """Make it.
 
         Args:
             number: 1 to 254.
-            air: a radio link through it; None for a cable.
-            seed: of the losses.
+            is_radio: its link is a radio, else a cable.
 
         Raises:
             ConfigError: it cannot be made.
@@ -73,10 +72,10 @@ class Place:
         wait_blocking(lambda: namespace.readlink() != own)
         self.prefix = ("nsenter", f"--net={namespace}", "--")
         there, aircraft = str(self._keeper.pid), f"v{number}"
-        if air is None:
+        if not is_radio:
             _ip("link", "add", interface, "type", "veth", "peer", "name", aircraft, "netns", there)
         else:
-            self.radio = RadioLink(open_device(aircraft), open_device(interface), air, seed)
+            self.radio = RadioLink(open_device(aircraft), open_device(interface))
             _ip("link", "set", aircraft, "netns", there)
         _ip("address", "add", f"{self.ground}/24", "dev", interface)
         _ip("link", "set", interface, "up")

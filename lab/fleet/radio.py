@@ -15,7 +15,6 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Final
 
 from mkdaemon.errors import ConfigError
@@ -29,53 +28,35 @@ LARGEST: Final = 65536
 """Of a packet [bytes]."""
 IDLE: Final = 0.5
 """Longest sleep of the thread [s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Air:
-    """What the way through the air does.
-
-    Attributes:
-        loss: share of packets that are lost, each way.
-        delay: each way [s].
-    """
-
-    loss: float
-    delay: float
+LOSS: Final = 0.05
+"""Share of packets that are lost, each way."""
+DELAY: Final = 0.03
+"""Each way [s]."""
 
 
 class DelayLine:
     """One direction: packets come out later, in order, or not at all. Pure.
 
     Attributes:
-        is_cut: everything that comes now is lost.
-        lost: packets that did not come out.
+        is_cut: everything that comes now is lost, and what is under way, too.
     """
 
-    def __init__(self, air: Air, seed: int) -> None:
+    def __init__(self, seed: int, loss: float = LOSS) -> None:
         self.is_cut = False
-        self.lost = 0
-        self._air = air
-        self._rng = random.Random(seed)
+        self._loss, self._rng = loss, random.Random(seed)
         self._under_way: deque[tuple[float, bytes]] = deque()
 
     def put(self, packet: bytes, now: float) -> None:
         """Take a packet at a time [s]."""
-        if self.is_cut or self._rng.random() < self._air.loss:
-            self.lost += 1
-        else:
-            self._under_way.append((now + self._air.delay, packet))
+        if self._rng.random() >= self._loss and not self.is_cut:
+            self._under_way.append((now + DELAY, packet))
 
     def due(self, now: float) -> list[bytes]:
-        """Packets that have arrived by a time [s]; what is under way when the link is cut is lost."""
+        """Packets that have arrived by a time [s]."""
         found = []
         while self._under_way and self._under_way[0][0] <= now:
-            _, packet = self._under_way.popleft()
-            if self.is_cut:
-                self.lost += 1
-                continue
-            found.append(packet)
-        return found
+            found.append(self._under_way.popleft()[1])
+        return [] if self.is_cut else found
 
     def next_time(self) -> float | None:
         """When the next packet arrives [s]; None while none is under way."""
@@ -97,28 +78,23 @@ def open_device(name: str) -> int:
 
 
 class RadioLink:
-    """Carries packets between two TUN devices.
+    """Carries packets between two TUN devices, the aircraft's and the ground's, whose descriptors it closes."""
 
-    Attributes:
-        up: from the first device, the aircraft's.
-        down: from the second, the ground's.
-    """
-
-    def __init__(self, aircraft: int, ground: int, air: Air, seed: int) -> None:
-        """Begin; both descriptors are closed in the end."""
-        self.up, self.down = DelayLine(air, 2 * seed), DelayLine(air, 2 * seed + 1)
-        self._ends = ((aircraft, ground, self.up), (ground, aircraft, self.down))
+    def __init__(self, aircraft: int, ground: int) -> None:
+        self._ends = ((aircraft, ground, DelayLine(2)), (ground, aircraft, DelayLine(3)))
         self._has_ended = False
         self._thread = threading.Thread(target=self._run, name="radio link", daemon=True)
         self._thread.start()
 
-    def cut(self) -> None:
-        """Lose everything from now on."""
-        self.up.is_cut = self.down.is_cut = True
+    @property
+    def is_cut(self) -> bool:
+        """Whether everything is lost."""
+        return self._ends[0][2].is_cut
 
-    def restore(self) -> None:
-        """Carry again."""
-        self.up.is_cut = self.down.is_cut = False
+    @is_cut.setter
+    def is_cut(self, is_cut: bool) -> None:
+        for *_, line in self._ends:
+            line.is_cut = is_cut
 
     def close(self) -> None:
         """End."""

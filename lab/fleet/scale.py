@@ -7,17 +7,16 @@ not arrive is known; each value says when it was put, and the clock is the same.
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack, ExitStack, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import zenoh
 
+from lab.campaign import Row
 from lab.cases import percentile
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
 from lab.rigs.processes import START
@@ -38,89 +37,62 @@ EACH: Final = 60.0
 """Longer start for each aircraft on a machine that is busy [s]."""
 
 
-@dataclass
 class Counted:
     """What one client received.
 
     Attributes:
-        values: how many, by group of keys: the first word of a key.
-        sizes: bytes of keys and payloads, by group.
-        fleet_sizes: bytes of those that the fleet view wants.
+        sizes: of keys and payloads, by group of keys, the first word of a key [bytes].
         late: of each value of `STAMPED`, from being put to being received [s].
-        line: by vehicle, frames and losses on its line at the first and the last report in the time counted.
     """
 
-    values: Counter[str] = field(default_factory=Counter)
-    sizes: Counter[str] = field(default_factory=Counter)
-    fleet_sizes: int = 0
-    late: list[float] = field(default_factory=list)
-    line: defaultdict[str, list[tuple[int, int]]] = field(default_factory=lambda: defaultdict(list))
-    _checks: dict[str, CountCheck] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.sizes = Counter[str]()
+        self.late: list[float] = []
+        self._values = self._fleet_size = 0
+        self._dropped: defaultdict[str, list[int]] = defaultdict(list)
+        self._checks: defaultdict[str, CountCheck] = defaultdict(CountCheck)
 
     def take(self, key: str, payload: bytes, wall: float) -> None:
         """Take a value of a key at a time [s; Unix time]."""
         vehicle, _, suffix = key.partition("/")[2].partition("/")
-        group = suffix.partition("/")[0]
-        self.values[group] += 1
-        self.sizes[group] += len(key) + len(payload)
-        if suffix in FLEET_VIEW:
-            self.fleet_sizes += len(key) + len(payload)
-        self._checks.setdefault(vehicle, CountCheck()).take(suffix, payload)
+        size = len(key) + len(payload)
+        self._values += 1
+        self.sizes[suffix.partition("/")[0]] += size
+        self._fleet_size += size * (suffix in FLEET_VIEW)
+        self._checks[vehicle].take(suffix, payload)
         if suffix == STAMPED:
             self.late.append(wall - float(unpacked(payload)["stamp"]["wall"]))
         elif suffix == "link/traffic":
-            fields = unpacked(payload)
-            self.line[vehicle].append((int(fields["rx_frames"]), sum(fields["dropped"].values())))
+            self._dropped[vehicle].append(sum(unpacked(payload)["dropped"].values()))
 
-    def losses(self) -> Counter[str]:
-        """Values that did not come, by vehicle."""
-        return Counter({name: check.lost.total() for name, check in self._checks.items()})
+    def figures(self, count: int, seconds: float) -> Row:
+        """What was received of so many aircraft in a time [s].
 
+        Returns:
+            Values a second, and how many were lost on the bus; frames that their lines lost; kB/s of each aircraft, of
+            everything, by group and for the fleet view; quantiles of how late values were [ms].
+        """
+        late = sorted(round(1000 * one, 2) for one in self.late)
+        lost = sum(check.lost.total() for check in self._checks.values())
 
-def figures(
-    count: int, seconds: float, counted: Counted, used: Mapping[str, float], memory: Mapping[str, float]
-) -> dict[str, Any]:
-    """A row of results.
+        def each(size: float) -> float:
+            return round(size / seconds / count / 1000, 2)
 
-    Args:
-        count: of aircraft.
-        seconds: that were counted.
-        counted: what the client received.
-        used: processor time of daemons, simulators, router and client [s].
-        memory: of a daemon and of a simulator, means, and of the router [MiB].
-    """
-    late = sorted(round(1000 * one, 2) for one in counted.late)
-    total = counted.values.total()
-    spans = [reports for reports in counted.line.values() if len(reports) > 1]
-    frames = sum(last[0] - first[0] for first, *_, last in spans)
-    dropped = sum(last[1] - first[1] for first, *_, last in spans)
-    lost = counted.losses().total()
-    return {
-        "vehicles": count,
-        "heard": len(counted.line),
-        "seconds": round(seconds, 1),
-        "daemon_cpu_percent": round(100 * used["daemons"] / seconds / count, 1),
-        "simulator_cpu_percent": round(100 * used["simulators"] / seconds / count, 1),
-        "router_cpu_percent": round(100 * used["router"] / seconds, 1),
-        "client_cpu_percent": round(100 * used["client"] / seconds, 1),
-        "daemon_mb": round(memory["daemon"], 1),
-        "simulator_mb": round(memory["simulator"], 1),
-        "router_mb": round(memory["router"], 1),
-        "values_per_s": round(total / seconds, 1),
-        "kb_per_s_each": round(counted.sizes.total() / seconds / count / 1000, 2),
-        "fleet_view_kb_per_s_each": round(counted.fleet_sizes / seconds / count / 1000, 2),
-        "groups_kb_per_s_each": {
-            group: round(size / seconds / count / 1000, 2) for group, size in counted.sizes.most_common()
-        },
-        "lost_values": lost,
-        "lost_percent": round(100 * lost / (total + lost), 3) if total + lost else None,
-        "line_frames": frames,
-        "line_lost": dropped,
-        **{f"late_{name}_ms": percentile(late, share) for name, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))},
-    }
+        return {
+            "values_per_s": round(self._values / seconds, 1),
+            "kb_per_s_each": each(self.sizes.total()),
+            "fleet_view_kb_per_s_each": each(self._fleet_size),
+            "groups_kb_per_s_each": {group: each(size) for group, size in self.sizes.most_common()},
+            "lost_percent": round(100 * lost / (self._values + lost), 3) if self._values + lost else None,
+            "line_lost": sum(reports[-1] - reports[0] for reports in self._dropped.values()),
+            **{
+                f"late_{name}_ms": percentile(late, share)
+                for name, share in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
+            },
+        }
 
 
-async def measure(count: int, seconds: float, folder: Path) -> dict[str, Any]:
+async def measure(count: int, seconds: float, folder: Path) -> Row:
     """Run so many aircraft and count for some time; returns a row of results.
 
     Raises:
@@ -142,10 +114,10 @@ async def measure(count: int, seconds: float, folder: Path) -> dict[str, Any]:
         session = await open_session(session_config("client", connect=[endpoint]))
         stack.push_async_callback(close_session, session)
         say(f"{count} aircraft are started")
-        await _wait_for_all(session, {one.name for one in fleet}, START + EACH * count)
+        await _wait_for_all(session, {one.folder.name for one in fleet}, START + EACH * count)
         await asyncio.sleep(SETTLING)
-        row = await _counted(session, router, fleet, seconds)
-        say(f"{count} aircraft: {row['values_per_s']:.0f} values a second, {row['lost_values']} lost")
+        row = {"vehicles": count} | await _counted(session, router, fleet, seconds)
+        say(f"{count} aircraft: {row['values_per_s']:.0f} values a second, {row['lost_percent']} % lost")
         return row
 
 
@@ -165,34 +137,31 @@ async def _wait_for_all(session: zenoh.Session, names: set[str], patience: float
         await wait_until(lambda: names <= alive, patience, 0.1)
 
 
-async def _counted(session: zenoh.Session, router: Member, fleet: Sequence[Aircraft], seconds: float) -> dict[str, Any]:
-    counted = Counted()
+async def _counted(session: zenoh.Session, router: Member, fleet: Sequence[Aircraft], seconds: float) -> Row:
+    """What the client receives in a time [s], and what the programs use meanwhile: percent of a core, and MiB."""
+    counted, count = Counted(), len(fleet)
 
     def arrived(sample: zenoh.Sample) -> None:
         counted.take(str(sample.key_expr), sample.payload.to_bytes(), time.time())
 
     looks: dict[str, Callable[[], float]] = {
-        "daemons": lambda: sum(one.daemon.cpu_s() for one in fleet),
-        "simulators": lambda: sum(one.simulator.cpu_s() for one in fleet),
-        "router": router.cpu_s,
-        "client": lambda: sum(os.times()[:2]),
+        "daemon_cpu_percent": lambda: sum(one.daemon.cpu_s() for one in fleet) / count,
+        "simulator_cpu_percent": lambda: sum(one.simulator.cpu_s() for one in fleet) / count,
+        "router_cpu_percent": router.cpu_s,
     }
     begin, before = time.monotonic(), {name: look() for name, look in looks.items()}
     with session.declare_subscriber(f"{ROOT}/**", zenoh.handlers.Callback(arrived, indirect=False)):
         await asyncio.sleep(seconds)
     took = time.monotonic() - begin
-    used = {name: look() - before[name] for name, look in looks.items()}
-    memory = {
-        "daemon": sum(one.daemon.own_mb() for one in fleet) / len(fleet),
-        "simulator": sum(one.simulator.own_mb() for one in fleet) / len(fleet),
-        "router": router.own_mb(),
-    }
-    return figures(len(fleet), took, counted, used, memory)
+    used = {name: round(100 * (look() - before[name]) / took, 1) for name, look in looks.items()}
+    daemon = sum(one.daemon.own_mb() for one in fleet) / count
+    memory = {"daemon_mb": round(daemon, 1), "router_mb": round(router.own_mb(), 1)}
+    return used | memory | counted.figures(count, took)
 
 
-async def scale(counts: Sequence[int], seconds: float, folder: Path) -> list[dict[str, Any]]:
+async def scale(counts: Sequence[int], seconds: float, folder: Path) -> list[Row]:
     """Measure each number of aircraft; one that does not come up ends the row of numbers."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for count in counts:
         (place := folder / str(count)).mkdir()
         with suppress(TimeoutError):

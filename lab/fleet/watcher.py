@@ -19,17 +19,16 @@ LOOK: Final = 0.02
 
 
 class Watcher:
-    """The fleet view on the ground: when it said what, and when values came.
+    """Looks at the fleet view for as long as it runs.
 
     Attributes:
-        board: the view.
         times: when a value of `WATCHED` came from a vehicle [s; monotonic].
         heard: when anything came from it.
         said: every change of what the view says of a vehicle, as (time, state).
     """
 
     def __init__(self, client: Vehicle) -> None:
-        self.board = FleetBoard()
+        self._board = FleetBoard()
         self.times: defaultdict[str, list[float]] = defaultdict(list)
         self.heard: defaultdict[str, list[float]] = defaultdict(list)
         self.said: defaultdict[str, list[tuple[float, str]]] = defaultdict(list)
@@ -43,13 +42,13 @@ class Watcher:
 
     async def _take(self) -> None:
         def changed() -> None:
-            self.board.look(self._fleet.vehicles, time.monotonic())
+            self._board.look(self._fleet.vehicles, time.monotonic())
 
         async with self._fleet.watch(changed, lambda *_: None), self._fleet.values(*KEYS) as samples:
             async for sample in samples:
                 name, _, suffix = sample.suffix.partition("/")
                 now = time.monotonic()
-                self.board.take(name, suffix, sample.known, now)
+                self._board.take(name, suffix, sample.known, now)
                 self.heard[name].append(now)
                 if suffix == WATCHED:
                     self.times[name].append(now)
@@ -58,7 +57,7 @@ class Watcher:
         while True:
             now = time.monotonic()
             for name in NAMES:
-                state, said = self.board.state(name, now), self.said[name]
+                state, said = self._board.state(name, now), self.said[name]
                 if not said or said[-1][1] != state:
                     said.append((now, state))
             await asyncio.sleep(LOOK)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 
-from lab.fleet.findings import CutFindings, Refusal
-from lab.fleet.scale import Counted, figures
+from lab.fleet.scale import Counted
 from tools.docs import FILLED, make_page
 
 PAGE = "docs/lab/scale.md"
@@ -13,13 +12,16 @@ RESULTS = FILLED[PAGE].results
 
 
 def test_the_page_has_the_figures_of_the_results_and_keeps_its_prose(tmp_path):
-    cut = CutFindings(12.0, 0.05, 0.03, told_gone=2.12, released=1.04, reason="no setpoint for 1.0 s", others={"here"})
-    cut.refusals = [Refusal("mkctl --vehicle mk2 status", 4.0, 1.5, "the router | does not\nreach it", True, True)]
+    times = dict.fromkeys(("told_stale", "last_setpoint", "client_told", "fresh", "leased_again"))
+    numbers = dict.fromkeys(("others_gap", "others_lost", "aboard", "aboard_gap", "ground_gap", "ground_lost"), 0)
+    cut = times | numbers | {"cut_for": 12.0, "loss": 0.05, "delay": 0.03, "told_gone": 2.12, "others": ["here"]}
+    cut |= {"released": 1.04, "reason": "no setpoint for 1.0 s", "client_words": ""}
+    cut["refusals"] = [{"asked": "mkctl --vehicle mk2 status", "took": 1.5, "words": "the router | does not\nreach it"}]
     counted = Counted()
     counted.take("mk/mk1/health", b"x" * 99, 0.0)
-    used = {"daemons": 0.5, "simulators": 0.7, "router": 0.1, "client": 0.2}
-    row = figures(1, 5.0, counted, used, {"daemon": 61.0, "simulator": 55.0, "router": 20.0})
-    results = {"cut": cut.row(), "scale": {"rows": [row], "machine": {"cores": 2, "load_at_the_end": 1.5}}}
+    used = {"daemon_cpu_percent": 10.0, "simulator_cpu_percent": 14.0, "router_cpu_percent": 2.0}
+    row = {"vehicles": 1, "daemon_mb": 61.0, "router_mb": 20.0} | used | counted.figures(1, 5.0)
+    results = {"cut": cut, "scale": {"rows": [row], "machine": {"cores": 2, "load_at_the_end": 1.5}}}
     for path, text in (
         (RESULTS, json.dumps(results)),
         (PAGE, "Prose.\n" + "".join(f"<!-- table {n} -->\nold\n<!-- end -->\n" for n in ("cut", "scale", "bandwidth"))),
