@@ -98,7 +98,6 @@ def found_and_put_in(name: str, seconds: float) -> dict[str, Any]:
         "loss_put_in_percent": round(100 * loss, 3),
         "mean_ms": round(found.mean_ms or 0.0, 2),
         "mean_happened_ms": round(happened_ms, 2),
-        "verdict": judge([measured.run]).grade.value,
     }
     worst = max(_apart(found.loss_percent, 100 * happened_loss), _apart(found.mean_ms or 0.0, happened_ms))
     if name != "wire":

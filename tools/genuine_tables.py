@@ -5,17 +5,15 @@ The prose of both pages is written by hand; a table stands between `<!-- table N
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from lab.campaign import Row
-from lab.hil.scenes import FIGURES, LINES, SIMULATED, Figure, summary
+from lab.hil.flights import SIMULATED
+from lab.hil.scenes import FIGURES, LINES, Figure, summary
 from lab.hil.triggers import by_story, story_figures
 from tools.markdown import table
 
-EACH: Final = ("hold_cm", "light_cm", "moderate_cm", "step_t90", "step_over_percent", "touch_cm", "moving_touch_cm")
-"""Figures that are shown of every flight."""
 SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 """Figures of the triggers whose names in the results the page does not use."""
 
@@ -56,38 +54,12 @@ def _cell(figure: Figure, part: Mapping[str, Any]) -> str:
     found = part["figures"].get(figure.key)
     if found is None:
         return ""
-    shown = figure.shown(found, mean=any(goal.of == "mean" for goal in figure.goals))
+    shown = figure.shown(found)
     return f"**{shown}**" if any(words.startswith(f"{figure.key}:") for words in part["missed"]) else shown
 
 
 def _lost(part: Mapping[str, Any]) -> str:
     return f"**{len(part['lost'])}**" if part["lost"] else "0"
-
-
-def _flights(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
-    """Every flight of genuine firmware."""
-    shown = [figure for figure in FIGURES if figure.key in EACH]
-    yield from table(
-        ("seed", "line", "battery", "compass", *(figure.about for figure in shown), "what went wrong"),
-        (
-            (
-                str(row["seed"]),
-                row["line"],
-                f"{row['voltage']} V",
-                "yes" if row["compass"] else "no",
-                *("" if row.get(f.key) is None else f"{row[f.key]:.{f.digits}f}" for f in shown),
-                "; ".join([*row["lost"], *_counted(row["warnings"])]),
-            )
-            for row in rows["hil scenes"]
-            if row["board"] != SIMULATED
-        ),
-    )
-
-
-def _counted(warnings: Sequence[str]) -> Iterator[str]:
-    """Every warning once, with how often it came."""
-    for text, count in Counter(warnings).items():
-        yield text if count == 1 else f"{count} times: {text}"
 
 
 def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
@@ -109,6 +81,5 @@ def _right(found: Sequence[Mapping[str, Any]]) -> str:
 
 TABLES: Final[Mapping[str, Callable[[Mapping[str, Sequence[Row]]], Iterator[str]]]] = {
     "scenes": _scenes,
-    "flights": _flights,
     "triggers": _triggers,
 }

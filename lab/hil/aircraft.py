@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 from lab.hil import eeprom
 from lab.hil.build import Firmware
 from lab.hil.chip import Chip
-from lab.hil.line import Line
 from lab.hil.world import GenuineWorld
+from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
 from mksim.physics.airframe import GroundContact
 from mksim.physics.pilot import DelayedProgram
 from mksim.physics.world import DT, MOTORS_OFF, StartState, StickInput
+from mksim.radio import RadioChannel
 from mksim.supervision import Supervision
 
 ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
 """Tells the world only that the motors turn: the firmware has the sticks."""
+
+
+class Line:
+    """Both ways of a serial line; bytes take their time on it.
+
+    Attributes:
+        now: simulated time [s].
+    """
+
+    def __init__(self, config: SimConfig) -> None:
+        self.now = 0.0
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
+
+    def write(self, data: bytes, at: float) -> None:
+        """Send bytes to the board at `at` [s]."""
+        self._to_board.push(data, at)
+
+    def _answer(self, answers: Iterable[tuple[float, int]], to: float) -> list[tuple[float, bytes]]:
+        """Send on what the board wrote, and return what reached the host: bytes with the time they arrived [s]."""
+        for at, byte in answers:
+            # the channel counts the character's own time, which the board has counted already
+            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
+        self.now = to
+        return self._to_host.poll(to)
 
 
 class GenuineAircraft(Line):
@@ -60,6 +87,10 @@ class GenuineAircraft(Line):
         )
         self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
 
+    def _fly(self, to: float) -> None:
+        while self.world.now + DT <= to:
+            self.world.step(ARMED if self.world.is_armed else MOTORS_OFF)
+
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
         world, faults = self.world, self.world.faults
@@ -67,6 +98,5 @@ class GenuineAircraft(Line):
         self._to_host.is_cut = faults.is_link_cut("to_host")
         for at, data in self._to_board.poll(to):
             world.inbox.extend((at, byte) for byte in data)
-        while world.now + DT <= to:
-            world.step(ARMED if world.is_armed else MOTORS_OFF)
+        self._fly(to)
         return self._answer(world.chip.read(), to)

@@ -28,17 +28,47 @@ FIRMWARE: Final = OUTPUT / "firmware"
 """One folder a firmware: `firmware.elf`, `firmware.json`, `eeprom.bin`."""
 SIMAVR_URL: Final = "https://github.com/buserror/simavr (tag v1.6)"
 FIRMWARE_URL: Final = "https://github.com/cehberlin/MikroKopterFlightController (FlightCtrl 2.12a, a public fork)"
-PACKAGES: Final = {
-    "avr-gcc": "gcc-avr avr-libc",
-    "avr-nm": "binutils-avr",
-    "gcc": "gcc",
-    "make": "make",
-}
+PACKAGES: Final = {"avr-gcc": "gcc-avr avr-libc", "avr-nm": "binutils-avr", "gcc": "gcc", "make": "make"}
 """Programs and the Debian packages they come in."""
 CORES: Final = {"atmega1284p": "mega1284", "atmega644p": "mega644", "atmega644": "mega644"}
 """Processors of FlightCtrls, and what simavr calls them."""
-LEFT_OUT: Final = {"run_avr.c", "avr_twi.c", "avr_eeprom.c", "avr_uart.c"}
-"""Of simavr's sources: a program of its own, and those that are repaired."""
+REPAIRS: Final = {
+    "avr_twi.c": (
+        # a byte on the I2C bus takes the nine bits it takes at 100 kHz and above, not a fifth of them
+        (
+            "p->io.avr, twi_cycles, avr_twi_set_state_timer, p);",
+            "p->io.avr, twi_cycles * 5, avr_twi_set_state_timer, p);",
+        ),
+    ),
+    "avr_eeprom.c": (
+        # EEPE stays set while a byte is being written
+        ("static avr_cycle_count_t avr_eei_raise", "static int is_busy;\nstatic avr_cycle_count_t avr_eei_raise"),
+        (
+            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
+            "\tis_busy = 0;\n\tavr_regbit_clear(p->io.avr, p->eepe);\n"
+            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
+        ),
+        (
+            "\tif (eempe && avr_regbit_get(avr, p->eepe)) {\t// write operation",
+            "\tif (eempe && avr_regbit_get(avr, p->eepe) && !is_busy) {\n\t\tis_busy = 1;",
+        ),
+        (
+            "\t// autocleared\n\tavr_regbit_clear(avr, p->eepe);",
+            "\tif (is_busy)\n\t\tavr_regbit_set(avr, p->eepe);\n\telse\n\t\tavr_regbit_clear(avr, p->eepe);",
+        ),
+    ),
+    "avr_uart.c": (
+        # a received byte shows at once; one that comes while two are kept and a third is in the shift register is lost
+        # (data sheet of the ATmega1284P, chapter 20.7)
+        (
+            "avr_cycle_timer_register(avr, p->cycles_per_byte, avr_uart_rxc_raise, p); // start the rx pump",
+            "avr_cycle_timer_register(avr, 1, avr_uart_rxc_raise, p);",
+        ),
+        ('LOG_ERROR, "UART%c: %s: RX buffer overrun', 'LOG_TRACE, "UART%c: %s: RX buffer overrun'),
+        ("} else if (uart_fifo_isfull(&p->input)) {", "} else if (uart_fifo_get_read_size(&p->input) >= 3) {"),
+    ),
+}
+"""Of simavr's sources: what stands there, and what takes its place."""
 OWN_LID: Final = re.compile(rb"^(\s*)ChannelGas = ExternalControl\.Gas;", re.MULTILINE)
 STOCK_LID: Final = rb"\1if(ExternalControl.Gas < ChannelGas) ChannelGas = ExternalControl.Gas;"
 """A public fork takes our throttle as it is; stock firmware takes the smaller of the pilot's and ours."""
@@ -121,12 +151,12 @@ def _build_library(simavr: Path) -> None:
     work = OUTPUT / "simavr"
     work.mkdir(parents=True, exist_ok=True)
     _configure(work)
-    repairs = {"avr_twi.c": _slow_i2c, "avr_eeprom.c": _busy_eeprom, "avr_uart.c": _prompt_uart}
-    for name, repair in repairs.items():
-        (work / name).write_text(repair((simavr / "sim" / name).read_text(encoding="latin1")), encoding="latin1")
-    sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in LEFT_OUT]
+    for name in REPAIRS:
+        text = repaired(name, (simavr / "sim" / name).read_text(encoding="latin1"))
+        (work / name).write_text(text, encoding="latin1")
+    sources = [path for path in sorted((simavr / "sim").glob("*.c")) if path.name not in {"run_avr.c", *REPAIRS}]
     sources += [simavr / "cores" / f"sim_{core}.c" for core in ("mega1284", "megax4", "mega644")]
-    sources += [*(work / name for name in repairs), ROOT / "lab" / "hil" / "board.c"]
+    sources += [*(work / name for name in REPAIRS), ROOT / "lab" / "hil" / "board.c"]
     folders = (work, simavr / "sim", simavr / "sim" / "avr", simavr / "cores")
     command = ["gcc", "-O3", "-march=native", "-fPIC", "-shared", "-w", "-fno-semantic-interposition", "-flto=auto"]
     command += [f"-I{folder}" for folder in folders] + ["-include", str(work / "sim_core_config.h")]
@@ -150,64 +180,17 @@ def _configure(work: Path) -> None:
     )
 
 
-def _slow_i2c(text: str) -> str:
-    """Let a byte on the I2C bus take the nine bits it takes at 100 kHz and above, not a fifth of them."""
-    return _replaced(
-        text,
-        "p->io.avr, twi_cycles, avr_twi_set_state_timer, p);",
-        "p->io.avr, twi_cycles * 5, avr_twi_set_state_timer, p);",
-        "avr_twi.c",
-    )
+def repaired(name: str, text: str) -> str:
+    """A source of simavr with its repairs.
 
-
-def _prompt_uart(text: str) -> str:
-    """Show a received byte at once, and lose one that comes while two are kept and a third is in the shift register.
-
-    Source: data sheet of the ATmega1284P, chapter 20.7 (two bytes of buffer and the shift register).
+    Raises:
+        ConfigError: it is another one.
     """
-    steps = (
-        (
-            "avr_cycle_timer_register(avr, p->cycles_per_byte, avr_uart_rxc_raise, p); // start the rx pump",
-            "avr_cycle_timer_register(avr, 1, avr_uart_rxc_raise, p);",
-        ),
-        (
-            'AVR_LOG(avr, LOG_ERROR, "UART%c: %s: RX buffer overrun',
-            'AVR_LOG(avr, LOG_TRACE, "UART%c: %s: RX buffer overrun',
-        ),
-        ("} else if (uart_fifo_isfull(&p->input)) {", "} else if (uart_fifo_get_read_size(&p->input) >= 3) {"),
-    )
-    for old, new in steps:
-        text = _replaced(text, old, new, "avr_uart.c")
+    for old, new in REPAIRS[name]:
+        if old not in text:
+            raise ConfigError(f"simavr's {name} is not that of tag v1.6, which the repairs are for; fetch {SIMAVR_URL}")
+        text = text.replace(old, new)
     return text
-
-
-def _busy_eeprom(text: str) -> str:
-    """Keep EEPE set while a byte is being written."""
-    steps = (
-        ("static avr_cycle_count_t avr_eei_raise", "static int is_busy;\nstatic avr_cycle_count_t avr_eei_raise"),
-        (
-            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
-            "\tis_busy = 0;\n\tavr_regbit_clear(p->io.avr, p->eepe);\n"
-            "\tavr_raise_interrupt(p->io.avr, &p->ready);\n\treturn 0;",
-        ),
-        (
-            "\tif (eempe && avr_regbit_get(avr, p->eepe)) {\t// write operation",
-            "\tif (eempe && avr_regbit_get(avr, p->eepe) && !is_busy) {\n\t\tis_busy = 1;",
-        ),
-        (
-            "\t// autocleared\n\tavr_regbit_clear(avr, p->eepe);",
-            "\tif (is_busy)\n\t\tavr_regbit_set(avr, p->eepe);\n\telse\n\t\tavr_regbit_clear(avr, p->eepe);",
-        ),
-    )
-    for old, new in steps:
-        text = _replaced(text, old, new, "avr_eeprom.c")
-    return text
-
-
-def _replaced(text: str, old: str, new: str, name: str) -> str:
-    if old not in text:
-        raise ConfigError(f"simavr's {name} is not that of tag v1.6, which the repairs are for; fetch {SIMAVR_URL}")
-    return text.replace(old, new)
 
 
 # -- firmware -----------------------------------------------------------------------------------------------------
@@ -215,28 +198,28 @@ def _replaced(text: str, old: str, new: str, name: str) -> str:
 
 def _build_firmware(sources: Path, makefile: Path) -> list[str]:
     """Compile a copy of the sources; twice where they are a fork whose throttle has no lid."""
-    name = sources.resolve().name
-    text = makefile.read_text(encoding="latin1")
-    mcu = _variable(text, "MCU", "atmega644p")
-    frequency = int(_variable(text, "F_CPU", "20000000"))
-    if mcu not in CORES:
+    name, text = sources.resolve().name, makefile.read_text(encoding="latin1")
+    found = {key: re.search(rf"^{key}\s*=\s*(\S+)", text, re.MULTILINE) for key in ("MCU", "F_CPU")}
+    mcu, frequency = (None if one is None else one.group(1) for one in found.values())
+    facts = {"mcu": mcu or "atmega644p", "frequency": int(frequency or 20_000_000)}
+    if facts["mcu"] not in CORES:
         raise ConfigError(f"{makefile}: a {mcu} is no processor of a FlightCtrl ({', '.join(CORES)})")
-    done = [_compile(sources, name, mcu, frequency, lid=None)]
-    main = sources / "fc.c"
+    names, main = [name], sources / "fc.c"
     if main.exists() and OWN_LID.search(main.read_bytes()):
-        done.append(_compile(sources, f"{name}-stock-lid", mcu, frequency, lid=STOCK_LID))
-    return done
+        names.append(f"{name}-stock-lid")
+    for each in names:
+        _compile(sources, each, facts)
+    return names
 
 
-def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes | None) -> str:
+def _compile(sources: Path, name: str, facts: dict[str, object]) -> None:
     folder = FIRMWARE / name
     work = folder / "sources"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(sources, work, ignore=shutil.ignore_patterns(".git", "*.o", "*.elf", "*.hex"))
-    if lid is not None:
-        main = work / "fc.c"
-        main.write_bytes(OWN_LID.sub(lid, main.read_bytes()))
-    library = work / "libfc.c"
+    main, library = work / "fc.c", work / "libfc.c"
+    if name.endswith("-stock-lid"):
+        main.write_bytes(OWN_LID.sub(STOCK_LID, main.read_bytes()))
     if library.exists():
         library.write_bytes(b"#include <avr/io.h>\n" + NO_RECEIVER.sub(PULSE_TRAIN, library.read_bytes()))
     run_tool(["make", "-C", str(work)], f"firmware {name}", check=False)
@@ -244,24 +227,14 @@ def _compile(sources: Path, name: str, mcu: str, frequency: int, *, lid: bytes |
     if elf is None:
         raise ConfigError(f"firmware {name} does not compile; run to see why: make -C {work}")
     shutil.copy(elf, folder / "firmware.elf")
-    facts = {"mcu": mcu, "frequency": frequency, "symbols": _symbols(elf)}
-    (folder / "firmware.json").write_text(json.dumps(facts))
-    return name
+    (folder / "firmware.json").write_text(json.dumps(facts | {"symbols": _symbols(elf)}))
 
 
 def _symbols(elf: Path) -> dict[str, int]:
     """Addresses of variables; RAM begins at 0x800000 in the ELF of an AVR."""
-    found = {}
-    for line in run_tool(["avr-nm", str(elf)], "the firmware's symbols").splitlines():
-        address, kind, symbol = line.split()[-3:] if len(line.split()) == 3 else ("", "", "")
-        if kind in {"B", "b", "D", "d"} and "." not in symbol:
-            found[symbol] = int(address, 16) & 0xFFFF
-    return found
-
-
-def _variable(text: str, name: str, default: str) -> str:
-    found = re.search(rf"^{name}\s*=\s*(\S+)", text, re.MULTILINE)
-    return found.group(1) if found else default
+    listed = run_tool(["avr-nm", str(elf)], "the firmware's symbols")
+    found = re.findall(r"^(\w+) [BbDd] ([^.\s]+)$", listed, re.MULTILINE)
+    return {symbol: int(address, 16) & 0xFFFF for address, symbol in found}
 
 
 def run_tool(command: list[str], what: str, *, check: bool = True) -> str:

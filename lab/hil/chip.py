@@ -4,37 +4,30 @@ from __future__ import annotations
 
 import ctypes
 import struct
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from lab.hil.build import LIBRARY, Firmware
 from lab.hil.quiet import aside
 from mkdaemon.errors import ConfigError
 
-ANALOG: Final = 8
-MOTORS: Final = 12
-CHANNELS: Final = 16
 READ_AT_ONCE: Final = 4096
 TAKEN_AT_ONCE: Final = 64
-FRAME: Final = 48
-HELD: Final = 16
-"""Bytes that are kept of a received frame, and of external control."""
 BUFFER: Final = ("NeuerDatensatzEmpfangen", "AnzahlEmpfangsBytes", "RxdBuffer")
 """The firmware's variables of its receive buffer: a frame waits, its length, its bytes (uart.c)."""
-SHIFT_OUTPUTS: Final = {"atmega1284p": 0x47, "atmega644p": 0x47, "atmega644": 0x47}
+SHIFT_OUTPUT: Final = 0x47
 """OCR0A, the output that shifts the barometer's amplifier, in the memory of each processor (ATmega data sheets)."""
-EEPROM_SIZES: Final = {"atmega1284p": 4096, "atmega644p": 2048, "atmega644": 2048}
-"""[byte]."""
+Held = tuple[int, int, int, int, bool]
+"""External control as a FlightCtrl holds it: pitch, roll, yaw, throttle, whether it is valid."""
 
 
 class Lines(ctypes.Structure):
     """What crosses the board's edge; see `struct lines` of board.c."""
 
     _fields_ = (
-        ("analog", ctypes.c_double * ANALOG),
-        ("noise", ctypes.c_double * ANALOG),
-        ("motor", ctypes.c_double * MOTORS),
-        ("channel", ctypes.c_int32 * CHANNELS),
+        ("analog", ctypes.c_double * 8),
+        ("noise", ctypes.c_double * 8),
+        ("motor", ctypes.c_double * 12),
+        ("channel", ctypes.c_int32 * 16),
         ("channels", ctypes.c_int32),
         ("is_receiving", ctypes.c_int32),
         ("motors", ctypes.c_int32),
@@ -42,33 +35,61 @@ class Lines(ctypes.Structure):
     )
 
 
-class _Taken(ctypes.Structure):
-    """A frame in the receive buffer; see `struct taken` of board.c."""
+class Taken(ctypes.Structure):
+    """A frame that the firmware had in its receive buffer; see `struct taken` of board.c.
+
+    Attributes:
+        at: when the buffer had it whole [s].
+        done: when the main loop had handled it, and the buffer was free again [s].
+        length: of what is kept of it in `frame`.
+        held: the firmware's variable of external control at `done`.
+    """
 
     _fields_ = (
         ("at", ctypes.c_double),
         ("done", ctypes.c_double),
         ("length", ctypes.c_int32),
-        ("frame", ctypes.c_uint8 * FRAME),
-        ("held", ctypes.c_uint8 * HELD),
+        ("frame", ctypes.c_uint8 * 48),
+        ("held", ctypes.c_uint8 * 16),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class TakenFrame:
-    """A frame that the firmware had in its receive buffer.
+class Control(NamedTuple):
+    """External control as a generation lays it out; facts of its `uart.h`.
 
     Attributes:
-        at: when the buffer had it whole [s].
-        done: when the main loop had handled it, and the buffer was free again [s].
-        frame: its bytes, the first `FRAME` of a longer one.
-        held: the firmware's variable of external control at `done`.
+        symbol: name of the variable.
+        pitch: byte of the pitch command; roll and yaw follow it, and the throttle follows them.
+        config: byte whose lowest bit says that it is valid.
+        size: of the variable [byte].
+        throttle: format of the throttle; unsigned where older firmware takes counts of its own stick, 0 to 255.
     """
 
-    at: float
-    done: float
-    frame: bytes
-    held: bytes
+    symbol: str
+    pitch: int
+    config: int
+    size: int
+    throttle: str
+
+
+GENERATIONS: Final = (
+    Control("ExternalControl", pitch=0, config=5, size=7, throttle="b"),
+    Control("ExternControl", pitch=3, config=10, size=11, throttle="B"),
+)
+"""Seven bytes since 0.90, and eleven with two digital inputs and a height before."""
+
+
+def control_of(firmware: Firmware) -> Control:
+    """How this firmware lays external control out.
+
+    Raises:
+        ConfigError: it has no external control.
+    """
+    for generation in GENERATIONS:
+        if generation.symbol in firmware.symbols:
+            return generation
+    names = " nor ".join(one.symbol for one in GENERATIONS)
+    raise ConfigError(f"firmware {firmware.name} has neither {names} among its variables: it takes no external control")
 
 
 class Chip:
@@ -92,20 +113,18 @@ class Chip:
         """
         self.firmware = firmware
         self._library = _load()
-        content = ctypes.create_string_buffer(eeprom, len(eeprom))
+        self._content = ctypes.create_string_buffer(eeprom, len(eeprom))
+        elf, mcu = str(firmware.elf).encode(), firmware.mcu.encode()
         with aside():  # simavr tells what it loads
-            self._board = self._library.board_new(
-                str(firmware.elf).encode(), firmware.mcu.encode(), firmware.frequency, content, len(eeprom), seed
-            )
+            self._board = self._library.board_new(elf, mcu, firmware.frequency, self._content, len(eeprom), seed)
         if not self._board:
             raise ConfigError(f"{firmware.elf}: not a program of an {firmware.mcu}")
-        self._content = content
         self._bytes = ctypes.create_string_buffer(READ_AT_ONCE)
         self._times = (ctypes.c_double * READ_AT_ONCE)()
-        self._taken = (_Taken * TAKEN_AT_ONCE)()
+        self._taken = (Taken * TAKEN_AT_ONCE)()
         self.lines: Lines = self._library.board_lines(self._board).contents
         self.lines.motors = 4
-        self.lines.shift_address = SHIFT_OUTPUTS[firmware.mcu]
+        self.lines.shift_address = SHIFT_OUTPUT
 
     @property
     def now(self) -> float:
@@ -130,26 +149,19 @@ class Chip:
     def read(self) -> list[tuple[float, int]]:
         """Bytes that left its serial output: the time of the last bit [s], and the byte."""
         count = self._library.board_read(self._board, self._bytes, self._times, READ_AT_ONCE)
-        raw = self._bytes.raw
-        return [(self._times[i], raw[i]) for i in range(count)]
+        return list(zip(self._times[:count], self._bytes.raw[:count], strict=True))
 
-    def watch_frames(self, control: str) -> None:
-        """Keep every frame that the firmware receives from now on, for `taken`.
-
-        Args:
-            control: name of the firmware's variable of external control.
-        """
+    def watch_frames(self) -> None:
+        """Keep every frame that the firmware receives from now on, for `taken`."""
         symbols = self.firmware.symbols
-        self._library.board_watch(self._board, *(symbols[name] for name in (*BUFFER, control)))
+        names = (*BUFFER, control_of(self.firmware).symbol)
+        self._library.board_watch(self._board, *(symbols[name] for name in names))
 
-    def taken(self) -> list[TakenFrame]:
+    def taken(self) -> list[Taken]:
         """Frames that the main loop has handled since the last call; call it at least once a second."""
         found = []
         while count := self._library.board_taken(self._board, self._taken, TAKEN_AT_ONCE):
-            found += [
-                TakenFrame(each.at, each.done, bytes(each.frame[: each.length]), bytes(each.held))
-                for each in self._taken[:count]
-            ]
+            found += [Taken.from_buffer_copy(each) for each in self._taken[:count]]
         return found
 
     def connect(self, exchange: int) -> None:
@@ -162,25 +174,25 @@ class Chip:
 
     def eeprom(self) -> bytes:
         """What its EEPROM holds now."""
-        size = len(self._content)
-        content = ctypes.create_string_buffer(size)
-        self._library.board_eeprom(self._board, content, size)
+        content = ctypes.create_string_buffer(len(self._content))
+        self._library.board_eeprom(self._board, content, len(content))
         return content.raw
-
-    def knows(self, symbol: str) -> bool:
-        """Whether the firmware has a variable of this name."""
-        return symbol in self.firmware.symbols
 
     def peek(self, symbol: str, kind: str, offset: int = 0) -> int:
         """A variable of the firmware; `kind` is a format of `struct`, for example `<h`."""
-        size = struct.calcsize(kind)
-        content = ctypes.create_string_buffer(size)
-        self._library.board_peek(self._board, self.firmware.symbols[symbol] + offset, content, size)
+        content = ctypes.create_string_buffer(struct.calcsize(kind))
+        self._library.board_peek(self._board, self.firmware.symbols[symbol] + offset, content, len(content))
         return int(struct.unpack(kind, content.raw)[0])
 
-    def poke(self, symbol: str, data: bytes, offset: int = 0) -> None:
+    def held(self, control: Control) -> Held:
+        """External control as its memory holds it."""
+        pitch, roll, yaw = (self.peek(control.symbol, "b", control.pitch + place) for place in range(3))
+        throttle = self.peek(control.symbol, control.throttle, control.pitch + 3)
+        return pitch, roll, yaw, throttle, bool(self.peek(control.symbol, "B", control.config) & 1)
+
+    def poke(self, symbol: str, data: bytes) -> None:
         """Write into a variable of the firmware, for parts of the aircraft that talk over its SPI."""
-        self._library.board_poke(self._board, self.firmware.symbols[symbol] + offset, data, len(data))
+        self._library.board_poke(self._board, self.firmware.symbols[symbol], data, len(data))
 
 
 def _load() -> ctypes.CDLL:
@@ -190,27 +202,27 @@ def _load() -> ctypes.CDLL:
         ConfigError: it was built from other sources than these.
     """
     library = ctypes.CDLL(str(LIBRARY))
-    try:
-        _describe(library)
-    except AttributeError as error:
-        msg = f"{LIBRARY} was built from older sources ({error}): make hil FIRMWARE=<folder> SIMAVR=<folder> once more"
-        raise ConfigError(msg) from None
+    board, text, number, pointer = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_void_p
+    types = {
+        "new": (board, text, text, ctypes.c_uint32, text, number, ctypes.c_uint64),
+        "lines": (ctypes.POINTER(Lines), board),
+        "time": (ctypes.c_double, board),
+        "run": (number, board, ctypes.c_double),
+        "receive": (number, board, ctypes.c_uint8),
+        "read": (number, board, text, pointer, number),
+        "peek": (number, board, number, text, number),
+        "poke": (number, board, number, text, number),
+        "connect": (number, board, pointer),
+        "watch": (number, board, *(number,) * 4),
+        "taken": (number, board, pointer, number),
+        "eeprom": (number, board, text, number),
+        "reset": (number, board),
+    }
+    for name, (result, *arguments) in types.items():
+        try:
+            function = getattr(library, f"board_{name}")
+        except AttributeError as error:
+            again = "make hil FIRMWARE=<folder> SIMAVR=<folder> once more"
+            raise ConfigError(f"{LIBRARY} was built from older sources ({error}): {again}") from None
+        function.restype, function.argtypes = result, arguments
     return library
-
-
-def _describe(library: ctypes.CDLL) -> None:
-    board, text = ctypes.c_void_p, ctypes.c_char_p
-    library.board_new.restype = board
-    library.board_new.argtypes = [text, text, ctypes.c_uint32, text, ctypes.c_int, ctypes.c_uint64]
-    library.board_lines.restype = ctypes.POINTER(Lines)
-    library.board_time.restype = ctypes.c_double
-    library.board_run.argtypes = [board, ctypes.c_double]
-    library.board_receive.argtypes = [board, ctypes.c_uint8]
-    library.board_read.argtypes = [board, text, ctypes.c_void_p, ctypes.c_int]
-    library.board_peek.argtypes = library.board_poke.argtypes = [board, ctypes.c_int, text, ctypes.c_int]
-    library.board_connect.argtypes = [board, ctypes.c_void_p]
-    library.board_watch.argtypes = [board, *(ctypes.c_int,) * 4]
-    library.board_taken.argtypes = [board, ctypes.c_void_p, ctypes.c_int]
-    library.board_eeprom.argtypes = [board, text, ctypes.c_int]
-    for name in ("board_lines", "board_time", "board_reset"):
-        getattr(library, name).argtypes = [board]

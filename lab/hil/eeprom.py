@@ -9,10 +9,12 @@ from __future__ import annotations
 from typing import Final
 
 from lab.hil.build import FIRMWARE, Firmware
-from lab.hil.chip import EEPROM_SIZES, Chip
+from lab.hil.chip import Chip
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.settings import Layout, ParameterSet, known_revisions, layout_of, poti_reference
 
+SIZES: Final = {"atmega1284p": 4096, "atmega644p": 2048, "atmega644": 2048}
+"""[byte]."""
 FIRST_START: Final = 20.0
 """Time after which the firmware has written everything [s]; 2.12a needs 12."""
 QUIET_LEVELS: Final = (512.3, 512.3, 512.3, 800.0 + 190 * 52.0, 14.8 * 31, 512.0 + 170, 512.0, 512.0)
@@ -40,17 +42,17 @@ def content(firmware: Firmware) -> bytes:
 
 
 def _make(firmware: Firmware) -> bytes:
-    chip = Chip(firmware, b"\xff" * EEPROM_SIZES[firmware.mcu], seed=1)
+    chip = Chip(firmware, b"\xff" * SIZES[firmware.mcu], seed=1)
     chip.lines.analog[:] = QUIET_LEVELS
     said = bytearray()
     while chip.now < FIRST_START:
         chip.run(STEP)
         said += bytes(byte for _, byte in chip.read())
     stored = bytearray(chip.eeprom())
+    layouts = [layout for revision in known_revisions() if (layout := layout_of(revision)) is not None]
     found = [
         (start, layout)
-        for layout in (layout_of(revision) for revision in known_revisions())
-        if layout is not None
+        for layout in layouts
         for start in range(len(stored) - layout.size)
         if _is_set(stored, start, layout)
     ]

@@ -9,23 +9,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from lab import tables
-from lab.campaign import Ending
+from lab.campaign import Ending, Row, endings
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.figures import ON_TARGET, Array
-from lab.hil.flights import Leg, SceneFlight, aircraft_of, config_of, motors_run
-from lab.hil.scenes import setting_of
-from lab.hil.tap import LINK_TEST, STICKS, Tap
+from lab.hil.flights import Leg, SceneFlight, Setting, aircraft_of, config_of, motors_run
+from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass
-from mksim.programs.rehearsal import FlightPart, land, over_pad, take_off
-from mksim.scene.camera import DECK_RADIUS_M
+from mksim.physics.world import World
+from mksim.programs.rehearsal import FlightPart, FlyingAircraft, land, over_pad, take_off
 
 PARTS: Final = (
     take_off(),
@@ -37,63 +35,66 @@ PARTS: Final = (
 )
 LIFTED: Final = 0.4
 """An aircraft whose centre of gravity was higher than this above the target has taken off [m]."""
-COUNTS: Final = (
-    "sticks_sent",
-    "sticks_in_memory",
-    "sticks_obeyed",
-    "requests_sent",
-    "requests_in_memory",
-    "link_tests_sent",
-    "link_tests_in_memory",
-    "link_tests_answered",
-)
-ENDINGS: Final = (Ending.FINISHED, Ending.REFUSED, Ending.RELEASED, Ending.LOST, Ending.FAILED)
-"""How a flight ends: it stands on the target with its motors off; it never left the ground; the daemon let go of it in
-the air; everything else, a crash among it; or it could not be flown."""
+LETTERS: Final = {"b": "sticks", "v": "link_tests"}
+"""Frames that are counted."""
 
 
-@dataclass(frozen=True, slots=True)
-class Work:
-    """One flight.
+class Tap:
+    """The aircraft, and every stick frame and link test that crosses its line while `is_counting`.
 
     Attributes:
-        board: name of a firmware, or `simulated`.
-        line: `cable` or `radio`.
-        seed: of everything random.
-        loss: share of the radio's packets that are lost, each way; None for the radio's default.
-        tilt_deg: of the pad [deg].
+        aircraft: behind it.
+        now: simulated time [s].
+        is_counting: frames count from here on.
+        counts: frames written by the daemon (`sticks_sent`), taken by the firmware's receive buffer
+            (`sticks_in_memory`), held by its external control once they were handled (`sticks_obeyed`), and of link
+            tests `link_tests_sent`, `link_tests_in_memory` and `link_tests_answered`.
+        waits: how long each frame stayed in the receive buffer [s].
     """
 
-    board: str
-    line: str
-    seed: int
-    loss: float | None = None
-    tilt_deg: float = 0.0
+    def __init__(self, aircraft: FlyingAircraft) -> None:
+        self.aircraft, self.now, self.is_counting = aircraft, aircraft.now, False
+        self.counts, self.waits = Counter[str](), list[float]()
+        self._out, self._in = FrameDecoder(), FrameDecoder()
+        if isinstance(aircraft, GenuineAircraft):
+            aircraft.world.chip.watch_frames()
 
+    @property
+    def world(self) -> World:
+        """Airframe, air, pilot and faults."""
+        return self.aircraft.world
 
-def fly(work: Work) -> dict[str, Any]:
-    """Fly once in virtual time: how it ended, and what became of the frames."""
-    return run_virtually(_fly(work))
+    def write(self, data: bytes, at: float) -> None:
+        """Bytes of the daemon."""
+        self._count(self._out, data, "sent")
+        self.aircraft.write(data, at)
 
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on; see `FlyingAircraft`."""
+        answers = self.aircraft.advance(to)
+        self.now = to
+        self._count(self._in, b"".join(data for _, data in answers), "answered")
+        if isinstance(self.aircraft, GenuineAircraft):
+            self._look_into_memory(self.aircraft)
+        return answers
 
-async def _fly(work: Work) -> dict[str, Any]:
-    setting = setting_of(work.board, work.line, work.seed)
-    config = _config(config_of(setting), work)
-    tap = Tap(aircraft_of(setting, config))
-    flight = EndFlight(config, tap)
-    await flight.fly()
-    return flight.ending() | counts(tap)
+    def _count(self, decoder: FrameDecoder, data: bytes, end: str) -> list[Frame]:
+        """Count the frames in some bytes, and return them."""
+        frames = [found for found in decoder.feed(data) if isinstance(found, Frame)]
+        for frame in frames if self.is_counting else ():
+            letter = frame.id.lower() if end == "answered" else frame.id
+            if letter in LETTERS and (end, letter) != ("answered", "b"):
+                self.counts[f"{LETTERS[letter]}_{end}"] += 1
+        return frames
 
-
-def _config(config: SimConfig, work: Work) -> SimConfig:
-    """The configuration with a pad at rest, tilted as asked, and with the loss."""
-    raw = config.model_dump()
-    height = DECK_RADIUS_M * math.tan(math.radians(work.tilt_deg))
-    raw["scene"]["platform"] = {"start_enu": (0.0, 0.0, height), "tilt_deg": work.tilt_deg}
-    if work.loss is not None:
-        for way in raw["radio"].values():
-            way["loss"] = work.loss
-    return SimConfig.model_validate(raw)
+    def _look_into_memory(self, aircraft: GenuineAircraft) -> None:
+        size = aircraft.world.control_size
+        for taken in aircraft.world.chip.taken():
+            frames = self._count(FrameDecoder(), bytes(taken.frame[: taken.length]), "in_memory")
+            if frames and self.is_counting:
+                self.waits.append(taken.done - taken.at)
+                is_held = bytes(taken.held[:size]) == frames[0].payload[:size]
+                self.counts["sticks_obeyed"] += frames[0].id == "b" and is_held
 
 
 class EndFlight(SceneFlight):
@@ -116,15 +117,29 @@ class EndFlight(SceneFlight):
         self.let_go_at = self._loop.time()
         return goes_on
 
-    def ending(self) -> dict[str, Any]:
-        """How it ended and why, by the physics and the board's motors; the daemon's reason is only told."""
-        truth = np.array(self.flown.truth).reshape(-1, 6)
-        found = {"why": self.flown.end, "warnings": self.found["warnings"]}
-        return found | judged(truth, self.let_go_at, self.flown.crashed, motors_run=motors_run(self._aircraft))
+
+def fly(setting: Setting) -> Row:
+    """Fly once in virtual time: how it ended by the physics and the board's motors, and what became of the frames.
+
+    The daemon's reason is only reported.
+    """
+
+    async def found() -> Row:
+        config = config_of(setting)
+        tap = Tap(aircraft_of(setting, config))
+        flight = EndFlight(config, tap)
+        await flight.fly()
+        flown, is_turning = flight.flown, motors_run(tap.aircraft)
+        row = {"why": flown.end, "warnings": flight.found["warnings"], **tap.counts}
+        if tap.waits:
+            row["buffer_held_ms"] = [1000 * float(part) for part in np.percentile(tap.waits, (50, 99, 100))]
+        return row | judged(flown.rows(), flight.let_go_at, flown.crashed, motors_run=is_turning)
+
+    return run_virtually(found())
 
 
-def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) -> dict[str, Any]:
-    """How a flight ended; see `ENDINGS`.
+def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) -> Row:
+    """How a flight ended: `FINISHED` stands on the target, motors off; `REFUSED` never left the ground.
 
     Args:
         truth: see `Flown.truth`.
@@ -137,55 +152,25 @@ def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) ->
     if not len(truth) or truth[:, 3].max() < LIFTED:
         return {"ending": Ending.REFUSED}
     row = truth[truth[:, 0] <= let_go_at][-1]
-    if not row[5]:
+    if not row[4]:
         return {"ending": Ending.RELEASED}
-    off = float(np.hypot(row[1], row[2]))
+    off = math.hypot(row[1], row[2])
     if off > ON_TARGET or motors_run:
-        return {
-            "ending": Ending.LOST,
-            "why": f"{100 * off:.0f} cm from the middle, motors {'on' if motors_run else 'off'}",
-        }
+        why = f"{100 * off:.0f} cm from the middle, motors {'on' if motors_run else 'off'}"
+        return {"ending": Ending.LOST, "why": why}
     return {"ending": Ending.FINISHED, "off_cm": 100 * off}
 
 
-def counts(tap: Tap) -> dict[str, Any]:
-    """What became of the frames; of simulated boards nothing is known from a memory."""
-    is_genuine = isinstance(tap.aircraft, GenuineAircraft)
-    sent, taken, heard = tap.sent, tap.taken, tap.heard
-    found: dict[str, Any] = {
-        "sticks_sent": sent[STICKS],
-        "requests_sent": sent.total() - sent[STICKS],
-        "link_tests_sent": sent[LINK_TEST],
-        "link_tests_answered": heard[LINK_TEST.upper()],
-    }
-    if is_genuine:
-        found |= {
-            "sticks_in_memory": taken[STICKS],
-            "sticks_obeyed": tap.obeyed,
-            "requests_in_memory": taken.total() - taken[STICKS],
-            "link_tests_in_memory": taken[LINK_TEST],
-            "buffer_held_ms": [1000 * float(part) for part in np.percentile(tap.waits or [math.nan], (50, 99, 100))],
-        }
-    return found
-
-
-def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many flights ended how, why those that did not finish, and the sum of the counts."""
-    found: dict[str, Any] = {ending.value: sum(row["ending"] == ending for row in rows) for ending in ENDINGS}
-    found["why"] = [f"{row['seed']} {row['ending']}: {row['why']}" for row in rows if row["ending"] != Ending.FINISHED]
-    found["warnings"] = dict(Counter(text for row in rows for text in row.get("warnings", ())).most_common(5))
-    for name in COUNTS:
-        values = [row[name] for row in rows if name in row]
-        if values:
-            found[name] = sum(values)
-    return found
-
-
-def show(rows: Sequence[Mapping[str, Any]], *, as_json: bool) -> int:
-    """Print a summary of every board and line; exit code 1 unless every flight finished or was refused."""
+def show(rows: Sequence[Row], *, as_json: bool) -> int:
+    """Print how flights of every board and line ended, and the sums of the counts; exit code 1 unless all are right."""
     shown = []
     for board, line in dict.fromkeys((row["board"], row["line"]) for row in rows):
-        part = summed([row for row in rows if (row["board"], row["line"]) == (board, line)])
-        holds = not any(part[ending] for ending in (Ending.RELEASED, Ending.LOST, Ending.FAILED))
-        shown.append({"board": board, "line": line} | part | {"holds": holds})
+        part = [row for row in rows if (row["board"], row["line"]) == (board, line)]
+        names = dict.fromkeys(name for row in part for name in row if name.startswith(tuple(LETTERS.values())))
+        warnings = Counter(text for row in part for text in row.get("warnings", ())).most_common(5)
+        shown.append(
+            {"board": board, "line": line, **endings(part), "warnings": dict(warnings)}
+            | {name: sum(row.get(name, 0) for row in part) for name in names}
+            | {"holds": all(row["ending"] in {Ending.FINISHED, Ending.REFUSED} for row in part)}
+        )
     return tables.show(shown, ("board", "line"), as_json=as_json)

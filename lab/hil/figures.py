@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from lab.campaign import Row
 from mkdaemon.control.estimator.model import STICK_FILTER
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ class Flown:
     """What happened.
 
     Attributes:
-        truth: time [s], true position in the frame of the target (3) [m], vertical speed [m/s], 1 on the ground.
+        truth: time [s], true position in the frame of the target (3) [m], 1 on the ground.
         estimates: of every estimate: time [s], position (3) [m], standard deviations (3) [m], stick filter [s].
         warnings: of the daemon, with their times [s].
         parts: begin of each [s].
@@ -46,94 +46,68 @@ class Flown:
     crashed: str = ""
     motors_run: bool = False
 
+    def rows(self, begin: float = -math.inf, end: float = math.inf) -> Array:
+        """The truth of a time [s] (n, 5)."""
+        rows = np.array(self.truth).reshape(-1, 5)
+        return rows[(rows[:, 0] >= begin) & (rows[:, 0] < end)]
 
-def figures(flown: Flown) -> dict[str, Any]:
+    def began(self, part: str) -> float:
+        """When a part began [s]; infinite where it was not flown."""
+        return self.parts.get(part, math.inf)
+
+
+def figures(flown: Flown) -> Row:
     """What a flight, or a copy of one, was worth: errors [cm], times [s], the estimate's honesty, what it warned of.
 
     A part that was not flown has no figures. `lost` says why an aircraft was lost, or did not do what it was to do.
     """
-    truth, parts = np.array(flown.truth).reshape(-1, 6), flown.parts
-    found: dict[str, Any] = {"lost": _lost(flown, truth), "unanswered_nat": round(flown.unanswered, 3)}
+    parts, began = flown.parts, flown.began
+    found: Row = {"lost": _lost(flown), "unanswered_nat": round(flown.unanswered, 3)}
     found["warnings"] = [text for at, text in flown.warnings if at >= parts.get("take-off", 0.0)]
-    if "take-off" in parts:
-        rows = _between(truth, parts["take-off"], parts.get("hold", math.inf))
-        found["take_off_far_cm"] = 100 * float(np.hypot(rows[:, 1], rows[:, 2]).max(initial=0.0))
-    for part, end in (("hold", "light"), ("light", "follow"), ("moderate", ""), ("follow", "land")):
-        rows = _between(truth, parts.get(part, math.inf) + SETTLED, parts.get(end, math.inf))
+    for part, end in (("hold", "light"), ("light", "follow"), ("moderate", "")):
+        rows = flown.rows(began(part) + SETTLED, began(end))
         if len(rows):
             found[f"{part}_cm"] = 100 * math.sqrt(float((rows[:, 1:3] ** 2).sum(axis=1).mean()))
     if "step" in parts:
-        found |= _step(_between(truth, parts["step"], math.inf), parts["step"])
-        if "step_t90" not in found:
+        rows = flown.rows(began("step"))
+        east = rows[:, 1] + STEP / 2
+        reached = np.flatnonzero(east > 0.9 * STEP)
+        found["step_over_percent"] = 100 * max(0.0, float(east.max(initial=0.0)) / STEP - 1.0)
+        if len(reached):
+            found["step_t90"] = float(rows[reached[0], 0] - began("step"))
+        else:
             found["lost"].append("nine tenths of the step were never reached")
-    if "land" in parts:
-        on = "moving_" if "follow" in parts else ""
-        found |= {on + key: value for key, value in _landing(_between(truth, parts["land"], math.inf)).items()}
-    if "hold" in parts:
-        found |= _honesty(truth, np.array(flown.estimates), parts)
-    return found
+    rows = flown.rows(began("land"))
+    if (rows[:, 4] > 0).any():
+        first = rows[rows[:, 4] > 0][0]
+        found["moving_touch_cm" if "follow" in parts else "touch_cm"] = 100 * math.hypot(first[1], first[2])
+    return found | (_honesty(flown) if "hold" in parts else {})
 
 
-def _lost(flown: Flown, truth: Array) -> list[str]:
+def _lost(flown: Flown) -> list[str]:
     """Why the aircraft was lost, or did not do what it was to do; physics and the board say so, not the daemon."""
     if flown.crashed:
         return [flown.crashed]
     if list(flown.parts)[-1:] != ["land"]:
         return [flown.end] if flown.end else []
-    return not_landed(_between(truth, flown.parts["land"], math.inf), flown.end, motors_run=flown.motors_run)
-
-
-def not_landed(rows: Array, end: str, *, motors_run: bool) -> list[str]:
-    """What is missing of a landing on the target.
-
-    Args:
-        rows: truth from the begin of the landing to the end of the flight; see `Flown.truth`.
-        end: why the daemon ended the flight.
-        motors_run: whether the board turns the motors at the end.
-
-    Returns:
-        Reasons; none where the aircraft stands on the target with its motors off.
-    """
-    if not len(rows) or not rows[-1, 5]:
-        return [f"it did not land: {end or 'it is in the air at the end'}"]
-    off = float(np.hypot(rows[-1, 1], rows[-1, 2]))
+    rows = flown.rows(flown.began("land"))
+    if not len(rows) or not rows[-1, 4]:
+        return [f"it did not land: {flown.end or 'it is in the air at the end'}"]
+    off = math.hypot(rows[-1, 1], rows[-1, 2])
     found = [f"it stands {100 * off:.0f} cm from the middle of the target"] if off > ON_TARGET else []
-    return found + (["its motors run on the ground"] if motors_run else [])
+    return found + (["its motors run on the ground"] if flown.motors_run else [])
 
 
-def _between(rows: Array, begin: float, end: float) -> Array:
-    return rows[(rows[:, 0] >= begin) & (rows[:, 0] < end)]
-
-
-def _step(rows: Array, began: float) -> dict[str, Any]:
-    east = rows[:, 1] + STEP / 2
-    reached = np.flatnonzero(east > 0.9 * STEP)
-    found = {"step_over_percent": 100 * max(0.0, float(east.max(initial=0.0)) / STEP - 1.0)}
-    return found | ({"step_t90": float(rows[reached[0], 0] - began)} if len(reached) else {})
-
-
-def _landing(rows: Array) -> dict[str, Any]:
-    stands = np.flatnonzero(rows[:, 5] > 0)
-    if not len(stands):
-        return {}
-    k = int(stands[0])
-    return {
-        "touch_cm": 100 * float(np.hypot(rows[k, 1], rows[k, 2])),
-        "sink": -float(rows[max(0, k - 2), 4]),
-    }
-
-
-def _honesty(truth: Array, estimates: Array, parts: Mapping[str, float]) -> dict[str, Any]:
+def _honesty(flown: Flown) -> Row:
     """Normalised squared error of the estimated place, per axis, and what it says of the stick filter."""
-    flies = _between(estimates.reshape(-1, 8), parts["hold"], parts.get("land", math.inf))
+    truth, estimates = flown.rows(), np.array(flown.estimates).reshape(-1, 8)
+    flies = estimates[(estimates[:, 0] >= flown.began("hold")) & (estimates[:, 0] < flown.began("land"))]
     if not len(flies):
         return {}
     true = np.stack([np.interp(flies[:, 0], truth[:, 0], truth[:, 1 + axis]) for axis in range(3)], axis=1)
-    errors = flies[:, 1:4] - true
-    ratio = (errors / flies[:, 4:7]) ** 2
+    ratio = ((flies[:, 1:4] - true) / flies[:, 4:7]) ** 2
     return {
         "nees_level": float(ratio[:, :2].mean()),
         "nees_height": float(ratio[:, 2].mean()),
-        "bias_height_cm": 100 * float(errors[:, 2].mean()),
         "filter_off_ms": 1000 * abs(float(flies[-1, 7]) - STICK_FILTER),
     }

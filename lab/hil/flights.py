@@ -1,6 +1,6 @@
-"""One flight of the proving ground, on simulated boards or on genuine firmware: every scene of the table, its figures.
+"""Flights of genuine firmware, or of the simulator's boards, by the whole daemon with the rendered camera.
 
-What would change the flight for the scenes after it (a step, another wind, a landing) is flown by a copy of everything,
+What would change a flight for the parts after it (a step, another wind, a landing) is flown by a copy of everything,
 firmware, air and daemon, as they are at that moment; see `lab.hil.copies`.
 """
 
@@ -17,28 +17,28 @@ from typing import Any, Final
 import numpy as np
 from pydantic import BaseModel
 
+from lab.campaign import Row
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.copies import in_a_copy
-from lab.hil.figures import STEP, Flown, figures
+from lab.hil.figures import Flown, figures
 from lab.vision.lens import drawn_lens
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
-from mkdaemon.virtualtime import run_virtually
 from mksim.config import BatteryConfig, FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.battery import OPEN_CIRCUIT_V
 from mksim.physics.world import StartState, World
-from mksim.programs.flightrecord import Moment
-from mksim.programs.rehearsal import FlightPart, FlyingAircraft, Rehearsal, land, over_pad, take_off
-from mksim.scene.camera import deck_of
+from mksim.programs.rehearsal import FlightPart, FlyingAircraft, Rehearsal
+from mksim.scene.camera import DECK_RADIUS_M, deck_of
+from mksim.scene.room import AWAY
 from mksim.simulation import Simulation
 
+SIMULATED: Final = "simulated"
+"""The simulator's boards, in place of a firmware's name."""
+VOLTAGES: Final = (13.4, 13.6, 14.8, 15.6, 16.4, 16.8)
+"""Of the battery, one for each seed [V]; with less the low battery ends every flight."""
 BOOTED: Final = 8.0
 """When the pilot touches his sticks [s]: genuine boards need seven seconds to start."""
-HOLD_ENDS: Final = 34.0
-"""Then light wind begins [s]; step and moderate wind are flown by copies."""
-LIGHT_FORKS: Final = 45.0
-"""A copy lands then [s]."""
 PAD_STARTS: Final = 58.0
 """The pad stands until then [s]."""
 PAD_SPEED: Final = 0.5
@@ -47,6 +47,90 @@ TRUTH_PERIOD: Final = 0.01
 """[s]."""
 STOPPED_WITHIN: Final = 10.0
 """Longest wait for the motors to stop after a landing [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What is flown, and on what.
+
+    Attributes:
+        board: name of a firmware that `make hil` built, or `SIMULATED`.
+        seed: of everything random.
+        is_radio: a radio instead of a cable.
+        voltage: of the battery [V]; held by genuine boards, the simulator begins with it.
+        has_compass: the board hears of the heading.
+        yaw: at the start [rad; ENU].
+        fps: images a second.
+        wind: at the start.
+        loss: share of the radio's packets that are lost, each way; None for the radio's default.
+        tilt_deg: of a pad that stays at rest [deg]; None for one that moves from `PAD_STARTS` on.
+    """
+
+    board: str
+    seed: int
+    is_radio: bool = False
+    voltage: float = 14.8
+    has_compass: bool = True
+    yaw: float = math.pi / 2
+    fps: float = 30.0
+    wind: WindClass = WindClass.INDOOR
+    loss: float | None = None
+    tilt_deg: float | None = None
+
+
+def setting_of(board: str, line: str, seed: int, **more: Any) -> Setting:
+    """The setting of a seed: every flight another battery, another heading, with a compass or without."""
+    rng = random.Random(f"{seed} setting")
+    voltage, yaw = rng.choice(VOLTAGES), rng.uniform(-math.pi, math.pi)
+    is_radio, has_compass = line == "radio", rng.random() < 0.7
+    return Setting(board, seed, is_radio, voltage, has_compass, yaw, **more)
+
+
+def config_of(setting: Setting) -> SimConfig:
+    """What the simulator is told of a setting."""
+    if setting.tilt_deg is None:
+        heading = random.Random(f"{setting.seed} pad").uniform(0.0, 360.0)
+        pad: Row = {"kind": "ramp", "speed": PAD_SPEED, "acceleration": 0.25, "delay": PAD_STARTS}
+        pad |= {"heading_deg": heading}
+    else:
+        height = DECK_RADIUS_M * math.tan(math.radians(setting.tilt_deg))
+        pad = {"start_enu": (0.0, 0.0, height), "tilt_deg": setting.tilt_deg}
+    line: Row = {"kind": "xbee"} if setting.is_radio else {"kind": "wired"}
+    if setting.loss is not None:
+        line["loss"] = setting.loss
+    scene: Row = {"enabled": True, "fps": setting.fps, "exposure_ms": 6.0, "platform": pad}
+    # four cells that hover at about the voltage, so large that no flight empties them
+    charges, volts = zip(*OPEN_CIRCUIT_V, strict=True)
+    charge = max(0.01, float(np.interp(setting.voltage / 4 + 0.1, volts, charges)))
+    return SimConfig.model_validate(
+        {
+            "seed": setting.seed,
+            "board": "fc",
+            "pilot_plan": PilotPlan.START,
+            "pilot_wait": BOOTED,
+            "flight": FlightConfig(wind=setting.wind, battery=BatteryConfig(capacity_mah=1e6, charge=charge)),
+            "radio": {"to_board": line, "to_host": line | {"usb_timer": 0.001}},
+            "scene": scene | {"light": {"noise_sd": 2.0}},
+        }
+    )
+
+
+def aircraft_of(setting: Setting, config: SimConfig, *, is_room: bool = False) -> FlyingAircraft:
+    """What flies, from the pad or from the first pad of a room: a firmware, or the simulator's boards."""
+    start = StartState(east=-AWAY, yaw=setting.yaw) if is_room else StartState(yaw=setting.yaw)
+    ground = None if is_room else deck_of(config.scene.platform)
+    if setting.board == SIMULATED:
+        return Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=ground))
+    more: Row = {"voltage": setting.voltage, "has_compass": setting.has_compass}
+    return GenuineAircraft(built(setting.board), config, start=start, ground=ground, **more)
+
+
+def motors_run(aircraft: FlyingAircraft) -> bool:
+    """Whether the board turns the motors; the firmware's memory says so where there is one."""
+    if isinstance(aircraft, GenuineAircraft):
+        return aircraft.world.is_armed
+    assert isinstance(aircraft, Simulation)
+    return aircraft.flight.core.running
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,66 +144,6 @@ class Leg:
 
     parts: tuple[FlightPart, ...]
     copies: Mapping[str, tuple[FlightPart, ...]] = field(default_factory=dict)
-
-
-EVERYTHING: Final = (
-    Leg(
-        (take_off(), over_pad("hold", 0.0, until=HOLD_ENDS)),
-        {
-            "step": (over_pad("aside", -STEP / 2), over_pad("wait", -STEP / 2, 2.0), over_pad("step", STEP / 2, 6.0)),
-            "moderate": (over_pad("moderate", 0.0, 15.0, wind=WindClass.MODERATE),),
-        },
-    ),
-    Leg((over_pad("light", 0.0, until=LIGHT_FORKS, wind=WindClass.LIGHT),), {"land": (land(),)}),
-    Leg((over_pad("goes on", 0.0, until=PAD_STARTS + 1.0), over_pad("follow", 0.0, 7.0), land())),
-)
-"""Take-off and hold indoors, with a step of 1 m and moderate wind; light wind, with a landing; a pad that starts to
-move, and a landing on it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What is flown, and on what.
-
-    Attributes:
-        firmware: name of a firmware that `make hil` built; None flies the simulator's boards.
-        seed: of everything random.
-        is_radio: a radio instead of a cable.
-        voltage: of the battery [V]; held by genuine boards, the simulator begins with it.
-        has_compass: the board hears of the heading.
-        yaw: at the start [rad; ENU].
-        fps: images a second.
-    """
-
-    firmware: str | None
-    seed: int
-    is_radio: bool = False
-    voltage: float = 14.8
-    has_compass: bool = True
-    yaw: float = math.pi / 2
-    fps: float = 30.0
-
-
-def fly(setting: Setting) -> dict[str, Any]:
-    """Fly once in virtual time, and return the figures; see `figures`."""
-    return run_virtually(_fly(setting))
-
-
-async def _fly(setting: Setting) -> dict[str, Any]:
-    config = config_of(setting)
-    flight = SceneFlight(config, aircraft_of(setting, config), EVERYTHING)
-    await flight.fly()
-    return flight.found
-
-
-def aircraft_of(setting: Setting, config: SimConfig) -> FlyingAircraft:
-    """What flies: the firmware of a setting, or the simulator's boards."""
-    deck, start = deck_of(config.scene.platform), StartState(yaw=setting.yaw)
-    if setting.firmware is None:
-        return Simulation(config, World(config.flight, seed=setting.seed, start=start, ground=deck))
-    voltage, has_compass = setting.voltage, setting.has_compass
-    firmware = built(setting.firmware)
-    return GenuineAircraft(firmware, config, start=start, ground=deck, voltage=voltage, has_compass=has_compass)
 
 
 class SceneFlight(Rehearsal):
@@ -142,40 +166,39 @@ class SceneFlight(Rehearsal):
         """
         rng = np.random.default_rng(config.seed)
         super().__init__(
-            config, aircraft, _unwatched, moved=self._watch_truth, calibrated=lambda lens: drawn_lens(lens, rng)
+            config,
+            aircraft,
+            lambda moment, status: None,
+            moved=self._watch_truth,
+            calibrated=lambda lens: drawn_lens(lens, rng),
         )
-        self.flown, self.found = Flown(), dict[str, Any](lost=["no flight began"], warnings=[])
+        self.flown, self.found = Flown(), Row(lost=["no flight began"], warnings=[])
         self._legs, self._truth, self._kept = legs, aircraft.world.truth, -math.inf
         self._aircraft = aircraft
-        self.bus.followers.append(self._hear)
+        self.bus.followers.append(self._value_published)
 
     async def _fly_parts(self) -> None:
-        goes_on, copies = True, dict[str, dict[str, Any]]()
+        goes_on, copies = True, dict[str, Row]()
         for leg in self._legs:
             goes_on = goes_on and await self._follow(leg.parts)
             for name, parts in leg.copies.items() if goes_on else ():
-                copies[name] = await in_a_copy(partial(self._told, parts)) or {"lost": ["the copy died"]}
-        await self._await_motors()
-        self.found = self._figures(goes_on=goes_on)
-        for name, told in copies.items():
-            self.found["lost"] += [f"{name}: {why}" for why in told.pop("lost")]
-            self.found["warnings"] += told.pop("warnings", [])
-            told["unanswered_nat"] = max(self.found["unanswered_nat"], told.get("unanswered_nat", -math.inf))
-            self.found |= told
+                copies[name] = await in_a_copy(partial(self._fly_copy, parts)) or {"lost": ["the copy died"]}
+        self.found = await self._figures(goes_on=goes_on)
+        for name, found in copies.items():
+            self.found["lost"] += [f"{name}: {why}" for why in found.pop("lost")]
+            self.found["warnings"] += found.pop("warnings", [])
+            found["unanswered_nat"] = max(self.found["unanswered_nat"], found.get("unanswered_nat", -math.inf))
+            self.found |= found
 
-    async def _told(self, parts: Sequence[FlightPart]) -> dict[str, Any]:
-        """What a copy tells of parts of its own."""
+    async def _fly_copy(self, parts: Sequence[FlightPart]) -> Row:
+        """The figures of parts that a copy flies."""
         self.flown = Flown()
-        goes_on = await self._follow(parts)
-        await self._await_motors()
-        return self._figures(goes_on=goes_on)
+        return await self._figures(goes_on=await self._follow(parts))
 
-    async def _await_motors(self) -> None:
-        """After a landing, wait until the board has stopped the motors."""
+    async def _figures(self, *, goes_on: bool) -> Row:
+        """The figures; after a landing, once the board has stopped the motors."""
         if self._part == "land":
             await self._wait(lambda: not motors_run(self._aircraft), STOPPED_WITHIN)
-
-    def _figures(self, *, goes_on: bool) -> dict[str, Any]:
         status, flown = self._value("control/status", ControlStatus), self.flown
         flown.end = "" if goes_on or status is None else status.reason
         flown.crashed = self._truth.crash_reason
@@ -192,55 +215,13 @@ class SceneFlight(Rehearsal):
         self._kept, flown, truth = now, self.flown, self._truth
         pad = self._scene.platform.pose_at(now)
         x, y, z = (float(part) for part in pad.enu_from_body.T @ (truth.position_enu - pad.position_enu))
-        flown.truth.append((now, x, y, z, float(truth.velocity_enu[2]), float(truth.on_ground)))
+        flown.truth.append((now, x, y, z, float(truth.on_ground)))
         flown.unanswered = max(flown.unanswered, self._wiring.core.answer.evidence)
 
-    def _hear(self, suffix: str, value: BaseModel) -> None:
+    def _value_published(self, suffix: str, value: BaseModel) -> None:
         if isinstance(value, ControlEstimate):
             self.flown.estimates.append(
                 (value.stamp.monotonic, *value.position, *value.position_sd, value.stick_filter)
             )
         elif isinstance(value, LogEvent) and value.level != "info":
             self.flown.warnings.append((value.stamp.monotonic, value.text))
-
-
-def motors_run(aircraft: FlyingAircraft) -> bool:
-    """Whether the board turns the motors; the firmware's memory says so where there is one."""
-    if isinstance(aircraft, GenuineAircraft):
-        return aircraft.world.is_armed
-    assert isinstance(aircraft, Simulation)
-    return aircraft.flight.core.running
-
-
-def _unwatched(moment: Moment, status: ControlStatus | None) -> None:
-    """Nobody looks."""
-
-
-def config_of(setting: Setting) -> SimConfig:
-    """What the simulator is told of a setting."""
-    pad = {
-        "kind": "ramp",
-        "speed": PAD_SPEED,
-        "acceleration": 0.25,
-        "delay": PAD_STARTS,
-        "heading_deg": random.Random(f"{setting.seed} pad").uniform(0.0, 360.0),
-    }
-    line = {"kind": "xbee"} if setting.is_radio else {"kind": "wired"}
-    scene: dict[str, Any] = {"enabled": True, "fps": setting.fps, "exposure_ms": 6.0, "platform": pad}
-    return SimConfig.model_validate(
-        {
-            "seed": setting.seed,
-            "board": "fc",
-            "pilot_plan": PilotPlan.START,
-            "pilot_wait": BOOTED,
-            "flight": FlightConfig(wind=WindClass.INDOOR, battery=battery_of(setting.voltage)),
-            "radio": {"to_board": line, "to_host": line | {"usb_timer": 0.001}},
-            "scene": scene | {"light": {"noise_sd": 2.0}},
-        }
-    )
-
-
-def battery_of(voltage: float) -> BatteryConfig:
-    """A pack of four cells that hovers at about a voltage [V], and is so large that no flight empties it."""
-    charges, volts = zip(*OPEN_CIRCUIT_V, strict=True)
-    return BatteryConfig(capacity_mah=1e6, charge=max(0.01, float(np.interp(voltage / 4 + 0.1, volts, charges))))

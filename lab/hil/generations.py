@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from statistics import median
-from typing import Any, Final
+from typing import Final
 
 from lab import tables
+from lab.campaign import Row
 from lab.hil import eeprom
 from lab.hil.build import built
-from lab.hil.chip import Chip
-from lab.hil.memory import control_of
+from lab.hil.chip import Chip, Held, control_of
 from lab.hil.world import CHANNELS
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
@@ -27,6 +26,8 @@ BOOTED: Final = 8.0
 STEP: Final = 1e-3
 CYCLE: Final = 1e-6
 """Less than that does not move the processor on [s]."""
+ANSWER: Final = 0.3
+"""Waited for an answer [s]."""
 POLLING: Final = 0.5
 """Between two requests of one kind [s]."""
 LONGEST: Final = 7.0
@@ -51,39 +52,18 @@ REQUESTS: Final = {
 TOGETHER: Final = ("acdghlnpqtvz", "cgnqvz")
 """Asked for in turn first: where the sticks are dropped in time, none of them keeps them alive."""
 VALUES: Final = {"pitch": 11, "roll": -7, "yaw": 5, "throttle": 100, "frame": 9}
+Kind = type[ExternControlV1] | type[ExternControlV2]
 
 
-@dataclass(slots=True)
-class Found:
-    """What a firmware does with stick frames.
-
-    Attributes:
-        version: its reply names it.
-        layouts: what its memory holds after a frame of each layout: pitch, roll, yaw, throttle, valid; None for
-            nothing that was sent.
-        confirmed: time to the confirmation [s].
-        held: how long sticks were held in silence [s].
-        kept_alive_by: letters that keep them alive.
-        not_by: letters that do not.
-    """
-
-    version: tuple[int, int, str] = (0, 0, "")
-    layouts: dict[str, tuple[int, int, int, int, bool] | None] = field(default_factory=dict)
-    confirmed: list[float] = field(default_factory=list)
-    held: list[float] = field(default_factory=list)
-    kept_alive_by: str = ""
-    not_by: str = ""
+def control_frame(kind: Kind, *, valid: bool = True) -> bytes:
+    """A stick frame of a layout, with a value of its own for each stick."""
+    return kind(**VALUES, config=ControlConfig.VALID if valid else ControlConfig.NONE).to_frame()
 
 
 class Bench:
-    """A FlightCtrl, and what it says."""
+    """A FlightCtrl that was built, powered up and listening, and what it answers."""
 
     def __init__(self, name: str) -> None:
-        """Power it up, and wait until it listens.
-
-        Args:
-            name: of a firmware that was built.
-        """
         firmware = built(name)
         self.chip = Chip(firmware, eeprom.content(firmware), seed=1)
         self._layout = control_of(firmware)
@@ -92,14 +72,15 @@ class Bench:
         self.chip.lines.channels, self.chip.lines.is_receiving = CHANNELS, 1
         self.run(BOOTED)
 
-    def send(self, data: bytes) -> None:
-        """Put characters on the line."""
+    def send(self, data: bytes, wait: float = 0.0) -> list[tuple[float, Frame]]:
+        """Put characters on the line, and run on until they have left, and longer [s]; see `run`."""
         now = self._left[-1][0] if self._left else self.chip.now
         self._left += [(now + k * HOST_CHAR, byte) for k, byte in enumerate(data, 1)]
+        return self.run(wait) if wait else []
 
     def run(self, seconds: float) -> list[tuple[float, Frame]]:
         """Run on; the frames that came, with the times of their last characters [s]."""
-        end, heard = self.chip.now + seconds, []
+        end, found = self.chip.now + seconds, []
         while end - self.chip.now > CYCLE:
             until = min(end, self.chip.now + STEP)
             while self._left and self._left[0][0] <= until:
@@ -108,15 +89,15 @@ class Bench:
                 self.chip.receive(byte)
             self.chip.run(max(0.0, until - self.chip.now))
             for at, byte in self.chip.read():
-                heard += [(at, found) for found in self._decoder.feed(bytes((byte,))) if isinstance(found, Frame)]
-        return heard
+                found += [(at, one) for one in self._decoder.feed(bytes((byte,))) if isinstance(one, Frame)]
+        return found
 
     @property
-    def held(self) -> tuple[int, int, int, int, bool]:
+    def held(self) -> Held:
         """External control as its memory holds it."""
-        return self._layout.held(self.chip)
+        return self.chip.held(self._layout)
 
-    def until_dropped(self, meanwhile: Callable[[float], None], longest: float) -> float | None:
+    def until_dropped(self, longest: float, meanwhile: Callable[[float], None] = lambda now: None) -> float | None:
         """How long sticks are held from now on [s]; None for longer."""
         began = self.chip.now
         while self.held[4]:
@@ -127,66 +108,65 @@ class Bench:
         return self.chip.now - began
 
 
-Kind = type[ExternControlV1] | type[ExternControlV2]
+def measure(name: str, tries: int) -> Row:
+    """What a firmware that was built does with stick frames, with so many silences.
 
-
-def control_frame(kind: Kind, *, valid: bool = True) -> bytes:
-    """A stick frame of a layout, with a value of its own for each stick."""
-    config = ControlConfig.VALID if valid else ControlConfig.NONE
-    return kind(**VALUES, config=config).to_frame()
-
-
-def measure(name: str, tries: int) -> Found:
-    """Look at a firmware.
-
-    Args:
-        name: of one that was built.
-        tries: silences.
+    Returns:
+        Its `version`; the `layouts` that it takes as sent; `confirmed_s`, time to the confirmation [s]; `held_s`,
+        least, median and most that sticks were held in silence [s]; `kept_alive_by` and `not_by`, letters of requests
+        that keep them alive and that do not; `holds`: it takes stick frames.
     """
-    bench, found = Bench(name), Found()
-    bench.send(b"\r\r" + encode_frame(1, "v"))
-    for _, frame in bench.run(0.3):
-        if frame.id == "V":
-            major, minor, patch = frame.payload[0], frame.payload[1], frame.payload[4]
-            found.version = major, minor, chr(ord("a") + patch)
-    right: Kind | None = None
+    bench, layouts, confirmed = Bench(name), list[Kind](), list[float]()
+    answers = bench.send(b"\r\r" + encode_frame(1, "v"), ANSWER)
+    versions = [frame.payload for _, frame in answers if frame.id == "V"]
     for kind in (ExternControlV1, ExternControlV2):
-        bench.send(control_frame(kind))
-        sent = bench.chip.now + len(control_frame(kind)) * HOST_CHAR
-        confirms = [at - sent for at, frame in bench.run(0.3) if frame.id == "B"]
-        held = bench.held
-        is_read = held[:3] == (VALUES["pitch"], VALUES["roll"], VALUES["yaw"]) and held[4]
-        found.layouts[kind.__name__] = held if held[4] else None
-        if is_read:
-            right = kind
-            found.confirmed += confirms
-        bench.send(control_frame(kind, valid=False))
-        bench.run(0.3)
-    if right is None:
-        return found
-    whole = control_frame(right)
+        whole = control_frame(kind)
+        answers = bench.send(whole, ANSWER)
+        sent = bench.chip.now - ANSWER + len(whole) * HOST_CHAR
+        if bench.held[:3] == (VALUES["pitch"], VALUES["roll"], VALUES["yaw"]) and bench.held[4]:
+            layouts.append(kind)
+            confirmed += [at - sent for at, frame in answers if frame.id == "B"]
+        bench.send(control_frame(kind, valid=False), ANSWER)
+    held = _silences(bench, control_frame(layouts[-1]), tries) if layouts else []
+    silent, keeping, others = median(held) if held else LONGEST, "", ""
+    for letters in (*TOGETHER, *REQUESTS) if layouts else ():
+        asked = "".join(letter for letter in letters if letter not in others)
+        if asked and not _keeps(bench, layouts[-1], asked, silent + MARGIN):
+            others += asked
+        elif len(letters) == 1:
+            keeping += asked
+    return {
+        "firmware": name,
+        "version": version_of(versions[0]) if versions else "",
+        "layouts": [kind.__name__ for kind in layouts],
+        "confirmed_s": [round(at, 4) for at in confirmed],
+        "held_s": [round(value, 3) for value in (min(held), silent, max(held))] if held else [],
+        "kept_alive_by": keeping,
+        "not_by": others,
+        "holds": bool(held),
+    }
+
+
+def version_of(payload: bytes) -> str:
+    """The release in a version reply, for example `2.12a`."""
+    return f"{payload[0]}.{payload[1]:02d}{chr(ord('a') + payload[4])}"
+
+
+def _silences(bench: Bench, whole: bytes, tries: int) -> list[float]:
+    """How long sticks are held in silence [s]."""
+    found = []
     for count in range(tries):
         bench.run(0.0137 * count)
-        bench.send(whole)
-        bench.run(len(whole) * HOST_CHAR + 0.02)
-        dropped = bench.until_dropped(lambda now: None, LONGEST)
-        if dropped is not None:
-            found.held.append(dropped + 0.02)
-    silent = median(found.held) if found.held else LONGEST
-    for letters in (*TOGETHER, *REQUESTS):
-        asked = [letter for letter in letters if letter not in found.not_by]
-        if asked and not _keeps(bench, right, asked, silent + MARGIN):
-            found.not_by += "".join(asked)
-        elif len(letters) == 1 and asked:
-            found.kept_alive_by += letters
+        bench.send(whole, len(whole) * HOST_CHAR + 0.02)
+        dropped = bench.until_dropped(LONGEST)
+        found += [] if dropped is None else [dropped + 0.02]
     return found
 
 
 def _keeps(bench: Bench, kind: Kind, letters: Sequence[str], longest: float) -> bool:
     """Hold sticks, and ask for some things again and again: whether they are held longer than in silence."""
     whole = control_frame(kind)
-    bench.send(whole)
-    bench.run(len(whole) * HOST_CHAR + 0.05)
+    bench.send(whole, len(whole) * HOST_CHAR + 0.05)
     due, turn = bench.chip.now, itertools.cycle(letters)
 
     def ask(now: float) -> None:
@@ -196,41 +176,11 @@ def _keeps(bench: Bench, kind: Kind, letters: Sequence[str], longest: float) -> 
             letter = next(turn)
             bench.send(encode_frame(1, letter, REQUESTS[letter]))
 
-    is_kept = bench.until_dropped(ask, longest) is None
-    bench.send(control_frame(kind, valid=False))
-    bench.run(0.5)
+    is_kept = bench.until_dropped(longest, ask) is None
+    bench.send(control_frame(kind, valid=False), 0.5)
     return is_kept
 
 
-_STICKS: Final = (VALUES["pitch"], VALUES["roll"], VALUES["yaw"])
-
-
-def show(names: list[str], tries: int, *, as_json: bool) -> int:
-    """Measure every firmware, and show it; exit code 1 where one takes no stick frame.
-
-    Args:
-        names: of firmware that was built.
-        tries: silences of each.
-        as_json: print JSON in place of a table.
-    """
-    return tables.show([row_of(name, measure(name, tries)) for name in names], ("firmware",), as_json=as_json)
-
-
-def spread(values: list[float]) -> tuple[float, ...]:
-    """Least, median and most; nothing of nothing."""
-    return (min(values), median(values), max(values)) if values else ()
-
-
-def row_of(name: str, found: Found) -> dict[str, Any]:
-    """A firmware's row."""
-    major, minor, patch = found.version
-    return {
-        "firmware": name,
-        "version": f"{major}.{minor:02d}{patch}",
-        "layouts": [kind for kind, held in found.layouts.items() if held and held[:3] == _STICKS],
-        "confirmed_s": [round(at, 4) for at in found.confirmed],
-        "held_s": [round(value, 3) for value in spread(found.held)],
-        "kept_alive_by": found.kept_alive_by,
-        "not_by": found.not_by,
-        "holds": bool(found.held),
-    }
+def show(names: Sequence[str], tries: int, *, as_json: bool) -> int:
+    """Measure every firmware that was built, and show it; exit code 1 where one takes no stick frame."""
+    return tables.show([measure(name, tries) for name in names], ("firmware",), as_json=as_json)

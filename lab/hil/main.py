@@ -2,26 +2,60 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Final, Literal
 
-from lab.campaign import Campaign, First, Jobs, Kept, Row, carried_out
-from lab.hil import endings, generations, navicase, navipairs, rooms
+from lab.campaign import Campaign, First, Jobs, Kept, Row
+from lab.hil import endings, generations, navicase, navipairs, rooms, scenes, triggers
 from lab.hil.build import built, names
-from lab.hil.flights import fly
+from lab.hil.flights import SIMULATED, setting_of
 from lab.hil.quiet import be_quiet
-from lab.hil.scenes import FIGURES, FIRST_SEED, LINES, SIMULATED, setting_of, summary
-from lab.hil.triggers import by_story, story_figures, tell
-from lab.tables import show
+from lab.hil.scenes import LINES
 from mkdaemon.cli.arguments import AsJson
+from mksim.config import WindClass
 
-Work = tuple[str, str, int]
-"""Board, line, seed."""
 RUNS: Final = 10
 """Flights of each board by each line, and flights in which every trigger fires."""
+FIRST_SEED: Final = 81_000_000
+"""Of reported figures; what is tuned uses seeds below 10000."""
+LONGEST: Final = 1200.0
+"""Processor time after which a flight has failed [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """One flight; see `main`."""
+
+    case: str
+    board: str
+    line: str
+    seed: int
+    loss: float | None = None
+    tilt: float = 0.0
+
+    @property
+    def key(self) -> Row:
+        """Which flight it is."""
+        more: Row = {"loss": self.loss, "tilt_deg": self.tilt} if self.case == "flights" else {}
+        case = {"case": self.case} if self.case in rooms.GOALS else {}
+        return case | {"board": self.board, "line": self.line, "seed": self.seed} | more
+
+
+def fly(work: Work) -> Row:
+    """Fly once."""
+    be_quiet()
+    setting = partial(setting_of, work.board, work.line, work.seed)
+    match work.case:
+        case "scenes":
+            return scenes.fly(setting())
+        case "flights":
+            return endings.fly(setting(loss=work.loss, tilt_deg=work.tilt))
+        case "triggers":
+            return {"stories": triggers.fire(work.board, work.seed)}
+        case _:
+            return rooms.fly(work.case, setting(fps=rooms.FPS, wind=WindClass.LIGHT))
 
 
 def main(
@@ -62,93 +96,11 @@ def main(
         return navipairs.show(genuine, seeds, jobs, as_json=as_json)
     if case == "control":
         return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
-    if case == "triggers":
-        work = [(genuine, "cable", seed) for seed in seeds]
-        return _show_triggers(genuine, TRIGGERS.rows(work, jobs, results), as_json=as_json)
     flown = {"both": (genuine, SIMULATED), "genuine": (genuine,), "simulated": (SIMULATED,)}[boards]
     lines = LINES if line == "both" else (line,)
-    if case == "flights":
-        asked = [endings.Work(board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
-        return endings.show(ENDINGS.rows(asked, jobs, results), as_json=as_json)
-    if case in {"room", "paths"}:
-        through = [rooms.Work(case, board, by, seed) for seed in seeds for board, by in product(flown, lines)]
-        return rooms.show(ROOMS.rows(through, jobs, results), as_json=as_json)
-    work = [(board, by, seed) for seed in seeds for board, by in product(flown, lines)]
-    return _show_scenes(SCENES.rows(work, jobs, results), flown, lines, as_json=as_json)
-
-
-def _end_one(work: endings.Work) -> Row:
-    be_quiet()
-    return endings.fly(work)
-
-
-def _cross_one(work: rooms.Work) -> Row:
-    be_quiet()
-    return rooms.fly(work)
-
-
-def _fly_one(work: Work) -> Row:
-    be_quiet()
-    setting = setting_of(*work)
-    found = fly(setting)
-    about = {
-        "voltage": setting.voltage,
-        "heading_deg": round(math.degrees(setting.yaw)),
-        "compass": setting.has_compass,
-    }
-    return about | found
-
-
-def _tell_one(work: Work) -> Row:
-    be_quiet()
-    return {"stories": tell(work[0], work[2])}
-
-
-def _key(work: Work) -> Row:
-    board, line, seed = work
-    return {"board": board, "line": line, "seed": seed}
-
-
-SCENES: Final = Campaign("hil scenes", _fly_one, _key)
-TRIGGERS: Final = Campaign("hil triggers", _tell_one, _key)
-ROOMS: Final = Campaign("hil room", _cross_one, lambda work: work.key, limit=1200.0)
-ENDINGS: Final = Campaign("hil flights", _end_one, asdict, limit=1200.0)
-
-
-# -- what is shown ----------------------------------------------------------------------------------------------------
-
-
-def _show_scenes(rows: Sequence[Row], boards: Sequence[str], lines: Sequence[str], *, as_json: bool) -> int:
-    """Every figure of the boards side by side."""
-    found, shown = carried_out(rows), list[Row]()
-    for line in lines:
-        summed = {
-            board: summary(line, [row for row in found if (row["board"], row["line"]) == (board, line)])
-            for board in boards
-        }
-        missed = " ".join(words for part in summed.values() for words in part["missed"])
-        for figure in FIGURES:
-            measured = {board: part["figures"].get(figure.key) for board, part in summed.items()}
-            cells = {board: figure.shown(found) if found else "" for board, found in measured.items()}
-            if any(cells.values()):
-                named = {"line": line, "figure": figure.about}
-                goal = {"goal": figure.goal_words(line), "holds": f"{figure.key}: " not in missed}
-                shown.append(named | cells | goal)
-        lost = {board: [f"{one['seed']}: {one['why']}" for one in part["lost"]] for board, part in summed.items()}
-        flights = {"flights": [part["flights"] for part in summed.values()]}
-        shown.append({"line": line, "figure": "lost"} | lost | flights | {"holds": not any(lost.values())})
-    if len(found) < len(rows):
-        shown.append({"line": "", "figure": "not flown", "flights": len(rows) - len(found), "holds": False})
-    return show(shown, ("line", "figure"), as_json=as_json)
-
-
-def _show_triggers(firmware: str, rows: Sequence[Row], *, as_json: bool) -> int:
-    """Least / median / most of every figure of what happens, and its goal."""
-    flown, shown = carried_out(rows), list[Row]()
-    for name, found in by_story(flown):
-        right = sum(not each["missed"] for each in found)
-        figures = {figure: f"{spread}, goal {goal}" for figure, spread, goal in story_figures(name, found)}
-        shown.append({"what": name, "right": right, "of": len(found)} | figures | {"holds": right == len(found)})
-    if len(flown) < len(rows):
-        shown.append({"what": "not flown", "of": len(rows) - len(flown), "holds": False})
-    return show(shown, ("what",), as_json=as_json, firmware=firmware)
+    if case == "triggers":
+        flown, lines = (genuine,), ("cable",)
+    asked = [Work(case, board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
+    rows = Campaign(f"hil {case}", fly, lambda work: work.key, limit=LONGEST).rows(asked, jobs, results)
+    show = {"scenes": scenes.show, "flights": endings.show, "triggers": triggers.show}.get(case, rooms.show)
+    return show(rows, as_json=as_json)

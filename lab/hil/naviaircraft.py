@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from lab.hil.line import Line
+from lab.hil.aircraft import Line
 from lab.hil.navibuild import NaviFirmware
 from lab.hil.navigation import NaviBoard, Socket
 from lab.hil.navipeer import SimulatedMaster, Surroundings
@@ -52,7 +52,7 @@ class NaviAircraft(Line):
         )
         self.flight.adopt_companion(NC_GENERATIONS["0.24"].release)
         self.board = NaviBoard(firmware)
-        self.master = SimulatedMaster(self.flight, self.flight.generation.release)
+        self.master = SimulatedMaster(self.flight)
         self._surroundings = Surroundings(self.world)
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:

@@ -10,19 +10,19 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Protocol
 
 from lab.campaign import Row, in_order
+from lab.hil.chip import Held
 from lab.hil.naviaircraft import NaviAircraft
 from lab.hil.navibuild import built_navictrl
 from lab.hil.navicompare import differences
-from lab.hil.navidaemon import DaemonAtNavi, Step
-from lab.hil.naviscript import FLIGHT, GROUND, LAST, Heard, Item, listen
+from lab.hil.navidaemon import DaemonAtNavi
+from lab.hil.naviscript import FLIGHT, GROUND, LAST, Answers, Item, listen
 from lab.hil.quiet import be_quiet
 from lab.tables import show as show_rows
 from mkdaemon.virtualtime import run_virtually
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.config import GasLaw, PilotPlan, SimConfig
 from mksim.physics.hand_flight import HandFlight
-from mksim.physics.world import World
-from mksim.programs.virtualports import Aircraft
+from mksim.programs.rehearsal import FlyingAircraft
 from mksim.simulation import Simulation
 
 BOOTED: Final = 8.0
@@ -42,14 +42,12 @@ STREAMS: Final = 0.07
 them that are due (UART1_TransmitTxData of uart1.c), and whether they are depends on when the daemon subscribed last."""
 BEHIND_STREAMS: Final = ("NaviCtrl after it",)
 """Steps that wait for such a reply while streams are being renewed."""
+SCRIPT: Final = (*GROUND, *FLIGHT, *LAST)
+"""Everything the host does."""
 
 
-class Boards(Aircraft, Protocol):
+class Boards(FlyingAircraft, Protocol):
     """What both kinds of aircraft have."""
-
-    @property
-    def world(self) -> World:
-        """What flies."""
 
     @property
     def flight(self) -> FlightCtrl:
@@ -70,23 +68,15 @@ def show(seed: int, jobs: int, *, as_json: bool) -> int:
     release = built_navictrl().release
     work = [(kind, is_genuine, seed) for kind in ("bytes", "daemon") for is_genuine in (True, False)]
     genuine, simulated, steps, simulated_steps = in_order(_do, work, jobs, is_alone=True)
-    rows = [(item, list(differences(item, *pair))) for item, *pair in zip(SCRIPT, genuine, simulated, strict=True)]
-    pairs = list(zip(steps, simulated_steps, strict=False))
-    shown: list[Row] = [
-        {"what": item.name, "differs": found, "unknown": unknown(found), "holds": not unknown(found)}
-        for item, found in rows
-    ]
-    shown += [
-        {"what": one.name, "genuine": [one.ended, one.figure], "simulated": [other.ended, other.figure],
-         "holds": agree(one, other)}
-        for one, other in pairs
-    ]  # fmt: skip
+    shown: list[Row] = []
+    for item, *pair in zip(SCRIPT, genuine, simulated, strict=True):
+        found = list(differences(*pair))
+        shown.append({"what": item.name, "differs": found, "holds": not unknown(found)})
+    for one, other in zip(steps, simulated_steps, strict=False):
+        times = {"genuine": [one["ended"], one["figure"]], "simulated": [other["ended"], other["figure"]]}
+        shown.append({"what": one["what"], **times, "holds": agree(one, other)})
     shown.append({"what": "the daemon's steps", "holds": len(steps) == len(simulated_steps)})
     return show_rows(shown, ("what",), as_json=as_json, release=release)
-
-
-SCRIPT: Final = (*GROUND, *FLIGHT, *LAST)
-"""Everything the host does."""
 
 
 def unknown(found: Sequence[str]) -> list[str]:
@@ -94,14 +84,13 @@ def unknown(found: Sequence[str]) -> list[str]:
     return [words for words in found if not any(words.startswith(known) for known in KNOWN)]
 
 
-def agree(genuine: Step, simulated: Step) -> bool:
+def agree(genuine: Row, simulated: Row) -> bool:
     """Whether a step of the daemon ended alike, and took about as long."""
-    if (genuine.name, genuine.ended) != (simulated.name, simulated.ended):
-        return False
-    if genuine.figure is None or simulated.figure is None:
-        return genuine.figure == simulated.figure
-    close = STREAMS if genuine.name in BEHIND_STREAMS else CLOSE
-    return abs(genuine.figure - simulated.figure) <= max(close, 0.25 * abs(genuine.figure))
+    (what, ended, one), other = (genuine[name] for name in ("what", "ended", "figure")), simulated["figure"]
+    if (what, ended) != (simulated["what"], simulated["ended"]) or None in (one, other):
+        return genuine == simulated
+    close = STREAMS if what in BEHIND_STREAMS else CLOSE
+    return bool(abs(one - other) <= max(close, 0.25 * abs(one)))
 
 
 def _do(work: tuple[str, bool, int]) -> list[Any]:
@@ -115,37 +104,31 @@ def _do(work: tuple[str, bool, int]) -> list[Any]:
     return _listen(boards()) if kind == "bytes" else run_virtually(_run_daemon(boards))
 
 
-def _listen(boards: Boards) -> list[Heard]:
-    """What the boards say to the script."""
-    heard: list[Heard] = []
-
-    def held() -> str:
-        return str(boards.flight.external.held)
+def _listen(boards: Boards) -> list[Answers]:
+    """What the boards answer to the script."""
 
     def wait(seconds: float) -> None:
         until = boards.now + seconds
         while boards.now < until:
             boards.advance(boards.now + STEP)
 
-    def say(items: Sequence[Item]) -> None:
-        heard.extend(listen(boards, item, boards.world, held) for item in items)
+    def listened(items: Sequence[Item]) -> list[Answers]:
+        return [listen(boards, item, lambda: str(boards.flight.external.held)) for item in items]
 
     wait(BOOTED)
-    say(GROUND)
+    found = listened(GROUND)
     boards.world.pilot.program = HandFlight()
     wait(HOVERING)
-    say(FLIGHT)
-    say(LAST)
-    return heard
+    return found + listened((*FLIGHT, *LAST))
 
 
-async def _run_daemon(make: Callable[[], Boards]) -> list[Step]:
+async def _run_daemon(make: Callable[[], Boards]) -> list[Row]:
     boards = make()
     await asyncio.sleep(BOOTED)
     boards.advance(BOOTED)
     external = boards.flight.external
 
-    def held() -> tuple[int, int, int, int, bool]:
+    def held() -> Held:
         now = external.held
         return now.pitch, now.roll, now.yaw, now.throttle, external.is_valid
 

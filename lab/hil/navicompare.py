@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from lab.hil.naviscript import Heard, Item
+from lab.hil.naviscript import Answers
 from mkdaemon.protocol.decoder import MessageDecoder, Unknown
 from mkdaemon.protocol.framing import Frame
 
@@ -36,31 +36,24 @@ SOONER: Final = 2.5e-3
 """First replies further apart than this are told [s]."""
 
 
-def differences(item: Item, genuine: Heard, simulated: Heard) -> Iterator[str]:
+def differences(genuine: Answers, simulated: Answers) -> Iterator[str]:
     """What the simulated board does otherwise, in words."""
-    ours, theirs = simulated.letters, genuine.letters
-    for letter in sorted(ours.keys() | theirs.keys()):
-        allowed = 1 if theirs[letter] > 5 else 0
-        if abs(ours[letter] - theirs[letter]) > allowed:
-            yield f"{letter}: {theirs[letter]} frames, simulated {ours[letter]}"
+    ours, theirs = simulated.kinds, genuine.kinds
+    for kind in sorted(ours.keys() | theirs.keys()):
+        few, many = len(ours.get(kind, ())), len(theirs.get(kind, ()))
+        if abs(few - many) > (1 if many > 5 else 0):
+            yield f"{kind}: {many} frames, simulated {few}"
     if genuine.frames and simulated.frames:
-        late = simulated.frames[0][0] - genuine.frames[0][0]
-        if abs(late) > SOONER:
-            yield f"first reply after {genuine.frames[0][0] * 1e3:.1f} ms, simulated {simulated.frames[0][0] * 1e3:.1f}"
-    for letter in sorted(ours.keys() & theirs.keys()):
-        last = [
-            next(frame for _, frame in reversed(heard.frames) if f"{'.fnm'[frame.address]}{frame.id}" == letter)
-            for heard in (genuine, simulated)
-        ]
-        yield from (f"{letter}.{words}" for words in _fields(*last))
+        first, other = genuine.frames[0][0], simulated.frames[0][0]
+        if abs(other - first) > SOONER:
+            yield f"first reply after {first * 1e3:.1f} ms, simulated {other * 1e3:.1f}"
+    for kind in sorted(ours.keys() & theirs.keys()):
+        yield from (f"{kind}.{words}" for words in _fields(theirs[kind][-1], ours[kind][-1]))
     if bool(genuine.text) != bool(simulated.text):
-        yield f"text {_shown(genuine.text)}, simulated {_shown(simulated.text)}"
+        texts = (repr(text.decode("latin-1")) if text else "none" for text in (genuine.text, simulated.text))
+        yield "text {}, simulated {}".format(*texts)
     if genuine.held != simulated.held:
         yield f"the FlightCtrl holds {genuine.held}, simulated {simulated.held}"
-
-
-def _shown(text: bytes) -> str:
-    return repr(text.decode("latin-1")) if text else "none"
 
 
 def _fields(genuine: Frame, simulated: Frame) -> Iterator[str]:

@@ -1,25 +1,23 @@
 """The daemon's own code at a NaviCtrl, genuine or simulated, in virtual time: link, procedures, lease and sticks.
 
-What is wired on an aircraft is wired here: `Wiring` with its link, its requests and its flight core. Each step asks for
-something as a client does, and says how it ended.
+Each step asks for something as a client does, and says how it ended.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
 from statistics import median
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from lab.hil.forkedflight import CutCable
+from lab.campaign import Row
+from lab.hil.chip import Held
+from lab.hil.client import Client
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.command import CommandResult
 from mkdaemon.telemetry.setpoint import StickSetpoint
 from mksim.physics.hand_flight import HandFlight
-from mksim.physics.world import World
-from mksim.programs.virtualdaemon import VirtualDaemon
-from mksim.programs.virtualports import Aircraft, Cable, LocalBus
+from mksim.programs.rehearsal import FlyingAircraft
 
 PERIOD: Final = 0.02
 STREAM: Final = 0.05
@@ -31,191 +29,146 @@ SETTLING: Final = 3.0
 """Of telemetry, once the boards are known [s]."""
 FLYING: Final = 14.0
 """From the pilot's start to a steady hover [s]."""
+LONGEST: Final = 20.0
+"""Longest wait for the boards [s]."""
 STATES: Final = ("state/gps", "state/flight", "state/battery", "state/pilot", "state/altitude", "state/attitude")
+BEHIND: Final = {
+    "passed to the FlightCtrl": "cmd/fc/version_request",
+    "passed to the compass": "cmd/mag/version_request",
+    "mixer of the FlightCtrl": "do/mixer_read",
+    "NaviCtrl after it": "cmd/nc/version_request",
+}
+"""Requests to boards behind it: the line is passed through to them and back."""
 
 
-class NaviAtPort(Aircraft, Protocol):
-    """Boards with a NaviCtrl's port at the end of the cable."""
-
-    @property
-    def world(self) -> World:
-        """What flies."""
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """What became of a step.
-
-    Attributes:
-        name: of it.
-        ended: how, in words; equal on boards that behave alike.
-        figure: a time [s] or a count, where it has one.
-    """
-
-    name: str
-    ended: str
-    figure: float | None = None
-
-
-class DaemonAtNavi:
+class DaemonAtNavi(Client):
     """A daemon, one client, and the boards.
 
     Attributes:
-        steps: what was done.
-        sent: stick frames that were written.
+        steps: what was done: `what`, how it `ended` in words that are equal on boards that behave alike, and a
+            `figure`, a time [s] or a count, where it has one.
     """
 
-    def __init__(self, aircraft: NaviAtPort, held: Callable[[], tuple[int, int, int, int, bool]]) -> None:
+    def __init__(self, aircraft: FlyingAircraft, held: Callable[[], Held]) -> None:
         """Wire it up; needs a running loop.
 
         Args:
             aircraft: the boards; powered up already.
-            held: external control as the FlightCtrl holds it: pitch, roll, yaw, throttle, whether it is valid.
+            held: what the FlightCtrl holds now.
         """
-        self.loop = asyncio.get_running_loop()
-        self.aircraft, self._held = aircraft, held
-        self.bus = LocalBus()
-        self.steps: list[Step] = []
-        self.holdings: list[tuple[float, tuple[int, int, int, int, bool]]] = []
+        super().__init__(aircraft, held)
+        self.world = aircraft.world
+        self.steps: list[Row] = []
         self._streamed_at = 0.0
-        self._line = CutCable(aircraft)
-        self.daemon = VirtualDaemon(self.bus, Cable(self._line, self._moved).open)
-        self.wiring = self.daemon.wiring
 
-    def _moved(self, now: float) -> None:
-        if not self.holdings or self.holdings[-1][1] != self._held():
-            self.holdings.append((now, self._held()))
-
-    async def run(self) -> list[Step]:
+    async def run(self) -> list[Row]:
         """Do every step, and stop the daemon."""
         self.daemon.start()
         try:
-            await self._meet()
-            await self._ask()
-            await self._store()
-            await self._pass_on()
-            await self._control()
+            await self._do_steps()
         finally:
             await self.daemon.stop()
         return self.steps
 
-    def _note(self, name: str, ended: str, figure: float | None = None) -> None:
-        self.steps.append(Step(name, ended, figure))
+    async def _do_steps(self) -> None:
+        await self._meet()
+        await self._ask()
+        await self._store()
+        await self._pass_on()
+        await self._control()
 
-    async def _until(self, claim: Callable[[], bool], within: float) -> float | None:
-        began = self.loop.time()
-        while not claim():
-            if self.loop.time() - began > within:
-                return None
-            await asyncio.sleep(PERIOD)
-        return self.loop.time() - began
+    def _note(self, what: str, ended: str, figure: float | None = None) -> None:
+        self.steps.append({"what": what, "ended": ended, "figure": figure})
 
-    async def _command(self, suffix: str, **fields: Any) -> tuple[CommandResult, float]:
+    async def _wait(self, what: str, claim: Callable[[], bool], within: float, since: float | None = None) -> None:
+        """Wait for a claim, and note how long it took [s], from now on or since a time."""
+        began = self.loop.time() if since is None else since
+        took = await self.until(claim, within)
+        self._note(what, "never" if took is None else "yes", None if took is None else self.loop.time() - began)
+
+    async def _command(self, what: str, suffix: str, counted: str = "", **fields: Any) -> None:
         began = self.loop.time()
         result = await self.bus.ask(suffix, **fields)
-        return result, self.loop.time() - began
+        reply = result.reply or {}
+        count = f", {reply.get('count', len(reply.get('points', ())))} {counted}" if counted else ""
+        self._note(what, f"{_ended(result)}{count}", self.loop.time() - began)
 
     async def _meet(self) -> None:
         """Open the line, and learn who is there."""
-        link = self.wiring.link
-        took = await self._until(lambda: link.is_up, 20.0)
-        self._note("link up", "never" if took is None else "yes", took)
-        took = await self._until(lambda: link.dialect.extern_control is not None, 20.0)
-        control = link.dialect.extern_control
-        self._note("boards known", "never" if control is None else control.__name__, took)
+        await self._wait("link up", lambda: self.wiring.link.is_up, LONGEST)
+        await self._wait("boards known", lambda: self.is_line_known, LONGEST)
+        control = self.wiring.link.dialect.extern_control
+        self._note("stick frames", "none" if control is None else control.__name__)
         await asyncio.sleep(SETTLING)
         missing = [key for key in STATES if key not in self.bus.values]
         self._note("telemetry", "all of it" if not missing else f"missing: {', '.join(missing)}")
-        flight = self.bus.values.get("state/flight")
-        error = "" if flight is None else str(getattr(flight, "error", ""))
-        self._note("error of the NaviCtrl", error or "none")
+        error = getattr(self.bus.values.get("state/flight"), "error", None)
+        self._note("error of the NaviCtrl", str(error or "none"))
 
     async def _ask(self) -> None:
         """Requests that the NaviCtrl answers itself."""
-        for name in ("version_request", "error_text_request"):
-            result, took = await self._command(f"cmd/nc/{name}")
-            self._note(name, self._ended(result), took)
-        result, took = await self._command("cmd/nc/label_request", index=13)
-        self._note("label_request", self._ended(result), took)
+        await self._command("version_request", "cmd/nc/version_request")
+        await self._command("error_text_request", "cmd/nc/error_text_request")
+        await self._command("label_request", "cmd/nc/label_request", index=13)
         times = []
         for pattern in range(ECHOES):
-            result, took = await self._command("cmd/nc/echo_request", pattern=pattern)
+            began = self.loop.time()
+            result = await self.bus.ask("cmd/nc/echo_request", pattern=pattern)
             if result.reply is not None and result.reply.get("pattern") == pattern:
-                times.append(took)
+                times.append(self.loop.time() - began)
             await asyncio.sleep(PERIOD)
         self._note("link tests answered", f"{len(times)} of {ECHOES}", median(times) if times else None)
 
-    @staticmethod
-    def _ended(result: CommandResult) -> str:
-        return f"{result.status.value}{f' {result.token}' if result.token else ''}"
-
     async def _store(self) -> None:
         """The waypoint list: upload, read back, compare, clear."""
-        points = self._points()
-        result, took = await self._command("do/waypoints_upload", points=points)
-        self._note("waypoints_upload", f"{self._ended(result)}, {self._count(result)} stored", took)
-        result, took = await self._command("do/waypoints_verify", points=points)
-        self._note("waypoints_verify", self._ended(result), took)
-        result, took = await self._command("do/waypoints_read")
-        self._note("waypoints_read", f"{self._ended(result)}, {self._count(result)} points", took)
-        result, took = await self._command("do/waypoints_clear")
-        self._note("waypoints_clear", f"{self._ended(result)}, {self._count(result)} stored", took)
-
-    @staticmethod
-    def _count(result: CommandResult) -> object:
-        reply = result.reply or {}
-        return reply.get("count", len(reply.get("points", ())))
-
-    def _points(self) -> list[dict[str, Any]]:
-        world = self.aircraft.world
-        fix = world.sensors.gps
+        fix = self.world.sensors.gps
         place = {"latitude_deg": fix.latitude_1e7 / 1e7, "longitude_deg": fix.longitude_1e7 / 1e7, "altitude": 10.0}
-        return [place | {"hold": hold} for hold in (1, 2, 3)] + [place | {"kind": "poi"}]
+        points = [place | {"hold": hold} for hold in (1, 2, 3)] + [place | {"kind": "poi"}]
+        await self._command("waypoints_upload", "do/waypoints_upload", "stored", points=points)
+        await self._command("waypoints_verify", "do/waypoints_verify", points=points)
+        await self._command("waypoints_read", "do/waypoints_read", "points")
+        await self._command("waypoints_clear", "do/waypoints_clear", "stored")
 
     async def _pass_on(self) -> None:
-        """Requests to boards behind it: the line is passed through to them and back."""
-        for name, suffix in (("FlightCtrl", "cmd/fc/version_request"), ("compass", "cmd/mag/version_request")):
-            result, took = await self._command(suffix)
-            self._note(f"passed to the {name}", self._ended(result), took)
-        result, took = await self._command("do/mixer_read")
-        self._note("mixer of the FlightCtrl", self._ended(result), took)
-        result, took = await self._command("cmd/nc/version_request")
-        self._note("NaviCtrl after it", self._ended(result), took)
+        for what, suffix in BEHIND.items():
+            await self._command(what, suffix)
 
     async def _control(self) -> None:
         """External control, forwarded to the FlightCtrl, and its dead-man."""
         await self._hover()
-        facts = self.wiring.facts
-        self._note("motors known to run", str(facts.motors_running(self.loop.time())))
+        self._note("motors known to run", str(self.wiring.facts.motors_running(self.loop.time())))
         try:
             await self.bus.take_lease("lab")
         except (AssertionError, CommandRejectedError) as refusal:
             self._note("lease", f"refused: {refusal}")
             return
         self._note("lease", "granted")
-        await self._stream(NEUTRAL, lambda count: 0.0)
+        await self._stream(NEUTRAL, 0.0)
         began = self.loop.time()
-        await self._stream(COMMANDS, lambda count: 5.0 if count % 2 else -5.0)
-        held = [(at, now) for at, now in self.holdings if at > began and now[4]]
-        self._note("sticks reach the FlightCtrl", "yes" if held else "no", held[0][0] - began if held else None)
+        await self._stream(COMMANDS, -5.0, 5.0)
+        held = [at for at, now in self.held if at > began and now[4]]
+        self._note("sticks reach the FlightCtrl", "yes" if held else "no", held[0] - began if held else None)
         self._note("commands it held", "most" if len(held) > COMMANDS / 2 else "some" if held else "none", len(held))
         await self._dead_man()
 
     async def _hover(self) -> None:
         """The pilot takes off and hovers by hand."""
-        self.aircraft.world.pilot.program = HandFlight()
+        self.world.pilot.program = HandFlight()
         await asyncio.sleep(FLYING)
 
-    async def _stream(self, count: int, pitch: Callable[[int], float]) -> None:
-        """Stream setpoints of sticks."""
+    async def _stream(self, count: int, *pitches: float) -> None:
+        """Stream setpoints of sticks, with these pitches in turn."""
         for number in range(count):
-            fields = {"pitch": pitch(number), "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+            fields = {"pitch": pitches[number % len(pitches)], "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
             self.bus.deliver(StickSetpoint, self.loop.time(), *self.bus.sign_next(StickSetpoint, fields))
             self._streamed_at = self.loop.time()
             await asyncio.sleep(STREAM)
 
     async def _dead_man(self) -> None:
         """The cable is cut while sticks are held: how long the FlightCtrl goes on with them."""
-        self._line.is_cut = self._line.is_deaf = True
-        gone = await self._until(lambda: not self._held()[4], 8.0)
-        self._note("dead-man behind it", "never" if gone is None else "yes", None if gone is None else gone)
+        self.cable.is_cut = self.cable.is_deaf = True
+        await self._wait("dead-man behind it", lambda: not self._held()[4], 8.0)
+
+
+def _ended(result: CommandResult) -> str:
+    return f"{result.status.value}{f' {result.token}' if result.token else ''}"

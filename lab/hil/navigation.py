@@ -7,13 +7,12 @@ import heapq
 import itertools
 from collections.abc import Iterable
 from enum import IntEnum
-from typing import Any, Final
+from typing import Final
 
 from lab.hil.navibuild import NaviFirmware
 from mkdaemon.errors import ConfigError
 
 READ_AT_ONCE: Final = 4096
-AXES: Final = 3
 
 
 class Socket(IntEnum):
@@ -29,7 +28,7 @@ class Socket(IntEnum):
 class NaviLines(ctypes.Structure):
     """What else crosses the board's edge; see `struct lines` of navictrl.c."""
 
-    _fields_ = (("field", ctypes.c_int16 * AXES), ("has_compass", ctypes.c_int16))
+    _fields_ = (("field", ctypes.c_int16 * 3), ("has_compass", ctypes.c_int16))
 
 
 class NaviBoard:
@@ -96,20 +95,18 @@ class NaviBoard:
         """Of the function that another board's bus calls for a byte; see `navi_exchange` of navictrl.c."""
         return int(ctypes.cast(self._library.navi_exchange, ctypes.c_void_p).value or 0)
 
-    def peek(self, symbol: str, kind: Any) -> Any:
-        """A variable of the firmware, as a type of ctypes."""
-        return kind.in_dll(self._library, symbol).value
-
 
 def _load(firmware: NaviFirmware) -> ctypes.CDLL:
     library = ctypes.CDLL(str(firmware.library))
-    library.navi_time.restype = ctypes.c_double
-    library.navi_lines.restype = ctypes.POINTER(NaviLines)
-    library.navi_run.argtypes = [ctypes.c_double]
-    library.navi_run.restype = None
-    library.navi_receive.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_uint8]
-    library.navi_receive.restype = None
-    library.navi_read.argtypes = [ctypes.c_int, ctypes.c_char_p, ctypes.POINTER(ctypes.c_double), ctypes.c_int]
-    library.navi_exchange.argtypes = [ctypes.c_double, ctypes.c_uint8]
-    library.navi_exchange.restype = ctypes.c_uint8
+    types = {
+        "time": (ctypes.c_double,),
+        "lines": (ctypes.POINTER(NaviLines),),
+        "run": (None, ctypes.c_double),
+        "receive": (None, ctypes.c_int, ctypes.c_int, ctypes.c_uint8),
+        "read": (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.POINTER(ctypes.c_double), ctypes.c_int),
+        "exchange": (ctypes.c_uint8, ctypes.c_double, ctypes.c_uint8),
+    }
+    for name, (result, *arguments) in types.items():
+        function = getattr(library, f"navi_{name}")
+        function.restype, function.argtypes = result, arguments
     return library

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from lab.hil.aircraft import ARMED, GenuineAircraft
+from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import Firmware
 from lab.hil.navibuild import NaviFirmware
 from lab.hil.navigation import NaviBoard, Socket
 from lab.hil.navipeer import Surroundings
 from lab.hil.world import GenuineWorld
 from mksim.config import SimConfig
-from mksim.physics.world import DT, MOTORS_OFF
 
 
 class PairWorld(GenuineWorld):
@@ -70,10 +69,9 @@ class NaviPair(GenuineAircraft):
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
-        world, board = self.world, self.board
+        board = self.board
         for at, data in self._to_board.poll(to):
             board.receive(Socket.HOST, ((max(at, board.now), byte) for byte in data))
-        while world.now + DT <= to:
-            world.step(ARMED if world.is_armed else MOTORS_OFF)
+        self._fly(to)
         board.read(Socket.COMPASS)
         return self._answer(board.read(Socket.HOST), to)

@@ -1,26 +1,41 @@
-"""`python -m lab hil --case pair`: a genuine FlightCtrl behind a genuine NaviCtrl, the daemon in front of both."""
+"""`python -m lab hil --case pair`: a genuine FlightCtrl behind a genuine NaviCtrl, the daemon in front of both.
+
+Its own code does its work there first; then it flies over the target: take-off, a hold in indoor air and a landing,
+with the rendered camera of `lab.hil.flights`. Attitudes, telemetry and sticks cross both boards.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from statistics import median
 from typing import Any, Final
 
 from lab import tables
-from lab.campaign import Row
+from lab.campaign import Row, in_order
 from lab.hil.build import built
+from lab.hil.flights import Leg, SceneFlight, Setting, config_of
 from lab.hil.navibuild import built_navictrl
-from lab.hil.navidaemon import NEUTRAL, DaemonAtNavi, Step
-from lab.hil.naviflight import BOOTED, VOLTAGE, fly_all
+from lab.hil.navidaemon import NEUTRAL, DaemonAtNavi
 from lab.hil.navipair import NaviPair
 from lab.hil.quiet import be_quiet
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.truth import Truth
+from mksim.physics.world import StartState
+from mksim.programs.rehearsal import land, over_pad, take_off
+from mksim.scene.camera import deck_of
 
+VOLTAGE: Final = 15.6
+BOOTED: Final = 10.0
+"""Both boards need so long to find each other, compass and GPS receiver [s]."""
+START: Final = 14.0
+"""When the pilot starts the motors [s]: a FlightCtrl behind a NaviCtrl is asked for its release before."""
+HOLD: Final = 20.0
+LEG: Final = Leg((take_off(), over_pad("hold", 0.0, HOLD), land()))
 LOOK: Final = 2.0
 SAMPLE: Final = 0.05
 TRIES: Final = 3
@@ -30,8 +45,8 @@ TILTS: Final = 20
 TILT: Final = 5.0
 """[count]."""
 REACHED: Final = "sticks reach the FlightCtrl"
-FIGURES: Final = ("take_off_far_cm", "hold_cm", "touch_cm", "sink", "nees_level")
-"""Of a flight; see `lab.hil.flights.figures`."""
+FIGURES: Final = ("hold_cm", "touch_cm", "nees_level")
+"""Of a flight; see `lab.hil.figures.figures`."""
 SLOWEST: Final = 8.0
 """Longest that sticks are waited for to be dropped [s]."""
 
@@ -39,63 +54,50 @@ SLOWEST: Final = 8.0
 class PairDaemon(DaemonAtNavi):
     """A daemon at a genuine pair, whose telemetry is compared with what is true."""
 
-    def _note(self, name: str, ended: str, figure: float | None = None) -> None:
-        super()._note(name, ended, figure)
-        print(f"{self.loop.time():.1f} s: {name}: {ended} {figure}", file=sys.stderr, flush=True)
+    async def _do_steps(self) -> None:
+        await self._meet()
+        await self._pass_on()
+        await self._control()
 
-    async def _ask(self) -> None:
-        """Nothing: `--case navictrl` does that."""
-
-    async def _store(self) -> None:
-        """Nothing: `--case navictrl` does that."""
+    def _note(self, what: str, ended: str, figure: float | None = None) -> None:
+        super()._note(what, ended, figure)
+        print(f"{self.loop.time():.1f} s: {what}: {ended} {figure}", file=sys.stderr, flush=True)
 
     async def _hover(self) -> None:
         await super()._hover()
-        world, errors = self.aircraft.world, dict[str, list[float]]()
+        errors = dict[str, list[float]]()
         for _ in range(round(LOOK / SAMPLE)):
             await asyncio.sleep(SAMPLE)
-            for name, value in errors_of(self.bus.values, world.truth, world.pilot.gas).items():
+            for name, value in errors_of(self.bus.values, self.world.truth, self.world.pilot.gas).items():
                 errors.setdefault(name, []).append(value)
         for name, found in errors.items():
-            self._note(f"{name}, off by", "told", median(found))
-        self._look(world.truth)
-
-    def _look(self, truth: Truth) -> None:
-        flies = not truth.on_ground and not truth.crashed
-        self._note("flies at [m]", "yes" if flies else "no", float(truth.position_enu[2]))
+            self._note(f"{name}, off by", "measured", median(found))
 
     async def _dead_man(self) -> None:
         """The cable is cut, and the client falls silent, in turn, while a tilt is held."""
         for number in range(1, TRIES + 1):
-            self._cut(cut=True)
-            await self._time(f"cable cut, held for ({number})", lambda: not self._held()[4])
-            self._cut(cut=False)
+            self.cable.is_cut = self.cable.is_deaf = True
+            await self._wait(f"cable cut, held for ({number})", lambda: not self._held()[4], SLOWEST, self._streamed_at)
+            self.cable.is_cut = self.cable.is_deaf = False
             await self._steer_again(number)
-            await self._time(f"client silent, level after ({number})", lambda: self._held()[0] == 0)
-            await self._time(f"client silent, let go after ({number})", lambda: not self._held()[4])
+            await self._wait(
+                f"client silent, level after ({number})", lambda: self._held()[0] == 0, SLOWEST, self._streamed_at
+            )
+            await self._wait(
+                f"client silent, let go after ({number})", lambda: not self._held()[4], SLOWEST, self._streamed_at
+            )
             if number < TRIES:
                 await self._steer_again(number)
-        self._look(self.aircraft.world.truth)
-
-    def _cut(self, *, cut: bool) -> None:
-        self._line.is_cut = self._line.is_deaf = cut
-
-    async def _time(self, name: str, claim: Callable[[], bool]) -> None:
-        began = self._streamed_at
-        took = await self._until(claim, SLOWEST)
-        self._note(name, "never" if took is None else "yes", None if took is None else self.loop.time() - began)
 
     async def _steer_again(self, number: int) -> None:
         """Take the lease once the aircraft is known again, and ask for a tilt."""
-        link = self.wiring.link
-        took = await self._until(lambda: link.is_up and link.dialect.extern_control is not None, SLOWEST)
-        if took is None:
+        if await self.until(lambda: self.is_line_known, SLOWEST) is None:
             self._note(f"known again ({number})", "never")
             return
         await asyncio.sleep(LOOK)
         await self.bus.take_lease("lab")
-        await self._stream(NEUTRAL, lambda count: 0.0)
-        await self._stream(TILTS, lambda count: TILT)
+        await self._stream(NEUTRAL, 0.0)
+        await self._stream(TILTS, TILT)
 
 
 def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[str, float]:
@@ -119,14 +121,11 @@ def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[st
     if height is not None:
         found["height by the barometer [m]"] = abs(height.above_start - float(truth.position_enu[2]))
     if place is not None and place.position_enu is not None:
-        east, north = (
-            float(here - there) for here, there in zip(place.position_enu[:2], truth.position_enu, strict=False)
-        )
-        found["place by GPS [m]"] = math.hypot(east, north)
+        found["place by GPS [m]"] = math.dist(place.position_enu[:2], truth.position_enu[:2])
     return found
 
 
-def measure(flight: str, seed: int) -> tuple[str, list[Step]]:
+def measure(flight: str, seed: int) -> tuple[str, list[Row]]:
     """Let the daemon do everything at a pair; the NaviCtrl's release, and what became of each step.
 
     Args:
@@ -137,17 +136,37 @@ def measure(flight: str, seed: int) -> tuple[str, list[Step]]:
         ConfigError: something is not built.
     """
     be_quiet()
-    navi = built_navictrl()
-    wind = FlightConfig(wind=WindClass.INDOOR)
+    navi, wind = built_navictrl(), FlightConfig(wind=WindClass.INDOOR)
     config = SimConfig(seed=seed, pilot_plan=PilotPlan.NOTHING, flight=wind)
 
-    async def run() -> list[Step]:
-        pair = NaviPair(built(flight), navi, config, voltage=VOLTAGE)
-        await asyncio.sleep(BOOTED)
-        pair.advance(BOOTED)
+    async def run() -> list[Row]:
+        pair = await _booted(flight, config)
         return await PairDaemon(pair, lambda: pair.world.held).run()
 
     return navi.release, run_virtually(run())
+
+
+async def _booted(flight: str, config: SimConfig, **more: Any) -> NaviPair:
+    """Both boards, once they know each other."""
+    pair = NaviPair(built(flight), built_navictrl(), config, voltage=VOLTAGE, **more)
+    await asyncio.sleep(BOOTED)
+    pair.advance(BOOTED)
+    return pair
+
+
+def fly_pair(flight: str, seed: int) -> Row:
+    """Fly once over the target; a process does it once, for it has one NaviCtrl."""
+    be_quiet()
+    return run_virtually(_fly(flight, seed)) | {"seed": seed}
+
+
+async def _fly(flight: str, seed: int) -> Row:
+    setting = Setting(flight, seed, voltage=VOLTAGE)
+    config = config_of(setting).model_copy(update={"pilot_wait": START})
+    pair = await _booted(flight, config, start=StartState(yaw=setting.yaw), ground=deck_of(config.scene.platform))
+    scenes = SceneFlight(config, pair, (LEG,))
+    await scenes.fly()
+    return scenes.found
 
 
 def show(flight: str, seeds: Sequence[int], jobs: int, *, as_json: bool) -> int:
@@ -160,11 +179,9 @@ def show(flight: str, seeds: Sequence[int], jobs: int, *, as_json: bool) -> int:
         as_json: print JSON in place of tables.
     """
     release, steps = measure(flight, seeds[0])
-    rows: list[Row] = [{"what": step.name, "ended": step.ended, "figure": step.figure} for step in steps]
-    is_reached = any((step.name, step.ended) == (REACHED, "yes") for step in steps)
-    rows.append({"what": "the FlightCtrl held sticks", "ended": "yes" if is_reached else "no", "holds": is_reached})
-    for row in fly_all(flight, seeds, jobs):
+    rows = [step | {"holds": step["what"] != REACHED or step["ended"] == "yes"} for step in steps]
+    rows.append({"what": "control was had", "holds": any(step["what"] == REACHED for step in steps)})
+    for row in in_order(partial(fly_pair, flight), seeds, jobs, is_alone=True):
         figures: Row = {key: round(row[key], 2) for key in FIGURES if key in row}
-        ended = "; ".join(row["lost"])
-        rows.append({"what": f"flight {row['seed']}", "ended": ended, **figures, "holds": not row["lost"]})
-    return tables.show(rows, ("what", "ended"), as_json=as_json, flight=flight, navi=release)
+        rows.append({"what": f"flight {row['seed']}", "lost": row["lost"], **figures, "holds": not row["lost"]})
+    return tables.show(rows, ("what",), as_json=as_json, flight=flight, navi=release)

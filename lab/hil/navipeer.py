@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections import deque
 from typing import Final
 
 import numpy as np
 
 from lab.hil.gpsreceiver import report
 from lab.hil.navigation import NaviBoard, Socket
-from lab.hil.spi import COMPATIBLE, ORDER, Motion, Replies, Reply, Word, packet
+from lab.hil.spi import COMPATIBLE, ORDER, Word, packet
 from mksim.boards.flightctrl import FlightCtrl
 from mksim.boards.flightctrl_replies import bounded
 from mksim.boards.line import HOST_CHAR
@@ -26,16 +28,21 @@ FIRST_REPORT: Final = 5.0
 """Of the GPS receiver, which takes longer to start than both boards [s]."""
 LARGEST_VALUE: Final = 247
 """Of a parameter; larger ones name a potentiometer."""
+FIRST_POTI_CHANNEL: Final = 5
+VOLTS_OF_PACK: Final = 50
+"""A low-voltage warning below this counts a cell [0.1 V]."""
+GPS_PARAMETERS: Final = (
+    *("gps_gain", "gps_p", "gps_i", "gps_d", "gps_acceleration", "gps_min_satellites", "gps_stick_threshold"),
+    *("gps_operating_radius", "gps_wind_correction", "gps_speed_compensation", "gps_angle_limit"),
+)
+"""Of the word PARAMETERS, behind the pilot's switch."""
 
 
 class Surroundings:
     """The compass and the GPS receiver of a NaviCtrl, in a simulated world."""
 
     def __init__(self, world: World) -> None:
-        """Connect them."""
-        self._world = world
-        self._sequence = -1
-        self._free_at = 0.0
+        self._world, self._sequence, self._free_at = world, -1, 0.0
 
     def tend(self, board: NaviBoard, now: float) -> None:
         """Let the compass measure, and the receiver send what it has new."""
@@ -54,60 +61,33 @@ class Surroundings:
 
 
 class SimulatedMaster:
-    """The simulator's FlightCtrl at the bus of a genuine NaviCtrl.
+    """The simulator's FlightCtrl at the bus of a genuine NaviCtrl; it does not use that one's packets."""
 
-    Attributes:
-        last: the NaviCtrl's latest packet.
-        replies: finds its packets.
-    """
-
-    def __init__(self, flight: FlightCtrl, release: tuple[int, int, int]) -> None:
-        """Connect it.
-
-        Args:
-            flight: the board.
-            release: that it names.
-        """
-        self._flight, self._release = flight, release
-        self._count = 0
-        self._due = 0.0
-        self._left: list[tuple[float, int]] = []
-        self.replies = Replies()
-        self.last: Reply | None = None
+    def __init__(self, flight: FlightCtrl) -> None:
+        self._flight = flight
+        self._words, self._left, self._due = itertools.cycle(ORDER), deque[tuple[float, int]](), 0.0
 
     def exchange(self, board: NaviBoard, until: float) -> None:
         """Exchange what is due until a time [s]."""
-        while True:
+        while self._due <= until or self._left:
             if not self._left:
-                if self._due > until:
-                    return
                 said = self._next_packet()
-                self._left = [(self._due + k * BYTE_TIME, byte) for k, byte in enumerate(said, 1)]
+                self._left.extend((self._due + k * BYTE_TIME, byte) for k, byte in enumerate(said, 1))
                 self._due += PERIOD
             while self._left:
                 if self._left[0][0] > until:
                     return
-                found = self.replies.take(board.exchange(*self._left.pop(0)))
-                if found is not None:
-                    self.last = found
+                board.exchange(*self._left.popleft())
 
     def _next_packet(self) -> bytes:
-        word = ORDER[self._count % len(ORDER)]
-        self._count += 1
-        said = packet(word, self._motion(), self._data(word))
+        word, sensors = next(self._words), self._flight.aircraft.sensors
+        angles = (sensors.fc_angle_pitch, -sensors.fc_angle_roll)
+        tilts = (-math.atan2(sensors.acc_x, 9.81), -math.atan2(sensors.acc_y, 9.81))
+        motion = [bounded(math.degrees(angle) * 10.0) for angle in (*angles, *tilts)]
+        said = packet(word, (*motion, round(sensors.heading_deg * 10.0) % 3600), self._data(word))
         if word is Word.USER:
             self._flight.core.take_pulses()
         return said
-
-    def _motion(self) -> Motion:
-        sensors = self._flight.aircraft.sensors
-        return Motion(
-            pitch=bounded(math.degrees(sensors.fc_angle_pitch) * 10.0),
-            roll=bounded(-math.degrees(sensors.fc_angle_roll) * 10.0),
-            acc_pitch=bounded(-math.degrees(math.atan2(sensors.acc_x, 9.81)) * 10.0),
-            acc_roll=bounded(-math.degrees(math.atan2(sensors.acc_y, 9.81)) * 10.0),
-            heading=round(sensors.heading_deg * 10.0) % 3600,
-        )
 
     def _data(self, word: Word) -> tuple[int, ...]:
         flight = self._flight
@@ -126,7 +106,7 @@ class SimulatedMaster:
             throttle = core.reported_gas(live)
             return (0, live["gps_hold_delay"], *height, *height, *limits, core.quality, 0, throttle)
         if word is Word.VERSION:
-            return (*self._release, COMPATIBLE, 22)
+            return (*flight.generation.release, COMPATIBLE, 22)
         if word is Word.BATTERY:
             current, used = round(sensors.battery_current * 10.0), round(sensors.battery_used_mah)
             voltage = round(sensors.battery_voltage * 10.0)
@@ -144,25 +124,6 @@ class SimulatedMaster:
     def _low_voltage(self) -> int:
         level = self._flight.live["low_voltage_warning"]
         return level * self._flight.core.cells if level < VOLTS_OF_PACK else level
-
-
-FIRST_POTI_CHANNEL: Final = 5
-VOLTS_OF_PACK: Final = 50
-"""A low-voltage warning below this counts a cell [0.1 V]."""
-GPS_PARAMETERS: Final = (
-    "gps_gain",
-    "gps_p",
-    "gps_i",
-    "gps_d",
-    "gps_acceleration",
-    "gps_min_satellites",
-    "gps_stick_threshold",
-    "gps_operating_radius",
-    "gps_wind_correction",
-    "gps_speed_compensation",
-    "gps_angle_limit",
-)
-"""Of the word PARAMETERS, behind the pilot's switch."""
 
 
 def _word(value: int) -> tuple[int, int]:

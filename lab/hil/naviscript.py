@@ -6,17 +6,16 @@ world. What they say is compared item by item: which replies, how many, how soon
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from mkdaemon.protocol.flags import PositionStatus
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
 from mkdaemon.protocol.messages import WriteWaypoint024
 from mksim.physics.pilot import GPS_SWITCH, GPS_SWITCH_VALUES
-from mksim.physics.world import World
-from mksim.programs.virtualports import Aircraft
+from mksim.programs.rehearsal import FlyingAircraft
 
 STEP: Final = 1e-3
 """[s]."""
@@ -25,26 +24,25 @@ ESCAPE: Final = b"\x1b\x1b\x55\xaa\x00"
 PLACE: Final = (89_000_000, 489_000_000)
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+class Item(NamedTuple):
     """Something the host does, and how long it listens.
 
     Attributes:
         name: of it.
         sent: bytes, each with the time from the beginning [s].
         lasts: how long it listens [s].
-        pilot: what the pilot does first.
+        switch: what the pilot turns the GPS switch to first; None leaves it.
     """
 
     name: str
     sent: tuple[tuple[float, bytes], ...]
     lasts: float = 0.5
-    pilot: Callable[[World], None] = lambda world: None
+    switch: str | None = None
 
 
 @dataclass(slots=True)
-class Heard:
-    """What a board said.
+class Answers:
+    """What a board answered.
 
     Attributes:
         frames: with the times their last characters arrived, from the beginning of the item [s].
@@ -57,9 +55,12 @@ class Heard:
     held: str = ""
 
     @property
-    def letters(self) -> Counter[str]:
-        """How many frames of each kind."""
-        return Counter(f"{'.fnm'[frame.address]}{frame.id}" for _, frame in self.frames)
+    def kinds(self) -> dict[str, list[Frame]]:
+        """The frames of each kind: of which board, and its letter."""
+        found: defaultdict[str, list[Frame]] = defaultdict(list)
+        for _, frame in self.frames:
+            found[f"{'.fnm'[frame.address]}{frame.id}"].append(frame)
+        return found
 
 
 def frame(letter: str, payload: Sequence[int] | bytes = b"", board: int = NC) -> bytes:
@@ -88,20 +89,18 @@ def point(index: int, *, kind: int = 0, status: int = 1, north: int = 0) -> byte
     return made.encode()
 
 
-def _once(name: str, letter: str, pilot: Callable[[World], None] = lambda world: None) -> Item:
-    """One frame of a stream, half a second after what the pilot does."""
-    return Item(name, ((0.5, frame(letter, (100,))), (0.7, frame(letter, (0,)))), 1.0, pilot)
+def _once(name: str, letter: str, switch: str | None = None) -> Item:
+    """One frame of a stream, half a second after the pilot turned the GPS switch."""
+    return Item(name, ((0.5, frame(letter, (100,))), (0.7, frame(letter, (0,)))), 1.0, switch)
+
+
+def _passed(name: str, to: int, *asked: tuple[float, bytes], lasts: float = 1.0) -> Item:
+    """The line is passed through to another board, something is asked there, and back."""
+    return Item(name, ((0.0, frame("u", (to,))), *asked, (0.6, ESCAPE)), lasts)
 
 
 def _write(name: str, *points: bytes, lasts: float = 0.5) -> Item:
     return Item(name, tuple((0.1 * k, frame("w", raw)) for k, raw in enumerate(points)), 0.1 * len(points) + lasts)
-
-
-def _switch(mode: str) -> Callable[[World], None]:
-    def turn(world: World) -> None:
-        world.pilot.switches[GPS_SWITCH] = GPS_SWITCH_VALUES[mode]
-
-    return turn
 
 
 def _control(number: int) -> bytes:
@@ -159,17 +158,15 @@ GROUND: Final = (
     Item("external control, 20 Hz", tuple((0.05 * k, _control(k + 1)) for k in range(40)), 2.1),
     Item("external control, 100 Hz", tuple((0.01 * k, _control(k + 1)) for k in range(100)), 1.1),
     Item("serial channels", ((0.0, frame("y", range(12), board=FC)),)),
-    Item(
-        "passed to the FlightCtrl and back", ((0.0, frame("u", (0,))), (0.3, frame("v", board=FC)), (0.6, ESCAPE)), 1.0
-    ),
-    Item("passed to the compass and back", ((0.0, frame("u", (1,))), (0.3, frame("v", board=ANY)), (0.6, ESCAPE)), 1.0),
-    Item("passed to the GPS and back", ((0.0, frame("u", (2,))), (0.6, ESCAPE)), 1.0),
+    _passed("passed to the FlightCtrl and back", 0, (0.3, frame("v", board=FC))),
+    _passed("passed to the compass and back", 1, (0.3, frame("v", board=ANY))),
+    _passed("passed to the GPS and back", 2),
     Item(
         "passed on while a stream runs",
         ((0.0, frame("o", (10,))), (0.52, frame("u", (0,))), (0.8, ESCAPE), (1.0, frame("o", (0,)))),
         1.5,
     ),
-    Item("three escapes, and the sequence", ((0.0, frame("u", (0,))), (0.3, b"\x1b" + ESCAPE), (0.6, ESCAPE)), 1.0),
+    _passed("three escapes, and the sequence", 0, (0.3, b"\x1b" + ESCAPE)),
     _one("version after it", "v"),
     Item("only echoes for 9 s", tuple((0.5 * k, frame("z", (k, 1))) for k in range(18)), 9.2),
     Item("flags after it", ((0.0, frame("o", (100,))), (0.2, frame("o", (0,)))), 1.3),
@@ -183,11 +180,11 @@ FLIGHT: Final = (
     _one("passed to the compass in flight", "u", (1,)),
     _write("a point in flight", point(1, north=10)),
     _once("OSD data with it", "o"),
-    _once("switch to coming home", "o", _switch("home")),
-    _once("switch to hold", "o", _switch("hold")),
+    _once("switch to coming home", "o", "home"),
+    _once("switch to hold", "o", "hold"),
     _write("clear in flight", point(0, status=0)),
-    _once("switch to coming home, no list", "o", _switch("home")),
-    _once("switch to free", "o", _switch("free")),
+    _once("switch to coming home, no list", "o", "home"),
+    _once("switch to free", "o", "free"),
     _one("target in flight", "s", point(1, north=10)),
     _once("OSD data with a target", "o"),
 )
@@ -195,19 +192,20 @@ FLIGHT: Final = (
 LAST: Final = (Item("boot loader", ((0.0, frame("R")), (0.5, frame("v"))), 1.0),)
 
 
-def listen(aircraft: Aircraft, item: Item, world: World, held: Callable[[], str]) -> Heard:
-    """Let the host do something, and hear what the board says."""
-    item.pilot(world)
-    began, heard, decoder = aircraft.now, Heard(), FrameDecoder()
+def listen(boards: FlyingAircraft, item: Item, held: Callable[[], str]) -> Answers:
+    """Let the host do something, and return what the board answers."""
+    if item.switch is not None:
+        boards.world.pilot.switches[GPS_SWITCH] = GPS_SWITCH_VALUES[item.switch]
+    began, found, decoder = boards.now, Answers(), FrameDecoder()
     left = list(item.sent)
-    while aircraft.now < began + item.lasts:
-        while left and left[0][0] <= aircraft.now - began + 1e-9:
-            aircraft.write(left.pop(0)[1], aircraft.now)
-        for at, data in aircraft.advance(aircraft.now + STEP):
-            for found in decoder.feed(data):
-                if isinstance(found, Frame):
-                    heard.frames.append((at - began, found))
+    while boards.now < began + item.lasts:
+        while left and left[0][0] <= boards.now - began + 1e-9:
+            boards.write(left.pop(0)[1], boards.now)
+        for at, data in boards.advance(boards.now + STEP):
+            for one in decoder.feed(data):
+                if isinstance(one, Frame):
+                    found.frames.append((at - began, one))
                 else:
-                    heard.text += found.raw
-    heard.held = held()
-    return heard
+                    found.text += one.raw
+    found.held = held()
+    return found

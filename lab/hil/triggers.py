@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import math
 import random
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from functools import partial
 from statistics import median
-from typing import Any, Final
+from typing import Final, NamedTuple
 
+from lab import tables
+from lab.campaign import Row, carried_out
 from lab.hil.copies import in_a_copy
 from lab.hil.forkedflight import CLIENT, HEIGHT, Flight, SteadyHand
 from lab.rigs.virtualguard import VirtualGuard
@@ -106,12 +107,8 @@ async def gate_shut(flight: Flight) -> Figures:
 
 async def gate_shut_untold(flight: Flight) -> Figures:
     """The same, where the board tells nothing of its gate: only a tilt that does not follow the sticks shows it."""
-    flight.wiring.core.answer.gate_reported = _unheard  # type: ignore[method-assign]
+    flight.wiring.core.answer.gate_reported = lambda now, *, is_open: None  # type: ignore[method-assign]
     return await gate_shut(flight)
-
-
-def _unheard(now: float, *, is_open: bool) -> None:
-    """Nobody listens."""
 
 
 async def lid(flight: Flight) -> Figures:
@@ -138,19 +135,11 @@ async def line_cut(flight: Flight) -> Figures:
     return {"released": flight.released_after(since)}
 
 
-@dataclass(frozen=True, slots=True)
-class Story:
-    """One thing that happens.
-
-    Attributes:
-        happens: it.
-        goals: least and most of each figure.
-        needs_lid: only firmware with the rule of stock firmware shows it.
-    """
+class Story(NamedTuple):
+    """One thing that happens, and least and most of each figure."""
 
     happens: Callable[[Flight], Awaitable[Figures]]
     goals: dict[str, tuple[float, float]]
-    needs_lid: bool = False
 
 
 AT_OPENING: Final = {"sticks_at_opening": (0.0, 30.0)}
@@ -178,70 +167,81 @@ STORIES: Final[dict[str, Story]] = {
         gate_shut_untold,
         {"ignored": (0.0, 0.2), **AT_OPENING, "flies": (1.0, 1.0), "off_cm": (0.0, 60.0)},
     ),
-    "lid": Story(lid, {"told": (0.4, 1.4)}, needs_lid=True),
+    "lid": Story(lid, {"told": (0.4, 1.4)}),
     "receiver_lost": Story(receiver_lost, {"released": (0.0, 1.0)}),
     "line_cut": Story(line_cut, {"released": (1.9, 2.2)}),
 }
 """Times from the event to what the firmware holds [s]; docs/safety.md, "What ends a flight"."""
 
 
-def tell(firmware: str, seed: int, names: tuple[str, ...] = ()) -> dict[str, dict[str, Any]]:
-    """Fly once, and let each story happen in a fork; its figures, and which miss their goals.
+def fire(firmware: str, seed: int) -> dict[str, Row]:
+    """Fly once, and let each story happen in a fork; its figures, and which `missed` their goals.
 
     Args:
-        firmware: that flies.
+        firmware: that flies; the story of the lid needs the rule of stock firmware.
         seed: of everything random.
-        names: of the stories; all by default.
     """
-    return run_virtually(_tell(firmware, seed, names or tuple(STORIES)))
+
+    async def found() -> dict[str, Row]:
+        names = [name for name in STORIES if name != "lid" or firmware.endswith("stock-lid")]
+        flight = Flight(firmware, seed)
+        try:
+            await flight.begin()
+        except (TimeoutError, CommandRejectedError) as error:
+            return {name: {"missed": [f"the flight did not begin: {error}"]} for name in names}
+        silent = {"missed": ["the story ended without a word"]}
+        return {name: await in_a_copy(partial(_happen, flight, name, seed)) or silent for name in names}
+
+    return run_virtually(found())
 
 
-async def _tell(firmware: str, seed: int, names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    flight = Flight(firmware, seed)
-    try:
-        await flight.begin()
-    except (TimeoutError, CommandRejectedError) as error:
-        return {name: {"missed": [f"the flight did not begin: {error}"]} for name in names}
-    found = {}
-    for name in names:
-        if not STORIES[name].needs_lid or firmware.endswith("stock-lid"):
-            told = await in_a_copy(partial(_happen, flight, name, seed))
-            found[name] = told or {"missed": ["the story ended without a word"]}
-    return found
-
-
-async def _happen(flight: Flight, name: str, seed: int) -> dict[str, Any]:
+async def _happen(flight: Flight, name: str, seed: int) -> Row:
     """Let a story happen, and judge it."""
     # At another moment of the flight in every story and for every seed, with a tilt to be lost.
     await asyncio.sleep(random.Random(f"{seed} {name}").uniform(0.1, 1.0))
     await flight.until(lambda: max(abs(part) for part in flight.world.held[:2]) >= TILTED, 3.0)
     figures = await STORIES[name].happens(flight)
-    return figures | {"missed": missed(name, figures)}
+    return {**figures, "missed": missed(name, figures)}
 
 
-def by_story(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
-    """Every story that was told, with its figures in every flight."""
+def by_story(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+    """Every story that happened, with its figures in every flight."""
     for name in STORIES:
         found = [row["stories"][name] for row in rows if name in row["stories"]]
         if found:
             yield name, [{**each, "missed": missed(name, each)} for each in found]
 
 
-def story_figures(name: str, found: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
+def story_figures(name: str, found: Sequence[Row]) -> Iterator[tuple[str, str, str]]:
     """The figures of a story over all flights: name, least / median / most, goal; a figure that never came counts."""
     for figure in dict.fromkeys(key for each in found for key in each if key != "missed"):
-        values = sorted(math.inf if each[figure] is None else each[figure] for each in found if figure in each)
+        values = sorted(_value(each, figure) for each in found if figure in each)
         shown = " / ".join("never" if math.isinf(v) else f"{v:.2f}" for v in (values[0], median(values), values[-1]))
         goal = STORIES[name].goals.get(figure)
         yield figure, shown, "" if goal is None else f"{goal[0]:g} to {goal[1]:g}"
 
 
-def missed(name: str, figures: Mapping[str, Any]) -> list[str]:
+def missed(name: str, figures: Row) -> list[str]:
     """Goals of a story that its figures miss; one that never came is none, or infinite, and misses."""
-    found = {figure: figures.get(figure) for figure in STORIES[name].goals}
-    shown = {figure: math.inf if value is None else float(value) for figure, value in found.items()}
     return [
-        f"{figure} {shown[figure]:.2f} is not in {least:g} to {most:g}"
+        f"{figure} {_value(figures, figure):.2f} is not in {least:g} to {most:g}"
         for figure, (least, most) in STORIES[name].goals.items()
-        if not least <= shown[figure] <= most
+        if not least <= _value(figures, figure) <= most
     ]
+
+
+def _value(figures: Row, figure: str) -> float:
+    value = figures.get(figure)
+    return math.inf if value is None else float(value)
+
+
+def show(rows: Sequence[Row], *, as_json: bool) -> int:
+    """Print least / median / most of every figure of what happens, and its goal; exit code 1 where one is missed."""
+    flown, shown = carried_out(rows), list[Row]()
+    for name, found in by_story(flown):
+        right = sum(not each["missed"] for each in found)
+        figures = {figure: f"{spread}, goal {goal}" for figure, spread, goal in story_figures(name, found)}
+        shown.append({"what": name, "right": right, "of": len(found)} | figures | {"holds": right == len(found)})
+    if len(flown) < len(rows):
+        shown.append({"what": "not flown", "of": len(rows) - len(flown), "holds": False})
+    return tables.show(shown, ("what",), as_json=as_json)

@@ -10,8 +10,7 @@ import math
 from collections import deque
 from typing import Final
 
-from lab.hil.chip import Chip
-from lab.hil.memory import control_of
+from lab.hil.chip import Chip, Held, control_of
 from mksim.config import FlightConfig
 from mksim.physics.airframe import GRAVITY, GroundContact
 from mksim.physics.motors import HOVER_CELL_V, MAX_COUNT
@@ -39,9 +38,8 @@ COUNTS_PER_RAD: Final = 1220.0 * 180.0 / math.pi
 """Of the firmware's angle integrals."""
 GATE_OPEN: Final = 128
 """External control acts where its parameter evaluates to more."""
-THROTTLE, ROLL, PITCH, YAW, FIRST_SWITCH = range(5)
-"""Order of the transmitter's channels; potentiometer 1 is the first switch."""
-CHANNELS: Final = 9
+CHANNELS, STICKS = 9, 4
+"""Of the transmitter: throttle, roll, pitch, yaw, and switches, of which the first is potentiometer 1."""
 FULL: Final = 125
 """Largest channel that the firmware's receiver takes for a stick [count]."""
 
@@ -66,17 +64,7 @@ class GenuineWorld(World):
         voltage: float | None = None,
         has_compass: bool = True,
     ) -> None:
-        """Set the aircraft up.
-
-        Args:
-            cfg: everything that can be chosen of the simulated world.
-            chip: the board.
-            seed: of every random stream.
-            start: where; default standing at the origin, nose north.
-            ground: what is below; default flat.
-            voltage: of the battery, held for the whole flight [V]; by default the battery of the configuration.
-            has_compass: whether the board hears of the heading.
-        """
+        """Set the aircraft up; see `GenuineAircraft`."""
         super().__init__(cfg, seed=seed, start=start, ground=ground)
         airframe = cfg.airframe
         self.chip = chip
@@ -111,18 +99,14 @@ class GenuineWorld(World):
         return self.held[-1] and self.chip.peek("Parameter_ExternalControl", "<B") > GATE_OPEN
 
     @property
-    def held(self) -> tuple[int, int, int, int, bool]:
-        """External control as the firmware holds it: pitch, roll, yaw, throttle, whether it is valid."""
-        return self._layout.held(self.chip)
+    def held(self) -> Held:
+        """External control as the firmware holds it."""
+        return self.chip.held(self._layout)
 
     @property
     def control_size(self) -> int:
         """Of external control in the firmware's memory [byte]."""
         return self._layout.size
-
-    def watch_frames(self) -> None:
-        """Let the chip keep every frame that the firmware receives."""
-        self.chip.watch_frames(self._layout.symbol)
 
     def _fly(self, sticks: StickInput) -> None:
         """Let the firmware fly one step; the sticks it flies by are in its own memory."""
@@ -188,12 +172,9 @@ class GenuineWorld(World):
         """Put the pilot's sticks and switches on the receiver."""
         pilot, lines = self.pilot, self.chip.lines
         lines.is_receiving = int(pilot.rc_quality > 0)
-        channel = lines.channel
-        for place, stick in ((THROTTLE, pilot.gas), (ROLL, pilot.roll), (PITCH, pilot.pitch), (YAW, pilot.yaw)):
-            channel[place] = max(-FULL, min(FULL, stick))
-        channel[FIRST_SWITCH] = max(-FULL, min(FULL, pilot.gate - STICK_LIMIT))
-        for number in range(2, CHANNELS - FIRST_SWITCH + 1):
-            channel[FIRST_SWITCH + number - 1] = max(-FULL, min(FULL, pilot.switches.get(number, 0) - STICK_LIMIT))
+        switches = [pilot.gate, *(pilot.switches.get(number, 0) for number in range(2, CHANNELS - STICKS + 1))]
+        values = (pilot.gas, pilot.roll, pilot.pitch, pilot.yaw, *(switch - STICK_LIMIT for switch in switches))
+        lines.channel[:CHANNELS] = [max(-FULL, min(FULL, value)) for value in values]
 
     def _update_beliefs(self) -> None:
         """What the firmware believes of its angles, for the hand of the pilot."""

@@ -11,28 +11,20 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
 
-from lab.link.cases import Case
-from lab.link.virtual import configurations, running_link, steer_steadily
+from lab.campaign import Row
 from mkdaemon.link.session.health import PROBE_TIMEOUT
 from mkdaemon.protocol.framing import Frame, FrameDecoder
-from mkdaemon.virtualtime import run_virtually
 from mksim.boards.generations import FC_GENERATIONS
 from mksim.config import SimConfig
 from mksim.physics.world import World
 from mksim.simulation import Simulation
 
-PROOF: Final = 600.0
-"""Length of a proof [s]: 6000 link tests; none of ours lost among them bounds our share to 0.05 %."""
-LIMIT: Final = 0.002
-"""Largest share of conversations that may be lost beyond what the radio takes."""
 CONFIDENCE: Final = 0.95
 """Of the bound."""
-_TAIL: Final = 0.5
-"""After the last one: time for its answer [s]; the slowest way there and back takes 0.13 s."""
 
 
 @dataclass(slots=True)
@@ -52,25 +44,6 @@ class Fate:
     taken: float | None = None
     answered: float | None = None
     heard: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Account:
-    """Conversations of one kind, and who lost them.
-
-    Attributes:
-        sent: how many were wanted.
-        lost: of these, lost.
-        by_radio: of these, taken by the radio.
-        by_us: lost, and not by the radio.
-        by_us_at_most: upper bound of our share, with 95 % confidence.
-    """
-
-    sent: int
-    lost: int
-    by_radio: int
-    by_us: int
-    by_us_at_most: float
 
 
 class Tracer(Simulation):
@@ -161,70 +134,38 @@ class Tracer(Simulation):
         return frame.payload[0] if frame.id == "B" else self._layout.decode(frame.payload).frame
 
 
-def echo_account(fates: Iterable[Fate]) -> Account:
-    """Who lost the link tests: an answer later than the link waits for is lost by us."""
-    found = list(fates)
-    lost = [fate for fate in found if fate.heard is None or fate.heard - fate.asked > PROBE_TIMEOUT]
+def echo_account(fates: Sequence[Fate]) -> Row:
+    """Who lost the link tests: an answer later than the link waits for is lost by us; see `account`."""
+    lost = [fate for fate in fates if fate.heard is None or fate.heard - fate.asked > PROBE_TIMEOUT]
     radio = [fate for fate in lost if fate.arrived is None or (fate.answered is not None and fate.heard is None)]
-    return _account(len(found), len(lost), len(radio))
+    return account(len(fates), len(lost), len(radio))
 
 
-def stick_account(fates: Iterable[Fate], handed_in: int) -> Account:
+def stick_account(fates: Sequence[Fate], handed_in: int) -> Row:
     """Who lost the stick frames: those never sent, and those that arrived in a receiver that could not take them."""
-    found = list(fates)
-    radio = sum(fate.arrived is None for fate in found)
-    lost = handed_in - sum(fate.taken is not None for fate in found)
-    return _account(handed_in, lost, radio)
+    lost = handed_in - sum(fate.taken is not None for fate in fates)
+    return account(handed_in, lost, sum(fate.arrived is None for fate in fates))
 
 
-def upper_bound(hits: int, trials: int, confidence: float = CONFIDENCE) -> float:
-    """One-sided upper bound of a share of which so many hits were seen; 1 without trials."""
+def account(sent: int, lost: int, by_radio: int) -> Row:
+    """Conversations that were wanted, lost, by the radio and by us, and the upper bound of our share."""
+    at_most = round(upper_bound(lost - by_radio, sent), 6)
+    return {"sent": sent, "lost": lost, "by_radio": by_radio, "by_us": lost - by_radio, "by_us_at_most": at_most}
+
+
+def upper_bound(hits: int, trials: int) -> float:
+    """One-sided upper bound of a share of which so many hits were seen, 95 %; 1 without trials."""
     if hits >= trials:
         return 1.0
+
+    def at_most_hits(share: float) -> float:
+        """Probability of so many hits or fewer."""
+        ways = (math.lgamma(trials + 1) - math.lgamma(k + 1) - math.lgamma(trials - k + 1) for k in range(hits + 1))
+        odds = (k * math.log(share) + (trials - k) * math.log1p(-share) for k in range(hits + 1))
+        return sum(math.exp(way + each) for way, each in zip(ways, odds, strict=True))
+
     low, high = hits / trials, 1.0
     for _ in range(60):
         share = (low + high) / 2
-        low, high = (share, high) if _at_most(hits, trials, share) > 1 - confidence else (low, share)
+        low, high = (share, high) if at_most_hits(share) > 1 - CONFIDENCE else (low, share)
     return high
-
-
-def prove(case: Case, seconds: float = PROOF) -> dict[str, Any]:
-    """Follow every conversation of a case by radio, and bound our share of the losses."""
-    echo, sticks = run_virtually(_follow_all(case, seconds))
-    proven = {"echo": echo} if sticks is None else {"echo": echo, "control": sticks}
-    return {
-        "proof_seconds": seconds,
-        "proof": {name: asdict(account) for name, account in proven.items()},
-    }
-
-
-async def _follow_all(case: Case, seconds: float) -> tuple[Account, Account | None]:
-    sim, options = configurations(case)
-    tracer, loop = Tracer(sim), asyncio.get_running_loop()
-    async with running_link(case, tracer, options) as running:
-        began = loop.time()
-        handed_in = len(await steer_steadily(running.link, case, seconds))
-        ended = loop.time()
-        await asyncio.sleep(_TAIL)
-    echo = echo_account(fate for fate in tracer.echoes if began <= fate.asked < ended)
-    if not handed_in:
-        return echo, None
-    return echo, stick_account((fate for fate in tracer.sticks if began <= fate.asked < ended), handed_in)
-
-
-def _account(sent: int, lost: int, by_radio: int) -> Account:
-    return Account(sent, lost, by_radio, lost - by_radio, round(upper_bound(lost - by_radio, sent), 6))
-
-
-def _at_most(hits: int, trials: int, share: float) -> float:
-    """Probability of so many hits or fewer."""
-    return sum(
-        math.exp(
-            math.lgamma(trials + 1)
-            - math.lgamma(k + 1)
-            - math.lgamma(trials - k + 1)
-            + k * math.log(share)
-            + (trials - k) * math.log1p(-share)
-        )
-        for k in range(hits + 1)
-    )

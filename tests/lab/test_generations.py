@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from lab.hil import generations, navipairs
-from lab.hil.generations import REQUESTS, TOGETHER, VALUES, Found, control_frame, row_of, show, spread
-from lab.hil.navidaemon import Step
+from lab.hil.generations import REQUESTS, TOGETHER, VALUES, control_frame, show, version_of
 from mkdaemon.protocol.framing import FrameDecoder
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 
@@ -34,36 +33,35 @@ def test_every_request_is_asked_for_in_turn_first():
     assert len(set(VALUES.values())) == len(VALUES)
 
 
-def test_what_was_found_is_shown_and_a_firmware_that_takes_no_stick_frame_fails(monkeypatch, capsys):
-    held = {"ExternControlV1": (11, -7, 5, 100, True), "ExternControlV2": (0, 0, 0, 0, False)}
-    found = Found((0, 84, "a"), held, [0.005], [5.1, 5.2, 5.0], "abdhlpt", "cgnqvz")
-    monkeypatch.setattr(generations, "measure", lambda name, tries: found)
-    assert show(["some"], 3, as_json=True) == 0
-    [row] = json.loads(capsys.readouterr().out)["rows"]
-    assert (row["kept_alive_by"], row["layouts"]) == ("abdhlpt", ["ExternControlV1"])
-    assert row_of("some", found)["held_s"] == [5.0, 5.1, 5.2]
-    assert spread(found.held) == (5.0, 5.1, 5.2)
-    assert spread([]) == ()
-    found.held.clear()
-    assert show(["some"], 3, as_json=False) == 1
-    assert "0.84a" in capsys.readouterr().out
+def test_a_firmware_that_takes_no_stick_frame_fails(monkeypatch, capsys):
+    for holds, code in ((True, 0), (False, 1)):
+        monkeypatch.setattr(generations, "measure", lambda name, tries, holds=holds: {"firmware": name, "holds": holds})
+        assert show(["some"], 3, as_json=True) == code
+    assert version_of(bytes((0, 84, 11, 0, 0))) == "0.84a"
+    assert json.loads(capsys.readouterr().out.splitlines()[0])["rows"] == [{"firmware": "some", "holds": True}]
 
 
-def test_a_pair_whose_sticks_do_not_arrive_fails(monkeypatch, capsys):
-    steps = [Step("link up", "yes", 0.1), Step("sticks reach the FlightCtrl", "no")]
+@pytest.mark.parametrize(
+    ("ended", "lost", "holds"),
+    [
+        ("no", [], [True, False, True, True]),
+        ("yes", [], [True] * 4),
+        ("yes", ["it did not land"], [*[True] * 3, False]),
+    ],
+)
+def test_a_pair_whose_sticks_do_not_arrive_or_that_is_lost_fails(monkeypatch, capsys, ended, lost, holds):
+    steps = [step("link up", "yes", 0.1), step("sticks reach the FlightCtrl", ended)]
     monkeypatch.setattr(navipairs, "measure", lambda flight, seed: ("0.24b", steps))
-    flown = [{"seed": 7, "hold_cm": 3.5, "lost": []}]
-    monkeypatch.setattr(navipairs, "fly_all", lambda flight, seeds, jobs: flown)
-    assert navipairs.show("some", [1], 1, as_json=True) == 1
+    flown = [{"seed": 7, "hold_cm": 3.5, "lost": lost}]
+    monkeypatch.setattr(navipairs, "in_order", lambda fly, seeds, jobs, is_alone: flown)
+    assert navipairs.show("some", [1], 1, as_json=True) == (not all(holds))
     printed = json.loads(capsys.readouterr().out)
-    assert printed["rows"][0] == {"what": "link up", "ended": "yes", "figure": 0.1}
-    assert [row["holds"] for row in printed["rows"][2:]] == [False, True]
-    assert (printed["navi"], printed["rows"][3]["hold_cm"]) == ("0.24b", 3.5)
-    steps[1] = Step("sticks reach the FlightCtrl", "yes", 0.04)
-    assert navipairs.show("some", [1], 1, as_json=False) == 0
-    flown[0]["lost"] = ["it did not land"]
-    assert navipairs.show("some", [1], 1, as_json=False) == 1
-    assert "it did not land" in capsys.readouterr().out
+    assert [row["holds"] for row in printed["rows"]] == holds
+    assert (printed["navi"], printed["rows"][3]["hold_cm"], printed["rows"][0]["figure"]) == ("0.24b", 3.5, 0.1)
+
+
+def step(what, ended, figure=None):
+    return {"what": what, "ended": ended, "figure": figure}
 
 
 def test_telemetry_of_a_pair_is_compared_with_the_truth():

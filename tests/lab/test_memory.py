@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lab.hil.build import NO_RECEIVER, PULSE_TRAIN, Firmware
-from lab.hil.memory import control_of
+from lab.hil.chip import control_of
 from mkdaemon.errors import ConfigError
 
 
@@ -18,7 +18,7 @@ def firmware(*symbols):
 def test_a_generation_is_known_by_its_variable():
     assert (control_of(firmware("ExternalControl")).pitch, control_of(firmware("ExternalControl")).config) == (0, 5)
     old = control_of(firmware("MotorenEin", "ExternControl"))
-    assert (old.pitch, old.config, old.throttle) == (3, 10, "<B")
+    assert (old.pitch, old.config, old.throttle) == (3, 10, "B")
 
 
 def test_a_firmware_without_external_control_is_named():

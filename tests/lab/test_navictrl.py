@@ -17,10 +17,9 @@ from lab.hil.make import main as make
 from lab.hil.navibuild import files_of, narrowed, release_of
 from lab.hil.navicase import agree, unknown
 from lab.hil.navicompare import differences
-from lab.hil.navidaemon import Step
 from lab.hil.navigation import NaviLines
-from lab.hil.naviscript import Heard, Item, frame, point
-from lab.hil.spi import FROM_NAVICTRL, PACKET, Motion, Replies, Word, closed, packet
+from lab.hil.naviscript import Answers, frame, point
+from lab.hil.spi import Word, packet
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import FrameDecoder
 from mkdaemon.protocol.messages import WriteWaypoint024
@@ -89,22 +88,11 @@ def test_the_stub_and_python_lay_the_boards_edge_out_alike():
 
 
 def test_a_packet_of_the_flightctrl():
-    made = packet(Word.STICK, Motion(-15, 20, -14, 21, 3599), (-127, 1, 2, 3))
-    assert (len(made), made[:3]) == (PACKET, bytes((0xAA, 0x83, 11)))
+    made = packet(Word.STICK, (-15, 20, -14, 21, 3599), (-127, 1, 2, 3))
+    assert (len(made), made[:3]) == (34, bytes((0xAA, 0x83, 11)))
     assert made[3:7] == bytes.fromhex("f1ff1400")
     assert made[21:25] == bytes((0x81, 1, 2, 3))
     assert made[-1] == sum(made[:-1]) & 0xFF
-
-
-def test_packets_of_the_navictrl_are_found_between_other_bytes_and_wrong_sums_are_refused():
-    said = closed(FROM_NAVICTRL + bytes((103, 5, 0, 0xFB, 0xFF, 0, 0, 90, 0)) + bytes(10) + bytes(range(12)))
-    assert len(said) == PACKET
-    replies = Replies()
-    found = [reply for byte in b"\x00\x81\x00" + said + said[:-1] + b"\x00" + said if (reply := replies.take(byte))]
-    assert len(found) == 2
-    assert replies.refused == 1
-    assert (found[0].answer, found[0].pitch, found[0].roll, found[0].heading) == (103, 5, -5, 90)
-    assert found[0].data == bytes(range(12))
 
 
 def test_a_report_of_the_gps_receiver():
@@ -126,36 +114,36 @@ def test_a_report_of_the_gps_receiver():
     assert lengths == [(0x06, 52), (0x02, 28), (0x12, 36)]
 
 
-def heard(*frames, text=b"", held=""):
+def answers(*frames, text=b"", held=""):
     decoder = FrameDecoder()
-    return Heard([(at, found) for at, raw in frames for found in decoder.feed(raw)], text, held)
+    return Answers([(at, found) for at, raw in frames for found in decoder.feed(raw)], text, held)
 
 
-def test_what_two_boards_do_otherwise_is_told():
-    item = Item("something", ())
+def test_what_two_boards_do_otherwise_is_named():
     read = frame("X", bytes((3, 2)) + point(2, north=20))
     other = frame("X", bytes((3, 2)) + point(2, north=20, kind=255))
-    assert list(differences(item, heard((0.01, read)), heard((0.012, read)))) == []
-    assert list(differences(item, heard((0.01, read)), heard((0.02, other), text=b"init"))) == [
+    assert list(differences(answers((0.01, read)), answers((0.012, read)))) == []
+    assert list(differences(answers((0.01, read)), answers((0.02, other), text=b"init"))) == [
         "first reply after 10.0 ms, simulated 20.0",
         "nX.type 0, simulated 255",
         "text none, simulated 'init'",
     ]
-    assert list(differences(item, heard(held="a"), heard((0.1, read), held="b"))) == [
+    assert list(differences(answers(held="a"), answers((0.1, read), held="b"))) == [
         "nX: 0 frames, simulated 1",
         "the FlightCtrl holds a, simulated b",
     ]
     assert WriteWaypoint024.decode(point(2, kind=255)).index == 2
 
 
+def step(what, ended, figure=None):
+    return {"what": what, "ended": ended, "figure": figure}
+
+
 def test_known_differences_are_no_faults_and_steps_agree_by_their_end_and_time():
     assert unknown(["nD.analog[4] [0], simulated [245]", "nX.type 1, simulated 0"]) == ["nX.type 1, simulated 0"]
-    step = Step("dead-man", "yes", 2.0)
-    assert agree(step, Step("dead-man", "yes", 2.4))
-    assert not agree(step, Step("dead-man", "yes", 2.6))
-    assert not agree(step, Step("dead-man", "never", 2.0))
-    assert not agree(step, Step("dead-man", "yes"))
-    behind = Step("NaviCtrl after it", "accepted", 0.013)
-    assert agree(behind, Step("NaviCtrl after it", "accepted", 0.077))
-    assert not agree(behind, Step("NaviCtrl after it", "accepted", 0.09))
-    assert not agree(Step("label", "accepted", 0.013), Step("label", "accepted", 0.077))
+    dead_man = step("dead-man", "yes", 2.0)
+    others = [("yes", 2.4), ("yes", 2.6), ("never", 2.0), ("yes", None)]
+    assert [agree(dead_man, step("dead-man", *other)) for other in others] == [True, False, False, False]
+    late = [("NaviCtrl after it", 0.077), ("NaviCtrl after it", 0.09), ("label", 0.077)]
+    found = [agree(step(what, "accepted", 0.013), step(what, "accepted", figure)) for what, figure in late]
+    assert found == [True, False, False]
