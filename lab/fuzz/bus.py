@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,15 +20,15 @@ from typing import Any, Final
 
 import zenoh
 
+from lab.campaign import Row
 from lab.fuzz.nonsense import Nonsense
-from lab.fuzz.requests import LONGEST_SILENCE, LOOK_PERIOD
+from lab.fuzz.requests import LOOK_PERIOD, ended, is_silent, tracebacks
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import MKCTL, PROGRAM, VEHICLE, DaemonProcess, Program
 from mkdaemon.bus.codec import encoding_of
 from mkdaemon.bus.keys import KEYS
 from mkdaemon.bus.session import session_config
 from mkdaemon.client import Vehicle
-from mkdaemon.telemetry.refusals import Token
 
 AT_ONCE: Final = 20
 """Pieces of nonsense between two pauses."""
@@ -37,10 +36,9 @@ PAUSE: Final = 0.01
 """After these [s]: about 1,000 a second, where the machine has time."""
 SETTLING: Final = 2.0
 """For what is under way at the end [s]."""
-MOST_GROWTH_MB: Final = 32.0
-"""Of the daemon's memory [MiB]: what waits for answers is bounded to 8, and the first 5,000 queries took 15 (peak)."""
-MOST_KEPT_MB: Final = 6.0
-"""Of it from half-way on [MiB]: five times 5,000 queries more took 4 in all, and ever less."""
+LIMITS: Final = {"growth_mb": 32.0, "kept_mb": 6.0}
+"""Of the daemon's memory, most at any time against the beginning: what waits for answers is bounded to 8, and the first
+5,000 queries took 15 (peak); and at the end against half-way: five times 5,000 queries more took 4 in all [MiB]."""
 _CHUNKS: Final = ("*", "**", "@x", "mk", "mk1", VEHICLE, "setpoint", "do", "stick", "client", "alive", "a" * 200, "ü")
 _ENDS: Final = ("mk/**", "**", "*/**", "mk/*/**", "mk/*/setpoint/*", f"mk/{VEHICLE}/**", f"mk/{VEHICLE}/setpoint/**")
 _ENCODINGS: Final = (
@@ -53,46 +51,16 @@ _SPARED: Final = frozenset({"do/release", "do/abort", "do/cancel"})
 _PARAMETERS: Final = ("", "?past=nan", "?past=1e400;ahead=-1", "?_time=[..]", "?a=b;a=c;;=", "?" + "x" * 500)
 
 
-@dataclass
-class BusFindings:
-    """What a run showed.
+class BusStranger:
+    """Sends nonsense through a session of its own.
 
     Attributes:
-        count: how much nonsense was sent.
         sent: by kind.
         malformed: that Zenoh itself did not send.
-        seconds: how long it took.
-        silences: looks at which the link's health was too old, or not told.
-        growth_mb: of the daemon's memory, most at any time against the beginning.
-        kept_mb: of it, at the end against half-way.
-        tracebacks: by program.
-        ended: programs that ended by themselves.
-        exit_code: of the daemon's end by SIGTERM.
     """
 
-    count: int
-    sent: Counter[str] = field(default_factory=Counter)
-    malformed: int = 0
-    seconds: float = 0.0
-    silences: int = 0
-    growth_mb: float = 0.0
-    kept_mb: float = 0.0
-    tracebacks: Counter[str] = field(default_factory=Counter)
-    ended: list[str] = field(default_factory=list)
-    exit_code: int = 0
-
-    @property
-    def holds(self) -> bool:
-        """Whether nothing went wrong."""
-        wrong = (self.silences, self.tracebacks.total(), self.ended, self.exit_code)
-        return not any(wrong) and self.growth_mb <= MOST_GROWTH_MB and self.kept_mb <= MOST_KEPT_MB
-
-
-class BusStranger:
-    """Sends nonsense through a session of its own."""
-
-    def __init__(self, endpoint: str, nonsense: Nonsense, findings: BusFindings) -> None:
-        self._nonsense, self._findings = nonsense, findings
+    def __init__(self, endpoint: str, nonsense: Nonsense) -> None:
+        self.sent, self.malformed, self._nonsense = Counter[str](), 0, nonsense
         self._session = zenoh.open(session_config("client", connect=[endpoint]))
         self._tokens: list[zenoh.LivelinessToken] = []
         models = [encoding_of(spec.carries) for spec in KEYS if spec.carries is not None]
@@ -126,8 +94,8 @@ class BusStranger:
                 if len(self._tokens) > 8:
                     self._tokens.pop(rng.randrange(8)).undeclare()  # type: ignore[no-untyped-call]
         except (zenoh.ZError, ValueError):
-            self._findings.malformed += 1
-        self._findings.sent[kind] += 1
+            self.malformed += 1
+        self.sent[kind] += 1
 
     def _place(self) -> tuple[str, bytes]:
         """A key expression, and what is sent there."""
@@ -160,40 +128,19 @@ def readers(endpoint: str, folder: Path) -> dict[str, tuple[str, ...]]:
 
 
 @asynccontextmanager
-async def _reading(name: str, words: Sequence[str], findings: BusFindings) -> AsyncIterator[None]:
+async def _reading(name: str, words: Sequence[str], found: Row) -> AsyncIterator[None]:
     """Run a reader while the context lasts, and judge it."""
     reader = await Program.start(*words, is_read=False)
     try:
         yield
     finally:
         if reader.code is not None:
-            findings.ended.append(f"{name}: exit code {reader.code}")
+            found["ended"].append(f"{name}: exit code {reader.code}")
         await reader.end(signal.SIGINT)
-    _judge(name, reader.errors, findings)
+    found["tracebacks"] += tracebacks(reader.errors)
 
 
-def _judge(name: str, errors: str, findings: BusFindings) -> None:
-    if "Traceback" in errors:
-        findings.tracebacks[name] += errors.count("Traceback")
-        print(f"{name}: {errors[-5000:]}", file=sys.stderr)
-
-
-async def _health_is_late(client: Vehicle) -> bool:
-    try:
-        health = await client.get("link/health")
-    except Exception as error:  # noqa: BLE001
-        if getattr(error, "token", None) == Token.BUSY:
-            return False  # it lives, and says that it has too much to do
-        print(f"an honest client: {type(error).__name__}: {error}", file=sys.stderr)
-        return True
-    age = None if health is None else health.age
-    if age is None or age > LONGEST_SILENCE:
-        print(f"an honest client: link/health is {age} s old (None: no answer in time)", file=sys.stderr)
-        return True
-    return False
-
-
-async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) -> BusFindings:
+async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) -> Row:
     """Run a daemon and its readers, and send nonsense.
 
     Args:
@@ -201,32 +148,42 @@ async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) 
         seed: of the nonsense.
         only: names of the readers that run; all by default.
 
+    Returns:
+        What was `sent`, by kind, and `malformed`, that Zenoh itself did not send; `silences`, looks at which the link's
+        health was too old or not answered; see `LIMITS`; `tracebacks` of all programs, those that `ended` by
+        themselves, and the daemon's `exit_code`; `holds`.
+
     Raises:
         TimeoutError: the daemon did not come up.
     """
-    findings = BusFindings(count)
+    found: Row = {"ended": [], "tracebacks": 0}
     async with flown(observed(seed, nc="0.24"), on_tcp=True, waits=False) as one, AsyncExitStack() as stack:
-        daemon = one.daemon
-        for reader, words in readers(daemon.endpoint, one.folder).items():
+        for reader, words in readers(one.daemon.endpoint, one.folder).items():
             if only is None or reader in only:
-                await stack.enter_async_context(_reading(reader, words, findings))
+                await stack.enter_async_context(_reading(reader, words, found))
         await asyncio.sleep(SETTLING)
-        before = daemon.resident_mb()
-        await _send(daemon, one.client, Nonsense(seed), findings)
-        findings.growth_mb = round(daemon.most_resident_mb() - before, 1)
+        before = one.daemon.resident_mb()
+        found |= await _send(one.daemon, one.client, Nonsense(seed), count)
+        found["growth_mb"] = round(one.daemon.most_resident_mb() - before, 1)
         await stack.aclose()
-        findings.exit_code = await daemon.end(signal.SIGTERM)
-        _judge("daemon", daemon.errors, findings)
-    return findings
+        end = await ended(one.daemon)
+    found |= {"exit_code": end["exit_code"], "tracebacks": found["tracebacks"] + end["tracebacks"]}
+    return found | {"holds": holds(found)}
 
 
-async def _send(daemon: DaemonProcess, client: Vehicle, nonsense: Nonsense, findings: BusFindings) -> None:
+def holds(row: Row) -> bool:
+    """Whether nothing went wrong, and nothing grew too much."""
+    wrong = ("silences", "tracebacks", "ended", "exit_code")
+    return not any(row[name] for name in wrong) and all(row[name] <= most for name, most in LIMITS.items())
+
+
+async def _send(daemon: DaemonProcess, client: Vehicle, nonsense: Nonsense, count: int) -> Row:
     """Send it all, and look at the daemon now and then."""
-    stranger, began, next_look = BusStranger(daemon.endpoint, nonsense, findings), time.monotonic(), 0.0
-    half_way = 0.0
-    for number in range(findings.count):
+    stranger, began, next_look = BusStranger(daemon.endpoint, nonsense), time.monotonic(), 0.0
+    half_way, silences = 0.0, 0
+    for number in range(count):
         stranger.strike()
-        if number == findings.count // 2:
+        if number == count // 2:
             half_way = daemon.resident_mb()
         if number % AT_ONCE:
             continue
@@ -234,10 +191,10 @@ async def _send(daemon: DaemonProcess, client: Vehicle, nonsense: Nonsense, find
         elapsed = time.monotonic() - began
         if elapsed >= next_look:
             next_look = elapsed + LOOK_PERIOD
-            findings.silences += await _health_is_late(client)
-            print(f"{elapsed:4.0f} s: {dict(findings.sent)}", file=sys.stderr)
+            silences += await is_silent(client)
+            print(f"{elapsed:4.0f} s: {dict(stranger.sent)}", file=sys.stderr)
     await asyncio.sleep(SETTLING)
-    findings.seconds = round(time.monotonic() - began, 1)
-    findings.silences += await _health_is_late(client)
-    findings.kept_mb = round(daemon.resident_mb() - half_way, 1)
+    silences += await is_silent(client)
+    kept = round(daemon.resident_mb() - half_way, 1)
     await asyncio.to_thread(stranger.close)
+    return {"sent": stranger.sent, "malformed": stranger.malformed, "silences": silences, "kept_mb": kept}

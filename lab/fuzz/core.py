@@ -7,12 +7,10 @@ was reached of every closed set of the core, and shortens a sequence that breaks
 from __future__ import annotations
 
 import random
-import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -64,46 +62,6 @@ CONFIGS: Final = (*(QUICK,) * 24, *(ControlConfig(),) * 3, UNSAFE_LOOP)
 """One is drawn for each sequence."""
 
 
-@dataclass
-class Found:
-    """What sequences came to.
-
-    Attributes:
-        breaches: what was found, by seed: each with the time and what was seen.
-        reached: what was reached of the closed sets, see `closed_sets`, counted.
-        ticks: in flight, by phase, manoeuvre and stage.
-        sequences: how many.
-        seconds: virtual time [s].
-        cpu: processor time [s].
-    """
-
-    breaches: dict[int, list[str]] = field(default_factory=dict)
-    reached: Counter[str] = field(default_factory=Counter)
-    ticks: Counter[str] = field(default_factory=Counter)
-    sequences: int = 0
-    seconds: float = 0.0
-    cpu: float = 0.0
-
-    def add(self, other: Found) -> None:
-        """Add what other sequences came to."""
-        self.breaches |= other.breaches
-        self.reached += other.reached
-        self.ticks += other.ticks
-        self.sequences += other.sequences
-        self.seconds += other.seconds
-        self.cpu += other.cpu
-
-    @property
-    def share_in_flight(self) -> float:
-        """Share of the ticks in which stick frames were sent."""
-        return sum(self.ticks.values()) / max(1, self.reached["tick"])
-
-    @property
-    def unreached(self) -> list[str]:
-        """What no sequence has reached of the closed sets."""
-        return sorted(closed_sets() - self.reached.keys())
-
-
 def closed_sets() -> set[str]:
     """Everything that a campaign has to reach: phases, manoeuvres, stages, outcomes, causes, events, refusals.
 
@@ -140,10 +98,14 @@ def draw(seed: int, events: int = EVENTS) -> list[Happening]:
     ]
 
 
-def run(seed: int, happenings: Sequence[Happening]) -> Found:
-    """Let things happen around a core, and judge every tick."""
-    began, by_name = time.process_time(), {each.__name__: each for each in HAPPENINGS}
-    rng = random.Random(f"{seed} world")
+def run(seed: int, happenings: Sequence[Happening]) -> tuple[list[str], Counter[str]]:
+    """Let things happen around a core, and judge every tick.
+
+    Returns:
+        What was broken, each with the time and what was seen; and what was reached, counted: the closed sets, `tick`,
+        and `in flight`, the ticks in which stick frames were sent.
+    """
+    by_name, rng = {each.__name__: each for each in HAPPENINGS}, random.Random(f"{seed} world")
     world = World(rng, rng.choice(CONFIGS))
     judge = Judge(world)
     try:
@@ -160,8 +122,7 @@ def run(seed: int, happenings: Sequence[Happening]) -> Found:
                     pause -= step
     except Exception:  # whatever it is, it is the finding  # noqa: BLE001
         judge.breach(Breach.EXCEPTION, traceback.format_exc(limit=-4))
-    breaches = {seed: judge.breaches} if judge.breaches else {}
-    return Found(breaches, world.reached, judge.ticks, 1, world.now, time.process_time() - began)
+    return judge.breaches, world.reached
 
 
 def _tick(world: World, judge: Judge, rng: random.Random) -> None:
@@ -174,11 +135,6 @@ def _tick(world: World, judge: Judge, rng: random.Random) -> None:
         world.carry_out(actions, rng)
 
 
-def run_sequence(seed: int, events: int = EVENTS) -> Found:
-    """Run one sequence; the same seed runs the same."""
-    return run(seed, draw(seed, events))
-
-
 def shortened(seed: int, events: int = EVENTS) -> list[Happening]:
     """The shortest sequence found that breaks the same promise first as that of a seed does (delta debugging).
 
@@ -186,33 +142,30 @@ def shortened(seed: int, events: int = EVENTS) -> list[Happening]:
         IndexError: the sequence breaks none.
     """
     kept, part = draw(seed, events), events // 2
-    wanted = _first(run(seed, kept), seed)
+    wanted = run(seed, kept)[0][0].partition(" ")[0]
     while part:
         for start in range(len(kept) - part, -part, -part):
             fewer = kept[: max(start, 0)] + kept[max(start, 0) + part :]
-            found = run(seed, fewer)
-            if seed in found.breaches and _first(found, seed) == wanted:
+            if any(broken.startswith(f"{wanted} ") for broken in run(seed, fewer)[0][:1]):
                 kept = fewer
         part //= 2
     return kept
 
 
-def _first(found: Found, seed: int) -> str:
-    return found.breaches[seed][0].partition(" ")[0]
-
-
 def _run_block(first: int) -> Row:
-    found = Found()
+    reached, breaches = Counter[str](), dict[int, list[str]]()
     for seed in range(first, first + BLOCK):
-        found.add(run_sequence(seed))
-    why = next((f"{seed}: {broken[0]}" for seed, broken in found.breaches.items()), "")
-    return {"ending": Ending.WRONG if why else Ending.FINISHED, "why": why, "found": vars(found)}
+        broken, more = run(seed, draw(seed))
+        reached += more
+        breaches |= {seed: broken} if broken else {}
+    why = next((f"{seed}: {broken[0]}" for seed, broken in breaches.items()), "")
+    return {"ending": Ending.WRONG if why else Ending.FINISHED, "why": why, "breaches": breaches, "reached": reached}
 
 
 BLOCKS: Final = Campaign("fuzz core", _run_block, lambda first: {"first": first})
 
 
-def run_sequences(first: int, count: int, jobs: int, results: Path | None = None) -> Found:
+def run_sequences(first: int, count: int, jobs: int, results: Path | None = None) -> Row:
     """Run many sequences.
 
     Args:
@@ -221,18 +174,18 @@ def run_sequences(first: int, count: int, jobs: int, results: Path | None = None
         jobs: processes.
         results: file in which blocks are kept.
 
+    Returns:
+        How many `sequences`; `breaches` by seed; what was `reached`, counted, and `unreached` of the closed sets.
+
     Raises:
         CampaignError: a block could not be run.
     """
-    whole = Found()
-    for row in BLOCKS.rows(range(first, first + count, BLOCK), jobs, results):
+    reached, breaches = Counter[str](), dict[int, list[str]]()
+    rows = BLOCKS.rows(range(first, first + count, BLOCK), jobs, results)
+    for row in rows:
         if row["ending"] == Ending.FAILED:
             raise CampaignError(f"the block from {row['first']} on: {row['why']}")
-        whole.add(_found(row["found"]))
-    return whole
-
-
-def _found(kept: Row) -> Found:
-    """What a block found, of its row."""
-    breaches = {int(seed): found for seed, found in kept["breaches"].items()}
-    return Found(**{**kept, "breaches": breaches, **{name: Counter(kept[name]) for name in ("reached", "ticks")}})
+        reached += Counter(row["reached"])
+        breaches |= {int(seed): broken for seed, broken in row["breaches"].items()}
+    unreached = sorted(closed_sets() - reached.keys())
+    return {"sequences": BLOCK * len(rows), "breaches": breaches, "reached": reached, "unreached": unreached}

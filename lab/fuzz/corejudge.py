@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
 from typing import Final
@@ -47,12 +46,10 @@ class Judge:
 
     Attributes:
         breaches: what was found; the first few.
-        ticks: in flight, see `Found`.
     """
 
     def __init__(self, world: World) -> None:
         self.breaches: list[str] = []
-        self.ticks: Counter[str] = Counter()
         self._world, self._cfg = world, world.cfg
         self._status: PublishStatus | None = None
         self._stage: tuple[str, float] = ("", 0.0)
@@ -111,7 +108,7 @@ class Judge:
     def _look_at_frame(self, frame: SendSticks, status: PublishStatus) -> None:
         world, limits, (pitch, roll, yaw, throttle) = self._world, self._cfg.limiter, frame.counts
         phase, kind = world.core.phase, status.manoeuvre or ""
-        self.ticks[f"{phase}: {kind} {status.stage}".rstrip()] += 1
+        world.reached["in flight"] += 1
         tilts = abs(pitch) <= limits.max_pitch and abs(roll) <= limits.max_roll and abs(yaw) <= limits.max_yaw
         if not tilts or not limits.min_throttle <= throttle <= limits.max_throttle:
             self.breach(Breach.LIMITS, str(frame.counts))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 from cyclopts import Parameter
 
@@ -18,7 +17,7 @@ from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 
 MOST_SHOWN: Final = 20
-"""Sequences whose first breach is told."""
+"""Sequences whose first breach is named."""
 
 
 def main(
@@ -47,30 +46,16 @@ def main(
     `--results` are for it alone.
     """
     silence_log()
-    if core:
-        return _fuzz_core(first, seeds, jobs, results, as_json=as_json)
-    found: Any = asyncio.run(fuzz_bus(count, first) if bus else fuzz(seconds, first, shows=True))
-    row = {"what": "bus" if bus else "requests"} | vars(found) | {"holds": found.holds}
-    return show([row], ("what",), as_json=as_json)
-
-
-def _fuzz_core(first: int, count: int, jobs: int, results: Path | None, *, as_json: bool) -> int:
-    """Run sequences of events for the flight core; exit code 1 for a broken promise, or what was not reached."""
-    found = run_sequences(first, count, jobs, results)
-    row = {
-        "what": "core",
-        "sequences": found.sequences,
-        "breaches": len(found.breaches),
-        "virtual_s": round(found.seconds),
-        "cpu_s_each": round(found.cpu / found.sequences, 3),
-        "ticks": found.reached["tick"],
-        "in_flight_percent": round(100.0 * found.share_in_flight, 1),
-        "unreached": found.unreached,
-        "holds": not found.breaches and not found.unreached,
-    }
-    for seed in sorted(found.breaches)[:MOST_SHOWN]:
-        print(f"seed {seed}: {found.breaches[seed][0]}", file=sys.stderr)
-    for happening in shortened(min(found.breaches)) if found.breaches else ():
-        print(f"shortest of seed {min(found.breaches)}: {happening}", file=sys.stderr)
-    told = {"in_flight": found.ticks, "reached": found.reached, "wrong": found.breaches}
-    return show([row], ("what",), as_json=as_json, **told)
+    if not core:
+        found = asyncio.run(fuzz_bus(count, first) if bus else fuzz(seconds, first))
+        return show([{"what": "bus" if bus else "requests"} | found], ("what",), as_json=as_json)
+    found = run_sequences(first, seeds, jobs, results)
+    breaches, reached = found["breaches"], found["reached"]
+    for seed in sorted(breaches)[:MOST_SHOWN]:
+        print(f"seed {seed}: {breaches[seed][0]}", file=sys.stderr)
+    for happening in shortened(min(breaches)) if breaches else ():
+        print(f"shortest of seed {min(breaches)}: {happening}", file=sys.stderr)
+    row = {"what": "core", "sequences": found["sequences"], "breaches": len(breaches), "ticks": reached["tick"]}
+    row |= {"in_flight_percent": round(100.0 * reached["in flight"] / reached["tick"], 1)}
+    row |= {"unreached": found["unreached"], "holds": not breaches and not found["unreached"]}
+    return show([row], ("what",), as_json=as_json, reached=reached, wrong=breaches)

@@ -12,15 +12,13 @@ import signal
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Final
 
 import zenoh
 
+from lab.campaign import Row
 from lab.fuzz.nonsense import Nonsense
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import VEHICLE, DaemonProcess
@@ -47,77 +45,40 @@ LONGEST: Final = 500
 """Of a setpoint [bytes]."""
 WARM: Final = 0.2
 """Share of the time after which memory is looked at for the first time."""
-MOST_GROWTH_MB: Final = 8.0
-"""From there to the end."""
-MOST_DESCRIPTORS: Final = 3
-"""More open files at the end than when it was warm."""
 LAST_ANSWERS: Final = 60.0
 """Longest wait for what is still to be answered at the end [s]."""
 LONGEST_SILENCE: Final = 3.0
 """Of `link/health`, which comes every second [s]."""
-
-
-@dataclass
-class Findings:
-    """What a run showed.
-
-    Attributes:
-        seconds: how long it was fuzzed.
-        asked: queries, setpoints and files, by kind.
-        refused: refusals by token.
-        unnamed: refusals without a known token or a reason.
-        unanswered: queries without any answer.
-        uncounted: setpoints refused that `control/status` did not count.
-        unread: files without a word in the log.
-        silences: looks at which the link's health was too old.
-        growth_mb: of the daemon's memory, from when it was warm.
-        more_descriptors: the same of its open files.
-        tracebacks: on its standard error.
-        exit_code: of its end by SIGTERM.
-    """
-
-    seconds: float
-    asked: Counter[str] = field(default_factory=Counter)
-    refused: Counter[str] = field(default_factory=Counter)
-    unnamed: list[str] = field(default_factory=list)
-    unanswered: list[str] = field(default_factory=list)
-    uncounted: int = 0
-    unread: int = 0
-    silences: int = 0
-    growth_mb: float = 0.0
-    more_descriptors: int = 0
-    tracebacks: int = 0
-    exit_code: int = 0
-
-    @property
-    def holds(self) -> bool:
-        """Whether nothing went wrong."""
-        wrong = (self.unnamed, self.unanswered, self.uncounted, self.unread, self.silences, self.tracebacks)
-        is_small = self.growth_mb <= MOST_GROWTH_MB and self.more_descriptors <= MOST_DESCRIPTORS
-        return not any(wrong) and is_small and self.exit_code == 0
+LIMITS: Final = {"growth_mb": 8.0, "more_descriptors": 3}
+"""More memory at the end than when it was warm [MiB], and more open files."""
 
 
 class Stranger:
     """Asks and tells, and keeps what is answered.
 
     Attributes:
+        asked: queries and setpoints, by kind.
+        refused: refusals by token.
+        unnamed: refusals without a known token or a reason.
+        unanswered: queries without any answer.
         open: queries that are still to be answered.
         read_files: configuration files of which the daemon's log says what became of them.
     """
 
-    def __init__(self, endpoint: str, findings: Findings) -> None:
+    def __init__(self, endpoint: str) -> None:
         self.session = zenoh.open(session_config("client", connect=[endpoint]))
+        self.asked, self.refused = Counter[str](), Counter[str]()
+        self.unnamed, self.unanswered = list[str](), list[str]()
         self.open: dict[int, str] = {}
         self.read_files = self._count = 0
-        self._findings = findings
-        self._log = self.session.declare_subscriber(f"mk/{VEHICLE}/event/log", self._heard_log)
+        self._log = self.session.declare_subscriber(f"mk/{VEHICLE}/event/log", self._logged)
 
     def ask(self, suffix: str, payload: bytes) -> None:
         """Send a query, unless its key cannot be."""
         number = self._count = self._count + 1
         answers: list[bytes] = []
 
-        def heard(reply: zenoh.Reply) -> None:
+        def answered(reply: zenoh.Reply) -> None:
             sample = reply.ok or reply.err
             answers.append(b"" if sample is None else sample.payload.to_bytes())
 
@@ -126,56 +87,53 @@ class Stranger:
 
         self.open[number] = f"{suffix} {payload[:40]!r}"
         try:
-            handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(heard, ended, indirect=False)
+            handler: zenoh.handlers.Callback[zenoh.Reply] = zenoh.handlers.Callback(answered, ended, indirect=False)
             self.session.get(f"mk/{VEHICLE}/{suffix}", handler, payload=payload, timeout=900)
         except zenoh.ZError:
             self.open.pop(number, None)
             return
-        self._findings.asked["queries"] += 1
+        self.asked["queries"] += 1
 
     def _judge(self, asked: str, answers: list[bytes]) -> None:
         if not answers:
-            self._findings.unanswered.append(asked)
+            self.unanswered.append(asked)
             return
         answer = decode_map(answers[0])
         if answer.get("status") in (Status.ACCEPTED, Status.NOT_OBSERVABLE):
             return  # it was no nonsense after all
         token, reason = str(answer.get("token")), answer.get("reason")
-        self._findings.refused[token] += 1
+        self.refused[token] += 1
         if token not in TOKENS or token == Token.INTERNAL or not reason:
-            self._findings.unnamed.append(f"{asked}: {answer}")
+            self.unnamed.append(f"{asked}: {answer}")
 
-    def _heard_log(self, sample: zenoh.Sample) -> None:
+    def _logged(self, sample: zenoh.Sample) -> None:
         text = str(decode_map(sample.payload.to_bytes()).get("text"))
         self.read_files += text.startswith(("configuration reloaded", "configuration not reloaded"))
 
     def put(self, root: str, suffix: str, payload: bytes, proof: bytes) -> None:
         """Put a setpoint below a root."""
         self.session.put(f"mk/{VEHICLE}/{below(root, suffix)}", payload, attachment=proof)
-        self._findings.asked["setpoints"] += 1
+        self.asked["setpoints"] += 1
 
 
-async def _fuzz(
-    daemon: DaemonProcess, client: Vehicle, config: Path, nonsense: Nonsense, findings: Findings, *, shows: bool
-) -> None:
-    """Fuzz for as long as the findings say, and judge."""
-    rng, (whole, write) = nonsense.rng, _opened(config)
-    stranger = Stranger(daemon.endpoint, findings)
-    counted = await _refused_setpoints(client)
-    root, secret = "", ""
+async def _fuzz(daemon: DaemonProcess, client: Vehicle, config: Path, nonsense: Nonsense, seconds: float) -> Row:
+    """Fuzz for so long [s]; what was found."""
+    rng, whole = nonsense.rng, config.read_text(encoding="utf-8")  # noqa: ASYNC240  # nothing else runs here yet
+    stranger, counted = Stranger(daemon.endpoint), await _refused_setpoints(client)
+    root = secret = ""
+    silences, files, warm = 0, 0, (0.0, 0)
     began, next_look, next_file, next_line = time.monotonic(), 0.0, 0.0, 10.0
-    warm: tuple[float, int] | None = None
-    while (elapsed := time.monotonic() - began) < findings.seconds:
+    while (elapsed := time.monotonic() - began) < seconds:
         if elapsed >= next_look:
             next_look = elapsed + LOOK_PERIOD
             root, secret = await _lease(client) or (root, secret)
-            findings.silences += await _is_silent(client)
+            silences += await is_silent(client)
         if elapsed >= next_file:
             next_file = elapsed + FILE_PERIOD
-            write(nonsense.file(whole))
+            config.write_text(nonsense.file(whole), encoding="utf-8")  # noqa: ASYNC240
             daemon.send_signal(signal.SIGUSR1)
-            findings.asked["files"] += 1
-        if warm is None and elapsed > WARM * findings.seconds:
+            files += 1
+        if not warm[1] and elapsed > WARM * seconds:
             warm = daemon.resident_mb(), daemon.descriptors()
         if rng.random() < 0.5 and root:
             suffix = rng.choice(SETPOINTS).suffix
@@ -183,24 +141,31 @@ async def _fuzz(
             stranger.put(root, suffix, payload, sign(secret, suffix, payload) if rng.random() < 0.5 else bytes(32))
         elif len(stranger.open) < IN_FLIGHT:
             stranger.ask(*nonsense.request())
-        if shows and elapsed >= next_line:
+        if elapsed >= next_line:
             next_line = elapsed + 10.0
-            print(f"{elapsed:4.0f} s: {dict(findings.asked)}, {daemon.resident_mb():.1f} MiB", file=sys.stderr)
+            print(f"{elapsed:4.0f} s: {dict(stranger.asked)}, {daemon.resident_mb():.1f} MiB", file=sys.stderr)
         await asyncio.sleep(PERIOD)
-    write(whole)
-    await _last_answers(client, stranger)
+    config.write_text(whole, encoding="utf-8")  # noqa: ASYNC240
+    with suppress(MkError):  # the procedure that runs ends, and what is still to be answered is
+        await client.command("do", "cancel", {})
+    with suppress(TimeoutError):
+        await wait_until(lambda: not stranger.open, LAST_ANSWERS, 0.1)
     await asyncio.sleep(LOOK_PERIOD)  # `control/status` comes twice a second
-    findings.unanswered += list(stranger.open.values())
-    findings.uncounted = findings.asked["setpoints"] - (await _refused_setpoints(client) - counted)
-    findings.unread = findings.asked["files"] - stranger.read_files
-    if warm is not None:
-        findings.growth_mb = round(daemon.resident_mb() - warm[0], 1)
-        findings.more_descriptors = daemon.descriptors() - warm[1]
+    found = {
+        "queries": stranger.asked["queries"],
+        "setpoints": stranger.asked["setpoints"],
+        "files": files,
+        "refused": stranger.refused,
+        "unnamed": stranger.unnamed,
+        "unanswered": [*stranger.unanswered, *stranger.open.values()],
+        "uncounted": stranger.asked["setpoints"] - (await _refused_setpoints(client) - counted),
+        "unread": files - stranger.read_files,
+        "silences": silences,
+        "growth_mb": round(daemon.resident_mb() - warm[0], 1),
+        "more_descriptors": daemon.descriptors() - warm[1],
+    }
     stranger.session.close()  # type: ignore[no-untyped-call]
-
-
-def _opened(config: Path) -> tuple[str, Callable[[str], object]]:
-    return config.read_text(encoding="utf-8"), partial(config.write_text, encoding="utf-8")
+    return found
 
 
 async def _lease(client: Vehicle) -> tuple[str, str] | None:
@@ -215,36 +180,56 @@ async def _refused_setpoints(client: Vehicle) -> int:
     return 0 if status is None else status.value.refused
 
 
-async def _is_silent(client: Vehicle) -> bool:
-    health = await client.link.health.latest()
+async def is_silent(client: Vehicle) -> bool:
+    """Whether the daemon's `link/health` is too old, or not there; one that says that it is busy lives."""
+    try:
+        health = await client.link.health.latest()
+    except MkError as error:
+        if getattr(error, "token", None) == Token.BUSY:
+            return False
+        print(f"an honest client: {type(error).__name__}: {error}", file=sys.stderr)
+        return True
     return health is None or health.age > LONGEST_SILENCE
 
 
-async def _last_answers(client: Vehicle, stranger: Stranger) -> None:
-    """End the procedure that runs, and wait for what is still to be answered."""
-    with suppress(MkError):
-        await client.command("do", "cancel", {})
-    with suppress(TimeoutError):
-        await wait_until(lambda: not stranger.open, LAST_ANSWERS, 0.1)
+async def ended(daemon: DaemonProcess) -> Row:
+    """End a daemon in order; its `exit_code`, and the `tracebacks` that it wrote."""
+    exit_code = await daemon.end(signal.SIGTERM)
+    return {"exit_code": exit_code, "tracebacks": tracebacks(daemon.errors)}
 
 
-async def fuzz(seconds: float, seed: int, *, shows: bool = False) -> Findings:
+def tracebacks(errors: str) -> int:
+    """How many tracebacks a program wrote; the last words with one are shown."""
+    count = errors.count("Traceback")
+    if count:
+        print(errors[-5000:], file=sys.stderr)
+    return count
+
+
+def holds(row: Row) -> bool:
+    """Whether nothing went wrong, and nothing grew too much."""
+    wrong = ("unnamed", "unanswered", "uncounted", "unread", "silences", "tracebacks", "exit_code")
+    return not any(row[name] for name in wrong) and all(row[name] <= most for name, most in LIMITS.items())
+
+
+async def fuzz(seconds: float, seed: int) -> Row:
     """Run a daemon before simulated boards and fuzz it.
 
     Args:
         seconds: how long.
         seed: of the nonsense.
-        shows: print what was done so far, every ten seconds, to standard error.
+
+    Returns:
+        How many `queries`, `setpoints` and `files`; refusals by token, `unnamed` ones without a known token or a
+        reason; queries `unanswered`; setpoints refused that `control/status` did not count (`uncounted`); files
+        without a word in the log (`unread`); `silences`, looks at which the link's health was too old; see `LIMITS`
+        and `ended`; `holds`.
 
     Raises:
         TimeoutError: the daemon did not come up.
         MkError: it does not answer an honest client.
     """
-    findings = Findings(seconds)
     async with flown(observed(seed, nc="0.24"), on_tcp=True) as one:
-        await _fuzz(one.daemon, one.client, one.folder / "daemon.toml", Nonsense(seed), findings, shows=shows)
-        findings.exit_code = await one.daemon.end(signal.SIGTERM)
-        findings.tracebacks = one.daemon.errors.count("Traceback")
-        if findings.tracebacks:
-            print(one.daemon.errors[-5000:], file=sys.stderr)
-    return findings
+        found = await _fuzz(one.daemon, one.client, one.folder / "daemon.toml", Nonsense(seed), seconds)
+        found |= await ended(one.daemon)
+    return found | {"holds": holds(found)}
