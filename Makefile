@@ -71,7 +71,7 @@ figures: venv
 
 # The proving ground: FIRMWARE is a folder of a FlightCtrl's sources, SIMAVR one of simavr; both are the user's.
 hil: venv
-	$(BIN)/python -m lab.hil.make "$(FIRMWARE)" "$(SIMAVR)" "$(NAVICTRL)"
+	$(BIN)/python -m lab.hil.build "$(FIRMWARE)" "$(SIMAVR)" "$(NAVICTRL)"
 
 docs: venv
 	$(BIN)/python -m tools.docs

@@ -11,9 +11,8 @@ from typing import Any, Final
 
 from lab.attack.attackers import Flood
 from lab.attack.backlog import ENDS, RATES, flood_and_end
-from lab.attack.deaths import BOARDS, Death, attack
+from lab.attack.deaths import BOARDS, Death, attack, kill_guard
 from lab.attack.floods import ride
-from lab.attack.guardless import kill_guard
 from lab.attack.quiet import fly_quietly
 from lab.cases import Case, Flight, command, each, largest, part, total
 from lab.rigs.cockpit import Boards

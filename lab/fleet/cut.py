@@ -9,25 +9,162 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import AsyncIterator, Coroutine, Sequence
+from collections import defaultdict
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
 from lab.campaign import Row
-from lab.fleet.findings import claims, longest_gap
 from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
-from lab.fleet.network import Place
-from lab.fleet.radio import DELAY, LOSS, RadioLink
-from lab.fleet.watcher import NAMES, WATCHED, Watcher
+from lab.fleet.network import DELAY, LOSS, Place, RadioLink
 from lab.rigs.processes import MKCTL, START, wait_for_control
 from lab.rigs.waiting import running, wait_until
 from mkdaemon.bus.names import ROOT
 from mkdaemon.client import Vehicle, connect
+from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
+from mkdaemon.reading.known import SIGN_OF_LIFE
 from mkdaemon.record.entry import EntryKind, unpacked
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import summarise
+from mkdaemon.view.top.fleetboard import KEYS, FleetBoard
+
+TOLD: Final = 1.0
+"""The fleet view says `stale` so long after its own limit at the latest [s]."""
+GONE: Final = 4.0
+"""A daemon that is cut off has gone from the router's list after so long [s]: its bus lease of 2 s, and the machine."""
+REFUSED: Final = 4.0
+"""Longest wait of a program that asks an aircraft that is cut off [s]."""
+RELEASED: Final = (0.9, 2.0)
+"""From the last setpoint that came through to the release on the wire [s]: 1.0 s by docs/safety.md."""
+HEALED: Final = 10.0
+"""Longest time from the link's return to fresh telemetry [s]."""
+UNTOUCHED: Final = 2.0
+"""Longest time without a value of the others [s]: `health` comes every second."""
+ABOARD: Final = 1.5
+"""The same of the black box aboard, through the cut [s]."""
+NOT_CUT: Final = 0.5
+"""A recording on the ground has a gap of the cut's length, less so much [s]."""
+
+
+def claims(found: Mapping[str, Any]) -> dict[str, bool]:
+    """What must be so after a cut, in words, and whether it is.
+
+    Args:
+        found: times from the cut, or from the link's return [s], None for never: `told_stale`, `told_gone` and
+            `told_back` by the fleet view, `fresh` telemetry, `leased_again`, `client_told` that its lease is lost,
+            `last_setpoint` that reached the aircraft, and `released`, on its wire, from that setpoint on. `others`,
+            what the view said of them, `others_gap`, longest time without a value of theirs [s], `others_lost`, values.
+            `refusals`, rows of what was asked while it was cut off. `aboard`, values in the black box in the cut, and
+            `aboard_gap`; `ground_gap` of the same key on the ground, and `ground_lost`. `cut_for` [s]; `exit_codes` of
+            the daemons.
+    """
+    least, most = RELEASED
+    untouched = (found["others"], found["others_lost"]) == (["here"], 0) and found["others_gap"] <= UNTOUCHED
+    is_gone = _within(found["told_gone"], GONE)
+    return {
+        "the fleet view says stale": _within(found["told_stale"], SIGN_OF_LIFE + TOLD) or is_gone,
+        "the fleet view says gone": is_gone,
+        "the others are untouched": untouched,
+        "commands refuse clearly": bool(found["refusals"]) and all(map(is_clear, found["refusals"])),
+        "the daemon releases": found["released"] is not None and least <= found["released"] <= most,
+        "its client is told": found["client_told"] is not None,
+        "telemetry heals": _within(found["fresh"], HEALED) and _within(found["told_back"], HEALED),
+        "the lease can be taken again": found["leased_again"] is not None,
+        "the black box has the gap": found["aboard"] > 0 and found["aboard_gap"] <= ABOARD,
+        "the ground's recording names it": found["ground_gap"] >= found["cut_for"] - NOT_CUT
+        and found["ground_lost"] > 0,
+        "daemons end in order": bool(found["exit_codes"]) and not any(found["exit_codes"]),
+    }
+
+
+def is_clear(refusal: Mapping[str, Any]) -> bool:
+    """Whether what was `asked` ended in time, with one line that names the aircraft and what to look at.
+
+    Args:
+        refusal: `took` until it ended [s], the `words` of it, `is_refused`, `is_program`: with its start, which is the
+            machine's.
+    """
+    has_words = "does not reach vehicle" in refusal["words"] and "\n" not in refusal["words"].strip()
+    return refusal["is_refused"] and has_words and (refusal["is_program"] or refusal["took"] <= REFUSED)
+
+
+def _within(time: float | None, limit: float) -> bool:
+    return time is not None and time <= limit
+
+
+def longest_gap(times: Sequence[float], begin: float, end: float) -> float:
+    """Longest time without a value from a begin to an end [s]; values before and behind count as the edges' own."""
+    inside = [begin, *(at for at in times if begin < at < end), end]
+    return max(later - sooner for sooner, later in pairwise(inside))
+
+
+NAMES: Final = ("mk1", "mk2", "mk3")
+WATCHED: Final = "state/battery"
+"""The key whose gaps are looked at: it comes with every set of the NaviCtrl's data."""
+LOOK: Final = 0.02
+"""Between two looks at the fleet view [s]."""
+
+
+class Watcher:
+    """Looks at the fleet view for as long as it runs.
+
+    Attributes:
+        times: when a value of `WATCHED` came from a vehicle [s; monotonic].
+        heard: when anything came from it.
+        said: every change of what the view says of a vehicle, as (time, state).
+    """
+
+    def __init__(self, client: Vehicle) -> None:
+        self._board = FleetBoard()
+        self.times: defaultdict[str, list[float]] = defaultdict(list)
+        self.heard: defaultdict[str, list[float]] = defaultdict(list)
+        self.said: defaultdict[str, list[tuple[float, str]]] = defaultdict(list)
+        self._fleet = Fleet(client)
+
+    async def run(self) -> None:
+        """Watch, for ever."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._take(), name="values")
+            tasks.create_task(self._look(), name="looks")
+
+    async def _take(self) -> None:
+        def changed() -> None:
+            self._board.look(self._fleet.vehicles, time.monotonic())
+
+        async with self._fleet.watch(changed, lambda *_: None), self._fleet.values(*KEYS) as samples:
+            async for sample in samples:
+                name, _, suffix = sample.suffix.partition("/")
+                now = time.monotonic()
+                self._board.take(name, suffix, sample.known, now)
+                self.heard[name].append(now)
+                if suffix == WATCHED:
+                    self.times[name].append(now)
+
+    async def _look(self) -> None:
+        while True:
+            now = time.monotonic()
+            for name in NAMES:
+                state, said = self._board.state(name, now), self.said[name]
+                if not said or said[-1][1] != state:
+                    said.append((now, state))
+            await asyncio.sleep(LOOK)
+
+    def state(self, name: str) -> str:
+        """What it says of a vehicle now."""
+        return self.said[name][-1][1] if self.said[name] else "unknown"
+
+    def first(self, name: str, state: str, since: float) -> float | None:
+        """How long after a time it first said so [s]; None for never."""
+        return next((at - since for at, said in self.said[name] if at >= since and said == state), None)
+
+    def between(self, name: str, begin: float, end: float) -> set[str]:
+        """Everything it said of a vehicle in some time."""
+        before = [said for at, said in self.said[name] if at < begin]
+        return {*before[-1:], *(said for at, said in self.said[name] if begin <= at < end)}
+
 
 CUT: Final = "mk2"
 """The one with the radio link."""

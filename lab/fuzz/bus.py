@@ -21,8 +21,7 @@ from typing import Any, Final
 import zenoh
 
 from lab.campaign import Row
-from lab.fuzz.nonsense import Nonsense
-from lab.fuzz.requests import LOOK_PERIOD, ended, is_silent, tracebacks
+from lab.fuzz.requests import LOOK_PERIOD, Nonsense, ended, is_silent, tracebacks
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import MKCTL, PROGRAM, VEHICLE, DaemonProcess, Program
 from mkdaemon.bus.codec import encoding_of

@@ -15,43 +15,11 @@ from typing import Any, Final, NamedTuple
 
 from lab.fuzz.coretoy import STAND, SWUNG, TILT, Swing, Toy, swung
 from mkdaemon.config.control import ControlConfig
+from mkdaemon.control import events
 from mkdaemon.control.actions import Action, ReleaseAircraft, SendSticks
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind, KnownSet
 from mkdaemon.control.core import FlightCore
 from mkdaemon.control.estimator.model import AircraftModel, Gap, ModelUnknown
-from mkdaemon.control.events import (
-    AbortAsked,
-    ActiveSetRead,
-    CellsKnown,
-    ClientGone,
-    Event,
-    EyeStats,
-    FlightctrlReported,
-    FrameConfirmed,
-    FrameNotSent,
-    FrameSent,
-    FreeDisk,
-    GuardActed,
-    GuardChanged,
-    LeaseAsked,
-    LineChanged,
-    LinkMeasured,
-    LinkVerdict,
-    ListChanged,
-    ModelKnown,
-    MotorsReported,
-    MotorTestSent,
-    PathUploaded,
-    PoseSeen,
-    ReleaseAsked,
-    Released,
-    Reply,
-    SetpointAccepted,
-    SetpointUnreadable,
-    SetpointUnsigned,
-    SightRefused,
-    StateValue,
-)
 from mkdaemon.stamp import Stamp
 from mkdaemon.telemetry.command import AbortRequest, LeaseRequest, ReleaseRequest
 from mkdaemon.telemetry.control import ControlLine, LeaseGrant, Obstacle, ReleaseOutcome
@@ -165,7 +133,7 @@ class World:
         self.images_every, self.attitude_every = rng.choice((1, 2, 2, 3)), rng.choice((*(2, 3) * 15, NEVER))
         self.heal(rng)
 
-    def feed(self, event: Event) -> Reply:
+    def feed(self, event: events.Event) -> events.Reply:
         """Tell the core."""
         self.reached[f"event {type(event).__name__}"] += 1
         reply = self.core.feed(event, self.now)
@@ -194,7 +162,7 @@ class World:
         self._report()
         if self.now >= self.releasing_until:
             self.releasing_until = math.inf
-            self.feed(Released(rng.choice((*ReleaseOutcome, None))))
+            self.feed(events.Released(rng.choice((*ReleaseOutcome, None))))
         self._stream(rng)
 
     # -- boards and cameras ---------------------------------------------------------------------------------------
@@ -214,19 +182,19 @@ class World:
             pitch, roll = trouble.tipped if toy.stands else toy.tilt[0], -toy.tilt[1]
             pitch += 0.0 if self.swing is None else swung(self.now)
             level = (1.0, 0.0, 0.0, 0.0)
-            self.feed(StateValue(self.made(Attitude, quaternion=level, roll=roll, pitch=pitch, yaw=0.0)))
+            self.feed(events.StateValue(self.made(Attitude, quaternion=level, roll=roll, pitch=pitch, yaw=0.0)))
         if steps % 4 == 0 and "flight" not in muted:
-            self.feed(MotorsReported(toy.runs))
+            self.feed(events.MotorsReported(toy.runs))
             flies = not toy.stands if self.says_flying else toy.runs
             fields = {"motors_running": toy.runs, "is_flying": flies, "gps_mode": GpsMode.FREE, **trouble.flight}
-            self.feed(StateValue(self.made(Flight, **fields)))
+            self.feed(events.StateValue(self.made(Flight, **fields)))
         if steps % 4 == 1 and "pilot" not in muted:
             gate = toy.gate_is_open if trouble.shows_gate else None
             fields = {"rc_quality": 1.0, "has_signal": True, "throttle": toy.lid, "is_gate_open": gate, **trouble.pilot}
-            self.feed(StateValue(self.made(Pilot, **fields)))
+            self.feed(events.StateValue(self.made(Pilot, **fields)))
         if steps % 8 == 2 and "battery" not in muted:
             is_low = trouble.voltage < 13.0
-            self.feed(StateValue(self.made(Battery, voltage=trouble.voltage, is_low=is_low)))
+            self.feed(events.StateValue(self.made(Battery, voltage=trouble.voltage, is_low=is_low)))
         if steps % 8 == 3:
             self._report_eye()
         is_shown = self.swing or steps % (trouble.images_every or self.images_every) == 0
@@ -239,7 +207,7 @@ class World:
 
     def _report_eye(self) -> None:
         fields = {"camera": "down", "state": EyeState.OK, "reason": "", "alarms": {}, "processed": 9, "selfcal": ()}
-        self.feed(EyeStats(self.made(VisionStats, **{**fields, "latency_p50_ms": 60.0, **self.trouble.eye})))
+        self.feed(events.EyeStats(self.made(VisionStats, **{**fields, "latency_p50_ms": 60.0, **self.trouble.eye})))
 
     def _show(self, camera: str, target: str, error: tuple[float, float, float]) -> None:
         x, y = PADS[target]
@@ -260,7 +228,7 @@ class World:
             covariance=COVARIANCE,
             calibration_sd=(0.0, 0.0, 0.0),
         )
-        self.feed(PoseSeen(pose))
+        self.feed(events.PoseSeen(pose))
 
     def carry_out(self, actions: list[Action], rng: random.Random) -> None:
         """Do what the core has decided: frames reach the toy and are confirmed, a release takes its time."""
@@ -268,8 +236,8 @@ class World:
             if isinstance(action, SendSticks):
                 self.toy.sent = self.now, action
                 self.number = self.number % 255 + 1
-                self.feed(FrameSent(self.number))
-                self.feed(FrameConfirmed(self.number))
+                self.feed(events.FrameSent(self.number))
+                self.feed(events.FrameConfirmed(self.number))
             elif isinstance(action, ReleaseAircraft):
                 self.toy.sent, self.releasing_until = None, self.now + rng.choice((0.05, 0.2, 0.2, 1.5))
 
@@ -299,7 +267,7 @@ class World:
 
     def put(self, setpoint: Setpoint, signed_for: int | None = None) -> bool:
         """Stream a setpoint that is signed for a lease, the newest one if none is given; whether the core takes it."""
-        reply = self.feed(SetpointAccepted(setpoint, self.epoch if signed_for is None else signed_for))
+        reply = self.feed(events.SetpointAccepted(setpoint, self.epoch if signed_for is None else signed_for))
         if reply.refusal is None:
             self.newest = setpoint
         if reply.refusal is None or reply.refusal.token not in STRANGERS:
@@ -312,10 +280,10 @@ class World:
         has_set, secret = rng.random() < 0.9, f"{rng.random()}"
         request = LeaseRequest(action="take", holder=rng.choice("ab"), force=force)
         was_held = self.core.holder_key is not None
-        reply = self.feed(LeaseAsked(request, secret))
+        reply = self.feed(events.LeaseAsked(request, secret))
         if reply.must_read_set:
             found = GOOD_SET if has_set else rng.choice(BAD_SETS)
-            reply = self.feed(LeaseAsked(request, secret, found))
+            reply = self.feed(events.LeaseAsked(request, secret, found))
         if isinstance(reply.lease, LeaseGrant):
             self.must_release = self.must_release or was_held
             self.epoch, self.secret, self.sequence = reply.lease.epoch, secret, 0
@@ -346,7 +314,7 @@ class World:
         """Upload a short path; its id, or that of none where it leaves the fence or is forgotten."""
         far = rng.choice((0.2, 0.3, 20.0))
         points = tuple(PathPoint(position=(x, 0.0, 1.0), time=time) for x, time in ((0.0, None), (far, 2.0)))
-        refusal = self.feed(PathUploaded(PathUploadRequest(points=points))).refusal
+        refusal = self.feed(events.PathUploaded(PathUploadRequest(points=points))).refusal
         stored = self.core.path_stored
         return "none" if refusal is not None or stored is None or rng.random() < 0.05 else stored.id
 
@@ -360,16 +328,25 @@ class World:
         self.link(LinkCondition.UP)
         health = self.made(LinkHealth, echo=RoundTripStats(sent=10), confirm=RoundTripStats(p50_ms=30.0))
         for event in (
-            *(GuardChanged(is_alive=True), FlightctrlReported(is_lost=False), FreeDisk(1e10), CellsKnown(4)),
-            *(LineChanged(ControlLine("v2")), LinkMeasured(health), ModelKnown(AircraftModel(rad_per_count=TILT))),
-            ActiveSetRead(GOOD_SET),
+            *(
+                events.GuardChanged(is_alive=True),
+                events.FlightctrlReported(is_lost=False),
+                events.FreeDisk(1e10),
+                events.CellsKnown(4),
+            ),
+            *(
+                events.LineChanged(ControlLine("v2")),
+                events.LinkMeasured(health),
+                events.ModelKnown(AircraftModel(rad_per_count=TILT)),
+            ),
+            events.ActiveSetRead(GOOD_SET),
         ):
             self.feed(event)
 
     def link(self, condition: LinkCondition) -> None:
         """The line is judged."""
         state = self.made(LinkState, condition=condition, reason="fuzz", openings=self.openings, firmware="FC 2.12")
-        self.feed(LinkVerdict(state))
+        self.feed(events.LinkVerdict(state))
 
 
 def _calm(world: World, rng: random.Random) -> None:
@@ -407,7 +384,7 @@ def _silence(world: World, rng: random.Random) -> None:
 
 def _abort(world: World, rng: random.Random) -> None:
     world.is_resuming = False
-    if world.feed(AbortAsked(AbortRequest(reason="fuzz"))).refusal is None:
+    if world.feed(events.AbortAsked(AbortRequest(reason="fuzz"))).refusal is None:
         world.aborts, world.is_aborted = world.aborts + 1, True
 
 
@@ -416,24 +393,24 @@ def _resume(world: World, rng: random.Random) -> None:
 
 
 def _release(world: World, rng: random.Random) -> None:
-    world.feed(ReleaseAsked(ReleaseRequest(reason="fuzz")))
+    world.feed(events.ReleaseAsked(ReleaseRequest(reason="fuzz")))
     world.must_release = True
 
 
 def _give_back(world: World, rng: random.Random) -> None:
     request = LeaseRequest(action="release", epoch=world.epoch, secret=rng.choice((world.secret, world.secret, "no")))
-    is_given = world.feed(LeaseAsked(request, "")).refusal is None
+    is_given = world.feed(events.LeaseAsked(request, "")).refusal is None
     world.must_release = world.must_release or is_given
 
 
 def _renew(world: World, rng: random.Random) -> None:
     request = LeaseRequest(action=rng.choice(("renew", "show")), epoch=world.epoch, secret=world.secret)
-    world.feed(LeaseAsked(request, ""))
+    world.feed(events.LeaseAsked(request, ""))
 
 
 def _client_dies(world: World, rng: random.Random) -> None:
     before = world.core.holder_key
-    world.feed(ClientGone(rng.choice("ab")))
+    world.feed(events.ClientGone(rng.choice("ab")))
     world.must_release = world.must_release or (before is not None and world.core.holder_key is None)
 
 
@@ -446,10 +423,10 @@ def _bad_setpoint(world: World, rng: random.Random) -> None:
     setpoint = world.setpoint(world.wanted, **{**world.asks, **rng.choice(bad)})
     match rng.randrange(3):
         case 0:
-            world.feed(SetpointUnsigned(setpoint))
+            world.feed(events.SetpointUnsigned(setpoint))
         case 1:
             error = refuse(Token.MALFORMED, detail="fuzz")
-            world.feed(SetpointUnreadable(setpoint.suffix, {}, error, is_by_holder=rng.random() < 0.5))
+            world.feed(events.SetpointUnreadable(setpoint.suffix, {}, error, is_by_holder=rng.random() < 0.5))
         case _:
             world.put(setpoint, rng.choice((world.epoch, 0)))
 
@@ -503,21 +480,25 @@ def _report(world: World, rng: random.Random) -> None:
     line = ControlLine(None if obstacle is Obstacle.READ_ONLY else "v2", obstacle, "fuzz")
     unknown = None if gap is None else ModelUnknown(gap, "Gyro_P", 0, 1)
     echo = RoundTripStats(sent=10, lost=6, loss_percent=60.0, p50_ms=rng.choice((None, 150.0)))
-    events: tuple[Event, ...] = (
-        *[LineChanged(line)] * 3,
-        *[ModelKnown(AircraftModel(rad_per_count=rng.choice((TILT, 1.33 * TILT))), unknown)] * 2,
-        *[LinkMeasured(world.made(LinkHealth, echo=echo, confirm=RoundTripStats()))] * 2,
-        *[ActiveSetRead(rng.choice((GOOD_SET, *BAD_SETS)))] * 2,
-        *(GuardChanged(is_alive=False), FreeDisk(rng.choice((None, 1e6))), FlightctrlReported(is_lost=True)),
-        *(MotorTestSent(), ListChanged(), CellsKnown(rng.choice((3, 4, 6)))),
-        FrameNotSent(refuse(Token.LINK_DOWN, state="down", detail="fuzz")),
+    reports: tuple[events.Event, ...] = (
+        *[events.LineChanged(line)] * 3,
+        *[events.ModelKnown(AircraftModel(rad_per_count=rng.choice((TILT, 1.33 * TILT))), unknown)] * 2,
+        *[events.LinkMeasured(world.made(LinkHealth, echo=echo, confirm=RoundTripStats()))] * 2,
+        *[events.ActiveSetRead(rng.choice((GOOD_SET, *BAD_SETS)))] * 2,
+        *(
+            events.GuardChanged(is_alive=False),
+            events.FreeDisk(rng.choice((None, 1e6))),
+            events.FlightctrlReported(is_lost=True),
+        ),
+        *(events.MotorTestSent(), events.ListChanged(), events.CellsKnown(rng.choice((3, 4, 6)))),
+        events.FrameNotSent(refuse(Token.LINK_DOWN, state="down", detail="fuzz")),
     )
-    world.feed(rng.choice(events))
+    world.feed(rng.choice(reports))
 
 
 def _unusable_image(world: World, rng: random.Random) -> None:
     fields = {"camera": "down", "target": "pad", "has_attitude": True, "decode_age": rng.choice((None, 0.0))}
-    world.feed(SightRefused(world.made(PoseRefused, refusal=rng.choice(tuple(PoseRefusal)), **fields)))
+    world.feed(events.SightRefused(world.made(PoseRefused, refusal=rng.choice(tuple(PoseRefusal)), **fields)))
     world.trouble.muted = {"images"}
 
 
@@ -527,7 +508,7 @@ def _link(world: World, rng: random.Random) -> None:
 
 
 def _guard(world: World, rng: random.Random) -> None:
-    world.feed(GuardActed())
+    world.feed(events.GuardActed())
     world.must_release = True
 
 

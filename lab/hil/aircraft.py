@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import ClassVar
 
-from lab.hil import eeprom
 from lab.hil.build import Firmware
-from lab.hil.chip import Chip
+from lab.hil.chip import Chip, eeprom_of
 from lab.hil.world import GenuineWorld
 from mksim.boards.line import HOST_CHAR
 from mksim.config import PilotPlan, SimConfig
@@ -76,7 +75,7 @@ class GenuineAircraft(Line):
             has_compass: whether the board hears of the heading.
         """
         super().__init__(config)
-        chip = Chip(firmware, eeprom.content(firmware), seed=config.seed)
+        chip = Chip(firmware, eeprom_of(firmware), seed=config.seed)
         self.world = self._world_class(
             config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=has_compass
         )

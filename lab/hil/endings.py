@@ -17,8 +17,7 @@ import numpy as np
 from lab import tables
 from lab.campaign import Ending, Row, endings
 from lab.hil.aircraft import GenuineAircraft
-from lab.hil.figures import ON_TARGET, Array
-from lab.hil.flights import Leg, SceneFlight, Setting, aircraft_of, config_of, motors_run
+from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, Setting, aircraft_of, config_of, motors_run
 from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass

@@ -13,9 +13,8 @@ from typing import Final
 
 from lab import tables
 from lab.campaign import Row
-from lab.hil import eeprom
 from lab.hil.build import built
-from lab.hil.chip import Chip, Held, control_of
+from lab.hil.chip import QUIET_LEVELS, Chip, Held, control_of, eeprom_of
 from lab.hil.world import CHANNELS
 from mkdaemon.protocol.flags import ControlConfig
 from mkdaemon.protocol.framing import Frame, FrameDecoder, encode_frame
@@ -65,10 +64,10 @@ class Bench:
 
     def __init__(self, name: str) -> None:
         firmware = built(name)
-        self.chip = Chip(firmware, eeprom.content(firmware), seed=1)
+        self.chip = Chip(firmware, eeprom_of(firmware), seed=1)
         self._layout = control_of(firmware)
         self._decoder, self._left = FrameDecoder(), list[tuple[float, int]]()
-        self.chip.lines.analog[:] = eeprom.QUIET_LEVELS
+        self.chip.lines.analog[:] = QUIET_LEVELS
         self.chip.lines.channels, self.chip.lines.is_receiving = CHANNELS, 1
         self.run(BOOTED)
 

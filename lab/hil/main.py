@@ -11,7 +11,7 @@ from lab.campaign import Campaign, First, Jobs, Kept, Row
 from lab.hil import endings, generations, navicase, navipairs, rooms, scenes, triggers
 from lab.hil.build import built, names
 from lab.hil.flights import SIMULATED, setting_of
-from lab.hil.quiet import be_quiet
+from lab.hil.processes import be_quiet
 from lab.hil.scenes import LINES
 from mkdaemon.cli.arguments import AsJson
 from mksim.config import WindClass

@@ -16,12 +16,11 @@ from typing import Any, Final
 
 from lab import tables
 from lab.campaign import Row, in_order
-from lab.hil.build import built
+from lab.hil.build import built, built_navictrl
 from lab.hil.flights import Leg, SceneFlight, Setting, config_of
-from lab.hil.navibuild import built_navictrl
+from lab.hil.naviaircraft import NaviPair
 from lab.hil.navidaemon import NEUTRAL, DaemonAtNavi
-from lab.hil.navipair import NaviPair
-from lab.hil.quiet import be_quiet
+from lab.hil.processes import be_quiet
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import FlightConfig, PilotPlan, SimConfig, WindClass
 from mksim.physics.truth import Truth
@@ -46,7 +45,7 @@ TILT: Final = 5.0
 """[count]."""
 REACHED: Final = "sticks reach the FlightCtrl"
 FIGURES: Final = ("hold_cm", "touch_cm", "nees_level")
-"""Of a flight; see `lab.hil.figures.figures`."""
+"""Of a flight; see `lab.hil.flights.figures`."""
 SLOWEST: Final = 8.0
 """Longest that sticks are waited for to be dropped [s]."""
 

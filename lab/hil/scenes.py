@@ -11,8 +11,7 @@ import numpy as np
 
 from lab import tables
 from lab.campaign import Row, carried_out
-from lab.hil.figures import STEP
-from lab.hil.flights import PAD_STARTS, Leg, SceneFlight, Setting, aircraft_of, config_of
+from lab.hil.flights import PAD_STARTS, STEP, Leg, SceneFlight, Setting, aircraft_of, config_of
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import WindClass
 from mksim.programs.rehearsal import land, over_pad, take_off
@@ -112,7 +111,7 @@ FIGURES: Final = (
 
 
 def fly(setting: Setting) -> Row:
-    """Fly every scene once in virtual time; see `lab.hil.figures.figures`."""
+    """Fly every scene once in virtual time; see `lab.hil.flights.figures`."""
 
     async def found() -> Row:
         config = config_of(setting)
@@ -128,7 +127,7 @@ def summary(line: str, flights: Sequence[Row]) -> dict[str, Any]:
 
     Args:
         line: by which they were flown.
-        flights: rows of the results; see `lab.hil.figures.figures`. All warnings are false, for nothing is wrong, but
+        flights: rows of the results; see `lab.hil.flights.figures`. All warnings are false, for nothing is wrong, but
             those of a radio that loses frames.
     """
     found, missed = dict[str, dict[str, float]](), list[str]()

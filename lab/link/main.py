@@ -15,9 +15,8 @@ from typing import Annotated, Final
 from cyclopts import Parameter
 
 from lab.campaign import Row
-from lab.link.cases import CASES, Case
+from lab.link.cases import CASES, Case, configurations, running_link, steer_steadily
 from lab.link.fates import Tracer, echo_account, stick_account
-from lab.link.virtual import configurations, running_link, steer_steadily
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError

@@ -9,9 +9,8 @@ from typing import Any, cast
 
 from pydantic import BaseModel
 
-from lab.link.cases import Case
+from lab.link.cases import Case, configurations, running_link, steer_steadily
 from lab.link.fates import Fate, Tracer
-from lab.link.virtual import configurations, running_link, steer_steadily
 from lab.rigs.grounded import GroundedAircraft
 from mkdaemon.client.linktest.measures import LoadRun
 from mkdaemon.client.linktest.probes import PATTERNS, Ledger

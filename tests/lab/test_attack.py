@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from lab.attack import deaths, guardless, quiet
+from lab.attack import deaths, quiet
 from lab.attack.floods import breaks_limit
 from lab.attack.programs import HELD_DAEMON
 from lab.cases import silence_log
@@ -44,7 +44,7 @@ def test_a_ride_is_wrong_where_one_limit_is_broken(changed, is_wrong):
 
 def test_a_guard_whose_death_is_not_said_or_costs_the_flight_is_wrong():
     found = [(0.1, "guard_dead", True), (0.1, None, True), (0.6, "guard_dead", True), (0.1, "guard_dead", False)]
-    judged = [guardless.judged(noticed, token, is_kept=kept)["is_wrong"] for noticed, token, kept in found]
+    judged = [deaths.judged_guard(noticed, token, is_kept=kept)["is_wrong"] for noticed, token, kept in found]
     assert judged == [False, True, True, True]
 
 

@@ -10,10 +10,10 @@ import tomllib
 import msgpack
 import pytest
 
-from lab.fleet.findings import claims, longest_gap
+from lab.fleet.cut import claims, longest_gap
 from lab.fleet.main import counts_of, keep, main
 from lab.fleet.members import Member, vehicle_config
-from lab.fleet.radio import DelayLine
+from lab.fleet.network import DelayLine
 from lab.fleet.scale import Counted
 from mkdaemon.bus.session import check_endpoint
 from mkdaemon.config.root import Config

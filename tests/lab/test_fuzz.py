@@ -6,7 +6,7 @@ import msgpack
 import pytest
 
 from lab.fuzz import bus, requests
-from lab.fuzz.nonsense import REQUESTS, Nonsense
+from lab.fuzz.requests import REQUESTS, Nonsense
 from mkdaemon.telemetry.verbs import VERBS
 
 

@@ -16,15 +16,12 @@ import pytest
 
 from lab.hil import build as building
 from lab.hil import chip, endings, rooms
-from lab.hil.copies import in_a_copy
-from lab.hil.eeprom import SETTINGS, _checksum, _is_set
-from lab.hil.figures import Flown, figures
-from lab.hil.flights import VOLTAGES, Setting, aircraft_of, config_of, setting_of
-from lab.hil.forkedflight import Flight
+from lab.hil.chip import SETTINGS, _checksum, _is_set
+from lab.hil.flights import VOLTAGES, Flown, Setting, aircraft_of, config_of, figures, setting_of
 from lab.hil.main import main
-from lab.hil.quiet import aside
+from lab.hil.processes import aside, in_a_copy
 from lab.hil.scenes import summary
-from lab.hil.triggers import missed, story_figures
+from lab.hil.triggers import Flight, missed, story_figures
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import encode_frame
 from mkdaemon.protocol.settings import ParameterSet, layout_of

@@ -10,26 +10,23 @@ from pathlib import Path
 
 import pytest
 
-from lab.hil import navibuild
-from lab.hil.gpsreceiver import report
+from lab.hil import build as building
+from lab.hil.build import files_of, narrowed, release_of
+from lab.hil.build import main as make
 from lab.hil.main import main
-from lab.hil.make import main as make
-from lab.hil.navibuild import files_of, narrowed, release_of
-from lab.hil.navicase import agree, unknown
-from lab.hil.navicompare import differences
-from lab.hil.navigation import NaviLines
+from lab.hil.naviboard import NaviLines, Word, packet, report
+from lab.hil.navicase import agree, differences, unknown
 from lab.hil.naviscript import Answers, frame, point
-from lab.hil.spi import Word, packet
 from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.framing import FrameDecoder
 from mkdaemon.protocol.messages import WriteWaypoint024
 from mksim.physics.sensors import GpsReport
 
-STUB = Path(navibuild.__file__).with_name("navictrl.c")
+STUB = Path(building.__file__).with_name("navictrl.c")
 
 
 def test_without_a_navictrl_it_says_what_to_fetch_and_to_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(navibuild, "NAVICTRL", tmp_path)
+    monkeypatch.setattr(building, "NAVICTRL", tmp_path)
     with pytest.raises(ConfigError, match=r"zakwiggy/navictrl(.|\n)*make hil NAVICTRL="):
         main(case="navictrl")
 
@@ -45,7 +42,7 @@ def test_make_says_how_it_is_called_and_names_a_folder_without_sources(tmp_path,
 def sources(tmp_path):
     (tmp_path / "main.h").write_text("#define VERSION_MAJOR\t2\n#define VERSION_MINOR 4\n#define VERSION_PATCH 2\n")
     (tmp_path / "spi_slave.c").touch()
-    header = tmp_path / navibuild.LIBRARY_HEADER
+    header = tmp_path / building.LIBRARY_HEADER
     header.parent.mkdir(parents=True)
     header.touch()
     return tmp_path
@@ -53,7 +50,7 @@ def sources(tmp_path):
 
 def test_a_release_is_read_from_the_sources_and_what_they_lack_is_named(sources):
     assert release_of(sources) == "2.04c"
-    (sources / navibuild.LIBRARY_HEADER).unlink()
+    (sources / building.LIBRARY_HEADER).unlink()
     with pytest.raises(ConfigError, match=r"91x_lib\.h is missing"):
         release_of(sources)
     (sources / "main.h").write_text("#define VERSION_MAJOR 2\n")
@@ -62,10 +59,10 @@ def test_a_release_is_read_from_the_sources_and_what_they_lack_is_named(sources)
 
 
 def test_what_does_not_compile_is_named_with_the_release_that_does(sources, monkeypatch):
-    monkeypatch.setattr(navibuild, "NAVICTRL", sources / "build")
+    monkeypatch.setattr(building, "NAVICTRL", sources / "build")
     (sources / "spi_slave.c").write_text("#error of another time\n")
     with pytest.raises(ConfigError, match=r"spi_slave\.c \(it is 2\.04c; 0\.24b is the release that is known") as told:
-        navibuild.build_navictrl(sources)
+        building.build_navictrl(sources)
     assert "of another time" in str(told.value)
 
 

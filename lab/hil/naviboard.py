@@ -1,0 +1,319 @@
+"""A NaviCtrl that runs genuine firmware, and what it meets: characters and packets in and out, each at its time.
+
+Its GPS receiver sends three UBX messages a report (u-blox 5 protocol specification, NAV-SOL, NAV-POSLLH, NAV-VELNED).
+On its bus the FlightCtrl is master: every 20 ms a packet of 34 bytes, beginning with two bytes to find it by, ending
+with the sum of all before. What the twelve bytes before the sum say depends on its command, which it sends in a fixed
+order (`spi.c`, `spi.h` of FlightCtrl 0.84).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import heapq
+import itertools
+import math
+import struct
+from collections import deque
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+
+from lab.hil.build import NaviFirmware
+from mkdaemon.errors import ConfigError
+from mksim.boards.flightctrl import FlightCtrl
+from mksim.boards.flightctrl_replies import bounded
+from mksim.boards.line import HOST_CHAR
+from mksim.physics.sensors import GpsReport
+from mksim.physics.world import World
+
+READ_AT_ONCE: Final = 4096
+
+
+class Socket(IntEnum):
+    """Where characters come from or go to."""
+
+    COMPASS = 0
+    HOST = 1
+    FLIGHTCTRL = 2
+    GPS = 3
+    """Shares a UART with the compass board; the firmware chooses."""
+
+
+class NaviLines(ctypes.Structure):
+    """What else crosses the board's edge; see `struct lines` of navictrl.c."""
+
+    _fields_ = (("field", ctypes.c_int16 * 3), ("has_compass", ctypes.c_int16))
+
+
+class NaviBoard:
+    """One NaviCtrl.
+
+    A process has at most one: the firmware keeps its state in its own variables.
+
+    Attributes:
+        firmware: that runs.
+        lines: what its compass measures.
+    """
+
+    def __init__(self, firmware: NaviFirmware) -> None:
+        """Power it up.
+
+        Args:
+            firmware: to run.
+
+        Raises:
+            ConfigError: this process has run one already.
+        """
+        self.firmware = firmware
+        self._library = _load(firmware)
+        if self._library.navi_new():
+            raise ConfigError(f"{firmware.name}: this process has powered up a NaviCtrl already")
+        self.lines: NaviLines = self._library.navi_lines().contents
+        self._inbox: list[tuple[float, int, Socket, int]] = []
+        self._order = itertools.count()
+        self._bytes = ctypes.create_string_buffer(READ_AT_ONCE)
+        self._times = (ctypes.c_double * READ_AT_ONCE)()
+
+    @property
+    def now(self) -> float:
+        """Time since power-up [s]."""
+        return float(self._library.navi_time())
+
+    def receive(self, socket: Socket, arrivals: Iterable[tuple[float, int]]) -> None:
+        """Let characters arrive, each with the time of its last bit [s], not before `now`."""
+        for at, byte in arrivals:
+            heapq.heappush(self._inbox, (at, next(self._order), socket, byte))
+
+    def run(self, until: float) -> None:
+        """Run on until a time [s], and hand it every character at its own."""
+        inbox, library = self._inbox, self._library
+        while inbox and inbox[0][0] <= until:
+            at, _, socket, byte = heapq.heappop(inbox)
+            library.navi_run(at)
+            is_gps = socket is Socket.GPS
+            library.navi_receive(0 if is_gps else socket.value, is_gps, byte)
+        library.navi_run(until)
+
+    def exchange(self, at: float, byte: int) -> int:
+        """One byte each way on the bus of the FlightCtrl at a time [s]: the byte it says."""
+        self.run(at)
+        return int(self._library.navi_exchange(at, byte))
+
+    def read(self, socket: Socket) -> list[tuple[float, int]]:
+        """Characters that left a UART: the time of the last bit [s], and the character."""
+        count = self._library.navi_read(socket.value, self._bytes, self._times, READ_AT_ONCE)
+        return list(zip(self._times[:count], self._bytes.raw[:count], strict=True))
+
+    @property
+    def exchange_address(self) -> int:
+        """Of the function that another board's bus calls for a byte; see `navi_exchange` of navictrl.c."""
+        return int(ctypes.cast(self._library.navi_exchange, ctypes.c_void_p).value or 0)
+
+
+def _load(firmware: NaviFirmware) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(firmware.library))
+    types = {
+        "time": (ctypes.c_double,),
+        "lines": (ctypes.POINTER(NaviLines),),
+        "run": (None, ctypes.c_double),
+        "receive": (None, ctypes.c_int, ctypes.c_int, ctypes.c_uint8),
+        "read": (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.POINTER(ctypes.c_double), ctypes.c_int),
+        "exchange": (ctypes.c_uint8, ctypes.c_double, ctypes.c_uint8),
+    }
+    for name, (result, *arguments) in types.items():
+        function = getattr(library, f"navi_{name}")
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+WEEK: Final = 2421
+"""GPS week of the flight, June 2026."""
+MONDAY_NOON_MS: Final = (24 + 12) * 3_600_000
+"""Time of week when a flight begins [ms]."""
+FIX_3D: Final = 3
+VALID: Final = 0x0D
+"""Flags: the fix is good, week and time of week are set."""
+NAV: Final = 0x01
+SOLUTION, POSITION, VELOCITY = 0x06, 0x02, 0x12
+
+
+def report(fix: GpsReport) -> bytes:
+    """The messages of one report, as they follow each other on the line."""
+    time = MONDAY_NOON_MS + round(fix.at * 1000)
+    east, north, up = (round(part * 100.0) for part in fix.velocity_enu)
+    course = round(math.degrees(math.atan2(east, north)) % 360.0 * 1e5)
+    ground = round(math.hypot(east, north))
+    kind, flags = (FIX_3D, VALID) if fix.has_fix else (0, VALID & ~1)
+    height = round(fix.altitude * 1000.0)
+    solution = struct.pack(
+        "<IihBB3iI3iIHBBI", time, 0, WEEK, kind, flags, 0, 0, 0, 250, 0, 0, 0, 50, 150, 0, fix.satellites, 0
+    )
+    place = struct.pack("<IiiiiII", time, fix.longitude_1e7, fix.latitude_1e7, height, height, 2500, 4000)
+    speed = round(math.sqrt(east * east + north * north + up * up))
+    velocity = struct.pack("<IiiiIIiII", time, north, east, -up, speed, ground, course, 50, 100_000)
+    return message(SOLUTION, solution) + message(POSITION, place) + message(VELOCITY, velocity)
+
+
+def message(kind: int, payload: bytes) -> bytes:
+    """A UBX message of the class NAV."""
+    body = struct.pack("<BBH", NAV, kind, len(payload)) + payload
+    first = second = 0
+    for byte in body:
+        first = (first + byte) & 0xFF
+        second = (second + first) & 0xFF
+    return b"\xb5\x62" + body + bytes((first, second))
+
+
+COMPATIBLE: Final = 19
+"""Both boards must name it; FlightCtrl 2.12 names 76."""
+FROM_FLIGHTCTRL: Final = bytes((0xAA, 0x83))
+"""First bytes of a packet."""
+_STATUS: Final = struct.Struct("<B9h12s")
+
+
+class Word(IntEnum):
+    """What the last bytes of a FlightCtrl's packet say."""
+
+    USER = 10
+    STICK = 11
+    MISC = 12
+    PARAMETERS = 13
+    VERSION = 14
+    SERVOS = 15
+    BATTERY = 16
+
+
+ORDER: Final = (
+    *(Word.STICK, Word.USER, Word.PARAMETERS),
+    *(Word.STICK, Word.MISC, Word.VERSION),
+    *(Word.STICK, Word.SERVOS, Word.BATTERY),
+)
+"""In which a FlightCtrl says them, one a packet."""
+
+
+def packet(word: Word, motion: Sequence[int], data: Sequence[int]) -> bytes:
+    """A packet of a FlightCtrl.
+
+    Args:
+        word: what `data` says.
+        motion: pitch, nose down positive, and roll, left side down positive, by the gyros and by the accelerometer,
+            and the heading, clockwise from north; the firmware's axes [0.1 deg].
+        data: at most twelve bytes; the rest is zero.
+    """
+    begun = FROM_FLIGHTCTRL + _STATUS.pack(word, *motion, 0, 0, 0, 0, bytes(value & 0xFF for value in data))
+    return begun + bytes((sum(begun) & 0xFF,))
+
+
+LEVEL_FIELD: Final = 200.0
+DOWN_FIELD: Final = 420.0
+"""Of the earth, in counts of the compass board."""
+PERIOD: Final = 0.02
+"""Between two packets [s]."""
+BYTE_TIME: Final = 0.3e-3
+"""Between two bytes of a packet [s]: the FlightCtrl sends them from its main loop."""
+FIRST_REPORT: Final = 5.0
+"""Of the GPS receiver, which takes longer to start than both boards [s]."""
+LARGEST_VALUE: Final = 247
+"""Of a parameter; larger ones name a potentiometer."""
+FIRST_POTI_CHANNEL: Final = 5
+VOLTS_OF_PACK: Final = 50
+"""A low-voltage warning below this counts a cell [0.1 V]."""
+GPS_PARAMETERS: Final = (
+    *("gps_gain", "gps_p", "gps_i", "gps_d", "gps_acceleration", "gps_min_satellites", "gps_stick_threshold"),
+    *("gps_operating_radius", "gps_wind_correction", "gps_speed_compensation", "gps_angle_limit"),
+)
+"""Of the word PARAMETERS, behind the pilot's switch."""
+
+
+class Surroundings:
+    """The compass and the GPS receiver of a NaviCtrl, in a simulated world."""
+
+    def __init__(self, world: World) -> None:
+        self._world, self._sequence, self._free_at = world, -1, 0.0
+
+    def tend(self, board: NaviBoard, now: float) -> None:
+        """Let the compass measure, and the receiver send what it has new."""
+        enu_from_flu = self._world.truth.enu_from_flu
+        forward, left, up = enu_from_flu.T @ np.array((0.0, LEVEL_FIELD, -DOWN_FIELD))
+        board.lines.field[:] = [round(float(part)) for part in (forward, -left, -up)]
+        board.lines.has_compass = 1
+        fix = self._world.sensors.gps
+        if fix.sequence == self._sequence or now < FIRST_REPORT:
+            return
+        self._sequence = fix.sequence
+        begin = max(now, self._free_at)
+        said = report(fix)
+        board.receive(Socket.GPS, ((begin + k * HOST_CHAR, byte) for k, byte in enumerate(said, 1)))
+        self._free_at = begin + len(said) * HOST_CHAR
+
+
+class SimulatedMaster:
+    """The simulator's FlightCtrl at the bus of a genuine NaviCtrl; it does not use that one's packets."""
+
+    def __init__(self, flight: FlightCtrl) -> None:
+        self._flight = flight
+        self._words, self._left, self._due = itertools.cycle(ORDER), deque[tuple[float, int]](), 0.0
+
+    def exchange(self, board: NaviBoard, until: float) -> None:
+        """Exchange what is due until a time [s]."""
+        while self._due <= until or self._left:
+            if not self._left:
+                said = self._next_packet()
+                self._left.extend((self._due + k * BYTE_TIME, byte) for k, byte in enumerate(said, 1))
+                self._due += PERIOD
+            while self._left:
+                if self._left[0][0] > until:
+                    return
+                board.exchange(*self._left.popleft())
+
+    def _next_packet(self) -> bytes:
+        word, sensors = next(self._words), self._flight.aircraft.sensors
+        angles = (sensors.fc_angle_pitch, -sensors.fc_angle_roll)
+        tilts = (-math.atan2(sensors.acc_x, 9.81), -math.atan2(sensors.acc_y, 9.81))
+        motion = [bounded(math.degrees(angle) * 10.0) for angle in (*angles, *tilts)]
+        said = packet(word, (*motion, round(sensors.heading_deg * 10.0) % 3600), self._data(word))
+        if word is Word.USER:
+            self._flight.core.take_pulses()
+        return said
+
+    def _data(self, word: Word) -> tuple[int, ...]:
+        flight = self._flight
+        core, live, sensors = flight.core, flight.live, flight.aircraft.sensors
+        if word is Word.USER:
+            return (*(0,) * 8, int(core.status(live)), flight.eeprom.active, 0, int(core.status_2()))
+        if word is Word.STICK:
+            sticks = core.receiver
+            channels = (sticks.throttle, sticks.yaw, sticks.roll, sticks.pitch)
+            return (*(round(channel) for channel in channels), *core.potis)
+        if word is Word.PARAMETERS:
+            return (self._gps_mode(), *(live[name] for name in GPS_PARAMETERS))
+        if word is Word.MISC:
+            height = _word(bounded(sensors.baro_height * 20.0))
+            limits = (live["gps_p_limit"], live["gps_i_limit"], live["gps_d_limit"])
+            throttle = core.reported_gas(live)
+            return (0, live["gps_hold_delay"], *height, *height, *limits, core.quality, 0, throttle)
+        if word is Word.VERSION:
+            return (*flight.generation.release, COMPATIBLE, 22)
+        if word is Word.BATTERY:
+            current, used = round(sensors.battery_current * 10.0), round(sensors.battery_used_mah)
+            voltage = round(sensors.battery_voltage * 10.0)
+            return (*_word(current), *_word(used), voltage, self._low_voltage(), ord(" "))
+        return ()
+
+    def _gps_mode(self) -> int:
+        """The pilot's switch, as the board's parameter or channel has it."""
+        live, potis = self._flight.live, self._flight.core.potis
+        if "gps_mode_channel" not in live:
+            return min(LARGEST_VALUE, live.evaluate("gps_mode_control", potis))
+        number = live["gps_mode_channel"] - FIRST_POTI_CHANNEL
+        return min(LARGEST_VALUE, potis[number] if 0 <= number < len(potis) else 0)
+
+    def _low_voltage(self) -> int:
+        level = self._flight.live["low_voltage_warning"]
+        return level * self._flight.core.cells if level < VOLTS_OF_PACK else level
+
+
+def _word(value: int) -> tuple[int, int]:
+    return value & 0xFF, value >> 8 & 0xFF
