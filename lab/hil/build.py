@@ -23,7 +23,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from lab.places import ROOT
 from mkdaemon.errors import ConfigError
@@ -35,8 +35,8 @@ FIRMWARE: Final = OUTPUT / "firmware"
 """One folder a firmware: `firmware.elf`, `firmware.json`, `eeprom.bin`."""
 SIMAVR_URL: Final = "https://github.com/buserror/simavr (tag v1.6)"
 FIRMWARE_URL: Final = "https://github.com/cehberlin/MikroKopterFlightController (FlightCtrl 2.12a, a public fork)"
-PACKAGES: Final = {"avr-gcc": "gcc-avr avr-libc", "avr-nm": "binutils-avr", "gcc": "gcc", "make": "make"}
-"""Programs and the Debian packages they come in."""
+PACKAGES: Final = "gcc-avr avr-libc binutils-avr libelf-dev gcc make"
+"""Of Debian, with the programs that build."""
 CORES: Final = {"atmega1284p": "mega1284", "atmega644p": "mega644", "atmega644": "mega644"}
 """Processors of FlightCtrls, and what simavr calls them."""
 REPAIRS: Final = {
@@ -138,9 +138,6 @@ def build(sources: Path, simavr: Path) -> list[str]:
     Raises:
         ConfigError: something is missing, or does not compile; says what.
     """
-    for program, package in PACKAGES.items():
-        if shutil.which(program) is None:
-            raise ConfigError(f"{program} is not installed: apt-get install {package} libelf-dev")
     if not (simavr / "simavr" / "sim" / "sim_avr.h").exists():
         raise ConfigError(f"{simavr}: no checkout of simavr; fetch {SIMAVR_URL}")
     makefile = next((path for name in ("makefile", "Makefile") if (path := sources / name).exists()), None)
@@ -248,51 +245,37 @@ def run_tool(command: list[str], what: str, *, check: bool = True) -> str:
     """What a tool printed.
 
     Raises:
-        ConfigError: it failed, and `check` is set.
+        ConfigError: it failed, and `check` is set, or is not installed.
     """
-    done = subprocess.run(command, capture_output=True, encoding="latin1", check=False)
+    try:
+        done = subprocess.run(command, capture_output=True, encoding="latin1", check=False)
+    except FileNotFoundError:
+        raise ConfigError(f"{command[0]} is not installed: apt-get install {PACKAGES}") from None
     if check and done.returncode:
         raise ConfigError(f"{what} cannot be built:\n{done.stderr[-2000:]}")
     return done.stdout
 
 
+# -- NaviCtrl -----------------------------------------------------------------------------------------------------
+
+
 NAVICTRL: Final = OUTPUT / "navictrl"
 """One folder a firmware: `navictrl.so`, `navictrl.json`."""
 NAVICTRL_URL: Final = "https://github.com/zakwiggy/navictrl (NaviCtrl 0.24b, a public fork)"
-KNOWN: Final = "0.24b"
-"""Releases that were built."""
-LIBRARY_HEADER: Final = "libstr91x/include/91x_lib.h"
 INCLUDES: Final = (".", "libstr91x/include", "usbinc", "usblibrary/inc")
 LEFT_OUT: Final = {"ramfunc.c", "syscalls.c", "usb_desc.c", "usb_endp.c", "usb_istr.c", "usb_prop.c", "usb_pwr.c"}
 """What only the processor itself needs: boot loader, the C library's ends, the inside of the USB socket."""
 LONG: Final = re.compile(rb"\blong\b(\s+long\b)?")
 FLAGS: Final = (
-    "-std=gnu89",
-    "-fgnu89-inline",
-    "-fcommon",
-    "-O1",
-    "-w",
-    "-fPIC",
-    "-fwrapv",
-    "-fno-strict-aliasing",
-    "-fsanitize-coverage=trace-pc",
-    "-Dasm(text)=board_assembly(text)",
-    "-Dmain=firmware_main",
+    *("-std=gnu89", "-fgnu89-inline", "-fcommon", "-O1", "-w", "-fPIC", "-fwrapv", "-fno-strict-aliasing"),
+    *("-fsanitize-coverage=trace-pc", "-Dasm(text)=board_assembly(text)", "-Dmain=firmware_main"),
 )
 """The language is that of its compiler of 2010; the last but two calls the board in every basic block."""
 
 
-@dataclass(frozen=True, slots=True)
-class NaviFirmware:
-    """A NaviCtrl's firmware that was built.
+class NaviFirmware(NamedTuple):
+    """A NaviCtrl's firmware that was built: the library of the board, and its release, for example `0.24b`."""
 
-    Attributes:
-        name: of its folder.
-        library: the board.
-        release: as it prints it, for example `0.24b`.
-    """
-
-    name: str
     library: Path
     release: str
 
@@ -304,7 +287,7 @@ def built_navictrl() -> NaviFirmware:
         ConfigError: there is none; says what to fetch and run.
     """
     for path in sorted(NAVICTRL.glob("*/navictrl.json")):
-        return NaviFirmware(path.parent.name, path.parent / "navictrl.so", json.loads(path.read_text())["release"])
+        return NaviFirmware(path.with_name("navictrl.so"), json.loads(path.read_text())["release"])
     raise ConfigError(
         f"no NaviCtrl is built. Fetch its sources, for example {NAVICTRL_URL}, then run: "
         "make hil NAVICTRL=<folder of the sources>"
@@ -320,20 +303,21 @@ def build_navictrl(sources: Path) -> str:
     Raises:
         ConfigError: something is missing, or does not compile; says what.
     """
-    if shutil.which("gcc") is None:
-        raise ConfigError("gcc is not installed: apt-get install gcc")
-    release = release_of(sources)
-    name = sources.resolve().name
+    release, name = release_of(sources), sources.resolve().name
     folder = NAVICTRL / name
     work = folder / "sources"
     shutil.rmtree(folder, ignore_errors=True)
-    copy_sources(sources, work)
-    objects = [_compile_navictrl(work, path, release, *FLAGS) for path in files_of(sources)]
-    objects.append(_compile_navictrl(work, ROOT / "lab" / "hil" / "navictrl.c", release, "-O2", "-fPIC", "-Wall"))
-    linked = [str(path) for path in objects]
-    run_tool(
-        ["gcc", "-shared", "-Wl,-Bsymbolic", "-o", str(folder / "navictrl.so"), *linked, "-lm"], f"NaviCtrl {name}"
-    )
+    shutil.copytree(sources, work, ignore=shutil.ignore_patterns(".git", "*.o", "*.lst", "*.hex", "*.pdf"))
+    for path in (*work.rglob("*.c"), *work.rglob("*.h")):
+        path.write_bytes(narrowed(path.read_bytes()))
+    includes = [f"-I{work / folder}" for folder in INCLUDES]
+    compiled = [(path, FLAGS) for path in files_of(work)]
+    for path, flags in (*compiled, (ROOT / "lab" / "hil" / "navictrl.c", ("-O2", "-fPIC", "-Wall"))):
+        what = f"NaviCtrl {release} (0.24b is known to build): {path.name}"
+        run_tool(["gcc", "-c", *flags, *includes, str(path), "-o", str(work / f"{path.stem}.o")], what)
+    objects = sorted(str(path) for path in work.glob("*.o"))
+    library = str(folder / "navictrl.so")
+    run_tool(["gcc", "-shared", "-Wl,-Bsymbolic", "-o", library, *objects, "-lm"], f"NaviCtrl {name}")
     (folder / "navictrl.json").write_text(json.dumps({"release": release}))
     return name
 
@@ -346,44 +330,24 @@ def release_of(sources: Path) -> str:
     """
     header = sources / "main.h"
     text = header.read_text(encoding="latin1") if header.exists() else ""
-    parts = {key: re.search(rf"define\s+VERSION_{key}\s+(\d+)", text) for key in ("MAJOR", "MINOR", "PATCH")}
-    numbers = {key: int(found.group(1)) for key, found in parts.items() if found}
-    if len(numbers) < len(parts) or not (sources / "spi_slave.c").exists():
+    found = [re.search(rf"define\s+VERSION_{key}\s+(\d+)", text) for key in ("MAJOR", "MINOR", "PATCH")]
+    numbers = [int(one.group(1)) for one in found if one]
+    if len(numbers) < len(found) or not (sources / "makefile").exists():
         raise ConfigError(f"{sources}: no sources of a NaviCtrl; fetch for example {NAVICTRL_URL}")
-    if not (sources / LIBRARY_HEADER).exists():
-        raise ConfigError(
-            f"{sources}: {LIBRARY_HEADER} is missing: the sources need their copy of the processor's library"
-        )
-    return f"{numbers['MAJOR']}.{numbers['MINOR']:02d}{chr(ord('a') + numbers['PATCH'])}"
+    major, minor, patch = numbers
+    return f"{major}.{minor:02d}{chr(ord('a') + patch)}"
 
 
-def files_of(sources: Path) -> list[str]:
-    """Names of the files that are compiled: those of its makefile, without what only the processor needs."""
-    makefile = sources / "makefile"
-    text = makefile.read_text(encoding="latin1") if makefile.exists() else ""
+def files_of(sources: Path) -> list[Path]:
+    """The files that are compiled: those of its makefile, without what only the processor needs."""
+    text = (sources / "makefile").read_text(encoding="latin1")
     listed = re.findall(r"^SRCARM\s*\+?=\s*([\w-]+\.c)\s*$", text, re.MULTILINE)
-    names = listed or sorted(path.name for path in sources.glob("*.c"))
-    return [name for name in names if name not in LEFT_OUT]
-
-
-def copy_sources(sources: Path, work: Path) -> None:
-    """Copy the sources, with 32 bits where their processor has them."""
-    shutil.copytree(sources, work, ignore=shutil.ignore_patterns(".git", "*.o", "*.lst", "*.hex", "*.pdf"))
-    for path in (*work.rglob("*.c"), *work.rglob("*.h")):
-        path.write_bytes(narrowed(path.read_bytes()))
+    return [sources / name for name in listed if name not in LEFT_OUT]
 
 
 def narrowed(text: bytes) -> bytes:
     """A source in which `long` is `int`; `long long` stays."""
     return LONG.sub(lambda found: found.group(0) if found.group(1) else b"int", text)
-
-
-def _compile_navictrl(work: Path, source: Path | str, release: str, *flags: str) -> Path:
-    target = work / f"{Path(source).stem}.o"
-    command = ["gcc", "-c", *flags, *(f"-I{work / folder}" for folder in INCLUDES)]
-    known = "" if release == KNOWN else f" (it is {release}; {KNOWN} is the release that is known to build)"
-    run_tool([*command, str(work / source), "-o", str(target)], f"NaviCtrl: {Path(source).name}{known}")
-    return target
 
 
 USAGE: Final = f"""make hil FIRMWARE=<folder of a FlightCtrl's sources> SIMAVR=<folder of simavr>

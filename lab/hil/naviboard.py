@@ -66,10 +66,9 @@ class NaviBoard:
         Raises:
             ConfigError: this process has run one already.
         """
-        self.firmware = firmware
         self._library = _load(firmware)
         if self._library.navi_new():
-            raise ConfigError(f"{firmware.name}: this process has powered up a NaviCtrl already")
+            raise ConfigError("this process has powered up a NaviCtrl already")
         self.lines: NaviLines = self._library.navi_lines().contents
         self._inbox: list[tuple[float, int, Socket, int]] = []
         self._order = itertools.count()

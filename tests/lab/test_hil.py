@@ -59,8 +59,7 @@ def test_without_a_firmware_it_says_what_to_fetch_and_to_run(unbuilt):
 @pytest.mark.parametrize(
     ("missing", "words"), [("simavr", "no checkout of simavr"), ("sources", "no makefile of a FlightCtrl")]
 )
-def test_what_is_missing_for_building_is_named(unbuilt, monkeypatch, missing, words):
-    monkeypatch.setattr(building.shutil, "which", lambda program: f"/usr/bin/{program}")
+def test_what_is_missing_for_building_is_named(unbuilt, missing, words):
     header = unbuilt / "simavr" / "simavr" / "sim" / "sim_avr.h"
     if missing != "simavr":
         header.parent.mkdir(parents=True)
@@ -69,10 +68,9 @@ def test_what_is_missing_for_building_is_named(unbuilt, monkeypatch, missing, wo
         building.build(unbuilt / "fc", unbuilt / "simavr")
 
 
-def test_a_compiler_that_is_not_there_is_named_with_its_package(unbuilt, monkeypatch):
-    monkeypatch.setattr(building.shutil, "which", lambda program: None)
-    with pytest.raises(ConfigError, match=r"apt-get install gcc-avr avr-libc"):
-        building.build(unbuilt, unbuilt)
+def test_a_compiler_that_is_not_there_is_named_with_its_package():
+    with pytest.raises(ConfigError, match=r"avr-none is not installed: apt-get install gcc-avr avr-libc"):
+        building.run_tool(["avr-none"], "the firmware")
 
 
 def test_another_simavr_is_not_repaired_blindly():
