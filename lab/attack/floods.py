@@ -45,16 +45,7 @@ SECONDS: Final = 5.0
 
 @asynccontextmanager
 async def daemon_on_tcp(seed: int, *, program: Sequence[str] | None = None, keeps: bool = True) -> AsyncIterator[Flown]:
-    """Run a daemon before a FlightCtrl 2.08 on TCP while the context lasts.
-
-    Args:
-        seed: of the boards.
-        program: what Python runs in place of the daemon's own program.
-        keeps: whether the simulation keeps what the daemon writes.
-
-    Raises:
-        TimeoutError: the daemon did not come up.
-    """
+    """Run a daemon, or `program` in its place, before a FlightCtrl 2.08 on TCP while the context lasts."""
     favour_loop()  # who judges must not be starved by the machine's other programs
     simulation = observed(seed, "2.08", keeps=keeps)
     simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start

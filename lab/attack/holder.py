@@ -31,15 +31,7 @@ LINGER: Final = 30.0
 
 
 async def main(endpoint: str, vehicle: str, rate: float, seconds: float, notes: mmap.mmap, *, is_killed: bool) -> None:
-    """Fly, flood and end.
-
-    Args:
-        endpoint: of the daemon.
-        vehicle: its name.
-        rate: of the flood [Hz]; infinite for all that go.
-        seconds: how long it floods [s].
-        notes: where the times are noted.
-        is_killed: it kills itself; else it falls silent.
+    """Fly, flood at a rate [Hz] for a time [s], note when, and end: it kills itself, or falls silent.
 
     Raises:
         NotEngagedError: the daemon did not begin to send sticks.

@@ -205,14 +205,7 @@ async def fleet(folder: Path) -> AsyncIterator[tuple[dict[str, Aircraft], RadioL
 
 
 async def cut(folder: Path, seconds: float) -> Row:
-    """Cut the link of one aircraft for some time, and look.
-
-    Args:
-        folder: of all files.
-        seconds: length of the cut.
-
-    Returns:
-        What was seen, see `claims`, and `claims` of it.
+    """Cut the link of one aircraft for some time [s], and look: what was seen, see `claims`, and `claims` of it.
 
     Raises:
         ConfigError: network namespaces or devices are not permitted here.

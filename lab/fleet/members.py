@@ -65,7 +65,7 @@ class Aircraft:
     async def start(
         cls, name: str, folder: Path, port: int, *, router: str, listen: Sequence[str], prefix: Sequence[str] = ()
     ) -> Self:
-        """Start both.
+        """Start both, each with a `prefix` of its command line.
 
         Args:
             name: of the vehicle.
@@ -73,7 +73,6 @@ class Aircraft:
             port: TCP port of 127.0.0.1 on which its boards are reached.
             router: endpoint of the router.
             listen: where its bus listens itself.
-            prefix: what its programs are started with.
         """
         boards, config = _written(name, folder, vehicle_config(name, folder, port, router, listen))
         words = (*PROGRAM, "sim", "--config", str(boards), "--pilot", "nothing", "--vehicle", name)

@@ -164,11 +164,7 @@ class Place:
     """
 
     def __init__(self, number: int, *, is_radio: bool) -> None:
-        """Make it.
-
-        Args:
-            number: 1 to 254.
-            is_radio: its link is a radio, else a cable.
+        """Make it, by a number from 1 to 254.
 
         Raises:
             ConfigError: it cannot be made.

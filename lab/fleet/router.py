@@ -11,12 +11,7 @@ from mkdaemon.bus.session import close_session, open_session, session_config
 
 
 async def serve(endpoints: list[str], zenoh_file: Path | None = None) -> None:
-    """Route until SIGTERM; the first line on standard output says that it listens.
-
-    Args:
-        endpoints: where it listens.
-        zenoh_file: its certificates and access rules.
-    """
+    """Route with certificates and access rules until SIGTERM; the first line on stdout says that it listens."""
     stop = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

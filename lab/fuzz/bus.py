@@ -140,12 +140,7 @@ async def _reading(name: str, words: Sequence[str], found: Row) -> AsyncIterator
 
 
 async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) -> Row:
-    """Run a daemon and its readers, and send nonsense.
-
-    Args:
-        count: puts, deletions, queries and tokens.
-        seed: of the nonsense.
-        only: names of the readers that run; all by default.
+    """Run a daemon and its readers, or `only` some of them by name, and send nonsense.
 
     Returns:
         What was `sent`, by kind, and `malformed`, that Zenoh itself did not send; `silences`, looks at which the link's

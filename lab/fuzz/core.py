@@ -166,13 +166,7 @@ BLOCKS: Final = Campaign("fuzz core", _run_block, lambda first: {"first": first}
 
 
 def run_sequences(first: int, count: int, jobs: int, results: Path | None = None) -> Row:
-    """Run many sequences.
-
-    Args:
-        first: seed of the first.
-        count: how many; rounded up to whole blocks.
-        jobs: processes.
-        results: file in which blocks are kept.
+    """Run so many sequences, rounded up to whole blocks, which are kept in a file of results.
 
     Returns:
         How many `sequences`; `breaches` by seed; what was `reached`, counted, and `unreached` of the closed sets.

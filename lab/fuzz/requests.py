@@ -303,11 +303,7 @@ def holds(row: Row) -> bool:
 
 
 async def fuzz(seconds: float, seed: int) -> Row:
-    """Run a daemon before simulated boards and fuzz it.
-
-    Args:
-        seconds: how long.
-        seed: of the nonsense.
+    """Run a daemon before simulated boards and fuzz it for so long [s].
 
     Returns:
         How many `queries`, `setpoints` and `files`; refusals by token, `unnamed` ones without a known token or a

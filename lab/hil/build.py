@@ -131,10 +131,6 @@ def names() -> list[str]:
 def build(sources: Path, simavr: Path) -> list[str]:
     """Build the board's library and a firmware; returns the names of what can be flown now.
 
-    Args:
-        sources: folder of a FlightCtrl's sources, with its makefile.
-        simavr: a checkout of simavr.
-
     Raises:
         ConfigError: something is missing, or does not compile; says what.
     """
@@ -295,10 +291,7 @@ def built_navictrl() -> NaviFirmware:
 
 
 def build_navictrl(sources: Path) -> str:
-    """Build a NaviCtrl; returns its name.
-
-    Args:
-        sources: folder of its sources, with its makefile and its copy of the processor's library.
+    """Build a NaviCtrl from sources with their makefile and copy of the processor's library; returns its name.
 
     Raises:
         ConfigError: something is missing, or does not compile; says what.

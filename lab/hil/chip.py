@@ -106,12 +106,7 @@ class Chip:
     """
 
     def __init__(self, firmware: Firmware, eeprom: bytes, *, seed: int) -> None:
-        """Power it up.
-
-        Args:
-            firmware: to run.
-            eeprom: its content, as long as the processor's.
-            seed: of the noise of its conversions.
+        """Power it up, with the content of its EEPROM and a seed of the noise of its conversions.
 
         Raises:
             ConfigError: the firmware cannot be loaded.

@@ -46,13 +46,7 @@ class Client:
     """
 
     def __init__(self, aircraft: Aircraft, held: Callable[[], Held], guard: LineGuard | None = None) -> None:
-        """Wire it up; needs a running loop.
-
-        Args:
-            aircraft: the boards.
-            held: what the FlightCtrl holds now.
-            guard: of the daemon.
-        """
+        """Wire it up; needs a running loop. `held` returns what the FlightCtrl holds now."""
         self.loop, self.cable, self.bus = asyncio.get_running_loop(), CutCable(aircraft), LocalBus()
         self.held: list[tuple[float, Held]] = []
         self._held = held

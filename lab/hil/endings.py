@@ -13,15 +13,16 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from pydantic import BaseModel
 
 from lab import tables
 from lab.campaign import Ending, Row, endings
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.flights import ON_TARGET, Array, Leg, SceneFlight, Setting, aircraft_of, config_of, motors_run
 from mkdaemon.protocol.framing import Frame, FrameDecoder
+from mkdaemon.telemetry.traffic import RawFrame
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import SimConfig, WindClass
-from mksim.physics.world import World
 from mksim.programs.rehearsal import FlightPart, FlyingAircraft, land, over_pad, take_off
 
 PARTS: Final = (
@@ -34,87 +35,62 @@ PARTS: Final = (
 )
 LIFTED: Final = 0.4
 """An aircraft whose centre of gravity was higher than this above the target has taken off [m]."""
-LETTERS: Final = {"b": "sticks", "v": "link_tests"}
-"""Frames that are counted."""
-
-
-class Tap:
-    """The aircraft, and every stick frame and link test that crosses its line while `is_counting`.
-
-    Attributes:
-        aircraft: behind it.
-        now: simulated time [s].
-        is_counting: frames count from here on.
-        counts: frames written by the daemon (`sticks_sent`), taken by the firmware's receive buffer
-            (`sticks_in_memory`), held by its external control once they were handled (`sticks_obeyed`), and of link
-            tests `link_tests_sent`, `link_tests_in_memory` and `link_tests_answered`.
-        waits: how long each frame stayed in the receive buffer [s].
-    """
-
-    def __init__(self, aircraft: FlyingAircraft) -> None:
-        self.aircraft, self.now, self.is_counting = aircraft, aircraft.now, False
-        self.counts, self.waits = Counter[str](), list[float]()
-        self._out, self._in = FrameDecoder(), FrameDecoder()
-        if isinstance(aircraft, GenuineAircraft):
-            aircraft.world.chip.watch_frames()
-
-    @property
-    def world(self) -> World:
-        """Airframe, air, pilot and faults."""
-        return self.aircraft.world
-
-    def write(self, data: bytes, at: float) -> None:
-        """Bytes of the daemon."""
-        self._count(self._out, data, "sent")
-        self.aircraft.write(data, at)
-
-    def advance(self, to: float) -> list[tuple[float, bytes]]:
-        """Run on; see `FlyingAircraft`."""
-        answers = self.aircraft.advance(to)
-        self.now = to
-        self._count(self._in, b"".join(data for _, data in answers), "answered")
-        if isinstance(self.aircraft, GenuineAircraft):
-            self._look_into_memory(self.aircraft)
-        return answers
-
-    def _count(self, decoder: FrameDecoder, data: bytes, end: str) -> list[Frame]:
-        """Count the frames in some bytes, and return them."""
-        frames = [found for found in decoder.feed(data) if isinstance(found, Frame)]
-        for frame in frames if self.is_counting else ():
-            letter = frame.id.lower() if end == "answered" else frame.id
-            if letter in LETTERS and (end, letter) != ("answered", "b"):
-                self.counts[f"{LETTERS[letter]}_{end}"] += 1
-        return frames
-
-    def _look_into_memory(self, aircraft: GenuineAircraft) -> None:
-        size = aircraft.world.control_size
-        for taken in aircraft.world.chip.taken():
-            frames = self._count(FrameDecoder(), bytes(taken.frame[: taken.length]), "in_memory")
-            if frames and self.is_counting:
-                self.waits.append(taken.done - taken.at)
-                is_held = bytes(taken.held[:size]) == frames[0].payload[:size]
-                self.counts["sticks_obeyed"] += frames[0].id == "b" and is_held
+COUNTED: Final = {
+    ("raw/tx", "b"): "sticks_sent",
+    ("memory", "b"): "sticks_in_memory",
+    ("obeyed", "b"): "sticks_obeyed",
+    ("raw/tx", "v"): "link_tests_sent",
+    ("memory", "v"): "link_tests_in_memory",
+    ("raw/rx", "V"): "link_tests_answered",
+}
+"""Frames written by the daemon, taken by the firmware's receive buffer, held by its external control once they were
+handled, and answered."""
 
 
 class EndFlight(SceneFlight):
-    """Flies `PARTS`; its tap counts from the take-off on.
+    """Flies `PARTS`, and counts frames from the take-off on.
 
     Attributes:
         let_go_at: when the daemon had ended the flight [s]; infinite before.
+        counts: see `COUNTED`.
+        waits: how long each frame stayed in the receive buffer [s].
     """
 
-    def __init__(self, config: SimConfig, tap: Tap) -> None:
+    def __init__(self, config: SimConfig, aircraft: FlyingAircraft) -> None:
         """Set everything up; needs a running loop."""
-        super().__init__(config, tap, (Leg(PARTS),))
-        self._tap, self._aircraft = tap, tap.aircraft
-        self.let_go_at = math.inf
+        super().__init__(config, aircraft, (Leg(PARTS),))
+        self.let_go_at, self._is_counting = math.inf, False
+        self.counts, self.waits = Counter[str](), list[float]()
+        self._memory = aircraft.world if isinstance(aircraft, GenuineAircraft) else None
+        if self._memory is not None:
+            self._memory.chip.watch_frames()
 
     async def _follow(self, parts: Sequence[FlightPart]) -> bool:
-        self._tap.is_counting = True
+        self._is_counting = True
         goes_on = await super()._follow(parts)
-        self._tap.is_counting = False
+        self._is_counting = False
         self.let_go_at = self._loop.time()
         return goes_on
+
+    def _count(self, place: str, letter: str) -> None:
+        if self._is_counting and (place, letter) in COUNTED:
+            self.counts[COUNTED[place, letter]] += 1
+
+    def _value_published(self, suffix: str, value: BaseModel) -> None:
+        super()._value_published(suffix, value)
+        if isinstance(value, RawFrame) and value.dropped is None:
+            self._count(suffix, chr(value.raw[2]))
+
+    def _watch_truth(self, now: float) -> None:
+        super()._watch_truth(now)
+        memory = self._memory
+        for taken in () if memory is None else memory.chip.taken():
+            for found in FrameDecoder().feed(bytes(taken.frame[: taken.length])):
+                if isinstance(found, Frame) and self._is_counting:
+                    self.waits.append(taken.done - taken.at)
+                    self._count("memory", found.id)
+                    held = bytes(taken.held[: memory.control_size])
+                    self._count("obeyed" if held == found.payload[: len(held)] else "", found.id)
 
 
 def fly(setting: Setting) -> Row:
@@ -125,27 +101,20 @@ def fly(setting: Setting) -> Row:
 
     async def found() -> Row:
         config = config_of(setting)
-        tap = Tap(aircraft_of(setting, config))
-        flight = EndFlight(config, tap)
+        aircraft = aircraft_of(setting, config)
+        flight = EndFlight(config, aircraft)
         await flight.fly()
-        flown, is_turning = flight.flown, motors_run(tap.aircraft)
-        row = {"why": flown.end, "warnings": flight.found["warnings"], **tap.counts}
-        if tap.waits:
-            row["buffer_held_ms"] = [1000 * float(part) for part in np.percentile(tap.waits, (50, 99, 100))]
+        flown, is_turning = flight.flown, motors_run(aircraft)
+        row = {"why": flown.end, "warnings": flight.found["warnings"], **flight.counts}
+        if flight.waits:
+            row["buffer_held_ms"] = [1000 * float(part) for part in np.percentile(flight.waits, (50, 99, 100))]
         return row | judged(flown.rows(), flight.let_go_at, flown.crashed, motors_run=is_turning)
 
     return run_virtually(found())
 
 
 def judged(truth: Array, let_go_at: float, crashed: str, *, motors_run: bool) -> Row:
-    """How a flight ended: `FINISHED` stands on the target, motors off; `REFUSED` never left the ground.
-
-    Args:
-        truth: see `Flown.truth`.
-        let_go_at: when the daemon had ended the flight [s].
-        crashed: why the aircraft broke; empty while whole.
-        motors_run: whether the board turns the motors at the end.
-    """
+    """How a flight ended that the daemon let go of at a time [s]; `REFUSED` never rose."""
     if crashed:
         return {"ending": Ending.LOST, "why": crashed}
     if not len(truth) or truth[:, 3].max() < LIFTED:
@@ -165,7 +134,7 @@ def show(rows: Sequence[Row], *, as_json: bool) -> int:
     shown = []
     for board, line in dict.fromkeys((row["board"], row["line"]) for row in rows):
         part = [row for row in rows if (row["board"], row["line"]) == (board, line)]
-        names = dict.fromkeys(name for row in part for name in row if name.startswith(tuple(LETTERS.values())))
+        names = [name for name in COUNTED.values() if any(name in row for row in part)]
         warnings = Counter(text for row in part for text in row.get("warnings", ())).most_common(5)
         shown.append(
             {"board": board, "line": line, **endings(part), "warnings": dict(warnings)}

@@ -259,13 +259,7 @@ class SceneFlight(Rehearsal):
     """
 
     def __init__(self, config: SimConfig, aircraft: FlyingAircraft, legs: Sequence[Leg]) -> None:
-        """Set everything up; needs a running loop.
-
-        Args:
-            config: what is simulated.
-            aircraft: boards and world, at the end of the daemon's cable.
-            legs: what is flown.
-        """
+        """Set everything up; needs a running loop."""
         rng = np.random.default_rng(config.seed)
         super().__init__(
             config,

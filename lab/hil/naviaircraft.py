@@ -32,11 +32,7 @@ class NaviAircraft(Line):
     """
 
     def __init__(self, firmware: NaviFirmware, config: SimConfig) -> None:
-        """Set everything up; both boards are switched on at time zero.
-
-        Args:
-            firmware: of the NaviCtrl.
-            config: world, line and FlightCtrl; what it says of the NaviCtrl does not count.
+        """Switch both boards on; what the configuration says of the NaviCtrl does not count.
 
         Raises:
             ConfigError: this process has run a NaviCtrl already.
@@ -113,13 +109,7 @@ class NaviPair(GenuineAircraft):
     _world_class = PairWorld
 
     def __init__(self, flight: Firmware, navi: NaviFirmware, config: SimConfig, **more: Any) -> None:
-        """Set everything up; both boards are switched on at time zero.
-
-        Args:
-            flight: firmware of the FlightCtrl.
-            navi: firmware of the NaviCtrl.
-            config: world, line and pilot; what it says of boards does not count.
-            more: start, ground and voltage, see `GenuineAircraft`.
+        """Switch both boards on; `more` is start, ground and voltage, see `GenuineAircraft`.
 
         Raises:
             ConfigError: this process has run a NaviCtrl already.

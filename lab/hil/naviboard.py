@@ -60,9 +60,6 @@ class NaviBoard:
     def __init__(self, firmware: NaviFirmware) -> None:
         """Power it up.
 
-        Args:
-            firmware: to run.
-
         Raises:
             ConfigError: this process has run one already.
         """

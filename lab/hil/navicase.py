@@ -138,11 +138,6 @@ class Boards(FlyingAircraft, Protocol):
 def show(seed: int, jobs: int, *, as_json: bool) -> int:
     """Compare, and show what differs; exit code 1 where something differs that is not known.
 
-    Args:
-        seed: of everything random.
-        jobs: processes.
-        as_json: print JSON, one object a line, in place of tables.
-
     Raises:
         ConfigError: no NaviCtrl is built.
     """

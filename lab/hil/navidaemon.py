@@ -50,12 +50,7 @@ class DaemonAtNavi(Client):
     """
 
     def __init__(self, aircraft: FlyingAircraft, held: Callable[[], Held]) -> None:
-        """Wire it up; needs a running loop.
-
-        Args:
-            aircraft: the boards; powered up already.
-            held: what the FlightCtrl holds now.
-        """
+        """Wire it up to boards that are powered up; needs a running loop."""
         super().__init__(aircraft, held)
         self.world = aircraft.world
         self.steps: list[Row] = []

@@ -100,13 +100,7 @@ class PairDaemon(DaemonAtNavi):
 
 
 def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[str, float]:
-    """How far telemetry is off the truth.
-
-    Args:
-        values: newest of every key.
-        truth: of the aircraft.
-        throttle: the pilot's [stick].
-    """
+    """How far telemetry, the newest of every key, is off the truth and the pilot's throttle [stick]."""
     found = {}
     attitude, pilot, height, place = (
         values.get(f"state/{key}") for key in ("attitude", "pilot", "altitude", "position")
@@ -126,10 +120,6 @@ def errors_of(values: Mapping[str, Any], truth: Truth, throttle: int) -> dict[st
 
 def measure(flight: str, seed: int) -> tuple[str, list[Row]]:
     """Let the daemon do everything at a pair; the NaviCtrl's release, and what became of each step.
-
-    Args:
-        flight: name of a FlightCtrl that was built.
-        seed: of everything random.
 
     Raises:
         ConfigError: something is not built.
@@ -169,13 +159,10 @@ async def _fly(flight: str, seed: int) -> Row:
 
 
 def show(flight: str, seeds: Sequence[int], jobs: int, *, as_json: bool) -> int:
-    """Measure a pair, fly it, and show both; exit code 1 where sticks do not reach the FlightCtrl, or a flight is lost.
+    """Measure a pair with the first seed, fly it with each, and show both.
 
-    Args:
-        flight: name of a FlightCtrl that was built.
-        seeds: one flight over the target with each; everything else is done with the first.
-        jobs: processes that fly.
-        as_json: print JSON in place of tables.
+    Returns:
+        Exit code: 1 where sticks do not reach the FlightCtrl, or a flight is lost.
     """
     release, steps = measure(flight, seeds[0])
     rows = [step | {"holds": step["what"] != REACHED or step["ended"] == "yes"} for step in steps]

@@ -46,11 +46,8 @@ def aside() -> Iterator[None]:
 async def in_a_copy(work: Callable[[], Awaitable[dict[str, Any]]]) -> dict[str, Any] | None:
     """Let a copy of this process do some work on its virtual loop, and wait for it; nothing changes here.
 
-    Args:
-        work: what the copy does; what it returns crosses as JSON.
-
     Returns:
-        What it returned; None where it ended without a word, which it prints.
+        What it returned, as JSON; None where it ended without a word, which it prints.
     """
     loop = asyncio.get_running_loop()
     reading, writing = os.pipe()

@@ -307,12 +307,7 @@ STORIES: Final[dict[str, Story]] = {
 
 
 def fire(firmware: str, seed: int) -> dict[str, Row]:
-    """Fly once, and let each story happen in a fork; its figures, and which `missed` their goals.
-
-    Args:
-        firmware: that flies; the story of the lid needs the rule of stock firmware.
-        seed: of everything random.
-    """
+    """Fly once, and let each story happen in a fork; its figures, and which `missed` their goals."""
 
     async def found() -> dict[str, Row]:
         names = [name for name in STORIES if name != "lid" or firmware.endswith("stock-lid")]
