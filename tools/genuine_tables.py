@@ -6,11 +6,10 @@ The prose of both pages is written by hand; a table stands between `<!-- table N
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from lab.campaign import Row
-from lab.hil.flights import SIMULATED
-from lab.hil.scenes import FIGURES, LINES, Figure, summary
+from lab.hil.scenes import compared
 from lab.hil.triggers import by_story, story_figures
 from tools.markdown import table
 
@@ -20,46 +19,15 @@ SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 
 def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
     """Genuine and simulated boards side by side, by each line; a figure that misses a goal is bold."""
-    flown = rows["hil scenes"]
-    boards = sorted({row["board"] for row in flown}, key=lambda board: board == SIMULATED)
-    columns = [
-        (board, line, summary(line, [row for row in flown if (row["board"], row["line"]) == (board, line)]))
-        for line in LINES
-        for board in boards
-    ]
-    columns = [column for column in columns if column[2]["flights"]]
-    head = [f"{_board(board)} by {line}" for board, line, _ in columns]
+    found = compared(rows["hil scenes"])
+    columns = [name for name in found[0] if name not in ("figure", "missed", "holds")]
     yield from table(
-        ("median / p90 / worst", *head, *(f"goal by {line}" for line in LINES)),
+        ("median / p90 / worst", *columns),
         [
-            ("flights", *(str(part["flights"]) for _, _, part in columns), "10", "10"),
-            *(
-                (
-                    figure.about,
-                    *(_cell(figure, part) for _, _, part in columns),
-                    *(figure.goal_words(line) for line in LINES),
-                )
-                for figure in FIGURES
-            ),
-            ("lost, or scene not flown", *(_lost(part) for _, _, part in columns), "0", "0"),
+            (row["figure"], *(f"**{row[name]}**" if name in row["missed"] else row[name] for name in columns))
+            for row in found
         ],
     )
-
-
-def _board(board: str) -> str:
-    return SIMULATED if board == SIMULATED else "genuine"
-
-
-def _cell(figure: Figure, part: Mapping[str, Any]) -> str:
-    found = part["figures"].get(figure.key)
-    if found is None:
-        return ""
-    shown = figure.shown(found)
-    return f"**{shown}**" if any(words.startswith(f"{figure.key}:") for words in part["missed"]) else shown
-
-
-def _lost(part: Mapping[str, Any]) -> str:
-    return f"**{len(part['lost'])}**" if part["lost"] else "0"
 
 
 def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
@@ -74,7 +42,7 @@ def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
     )
 
 
-def _right(found: Sequence[Mapping[str, Any]]) -> str:
+def _right(found: Sequence[Row]) -> str:
     right = sum(not each["missed"] for each in found)
     return f"{right} of {len(found)}" if right == len(found) else f"**{right} of {len(found)}**"
 

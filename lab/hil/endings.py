@@ -83,13 +83,14 @@ class EndFlight(SceneFlight):
 
     def _watch_truth(self, now: float) -> None:
         super()._watch_truth(now)
-        memory = self._memory
-        for taken in () if memory is None else memory.chip.taken():
+        if self._memory is None:
+            return
+        for taken in self._memory.chip.taken():
             for found in FrameDecoder().feed(bytes(taken.frame[: taken.length])):
                 if isinstance(found, Frame) and self._is_counting:
                     self.waits.append(taken.done - taken.at)
                     self._count("memory", found.id)
-                    held = bytes(taken.held[: memory.control_size])
+                    held = bytes(taken.held[: self._memory.control_size])
                     self._count("obeyed" if held == found.payload[: len(held)] else "", found.id)
 
 

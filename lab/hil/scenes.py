@@ -11,7 +11,7 @@ import numpy as np
 
 from lab import tables
 from lab.campaign import Row, carried_out
-from lab.hil.flights import PAD_STARTS, STEP, Leg, SceneFlight, Setting, aircraft_of, config_of
+from lab.hil.flights import PAD_STARTS, SIMULATED, STEP, Leg, SceneFlight, Setting, aircraft_of, config_of
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import WindClass
 from mksim.programs.rehearsal import land, over_pad, take_off
@@ -153,26 +153,42 @@ def _value(key: str, line: str, flight: Row) -> float | None:
     return sum(line != "radio" or DEGRADED not in text for text in flight["warnings"])
 
 
+def compared(rows: Sequence[Row]) -> list[Row]:
+    """Every figure of genuine and simulated boards by each line, side by side.
+
+    Returns:
+        Of each figure a row: the boards' columns, the goals by each line, which columns `missed` one, and `holds`.
+    """
+    found = carried_out(rows)
+    boards = sorted({row["board"] for row in found}, key=lambda board: board == SIMULATED)
+    columns = {
+        f"{board if board == SIMULATED else 'genuine'} by {line}": (line, summary(line, part))
+        for line in LINES
+        for board in boards
+        if (part := [row for row in found if (row["board"], row["line"]) == (board, line)])
+    }
+    shown: list[Row] = [{"figure": "flights"} | {name: str(part["flights"]) for name, (_, part) in columns.items()}]
+    shown[0] |= {f"goal by {line}": "10" for line in LINES} | {"missed": []}
+    for figure in FIGURES:
+        goals = {f"goal by {line}": figure.goal_words(line) for line in LINES}
+        parts = {name: part["figures"].get(figure.key) for name, (_, part) in columns.items()}
+        cells = {name: figure.shown(part) if part else "" for name, part in parts.items()}
+        missed = [
+            name
+            for name, (_, part) in columns.items()
+            if any(one.startswith(f"{figure.key}:") for one in part["missed"])
+        ]
+        shown.append({"figure": figure.about} | cells | goals | {"missed": missed})
+    lost = {name: part["lost"] for name, (_, part) in columns.items()}
+    shown.append({"figure": "lost, or scene not flown"} | {name: str(len(why)) for name, why in lost.items()})
+    shown[-1] |= {f"goal by {line}": "0" for line in LINES} | {"missed": [name for name in lost if lost[name]]}
+    return [row | {"holds": not row["missed"]} for row in shown]
+
+
 def show(rows: Sequence[Row], *, as_json: bool) -> int:
-    """Print every figure of the boards side by side; exit code 1 where a goal is missed."""
-    found, shown = carried_out(rows), list[Row]()
-    for line in dict.fromkeys(row["line"] for row in found):
-        boards = dict.fromkeys(row["board"] for row in found if row["line"] == line)
-        summed = {
-            board: summary(line, [row for row in found if (row["board"], row["line"]) == (board, line)])
-            for board in boards
-        }
-        missed = " ".join(words for part in summed.values() for words in part["missed"])
-        for figure in FIGURES:
-            cells = {
-                board: figure.shown(part["figures"][figure.key]) if figure.key in part["figures"] else ""
-                for board, part in summed.items()
-            }
-            goal = {"goal": figure.goal_words(line), "holds": f"{figure.key}: " not in missed}
-            shown.append({"line": line, "figure": figure.about} | cells | goal)
-        lost = {board: part["lost"] for board, part in summed.items()}
-        flights = {"flights": [part["flights"] for part in summed.values()]}
-        shown.append({"line": line, "figure": "lost"} | lost | flights | {"holds": not any(lost.values())})
-    if len(found) < len(rows):
-        shown.append({"line": "", "figure": "not flown", "flights": len(rows) - len(found), "holds": False})
-    return tables.show(shown, ("line", "figure"), as_json=as_json)
+    """Print every figure of the boards side by side; exit code 1 where a goal is missed, or a flight not flown."""
+    shown = compared(rows)
+    lost = [f"{row['board']} {row['seed']}: {'; '.join(row.get('lost', [row.get('why')]))}" for row in rows]
+    unflown = len(rows) - len(carried_out(rows))
+    shown.append({"figure": "not flown", "flights": unflown, "holds": not unflown})
+    return tables.show(shown, ("figure",), as_json=as_json, lost=[why for why in lost if not why.endswith(": ")])
