@@ -20,35 +20,11 @@ ARMED = StickInput(0.0, 0.0, 0.0, 0.0, motors_running=True)
 """Tells the world only that the motors turn: the firmware has the sticks."""
 
 
-class Line:
-    """Both ways of a serial line; bytes take their time on it.
-
-    Attributes:
-        now: simulated time [s].
-    """
-
-    def __init__(self, config: SimConfig) -> None:
-        self.now = 0.0
-        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
-        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
-
-    def write(self, data: bytes, at: float) -> None:
-        """Send bytes to the board at `at` [s]."""
-        self._to_board.push(data, at)
-
-    def _answer(self, answers: Iterable[tuple[float, int]], to: float) -> list[tuple[float, bytes]]:
-        """Send on what the board wrote, and return what reached the host: bytes with the time they arrived [s]."""
-        for at, byte in answers:
-            # the channel counts the character's own time, which the board has counted already
-            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
-        self.now = to
-        return self._to_host.poll(to)
-
-
-class GenuineAircraft(Line):
+class GenuineAircraft:
     """One aircraft, and the far end of its serial line.
 
     Attributes:
+        now: simulated time [s].
         world: what flies.
     """
 
@@ -74,7 +50,9 @@ class GenuineAircraft(Line):
             voltage: of the battery, held [V]; by default the battery of the configuration.
             has_compass: whether the board hears of the heading.
         """
-        super().__init__(config)
+        self.now = 0.0
+        self._to_board = RadioChannel(config.radio.to_board, f"{config.seed} to board")
+        self._to_host = RadioChannel(config.radio.to_host, f"{config.seed} to host")
         chip = Chip(firmware, eeprom_of(firmware), seed=config.seed)
         self.world = self._world_class(
             config.flight, chip, seed=config.seed, start=start, ground=ground, voltage=voltage, has_compass=has_compass
@@ -86,16 +64,28 @@ class GenuineAircraft(Line):
         )
         self.world.pilot.program = DelayedProgram(plan, config.pilot_wait)
 
-    def _fly(self, to: float) -> None:
-        while self.world.now + DT <= to:
-            self.world.step(ARMED if self.world.is_armed else MOTORS_OFF)
+    def write(self, data: bytes, at: float) -> None:
+        """Send bytes to the board at `at` [s]."""
+        self._to_board.push(data, at)
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
         world, faults = self.world, self.world.faults
         self._to_board.is_cut = faults.is_link_cut("to_board")
         self._to_host.is_cut = faults.is_link_cut("to_host")
-        for at, data in self._to_board.poll(to):
-            world.inbox.extend((at, byte) for byte in data)
-        self._fly(to)
-        return self._answer(world.chip.read(), to)
+        self._receive((at, byte) for at, data in self._to_board.poll(to) for byte in data)
+        while world.now + DT <= to:
+            world.step(ARMED if world.is_armed else MOTORS_OFF)
+        for at, byte in self._read():
+            # the channel counts the character's own time, which the board has counted already
+            self._to_host.push(bytes((byte,)), at - HOST_CHAR)
+        self.now = to
+        return self._to_host.poll(to)
+
+    def _receive(self, arrivals: Iterable[tuple[float, int]]) -> None:
+        """Let characters of the host arrive, each with its time [s]."""
+        self.world.inbox.extend(arrivals)
+
+    def _read(self) -> list[tuple[float, int]]:
+        """Characters for the host that left the board, each with its time [s]."""
+        return self.world.chip.read()

@@ -6,30 +6,25 @@ joined as on an aircraft by their bus and the UART between them; that one's head
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Final
 
-from lab.hil.aircraft import GenuineAircraft, Line
+from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import Firmware, NaviFirmware
 from lab.hil.naviboard import NaviBoard, SimulatedMaster, Socket, Surroundings
 from lab.hil.world import GenuineWorld
 from mksim.boards.flightctrl import FlightCtrl
-from mksim.boards.generations import FC_GENERATIONS, NC_GENERATIONS
+from mksim.boards.generations import NC_GENERATIONS
 from mksim.config import SimConfig
 from mksim.physics.world import World
+from mksim.simulation import Simulation
 
 SLICE: Final = 1e-3
 """The two boards run in turn, so long each [s]."""
 
 
-class NaviAircraft(Line):
-    """One aircraft, and the far end of its serial line.
-
-    Attributes:
-        world: what flies.
-        flight: the simulated FlightCtrl.
-        board: the genuine NaviCtrl.
-        master: the FlightCtrl's end of their bus.
-    """
+class NaviAircraft(Simulation):
+    """The simulator's aircraft with a genuine NaviCtrl in front of its FlightCtrl."""
 
     def __init__(self, firmware: NaviFirmware, config: SimConfig) -> None:
         """Switch both boards on; what the configuration says of the NaviCtrl does not count.
@@ -37,41 +32,38 @@ class NaviAircraft(Line):
         Raises:
             ConfigError: this process has run a NaviCtrl already.
         """
-        super().__init__(config)
-        self.world = World(config.flight, seed=config.seed)
-        self.flight = FlightCtrl(
-            FC_GENERATIONS[config.fc],
-            self.world,
-            seed=config.seed,
-            gas_law=config.gas_law,
-            gate_parameter=config.gate_parameter,
-            calibrated=config.calibrated,
-        )
+        super().__init__(config.model_copy(update={"board": "fc"}))
         self.flight.adopt_companion(NC_GENERATIONS["0.24"].release)
-        self.board = NaviBoard(firmware)
-        self.master = SimulatedMaster(self.flight)
-        self._surroundings = Surroundings(self.world)
+        self.port = _NaviPort(firmware, self.flight, self.world)  # type: ignore[assignment]
 
-    def advance(self, to: float) -> list[tuple[float, bytes]]:
-        """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
-        while self.now < to:
-            self._run(min(to, self.now + SLICE))
-        return self._answer(self.board.read(Socket.HOST), self.now)
 
-    def _run(self, until: float) -> None:
-        board, flight = self.board, self.flight
-        for at, data in self._to_board.poll(until):
-            board.receive(Socket.HOST, ((max(at, self.now), byte) for byte in data))
-        flight.advance(until)
-        for at, data in flight.poll():
-            board.receive(Socket.FLIGHTCTRL, ((max(at, self.now), byte) for byte in data))
-        self._surroundings.tend(board, self.now)
-        self.master.exchange(board, until)
-        board.run(until)
-        for at, byte in board.read(Socket.FLIGHTCTRL):
-            flight.receive_byte(byte, at)
-        board.read(Socket.COMPASS)
-        self.now = until
+class _NaviPort:
+    """A genuine NaviCtrl, and the simulator's FlightCtrl behind it, as `Simulation` meets a board."""
+
+    def __init__(self, firmware: NaviFirmware, flight: FlightCtrl, world: World) -> None:
+        self._board, self._flight = NaviBoard(firmware), flight
+        self._master, self._surroundings = SimulatedMaster(flight), Surroundings(world)
+
+    def receive_byte(self, byte: int, at: float) -> None:
+        self._board.receive(Socket.HOST, [(max(at, self._board.now), byte)])
+
+    def poll(self) -> list[tuple[float, bytes]]:
+        return [(at, bytes((byte,))) for at, byte in self._board.read(Socket.HOST)]
+
+    def advance(self, to: float) -> None:
+        board, flight, now = self._board, self._flight, self._flight.now
+        while now < to:
+            until = min(to, now + SLICE)
+            flight.advance(until)
+            for at, data in flight.poll():
+                board.receive(Socket.FLIGHTCTRL, ((max(at, now), byte) for byte in data))
+            self._surroundings.tend(board, now)
+            self._master.exchange(board, until)
+            board.run(until)
+            for at, byte in board.read(Socket.FLIGHTCTRL):
+                flight.receive_byte(byte, at)
+            board.read(Socket.COMPASS)
+            now = until
 
 
 class PairWorld(GenuineWorld):
@@ -99,11 +91,7 @@ class PairWorld(GenuineWorld):
 
 
 class NaviPair(GenuineAircraft):
-    """One aircraft, and the far end of the NaviCtrl's serial line.
-
-    Attributes:
-        board: the NaviCtrl.
-    """
+    """One aircraft, and the far end of the NaviCtrl's serial line."""
 
     world: PairWorld
     _world_class = PairWorld
@@ -114,15 +102,13 @@ class NaviPair(GenuineAircraft):
         Raises:
             ConfigError: this process has run a NaviCtrl already.
         """
-        self.board = NaviBoard(navi)
         super().__init__(flight, config, has_compass=False, **more)
-        self.world.join(self.board)
+        self.world.join(NaviBoard(navi))
 
-    def advance(self, to: float) -> list[tuple[float, bytes]]:
-        """Run to `to` [s] and return what reached the host: bytes with the time they arrived [s]."""
-        board = self.board
-        for at, data in self._to_board.poll(to):
-            board.receive(Socket.HOST, ((max(at, board.now), byte) for byte in data))
-        self._fly(to)
-        board.read(Socket.COMPASS)
-        return self._answer(board.read(Socket.HOST), to)
+    def _receive(self, arrivals: Iterable[tuple[float, int]]) -> None:
+        navi = self.world.navi
+        navi.receive(Socket.HOST, ((max(at, navi.now), byte) for at, byte in arrivals))
+
+    def _read(self) -> list[tuple[float, int]]:
+        self.world.navi.read(Socket.COMPASS)
+        return self.world.navi.read(Socket.HOST)
