@@ -84,7 +84,7 @@ class GenuineAircraft:
 
     def _receive(self, arrivals: Iterable[tuple[float, int]]) -> None:
         """Let characters of the host arrive, each with its time [s]."""
-        self.world.inbox.extend(arrivals)
+        self.world.chip.inbox.extend(arrivals)
 
     def _read(self) -> list[tuple[float, int]]:
         """Characters for the host that left the board, each with its time [s]."""

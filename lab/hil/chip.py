@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from collections import deque
 from typing import Final, NamedTuple
 
 from lab.hil.build import FIRMWARE, LIBRARY, Firmware
@@ -103,6 +104,7 @@ class Chip:
     Attributes:
         firmware: that runs.
         lines: levels and pulses in, motors out.
+        inbox: bytes on their way to its serial input, with the times of their last bits [s].
     """
 
     def __init__(self, firmware: Firmware, eeprom: bytes, *, seed: int) -> None:
@@ -111,7 +113,7 @@ class Chip:
         Raises:
             ConfigError: the firmware cannot be loaded.
         """
-        self.firmware = firmware
+        self.firmware, self.inbox = firmware, deque[tuple[float, int]]()
         self._library = _load()
         self._content = ctypes.create_string_buffer(eeprom, len(eeprom))
         elf, mcu = str(firmware.elf).encode(), firmware.mcu.encode()
@@ -142,9 +144,16 @@ class Chip:
             name = self.firmware.name
             raise RuntimeError(f"{name}: the processor stopped (simavr state {state}) at {self.now:.3f} s")
 
-    def receive(self, byte: int) -> None:
-        """Hand its serial input a byte whose last bit arrives now."""
-        self._library.board_receive(self._board, byte)
+    def run_to(self, until: float, now: float | None = None) -> None:
+        """Run on to a time, from now on by default, and hand it every byte of `inbox` at its own [s]."""
+        now = self.now if now is None else now
+        while self.inbox and self.inbox[0][0] <= until:
+            at, byte = self.inbox.popleft()
+            if at > now:
+                self.run(at - now)
+                now = at
+            self._library.board_receive(self._board, byte)
+        self.run(until - now)
 
     def read(self) -> list[tuple[float, int]]:
         """Bytes that left its serial output: the time of the last bit [s], and the byte."""

@@ -22,9 +22,8 @@ from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2
 from mksim.boards.line import HOST_CHAR
 
 BOOTED: Final = 8.0
-STEP: Final = 1e-3
-CYCLE: Final = 1e-6
-"""Less than that does not move the processor on [s]."""
+STEP: Final = 5e-3
+"""Between two looks at what it holds [s]."""
 ANSWER: Final = 0.3
 """Waited for an answer [s]."""
 POLLING: Final = 0.5
@@ -66,30 +65,23 @@ class Bench:
         firmware = built(name)
         self.chip = Chip(firmware, eeprom_of(firmware), seed=1)
         self._layout = control_of(firmware)
-        self._decoder, self._left = FrameDecoder(), list[tuple[float, int]]()
+        self._decoder = FrameDecoder()
         self.chip.lines.analog[:] = QUIET_LEVELS
         self.chip.lines.channels, self.chip.lines.is_receiving = CHANNELS, 1
         self.run(BOOTED)
 
     def send(self, data: bytes, wait: float = 0.0) -> list[tuple[float, Frame]]:
         """Put characters on the line, and run on until they have left, and longer [s]; see `run`."""
-        now = self._left[-1][0] if self._left else self.chip.now
-        self._left += [(now + k * HOST_CHAR, byte) for k, byte in enumerate(data, 1)]
-        return self.run(wait) if wait else []
+        inbox = self.chip.inbox
+        now = inbox[-1][0] if inbox else self.chip.now
+        inbox.extend((now + k * HOST_CHAR, byte) for k, byte in enumerate(data, 1))
+        return self.run(wait)
 
     def run(self, seconds: float) -> list[tuple[float, Frame]]:
         """Run on; the frames that came, with the times of their last characters [s]."""
-        end, found = self.chip.now + seconds, []
-        while end - self.chip.now > CYCLE:
-            until = min(end, self.chip.now + STEP)
-            while self._left and self._left[0][0] <= until:
-                at, byte = self._left.pop(0)
-                self.chip.run(max(0.0, at - self.chip.now))
-                self.chip.receive(byte)
-            self.chip.run(max(0.0, until - self.chip.now))
-            for at, byte in self.chip.read():
-                found += [(at, one) for one in self._decoder.feed(bytes((byte,))) if isinstance(one, Frame)]
-        return found
+        self.chip.run_to(self.chip.now + seconds)
+        answers = [(at, self._decoder.feed(bytes((byte,)))) for at, byte in self.chip.read()]
+        return [(at, found) for at, each in answers for found in each if isinstance(found, Frame)]
 
     @property
     def held(self) -> Held:
@@ -103,7 +95,7 @@ class Bench:
             if self.chip.now - began > longest:
                 return None
             meanwhile(self.chip.now)
-            self.run(5 * STEP)
+            self.run(STEP)
         return self.chip.now - began
 
 

@@ -87,7 +87,7 @@ class PairWorld(GenuineWorld):
         navi.receive(Socket.FLIGHTCTRL, ((max(at, begun), byte) for at, byte in self.chip.read()))
         self._surroundings.tend(navi, begun)
         navi.run(until)
-        self.inbox.extend(navi.read(Socket.FLIGHTCTRL))
+        self.chip.inbox.extend(navi.read(Socket.FLIGHTCTRL))
 
 
 class NaviPair(GenuineAircraft):

@@ -7,7 +7,6 @@ and its motors, is here the firmware, four motor controllers and four rotors wit
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Final
 
 from lab.hil.chip import Chip, Held, control_of
@@ -50,7 +49,6 @@ class GenuineWorld(World):
     Attributes:
         chip: the board.
         has_compass: a NaviCtrl or MK3Mag hands it the heading.
-        inbox: bytes on their way to it, with the times of their last bits [s].
     """
 
     def __init__(
@@ -68,7 +66,6 @@ class GenuineWorld(World):
         super().__init__(cfg, seed=seed, start=start, ground=ground)
         airframe = cfg.airframe
         self.chip = chip
-        self.inbox: deque[tuple[float, int]] = deque()
         self.has_compass = has_compass
         self._voltage = voltage
         self._layout = control_of(chip.firmware)
@@ -123,16 +120,8 @@ class GenuineWorld(World):
             self._measure()
 
     def _run_chip(self, until: float) -> None:
-        """Run the processor on, and hand it every byte at its time."""
-        now = max(self.now, until - DT / SUBSTEPS)
-        inbox = self.inbox
-        while inbox and inbox[0][0] <= until:
-            at, byte = inbox.popleft()
-            if at > now:
-                self.chip.run(at - now)
-                now = at
-            self.chip.receive(byte)
-        self.chip.run(until - now)
+        """Run the processor on."""
+        self.chip.run_to(until, max(self.now, until - DT / SUBSTEPS))
 
     def _turn_rotors(self, dt: float) -> tuple[float, tuple[float, float, float]]:
         """Thrust [N] and torque [N m; FLU] of four rotors whose speed follows set point times voltage with a lag."""
