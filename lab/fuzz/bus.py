@@ -21,7 +21,7 @@ from typing import Any, Final
 import zenoh
 
 from lab.campaign import Row
-from lab.fuzz.requests import LOOK_PERIOD, Nonsense, ended, is_silent, tracebacks
+from lab.fuzz.requests import LOOK_PERIOD, Nonsense, ended, holds, is_silent, tracebacks
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import MKCTL, PROGRAM, VEHICLE, DaemonProcess, Program
 from mkdaemon.bus.codec import encoding_of
@@ -162,13 +162,7 @@ async def fuzz_bus(count: int, seed: int, *, only: Sequence[str] | None = None) 
         await stack.aclose()
         end = await ended(one.daemon)
     found |= {"exit_code": end["exit_code"], "tracebacks": found["tracebacks"] + end["tracebacks"]}
-    return found | {"holds": holds(found)}
-
-
-def holds(row: Row) -> bool:
-    """Whether nothing went wrong, and nothing grew too much."""
-    wrong = ("silences", "tracebacks", "ended", "exit_code")
-    return not any(row[name] for name in wrong) and all(row[name] <= most for name, most in LIMITS.items())
+    return found | {"holds": holds(found, LIMITS)}
 
 
 async def _send(daemon: DaemonProcess, client: Vehicle, nonsense: Nonsense, count: int) -> Row:

@@ -76,8 +76,8 @@ async def test_a_daemon_bears_three_seconds_of_it():
     ],
 )
 def test_a_daemon_or_reader_that_minds_a_key_is_no_success(wrong):
-    assert bus.holds(BUS)
-    assert not bus.holds(BUS | wrong)
+    assert requests.holds(BUS, bus.LIMITS)
+    assert not requests.holds(BUS | wrong, bus.LIMITS)
 
 
 async def test_a_daemon_bears_a_thousand_puts_and_queries_under_every_kind_of_key():
