@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
 from typing import Any, Final
 
 from tools.markdown import table
@@ -19,20 +18,13 @@ def _summary(found: Found) -> Iterator[str]:
     sizes = ", ".join(f"`{name.removeprefix('src/mkdaemon/')}` has {count}" for name, count in found["of"].items())
     total = (
         f"{drawn} ({sizes}): {found['killed']} of {found['mutants']} killed, {found['timeouts']} of these by time; "
-        f"{found['equivalent']} do the same as the code. At first verdict, before tests were written for the "
-        f"survivors of this sample, {found['killed_first']} were killed ({100 * found['share_first']:.1f} %). "
-        f"The last verdicts took {found['seconds'] / 60:.0f} minutes of computing time."
+        f"{found['equivalent']} do the same as the code. The verdicts took {found['seconds'] / 60:.0f} minutes of "
+        "computing time."
     )
     if found["mutants"] < planned:
-        total += (
-            f" The run was stopped before it came to the other {planned - found['mutants']} of its sample; "
-            "what runs at import (tables, constants) comes last."
-        )
+        total += f" The run was stopped before it came to the other {planned - found['mutants']} of its sample."
     if found["budget"]:
         total += f" Tests of one mutant took {found['budget']:g} s at most."
-    if found["tests"]:
-        count = len(found["tests"])
-        total += f" Only {count} files and folders of tests judged, named in the results: shares are lower bounds."
     yield total
 
 
@@ -49,17 +41,16 @@ def _survivors(found: Found) -> Iterator[str]:
     return table(("mutant", "was", "becomes", "reason"), rows)
 
 
-def _counts(name: str, key: str, found: Found) -> Iterator[str]:
+def _subjects(found: Found) -> Iterator[str]:
     rows = (
         (
             what.removeprefix("src/mkdaemon/"),
             *(str(count[word]) for word in ("mutants", "killed", "equivalent", "survived")),
-            f"{100 * count['share_first']:.1f} %",
             f"{100 * count['share']:.1f} %",
         )
-        for what, count in found[key].items()
+        for what, count in found["subjects"].items()
     )
-    return table((name, "mutants", "killed", "the same", "survived", "share at first", "share"), rows)
+    return table(("subject", "mutants", "killed", "the same", "survived", "share"), rows)
 
 
 def _code(text: str) -> str:
@@ -68,9 +59,7 @@ def _code(text: str) -> str:
 
 TABLES: Final[Mapping[str, Callable[[Found], Iterator[str]]]] = {
     "summary": _summary,
-    "subjects": partial(_counts, "subject", "subjects"),
-    "files": partial(_counts, "file", "files"),
-    "changes": partial(_counts, "change", "operators"),
+    "subjects": _subjects,
     "survivors": _survivors,
 }
 """By the names that the page gives them."""

@@ -7,9 +7,8 @@ reads, and how a dataclass is made (mypy finds who writes to a frozen one).
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 _COMPARED: Final[dict[type[ast.cmpop], tuple[tuple[str, type[ast.cmpop]], ...]]] = {
@@ -126,33 +125,34 @@ class Module:
         source: its text.
 
     Attributes:
-        original: its syntax tree.
-        tree: another one; unchanged outside `mutated`.
         mutants: by their ids, in the order of the text.
         is_program: tests may start the file in a process of its own, where no line is seen.
     """
 
     def __init__(self, path: str, source: str) -> None:
-        self.original = ast.parse(source)
-        self.tree = ast.parse(source)
+        self._tree = ast.parse(source)
         self.is_program = any(
             isinstance(node, ast.If) and _is_left_alone(node) and "__main__" in ast.unparse(node)
-            for node in self.tree.body
+            for node in self._tree.body
         )
         finder = _Finder(path)
-        finder.enter(self.tree)
+        finder.enter(self._tree)
         self._changes = {change.mutant.id: change for change in finder.changes}
         assert len(self._changes) == len(finder.changes), f"{path}: two mutants with one id"
         ordered = sorted(self._changes.values(), key=lambda change: (change.mutant.line, change.mutant.column))
         self.mutants = {change.mutant.id: change.mutant for change in ordered}
 
-    @contextmanager
-    def mutated(self, mutant_id: str) -> Iterator[ast.Module]:
-        """Give the tree with one mutant in it; afterwards it is as before."""
+    @classmethod
+    def read(cls, root: Path, path: str) -> Module:
+        """Read one of a tree."""
+        return cls(path, (root / path).read_text(encoding="utf-8"))
+
+    def with_mutant(self, mutant_id: str) -> str:
+        """Return the source with one mutant in it, without its comments."""
         change = self._changes[mutant_id]
         old = change.make()
         try:
-            yield ast.fix_missing_locations(self.tree)
+            return ast.unparse(ast.fix_missing_locations(self._tree))
         finally:
             change.undo(old)
 
