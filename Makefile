@@ -22,8 +22,7 @@ LAB_TESTS := tests/lab tests/tools tests/mksim tests/sim_conformance $(addprefix
   cli/test_pages stories/test_process stories/test_walks test_house test_orphans test_repeats test_upgrade test_wheel test_wholefiles))
 
 test: venv
-	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches build/branches.json
-	$(BIN)/python -m tools.floor
+	$(PYTEST) $(addprefix --ignore ,$(LAB_TESTS)) -p tools.branches --branches
 
 check-pythons:
 	@for version in $(PYTHONS); do \

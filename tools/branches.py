@@ -1,21 +1,18 @@
-"""Which branches the tests take: a plugin of pytest (`python -m pytest -p tools.branches --branches REPORT`).
+"""Which branches the tests take: a plugin of pytest (`python -m pytest -p tools.branches --branches`).
 
 Modules of the packages that fly get a probe in every branch while they are imported: one assignment in the syntax tree.
 A tracer would tell the same, but it is called for every line, and tests in virtual time are nothing but lines: they
 took three times as long under one. Code of child processes is not seen.
 
-The report has the form of coverage.py's JSON report: for every file `summary` with `num_branches` and
-`covered_branches`, and `missing_branches` as pairs of lines, from the statement that decides to where it goes; 0 where
-nothing follows in its body. Branches are those of `if`, `for`, `while` and `match`; a test that is a constant
-(`while True`) and `if TYPE_CHECKING` decide nothing.
+Branches are those of `if`, `for`, `while` and `match`; a test that is a constant (`while True`) and `if TYPE_CHECKING`
+decide nothing. At the end the share of each package is printed; one below `FLOOR` fails the run.
 """
 
 from __future__ import annotations
 
 import ast
-import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
@@ -25,10 +22,11 @@ from typing import Any, Final, NoReturn
 import pytest
 
 import mkdaemon
-from tools.statements import blocks_of
 
 PACKAGES: Final = ("bus", "control", "daemon", "link", "protocol", "replay", "translate")
 """Packages that fly, and the one that tells whether they fly as they did."""
+FLOOR: Final = 0.95
+"""Share of the branches of every package that the tests must take."""
 PROBES: Final = "__branches_taken__"
 """Global of a module with a byte for every branch, 1 once it was taken."""
 _SOURCE: Final = Path(mkdaemon.__file__).parent
@@ -36,11 +34,11 @@ _HANDED_OVER: Final = "branches"
 """Under which a worker process hands over what it saw."""
 
 Branch = tuple[int, int]
-"""Line that decides, and line to which it goes."""
+"""Line that decides, and line to which it goes; 0 where nothing follows in its body."""
 
 
 class _Probing:
-    """Puts a probe into every branch. It looks into statements alone: branches in expressions are not counted.
+    """Puts a probe into every branch; those in expressions are not counted.
 
     Attributes:
         branches: those found, in the order of their probes.
@@ -49,9 +47,9 @@ class _Probing:
     def __init__(self) -> None:
         self.branches: list[Branch] = []
 
-    def visit(self, block: Iterable[ast.AST]) -> None:
-        """Put probes into what a block decides, and into the blocks inside it."""
-        for node in block:
+    def visit(self, tree: ast.Module) -> None:
+        """Put probes into what a module decides."""
+        for node in list(ast.walk(tree)):
             match node:
                 case ast.If() | ast.While():
                     if not _is_decided(node.test):
@@ -60,8 +58,6 @@ class _Probing:
                     self._decide(node)
                 case ast.Match():
                     self._match(node)
-            for inner in blocks_of(node):
-                self.visit(inner)
 
     def _probe(self, deciding: ast.stmt, body: list[ast.stmt]) -> list[ast.stmt]:
         """A branch with a probe in front of what it does."""
@@ -96,7 +92,7 @@ def add_probes(source: str | bytes) -> tuple[ast.Module, list[Branch]]:
     """Return the syntax tree of a module with its probes, and its branches in the order of the probes."""
     probing = _Probing()
     tree = ast.parse(source)
-    probing.visit(tree.body)
+    probing.visit(tree)
     return tree, probing.branches
 
 
@@ -151,20 +147,28 @@ class Finder(MetaPathFinder):
         return spec
 
 
-def build_report(taken: Mapping[str, bytearray], files: Iterable[Path]) -> dict[str, Any]:
-    """Return the report; a file that was never imported has all its branches missing."""
-    return {"files": {str(path): _build_entry(path, taken.get(str(path))) for path in sorted(files)}}
-
-
-def _build_entry(path: Path, taken: bytearray | None) -> dict[str, Any]:
+def missing_branches(taken: Mapping[str, bytearray], path: Path) -> tuple[int, list[Branch]]:
+    """Return how many branches a file has, and those that were not taken: all of one that was never imported."""
     _, branches = add_probes(path.read_bytes())
-    missing = [branch for number, branch in enumerate(branches) if taken is None or not taken[number]]
-    summary = {"num_branches": len(branches), "covered_branches": len(branches) - len(missing)}
-    return {"summary": summary, "missing_branches": missing}
+    seen = taken.get(str(path)) or bytes(len(branches))
+    return len(branches), sorted(branch for branch, was_taken in zip(branches, seen, strict=True) if not was_taken)
+
+
+def shares(taken: Mapping[str, bytearray], source: Path = _SOURCE) -> Iterator[tuple[bool, str]]:
+    """Yield of each package whether it keeps the floor, and its share in words; below it with the lines."""
+    for package in PACKAGES:
+        found = {path: missing_branches(taken, path) for path in sorted((source / package).rglob("*.py"))}
+        count, left = (sum(counts) for counts in zip(*((n, len(lines)) for n, lines in found.values()), strict=True))
+        share = 1.0 - left / count if count else 1.0
+        words = f"{package:10} {100 * share:5.1f} % of {count} branches"
+        if share < FLOOR:
+            places = (f"{path.relative_to(source)} {lines}" for path, (_, lines) in found.items() if lines)
+            words += f", {100 * FLOOR:g} % are needed; missing: {'; '.join(places)}"
+        yield share >= FLOOR, words
 
 
 class Measurement:
-    """The plugin: gathers what this process and its worker processes took, and writes the report.
+    """The plugin: gathers what this process and its worker processes took, and prints the shares.
 
     Attributes:
         finder: has what was taken.
@@ -172,6 +176,7 @@ class Measurement:
 
     def __init__(self, finder: Finder) -> None:
         self.finder = finder
+        self._shares: list[tuple[bool, str]] = []
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node: Any, error: object) -> None:
@@ -182,19 +187,24 @@ class Measurement:
             known[:] = bytes(a | b for a, b in zip(known, seen, strict=True))
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """Hand over, or write the report."""
+        """Hand over, or compare with the floor."""
         output = getattr(session.config, "workeroutput", None)
         if output is not None:
             output[_HANDED_OVER] = {path: seen.hex() for path, seen in self.finder.taken.items()}
-        elif report := session.config.getoption("branches"):
-            files = (path for package in PACKAGES for path in (_SOURCE / package).rglob("*.py"))
-            report.parent.mkdir(parents=True, exist_ok=True)
-            report.write_text(json.dumps(build_report(self.finder.taken, files), indent=1), encoding="utf-8")
+        elif session.config.getoption("branches"):
+            self._shares = list(shares(self.finder.taken))
+            if not all(holds for holds, _ in self._shares):
+                session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """Print the shares."""
+        for _, words in self._shares:
+            terminalreporter.write_line(words)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add `--branches`."""
-    parser.addoption("--branches", type=Path, help="where the report of branches is written (JSON)")
+    parser.addoption("--branches", action="store_true", help="print the share of branches taken, and hold the floor")
 
 
 @pytest.hookimpl(tryfirst=True)

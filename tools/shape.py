@@ -21,7 +21,6 @@ from rich.table import Table
 
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
-from tools.statements import statements_of
 
 LONGEST_FILE: Final = 600
 """Lines a file of src/, lab/ or tools/ may have."""
@@ -95,7 +94,7 @@ def find_long_functions(root: Path) -> list[str]:
     """Return a sentence for every function that is longer than it may be."""
     faults = []
     for path in sorted(path for folder in LIMITED for path in (root / folder).rglob("*.py")):
-        for node in statements_of(ast.parse(path.read_text(encoding="utf-8")).body):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
                 count = node.end_lineno - node.lineno + 1
                 if count > LONGEST_FUNCTION:

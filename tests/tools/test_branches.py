@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tools.branches import Finder, Measurement, build_report
+from tools.branches import PACKAGES, Finder, Measurement, missing_branches, shares
 
 MODULE = '''\
 """A docstring stays in front."""
@@ -70,9 +70,7 @@ def finder(tmp_path, monkeypatch):
 
 
 def missing(finder, path):
-    (entry,) = build_report(finder.taken, [path])["files"].values()
-    assert entry["summary"]["num_branches"] - entry["summary"]["covered_branches"] == len(entry["missing_branches"])
-    return entry["summary"]["num_branches"], entry["missing_branches"]
+    return missing_branches(finder.taken, path)
 
 
 def test_what_nobody_imported_has_no_branch_taken(finder, tmp_path):
@@ -112,3 +110,25 @@ def test_what_worker_processes_took_is_added(finder, tmp_path):
         here.pytest_testnodedown(SimpleNamespace(workeroutput=json.loads(json.dumps(worker.workeroutput))), None)
         finder.taken[str(path)][:] = bytes(13)
     assert missing(here.finder, path)[1][0] == (14, 0)
+
+
+def test_a_package_below_the_floor_names_its_lines(tmp_path):
+    for package in PACKAGES:
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "a.py").write_text("for a in b:\n    if a:\n        c()\n", encoding="utf-8")
+    whole = {str(tmp_path / package / "a.py"): bytearray([1, 1, 1, 1]) for package in PACKAGES}
+    assert all(holds for holds, _ in shares(whole, tmp_path))
+    whole[str(tmp_path / "link" / "a.py")][2:] = bytes(2)
+    (words,) = [words for holds, words in shares(whole, tmp_path) if not holds]
+    assert words == "link        50.0 % of 4 branches, 95 % are needed; missing: link/a.py [(2, 0), (2, 3)]"
+
+
+def test_a_run_below_the_floor_fails(monkeypatch):
+    config = SimpleNamespace(getoption=lambda _: True)
+    session = SimpleNamespace(config=config, exitstatus=0)
+    monkeypatch.setattr("tools.branches.shares", lambda taken: [(True, "link"), (False, "bus")])
+    measurement = Measurement(Finder([]))
+    measurement.pytest_sessionfinish(session)
+    written = []
+    measurement.pytest_terminal_summary(SimpleNamespace(write_line=written.append))
+    assert (session.exitstatus, written) == (1, ["link", "bus"])
