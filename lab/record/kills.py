@@ -12,16 +12,16 @@ import io
 import random
 import signal
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Iterable
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgpack
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
+from lab.campaign import Row
 from lab.rigs.flown import flown, observed
 from lab.rigs.processes import MKCTL, VEHICLE, DaemonProcess, Program
 from lab.rigs.waiting import following, wait_until
@@ -39,50 +39,19 @@ BLACK_BOX: Final = "state/recordings"
 GROUND: Final = "ground"
 
 
-@dataclass(frozen=True, slots=True)
-class Left:
-    """What a kill left.
-
-    Attributes:
-        entries: in the files.
-        age: of the newest entry when the program was killed; of the recording where it has none [s].
-        missing: frames the witness had received more than `ALLOWED` before, newer than all of the file.
-        on_the_way: frames that the witness had and the file has not, between others: the bus lost them before the
-            recorder had them, where its own numbers have no gap.
-        gaps: entries missing by the recorder's numbers.
-        is_readable: whether the `mcap` library reads it to its end, and the recovered file is whole.
-    """
-
-    entries: int
-    age: float
-    missing: int
-    on_the_way: int
-    gaps: int
-    is_readable: bool
-
-
-class Witness:
-    """Remembers the frames it received: when, and their stamps [s]."""
-
-    def __init__(self) -> None:
-        self.frames: list[tuple[float, float]] = []
-
-    def take(self, sample: Sample) -> None:
-        """Remember one."""
-        self.frames.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
-
-
+Witnessed = list[tuple[float, float]]
+"""When each frame was received, and its stamp [s]."""
 VICTIMS: Final = {"daemon": (BLACK_BOX,), "recorder": (GROUND,), "both": (BLACK_BOX, GROUND)}
 """What is killed, and where its files are."""
 
 
-async def kill(victim: str, seed: int) -> Left:
-    """Kill a daemon while it records, a recorder on the ground, or both at once; the worse of what they leave."""
-    async with _flight(seed) as (folder, daemon, witness), AsyncExitStack() as stack:
+async def kill(victim: str, seed: int) -> Row:
+    """Kill a daemon while it records, a recorder on the ground, or both at once; what they leave, together."""
+    async with _flight(seed) as (folder, daemon, witnessed), AsyncExitStack() as stack:
         killed: list[Program] = [] if victim == "recorder" else [daemon]
         if victim != "daemon":
             killed.append(await stack.enter_async_context(_recorder(folder / GROUND, daemon.endpoint)))
-        await wait_until(lambda: len(witness.frames) > 5)
+        await wait_until(lambda: len(witnessed) > 5)
         began = time.monotonic()
         await asyncio.sleep(random.Random(f"{victim} {seed}").uniform(0.0, LONGEST))
         killed_at = time.monotonic()
@@ -90,15 +59,7 @@ async def kill(victim: str, seed: int) -> Left:
             one.send_signal(signal.SIGKILL)
         for one in killed:
             await one.end(signal.SIGKILL)
-        found = [_look(_files(folder / name), witness, began, killed_at, folder) for name in VICTIMS[victim]]
-    return Left(
-        entries=sum(one.entries for one in found),
-        age=max(one.age for one in found),
-        missing=sum(one.missing for one in found),
-        on_the_way=sum(one.on_the_way for one in found),
-        gaps=sum(one.gaps for one in found),
-        is_readable=all(one.is_readable for one in found),
-    )
+        return sum_up(_look(folder / name, witnessed, began, killed_at) for name in VICTIMS[victim])
 
 
 @asynccontextmanager
@@ -113,38 +74,43 @@ async def _recorder(folder: Path, endpoint: str) -> AsyncIterator[Program]:
 
 
 @asynccontextmanager
-async def _flight(seed: int) -> AsyncIterator[tuple[Path, DaemonProcess, Witness]]:
-    """A simulated aircraft, a daemon on it, and a witness of what it publishes."""
-    witness = Witness()
+async def _flight(seed: int) -> AsyncIterator[tuple[Path, DaemonProcess, Witnessed]]:
+    """A simulated aircraft, a daemon on it, and the frames that a witness of what it publishes receives."""
+    witnessed: Witnessed = []
+
+    def take(sample: Sample) -> None:
+        witnessed.append((time.monotonic(), sample.fields["stamp"]["monotonic"]))
+
     async with (
         flown(observed(seed, "2.14", "2.14", calibrated=False), waits=False) as one,
-        following(one.client, witness.take, FRAMES),
+        following(one.client, take, FRAMES),
     ):
-        yield one.folder, one.daemon, witness
+        yield one.folder, one.daemon, witnessed
 
 
-def _files(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.mcap"))
+def _look(folder: Path, witnessed: Witnessed, began: float, killed_at: float) -> Row:
+    """What a program left in its files.
 
-
-def _look(files: Sequence[Path], witness: Witness, began: float, killed_at: float, folder: Path) -> Left:
-    entries, newest, gaps = 0, began, 0
-    stamps: set[float] = set()
-    is_readable = True
-    for path in files:
+    Returns:
+        `entries`; `age` of the newest one when the program was killed, of the recording where it has none [s];
+        `missing` frames, which the witness had received more than `ALLOWED` before and are newer than all of the file;
+        `gaps`, entries missing by the recorder's numbers; files that are `unreadable`: the `mcap` library does not read
+        them to their end, or the recovered file is not whole.
+    """
+    row = {"entries": 0, "age": 0.0, "missing": 0, "gaps": 0, "unreadable": 0}
+    newest, stamps = began, set[float]()
+    for path in sorted(folder.glob("*.mcap")):
         recording = Recording(path)
         for entry in recording.entries():
-            entries += 1
+            row["entries"] += 1
             newest = max(newest, entry.received)
             if entry.kind is EntryKind.SAMPLE and entry.key == f"mk/{VEHICLE}/{FRAMES}":
                 stamps.add(msgpack.unpackb(entry.payload)["stamp"]["monotonic"])
-        gaps += recording.report.lost
-        is_readable = is_readable and _streams(path) and _recovers(path, folder / "recovered.mcap")
-    first, last = min(stamps, default=began), max(stamps, default=began)
-    wanted = {stamp for at, stamp in witness.frames if at < killed_at - ALLOWED and stamp >= first}
-    lacking = wanted - stamps
-    missing = sum(stamp > last for stamp in lacking)
-    return Left(entries, killed_at - newest, missing, len(lacking) - missing, gaps, is_readable)
+        row["gaps"] += recording.report.lost
+        row["unreadable"] += not (_streams(path) and _recovers(path, folder / "recovered"))
+    last = max(stamps, default=began)
+    missing = {stamp for at, stamp in witnessed if at < killed_at - ALLOWED and stamp > last}
+    return row | {"age": killed_at - newest, "missing": len(missing)}
 
 
 def _streams(path: Path) -> bool:
@@ -169,17 +135,13 @@ def _recovers(path: Path, target: Path) -> bool:
     return sum(1 for _ in recovered.entries()) > 0 and recovered.report.is_whole
 
 
-def sum_up(results: Sequence[Left]) -> dict[str, Any]:
-    """Figures of many kills."""
-    ages = sorted(one.age for one in results)
-    return {
-        "kills": len(results),
-        "age_max_s": ages[-1],
-        "age_median_s": ages[len(ages) // 2],
-        "older_than_allowed": sum(age > ALLOWED for age in ages),
-        "frames_missing": sum(one.missing for one in results),
-        "frames_lost_on_the_way": sum(one.on_the_way for one in results),
-        "gaps": sum(one.gaps for one in results),
-        "unreadable": sum(not one.is_readable for one in results),
-        "entries": sum(one.entries for one in results),
-    }
+def sum_up(rows: Iterable[Row]) -> Row:
+    """Several files, or several kills, as one: the oldest end, and everything else together."""
+    every = list(rows)
+    counts = ("entries", "missing", "gaps", "unreadable")
+    return {"age": max(row["age"] for row in every)} | {name: sum(row[name] for row in every) for name in counts}
+
+
+def is_kept(left: Row) -> bool:
+    """Whether kills left what docs/lab/recording.md promises."""
+    return left["age"] <= ALLOWED and not any(left[name] for name in ("missing", "gaps", "unreadable"))

@@ -1,9 +1,8 @@
 """`python -m lab record`: what recording costs, and what is left of it after every bad end.
 
 `writing` times entries on their way into a file and back; `cost` flies a daemon with and without its black box, in
-turns, and times the event loop beside the recorder's thread; `playing` records a flight, plays it, and records that
-again; `kills` ends daemons and recorders by `kill -9` at random
-moments; `disks` fills and removes what they write to.
+turns; `playing` records a flight, plays it, and records that again; `kills` ends daemons and recorders by `kill -9` at
+random moments; `disks` fills and removes what they write to.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Annotated, Final, Literal
 from cyclopts import Parameter
 
 from lab.campaign import Row
-from lab.record import cost, disks, kills, looplag, playing, writing
+from lab.record import cost, disks, kills, playing, writing
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson, Count, Length
 
@@ -51,14 +50,14 @@ def _rows(case: str, runs: int, seconds: float) -> Iterator[Row]:
         case "writing":
             yield writing.measure(ENTRIES)
         case "cost":
-            yield asyncio.run(cost.measure(seconds, TURNS)) | {"loop": looplag.measure(2 * TURNS)}
+            yield asyncio.run(cost.measure(seconds, TURNS))
         case "playing":
             found = asyncio.run(playing.measure(seconds))
             yield found | {"holds": is_the_same(found)}
         case "kills":
             for victim in kills.VICTIMS:
                 found = asyncio.run(_repeat(victim, runs))
-                yield {"what": victim} | found | {"holds": is_kept(found)}
+                yield {"what": victim} | found | {"holds": kills.is_kept(found)}
         case _:
             yield _of_disk("full", asyncio.run(disks.fill_disk(1)))
             yield _of_disk("removed", asyncio.run(disks.remove_folder(1)))
@@ -74,15 +73,10 @@ async def _repeat(victim: str, runs: int) -> Row:
     for seed in range(runs):
         found.append(await kills.kill(victim, seed))
         print(f"{victim} {seed + 1}/{runs}: {found[-1]}", file=sys.stderr)
-    return kills.sum_up(found)
+    return {"kills": runs} | kills.sum_up(found)
 
 
 def is_the_same(played: Row) -> bool:
     """Whether a flight that was played and recorded again is the one that was recorded."""
     is_changed = played["keys_that_differ"] or played["out_of_order"] or played["not_put"]
     return not is_changed and played["values"] == played["values_played"]
-
-
-def is_kept(left: Row) -> bool:
-    """Whether kills left what docs/lab/recording.md promises."""
-    return not any(left[name] for name in ("older_than_allowed", "frames_missing", "gaps", "unreadable"))
