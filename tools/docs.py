@@ -26,7 +26,6 @@ GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
-    "docs/configuration.md": "tools.configuration_page:configuration_page",
     "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
     "docs/figures/phases.svg": "tools.phases_picture:phases_picture",
     "docs/figures/recording.svg": "tools.page_screens:recording_picture",
@@ -36,20 +35,21 @@ GENERATED: Final[Mapping[str, str]] = {
     "docs/figures/teleop_screen.svg": "tools.teleop_pictures:screen_picture",
     "docs/figures/top.svg": "tools.top_picture:top_picture",
     "docs/figures/troubles.svg": "tools.page_screens:trouble_picture",
-    "docs/keys.md": "tools.keys_page:keys_page",
     "docs/library-reference.md": "tools.library_page:library_page",
-    "docs/modes.md": "tools.modes_page:modes_page",
-    "docs/protocol.md": "tools.protocol_page:protocol_page",
 }
 """Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
 
 
 FILLED: Final[Mapping[str, Filled]] = {
+    "docs/configuration.md": Filled("tools.configuration_page"),
+    "docs/keys.md": Filled("tools.keys_page"),
     "docs/lab/accuracy.md": Filled("tools.accuracy_tables", "docs/results/vision.json"),
     "docs/lab/genuine-triggers.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
     "docs/lab/genuine.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
     "docs/lab/mutants.md": Filled("tools.mutants_tables", "docs/results/mutants.json"),
     "docs/lab/scale.md": Filled("tools.fleet_tables", "docs/results/fleet.json"),
+    "docs/modes.md": Filled("tools.modes_page"),
+    "docs/protocol.md": Filled("tools.protocol_page"),
     "docs/troubles.md": Filled("tools.message_tables"),
     "docs/waypoints.md": Filled("tools.items_table"),
 }

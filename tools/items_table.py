@@ -24,7 +24,7 @@ def _items(_: None) -> Iterator[str]:
         for index, param in enumerate(command.params)
         if param.word != "empty"
     )
-    yield from ("", *table(_COLUMNS, rows), "")
+    return table(_COLUMNS, rows)
 
 
 def _fate(param: Param) -> tuple[str, str, str]:

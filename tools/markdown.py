@@ -58,7 +58,7 @@ class Filled(NamedTuple):
             except KeyError as missing:
                 msg = f"{name}, table '{place['name']}': no {missing} in docs/results; measure it again"
                 raise MkError(msg) from None
-            return place["begin"] + "\n".join(lines) + "\n" + place["end"]
+            return place["begin"] + "\n" + "\n".join(lines).strip() + "\n\n" + place["end"]
 
         return PLACE.sub(made, (root / name).read_text(encoding="utf-8"))
 

@@ -59,12 +59,11 @@ def _messages(_: None) -> Iterator[str]:
     letters = groupby(messages(), key=lambda message: _first_letter(message.printed))
     for letter, found in letters:
         yield from (f"\n### {letter}\n", *table(_HEAD, found))
-    yield ""
 
 
 def _checks(_: None) -> Iterator[str]:
     """What the doctor looks at."""
-    yield from ("", *table(_HEAD, doctor_rows()), "")
+    yield from table(_HEAD, doctor_rows())
 
 
 def _first_letter(printed: str) -> str:

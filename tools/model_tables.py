@@ -13,7 +13,7 @@ from mkdaemon.bus.codec import schema_name
 from mkdaemon.config.keys import limits_of
 from mkdaemon.described import meanings_of
 from mkdaemon.telemetry.base import Command
-from tools.markdown import escape
+from tools.markdown import table
 
 
 def with_parts(models: Iterable[type[BaseModel]]) -> list[type[BaseModel]]:
@@ -54,17 +54,14 @@ def fields_of(model: type[BaseModel]) -> Iterator[str]:
     about = " ".join((model.__doc__ or "").split("\n\n")[0].split())
     is_sent = issubclass(model, Command)
     needs = ("field", "type", "needed", "meaning") if is_sent else ("field", "type", "meaning")
-    yield f"\n### {schema_name(model)}\n\n{about}\n\n| {' | '.join(needs)} |\n{'|---' * len(needs)}|\n"
-    schema = model.model_json_schema()
-    for name, info in model.model_fields.items():
-        cells = [f"`{name}`", type_of(info.annotation), meanings_of(model)[name]]
-        if is_sent:
-            cells.insert(2, _need(name, schema))
-        yield f"| {' | '.join(_cell(cell) for cell in cells)} |\n"
-
-
-def _cell(text: str) -> str:
-    return escape(" ".join(text.split()))
+    schema, meanings = model.model_json_schema(), meanings_of(model)
+    yield f"### {schema_name(model)}\n\n{about}\n"
+    rows = (
+        (f"`{name}`", type_of(info.annotation), *([_need(name, schema)] if is_sent else []), meanings[name])
+        for name, info in model.model_fields.items()
+    )
+    yield from table(needs, (tuple(" ".join(cell.split()) for cell in row) for row in rows))
+    yield ""
 
 
 def type_of(annotation: Any) -> str:

@@ -1,15 +1,16 @@
-"""docs/protocol.md, made from the message table, the settings table and the compatibility tables."""
+"""The tables of docs/protocol.md, made from those of messages, settings and compatibility."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import groupby
-from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from lab.places import CAPTURES
 from mkdaemon.described import meanings_of
 from mkdaemon.protocol.layout import Slot
 from mkdaemon.protocol.messages import (
@@ -28,48 +29,24 @@ from mkdaemon.protocol.messages import (
     waypoints,
 )
 from mkdaemon.protocol.wire import MESSAGES, Board, Direction, MessageSpec, WireMessage
-from tools.coverage_table import RECORDED, coverage, shown_releases
+from tools.coverage_table import coverage, shown_releases
 from tools.markdown import escape, table
-from tools.protocol_tables import compatibility_tables, danger_table, error_table, flag_tables, settings_tables
-from tools.protocol_text import APPENDED, COVERAGE, DISAGREEMENTS, INTRODUCTION
-
-_SECTIONS: Final[tuple[tuple[str, tuple[ModuleType, ...]], ...]] = (
-    ("VersionInfo", (version,)),
-    ("Common commands", (streams, display)),
-    ("ExternalControl", (control,)),
-    ("FlightCtrl commands", (flightctrl, parameters)),
-    ("BL-Ctrl", (blctrl,)),
-    ("NaviCtrl commands", (linktest, navictrl)),
-    ("NaviData", (osd, osdsets)),
-    ("Points", (waypoints,)),
-    ("MK3Mag", (mk3mag,)),
+from tools.protocol_tables import (
+    compatibility_tables,
+    danger_table,
+    error_table,
+    flag_tables,
+    parameter_tables,
+    revision_table,
 )
 
 
-def protocol_page(root: Path) -> str:
-    """Return the whole page.
-
-    Args:
-        root: root of the source tree; recordings are looked for under it.
-    """
-    lines = [INTRODUCTION.strip(), ""]
-    for title, modules in _SECTIONS:
-        lines += [f"## {title}", ""]
-        for module in modules:
-            lines += [_first_paragraph(module), ""]
-        classes = dict.fromkeys(cls for cls in MESSAGES.values() if inspect.getmodule(cls) in modules)
-        for _, layouts in groupby(classes, key=lambda cls: (cls.spec.id, cls.spec.name, cls.spec.boards[0])):
-            lines += _message(list(layouts))
-        if title in APPENDED:
-            lines += [APPENDED[title].strip(), ""]
-    lines += danger_table()
-    lines += flag_tables()
-    lines += error_table()
-    lines += compatibility_tables()
-    lines += settings_tables()
-    lines += [DISAGREEMENTS.strip(), ""]
-    lines += _coverage(root / "tests" / "data" / "captures")
-    return "\n".join(lines)
+def messages(modules: Sequence[ModuleType], _: None) -> Iterator[str]:
+    """The messages that some modules declare, each with its layouts."""
+    yield from (_first_paragraph(module) + "\n" for module in modules)
+    classes = dict.fromkeys(cls for cls in MESSAGES.values() if inspect.getmodule(cls) in modules)
+    for _key, layouts in groupby(classes, key=lambda cls: (cls.spec.id, cls.spec.name, cls.spec.boards[0])):
+        yield from _message(list(layouts))
 
 
 def _first_paragraph(module: ModuleType) -> str:
@@ -153,11 +130,29 @@ def _number(value: float) -> str:
     return f"{value:g}"
 
 
-def _coverage(recordings: Path) -> Iterator[str]:
-    releases = " and ".join(f"{board.word} {str(release)[:-1]}" for board, release in RECORDED.items())
-    yield COVERAGE.strip().format(releases=releases)
-    yield ""
+def _coverage(_: None) -> Iterator[str]:
     for board, name in ((Board.FC, "FlightCtrl"), (Board.NC, "NaviCtrl")):
-        rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, recordings))
+        rows = ((f"`{row.letter}`", row.name, *row.cells) for row in coverage(board, CAPTURES))
         yield from table((name, "message", *shown_releases(board)), rows)
         yield ""
+
+
+TABLES: Final[Mapping[str, Callable[[None], Iterator[str]]]] = {
+    "versioninfo": partial(messages, (version,)),
+    "common_commands": partial(messages, (streams, display)),
+    "externalcontrol": partial(messages, (control,)),
+    "flightctrl_commands": partial(messages, (flightctrl, parameters)),
+    "bl_ctrl": partial(messages, (blctrl,)),
+    "navictrl_commands": partial(messages, (linktest, navictrl)),
+    "navidata": partial(messages, (osd, osdsets)),
+    "points": partial(messages, (waypoints,)),
+    "mk3mag": partial(messages, (mk3mag,)),
+    "dangers": danger_table,
+    "flags": flag_tables,
+    "errors": error_table,
+    "generations": compatibility_tables,
+    "revisions": revision_table,
+    "parameters": parameter_tables,
+    "coverage": _coverage,
+}
+"""By the names that the page gives them."""

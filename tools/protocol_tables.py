@@ -15,22 +15,16 @@ from mkdaemon.protocol.settings_table import PARAMETERS, REVISIONS
 from mkdaemon.protocol.wire import MESSAGES
 from mkdaemon.telemetry.danger import Confirm, Danger
 from tools.markdown import table
-from tools.protocol_text import SETTINGS
 
 
-def danger_table() -> Iterator[str]:
+def danger_table(_: None) -> Iterator[str]:
     """What each dangerous request must meet."""
-    yield "## Danger"
-    yield ""
-    yield "What a request can do, and what it must meet before it is sent for a client; see [safety.md](safety.md)."
-    yield ""
     found = {
         (f"`{cls.spec.id}`", cls.spec.boards[0].word, cls.spec.name, cls.spec.danger.effect, *_rule(cls.spec.danger))
         for cls in MESSAGES.values()
         if cls.spec.danger
     }
-    yield from table(("id", "board", "message", "effect", "must meet", "harmless with"), sorted(found))
-    yield ""
+    return table(("id", "board", "message", "effect", "must meet", "harmless with"), sorted(found))
 
 
 def _rule(danger: Danger) -> tuple[str, str]:
@@ -55,18 +49,12 @@ def _rule(danger: Danger) -> tuple[str, str]:
     return ", ".join(terms), harmless
 
 
-def flag_tables() -> Iterator[str]:
+def flag_tables(_: None) -> Iterator[str]:
     """Flags and enumerations, every member."""
-    yield "## Flags"
-    yield ""
     kinds = [item for item in vars(flags).values() if inspect.isclass(item) and item.__module__ == flags.__name__]
     for kind in (kind for kind in kinds if issubclass(kind, Enum)):
-        yield f"### {kind.__name__}"
-        yield ""
-        yield inspect.cleandoc(kind.__doc__ or "")
-        yield ""
-        yield ", ".join(_member(kind, member) for member in kind)
-        yield ""
+        yield f"### {kind.__name__}\n\n{inspect.cleandoc(kind.__doc__ or '')}\n"
+        yield ", ".join(_member(kind, member) for member in kind) + "\n"
 
 
 def _member(kind: type[Enum], member: Enum) -> str:
@@ -74,25 +62,14 @@ def _member(kind: type[Enum], member: Enum) -> str:
     return f"`{int(member.value):#04x}` {member.name}" if is_flag else f"{member.value} {member.name}"
 
 
-def error_table() -> Iterator[str]:
+def error_table(_: None) -> Iterator[str]:
     """Error codes of the NaviCtrl."""
-    yield "## Error codes"
-    yield ""
-    yield "### ErrorCode"
-    yield ""
-    yield "Codes of the NaviCtrl; with any but 0 the motors do not start (FlightCtrl 0.84 and later)."
-    yield ""
     rows = ((str(int(code)), code.name, describe_error(code), error_since(code)) for code in ErrorCode)
-    yield from table(("code", "name", "meaning", "since"), rows)
-    yield ""
+    return table(("code", "name", "meaning", "since"), rows)
 
 
-def compatibility_tables() -> Iterator[str]:
+def compatibility_tables(_: None) -> Iterator[str]:
     """Which release speaks how."""
-    yield "## Compatibility"
-    yield ""
-    yield "The release in the version reply chooses the row; a release in no row is read only."
-    yield ""
     yield from table(
         ("FlightCtrl", "settings revisions", "b", "P", "C", "holds the last b", "stick filter", "R in flight"),
         (
@@ -123,7 +100,6 @@ def compatibility_tables() -> Iterator[str]:
             for row in NC_GENERATIONS
         ),
     )
-    yield ""
 
 
 def _releases(since: tuple[int, int], until: tuple[int, int]) -> str:
@@ -135,21 +111,15 @@ def _span(numbers: Iterable[int]) -> str:
     return str(known[0]) if len(known) == 1 else f"{known[0]}..{known[-1]}"
 
 
-def settings_tables() -> Iterator[str]:
-    """Parameter sets."""
-    yield "## Settings"
-    yield ""
-    yield SETTINGS.strip()
-    yield ""
-    sizes = (
-        (str(number), str(layout.size), layout.firmware)
-        for number in known_revisions()
-        if (layout := layout_of(number))
-    )
-    yield from table(("revision", "bytes", "firmware"), sizes)
-    yield ""
-    yield "### ParamSet layouts"
-    yield ""
+def revision_table(_: None) -> Iterator[str]:
+    """Sizes of parameter sets."""
+    layouts = ((number, layout_of(number)) for number in known_revisions())
+    rows = ((str(number), str(layout.size), layout.firmware) for number, layout in layouts if layout)
+    return table(("revision", "bytes", "firmware"), rows)
+
+
+def parameter_tables(_: None) -> Iterator[str]:
+    """Parameters of all revisions, and the bits of each."""
     last = max(REVISIONS)
     rows = (
         (

@@ -27,7 +27,8 @@ from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.mission import MissionPoint, WaypointsUploadRequest
 from mkdaemon.telemetry.setpoint import StickSetpoint, VelocitySetpoint
 from mkdaemon.telemetry.traffic import FrameSample
-from tools.keys_page import keys_page
+from tests.places import ROOT
+from tools.docs import make_page
 
 STAMP = Stamp(monotonic=1, wall=2, boot="12345678", synchronised=True)
 STATE = LinkState(
@@ -165,6 +166,6 @@ def test_the_longest_honest_requests_fit():
 
 
 def test_the_page_of_keys_names_every_key_and_every_refusal():
-    page = keys_page()
+    page = make_page("docs/keys.md", ROOT)
     assert all(f"`{spec.suffix}`" in page for spec in KEYS)
     assert "| `lease_held` |" in page

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+import sys
 from typing import Annotated
 
 import pytest
@@ -25,7 +25,7 @@ from mkdaemon.protocol.wire import WireMessage, answer, request
 from mkdaemon.telemetry.danger import Confirm, Danger
 from mkdaemon.telemetry.refusals import Token
 from tests.control.admission.situations import GOOD
-from tools.protocol_page import protocol_page
+from tools.protocol_page import TABLES, messages
 
 
 @pytest.fixture
@@ -84,9 +84,8 @@ def test_one_class_is_enough_everywhere(lamp):
     assert error.token == Token.NOT_CONFIRMED, "admission"
 
 
-def test_the_documentation_shows_a_declared_message(lamp, monkeypatch):
-    monkeypatch.setattr("tools.protocol_page._SECTIONS", (("Lamps", (__import__(__name__, fromlist=["x"]),)),))
-    page = protocol_page(Path())
+def test_the_documentation_shows_a_declared_message(lamp):
+    page = "\n".join([*messages((sys.modules[__name__],), None), *TABLES["dangers"](None)])
     assert "### LampRequest (`q`, nc)" in page
     assert "Time-out: nc 0.7 s and 1 retries, deaf for 0.1 s. Starts the stream `lamp`." in page
     assert "| `q` | nc | LampRequest | blinds the pilot | `confirm` |" in page

@@ -50,8 +50,8 @@ def test_a_figure_reaches_its_table_and_the_prose_stays(tmp_path):
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
     results["decks"]["level_nested"][WITH].update(posed=432, images=1000)
     page = page_of(tmp_path, "Above.\n\n<!-- table decks -->\nold\n<!-- end -->\n\nBelow.\n", results)
-    assert page.startswith("Above.\n\n<!-- table decks -->\n| attitude |")
-    assert page.endswith("|\n<!-- end -->\n\nBelow.\n")
+    assert page.startswith("Above.\n\n<!-- table decks -->\n\n| attitude |")
+    assert page.endswith("|\n\n<!-- end -->\n\nBelow.\n")
     assert "| right, the deck level | 43.2 % |" in page
     assert "old" not in page
 

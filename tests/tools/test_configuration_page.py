@@ -12,8 +12,8 @@ from mkdaemon.cli.mkdaemon.documentedfiles import documented_files
 from mkdaemon.config.keys import keys_of
 from mkdaemon.config.root import DaemonSections
 from mksim.config import SimulatorFile
-from tests.places import CONFIGS
-from tools.configuration_page import configuration_page
+from tests.places import CONFIGS, ROOT
+from tools.docs import make_page
 
 FILES = [file.model for file in documented_files()]
 
@@ -69,7 +69,7 @@ def test_units_ranges_and_defaults_are_told(keys):
 
 
 def test_the_page_shows_every_section_of_the_samples():
-    page = configuration_page()
+    page = make_page("docs/configuration.md", ROOT)
     sections = set()
     for file in CONFIGS.glob("*.toml"):
         tree = tomllib.loads(file.read_text(encoding="utf-8"))

@@ -39,16 +39,16 @@ def test_generated_pages_are_up_to_date():
 
 
 def test_pages_are_written_and_then_agree(capsys, monkeypatch, tmp_path):
-    some = {name: GENERATED[name] for name in ("docs/protocol.md", "docs/keys.md")}
+    some = {name: GENERATED[name] for name in ("docs/library-reference.md", "docs/figures/phases.svg")}
     monkeypatch.setattr(docs, "GENERATED", some)
     (tmp_path / "docs").mkdir()
     assert run(app, ["--check", "--root", str(tmp_path)]) == 1
     assert f"not up to date: {', '.join(some)}" in capsys.readouterr().err
     assert run(app, ["--root", str(tmp_path)]) == 0
     assert run(app, ["--check", "--root", str(tmp_path)]) == 0
-    page = tmp_path / "docs" / "protocol.md"
+    page = tmp_path / "docs" / "library-reference.md"
     page.write_text(page.read_text(encoding="utf-8") + "edited", encoding="utf-8")
-    assert stale_pages(tmp_path) == ["docs/protocol.md"]
+    assert stale_pages(tmp_path) == ["docs/library-reference.md"]
 
 
 @pytest.mark.parametrize("page", HOW_TO)
