@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from math import inf
 from typing import Any, Final, NamedTuple
 
-from tools.accuracy_words import FAR, NEAR, WITH, WITHOUT, Results
 from tools.markdown import table
 
+Results = Mapping[str, Any]
+"""docs/results/vision.json."""
 Row = Mapping[str, Any]
+WITH, WITHOUT = "eyes_with_attitude", "eyes_without"
+NEAR, FAR = "to_4_m", "to_8_m"
+"""Keys of the campaigns behind cameras: vision with and without attitude, by distance."""
 
 
 class Goal(NamedTuple):

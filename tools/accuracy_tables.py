@@ -6,19 +6,21 @@ The prose of the page is written by hand; a table stands between `<!-- table NAM
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from math import radians
 from typing import Any, Final
 
-from tools.accuracy_goals import GOALS, goals_of
-from tools.accuracy_words import CAMERAS, FAR, LEAVING, LIES, NEAR, SKIES, TRIALS, TROUBLES, WITH, WITHOUT, Results
+from tools.accuracy_goals import FAR, GOALS, NEAR, WITH, WITHOUT, Results, Row, goals_of
 from tools.markdown import table
 
-Row = Mapping[str, Any]
 Rows = Iterator[tuple[str, ...]]
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
-EYES: Final = (("with_attitude", "yes"), ("without_attitude", "no"))
+EYES: Final = ("with_attitude", "without_attitude")
 TARGETS: Final = ("nested", "single")
+
+
+def _named(part: Any) -> Iterator[tuple[str, Any]]:
+    """The parts of a campaign, each with its name as words, beside figures of the whole."""
+    return ((name.replace("_", " "), row) for name, row in part.items() if isinstance(row, Mapping))
 
 
 def _share(value: float, digits: int = 0) -> str:
@@ -58,13 +60,6 @@ def _distances(results: Results) -> Rows:
         )
 
 
-def _target_frame(results: Results) -> Rows:
-    """Where the vehicle is over the target: an error of the angles counts with the distance."""
-    for row in results["accuracy"]["by_distance"]:
-        across, along = 100.0 * row["distance"] * radians(max(row["sd_rpy_deg"][:2])), row["sd_xyz_cm"][2]
-        yield f"{row['distance']:.3g} m", f"{across:.2g} cm", f"{along:.2g} cm", f"{across / along:.0f}"
-
-
 def _cold(results: Results) -> Rows:
     for nested, single in zip(results["cold"]["nested"], results["cold"]["single"], strict=True):
         wrong = nested["wrong"] + single["wrong"]
@@ -88,9 +83,9 @@ def _stills(results: Results) -> Rows:
 
 
 def _cameras(results: Results) -> Rows:
-    for name, words in CAMERAS.items():
+    for words, camera in _named(results["real"]):
         cells = []
-        for row in (results["real"][name][eyes][part] for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)):
+        for row in (camera[eyes][part] for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)):
             errors = "" if not row["posed"] else (
                 f"; {row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg, {row['range_bias_percent']:+.2f} %, "
                 f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
@@ -100,21 +95,21 @@ def _cameras(results: Results) -> Rows:
 
 
 def _plain_cameras(results: Results) -> Rows:
-    for name, words in CAMERAS.items():
-        rows = [results["real"][name][program][part] for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
+    for words, camera in _named(results["real"]):
+        rows = [camera[program][part] for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
         yield words, *(f"{_share(row['posed'] / row['images'])}, {row['wrong']}" for row in rows)
 
 
 def _published(results: Results) -> Rows:
-    for name, words in CAMERAS.items():
-        eyes = [results["published"][name][which] for which in (WITH, WITHOUT)]
+    for words, camera in _named(results["published"]):
+        eyes = [camera[which] for which in (WITH, WITHOUT)]
         yield words, str(eyes[0]["images"]), *(f"{one['posed']}, {one['wrong']}" for one in eyes)
 
 
 def _hardships(results: Results) -> Rows:
-    for name, words in SKIES.items():
+    for words, hardship in _named(results["conditions"]["flights"]):
         cells = []
-        for row in (results["conditions"]["flights"][name][eyes] for eyes in (WITH, WITHOUT)):
+        for row in (hardship[eyes] for eyes in (WITH, WITHOUT)):
             usual = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg"
             largest = f"{row['largest_cm']:.1f} cm, {row['largest_deg']:.1f} deg"
             measured = f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
@@ -123,16 +118,19 @@ def _hardships(results: Results) -> Rows:
 
 
 def _adverse(results: Results) -> Rows:
-    for name, words in TRIALS.items():
-        found = [results["adverse"][name][program] for program in (WITH, WITHOUT, "apriltag", "opencv")]
+    for words, trial in _named(results["adverse"]):
+        found = [trial[program] for program in (WITH, WITHOUT, "apriltag", "opencv")]
         yield words, str(found[0]["images"]), *map(_posed, found)
 
 
 def _decks(results: Results) -> Rows:
-    for name, words in LIES.items():
-        pair = [results["decks"][f"{name}_{target}"][WITH] for target in TARGETS]
+    for words, nested in _named(results["decks"]):
+        name, _, target = words.rpartition(" ")
+        if target != TARGETS[0]:
+            continue
+        pair = [nested[WITH], results["decks"][f"{name.replace(' ', '_')}_{TARGETS[1]}"][WITH]]
         yield (
-            words,
+            name,
             *(_share(row["posed"] / row["images"], 1) for row in pair),
             str(sum(row["wrong"] for row in pair)),
             ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
@@ -142,27 +140,26 @@ def _decks(results: Results) -> Rows:
 
 def _leaving(results: Results) -> Rows:
     """Targets on their way out of the image, by where their middle is."""
-    for name, words in LEAVING.items():
-        one = results["leaving"][name]
+    for words, one in _named(results["leaving"]):
         counts = (f"{one[key]:,}" for key in ("images", "published", "wrong", "faults"))
         yield words, *counts, *map(_share, one["posed_by_way_out"].values())
 
 
 def _flights(results: Results) -> Rows:
     for target in TARGETS:
-        for eyes, words in EYES:
+        for eyes in EYES:
             row = results["flights"][target][eyes]
             usual = f"{row['median_cm']:.3f} cm, {row['median_deg']:.3f} deg"
             largest = f"{row['p99_cm']:.2f} cm, {row['p99_deg']:.2f} deg"
             posed = f"{_share(row['posed'], 1)} of {row['frames']}"
-            yield target, words, posed, str(row["wrong"]), str(row["flips"]), usual, largest
+            yield f"{target} {eyes.replace('_', ' ')}", posed, str(row["wrong"]), str(row["flips"]), usual, largest
 
 
 def _troubles(results: Results) -> Rows:
     """Posed in flights by what was wrong with the image."""
-    found = [results["flights"][target][eyes] for target in TARGETS for eyes, _ in EYES]
+    found = [results["flights"][target][eyes] for target in TARGETS for eyes in EYES]
     names = sorted(found[0]["posed_by_trouble"], key=lambda name: (name != "none", name))
-    return ((TROUBLES[name], *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names)
+    return ((name, *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names)
 
 
 def _nees(results: Results) -> Rows:
@@ -174,7 +171,6 @@ def _nees(results: Results) -> Rows:
 _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
     "seeds": ("campaign|reporting seeds from", _seeds),
     "distances": ("distance|posed|mean 3-D|largest|mean range|sd x / y / z|sd roll / pitch / yaw|wrong", _distances),
-    "target_frame": ("distance|deviation across in the target's frame|in the camera's frame|times", _target_frame),
     "cold": ("distance|nested|single|wrong", _cold),
     "cold_720p": ("distance|single, 1280x720|wrong", _cold_720p),
     "steep": ("angle|in the middle|near the edge of the image|whole tags there, posed|wrong", _steep),
@@ -189,7 +185,7 @@ _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
         "target, shutter|images|published|wrong|faults|at 35 % of the way out|75 %|100 %|125 %",
         _leaving,
     ),
-    "flights": ("target|attitude|posed|wrong|flips|median error|99 %", _flights),
+    "flights": ("target|posed|wrong|flips|median error|99 %", _flights),
     "troubles": ("trouble|nested with attitude|without|single with attitude|without", _troubles),
     "nees": ("mean (median) NEES per degree of freedom|nested|single", _nees),
 }

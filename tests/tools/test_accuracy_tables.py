@@ -6,18 +6,11 @@ import json
 
 import pytest
 
-from lab.vision.adverse import TRIALS as MET
-from lab.vision.decks import LIES as DECKS
-from lab.vision.leaving import CAMERAS as SHUTTERS
 from lab.vision.main import put_into
-from lab.vision.real import DEVICES
-from lab.vision.troubles import TROUBLES
-from lab.vision.weather import SKIES as WEATHERS
 from mkdaemon.errors import ConfigError, MkError
 from tests.places import ROOT
+from tools.accuracy_goals import WITH
 from tools.accuracy_tables import TABLES
-from tools.accuracy_words import CAMERAS, LEAVING, LIES, SKIES, TRIALS, WITH
-from tools.accuracy_words import TROUBLES as WORDS
 from tools.docs import make_page
 
 RESULTS = ROOT / "docs/results/vision.json"
@@ -36,23 +29,13 @@ def test_every_table_stands_in_the_page():
     assert [name for name in TABLES if f"<!-- table {name} -->" not in text] == []
 
 
-def test_every_camera_hardship_deck_and_trouble_has_a_row():
-    assert (set(CAMERAS), set(SKIES), set(LIES)) == (set(DEVICES), set(WEATHERS), set(DECKS))
-    assert set(TRIALS) == set(MET)
-    assert set(WORDS) == {"none", *TROUBLES}
-    assert set(LEAVING) == {
-        "whole",
-        *(f"{target}_{shutter}" for target in ("nested", "single") for shutter in SHUTTERS),
-    }
-
-
 def test_a_figure_reaches_its_table_and_the_prose_stays(tmp_path):
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
     results["decks"]["level_nested"][WITH].update(posed=432, images=1000)
     page = page_of(tmp_path, "Above.\n\n<!-- table decks -->\nold\n<!-- end -->\n\nBelow.\n", results)
     assert page.startswith("Above.\n\n<!-- table decks -->\n\n| attitude |")
     assert page.endswith("|\n\n<!-- end -->\n\nBelow.\n")
-    assert "| right, the deck level | 43.2 % |" in page
+    assert "| level | 43.2 % |" in page
     assert "old" not in page
 
 
@@ -100,8 +83,8 @@ def test_a_goal_is_missed_when_its_results_miss_it(tmp_path):
 
 def test_a_camera_below_its_goal_is_counted(tmp_path):
     results = json.loads(RESULTS.read_text(encoding="utf-8"))
-    for camera in CAMERAS:
-        results["real"][camera]["eyes_without"]["to_8_m"].update(images=100, posed=90)
+    for camera in (row for row in results["real"].values() if isinstance(row, dict)):
+        camera["eyes_without"]["to_8_m"].update(images=100, posed=90)
     results["real"]["webcam"]["eyes_without"]["to_8_m"]["posed"] = 70
     goals = rows_of(tmp_path, "camera_goals", results)
     assert goals[">= 80 % without, 4-8 m"] == ["70-90 %", "**missed** in 1 of 6"]
