@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import random
 import struct
 import tempfile
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from mcap.writer import CompressionType
 
-from lab.files.foreigncameras import Foreign, kalibr, marked, ost, ros
 from lab.files.originals import Kind, originals
 from lab.files.recordings import rewritten
 from mkdaemon.config.reader import load
@@ -29,16 +30,41 @@ from mkdaemon.missions.items import COMMANDS
 from mkdaemon.record.layout import MAGIC
 from mkdaemon.record.reader import Recording
 from mkdaemon.telemetry.mission import PointKind
+from mkdaemon.vision.camera.calibration_file import load_camera
 
 _NUMBERS: Final = (
     *(0, 0, 0, 1, -1, 2, 5, 0.5, 90, -30, None, float("nan"), float("inf"), -float("inf"), 10**400, "7", True),
 )
 
+BOM: Final = "\ufeff"
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """One file of another program.
+
+    Attributes:
+        suffix: of its name.
+        content: what stands in it.
+        fault: what is wrong with how it was read, given its path; empty for nothing.
+        is_right: nothing in it can be refused.
+    """
+
+    suffix: str
+    content: bytes
+    fault: Callable[[Path], str]
+    is_right: bool = False
+
+
+def _marked(rng: random.Random, text: str) -> bytes:
+    """A text in UTF-8, sometimes with a mark of the byte order."""
+    return ((BOM if rng.random() < 0.3 else "") + text).encode()
+
 
 def foreign_files(seed: int) -> Iterator[Foreign]:
     """One file of each kind."""
     rng = random.Random(seed)
-    makers = (_plan, _waypoints, _kml, _kmz, _gpx, _table, _toml, ros, ost, kalibr, _mcap)
+    makers = (_plan, _waypoints, _kml, _kmz, _gpx, _table, _toml, _ros, _ost, _kalibr, _mcap)
     yield from (make(rng) for make in makers)
 
 
@@ -80,7 +106,7 @@ def _plan(rng: random.Random) -> Foreign:
         "rallyPoints": {"points": [[1, 2, 3]] if rally else []},
         "mission": {"firmwareType": rng.choice([0, 3, 12]), "items": items},
     }
-    return Foreign(".plan", marked(rng, json.dumps(plan)), _mission(flown, fence + rally))
+    return Foreign(".plan", _marked(rng, json.dumps(plan)), _mission(flown, fence + rally))
 
 
 def _waypoints(rng: random.Random) -> Foreign:
@@ -89,7 +115,7 @@ def _waypoints(rng: random.Random) -> Foreign:
         cells = [number, 0, 3, 16, 0, 0, 0, rng.choice([0, 90]), *_place(rng), rng.choice([0, 1])]
         rows.append("\t".join(map(str, cells)))
     end = rng.choice(["\n", "\r\n"])
-    return Foreign(rng.choice([".waypoints", ".wpl"]), marked(rng, end.join(rows)), _mission(count, 1))
+    return Foreign(rng.choice([".waypoints", ".wpl"]), _marked(rng, end.join(rows)), _mission(count, 1))
 
 
 def _document(rng: random.Random) -> tuple[bytes, int, int]:
@@ -103,7 +129,7 @@ def _document(rng: random.Random) -> tuple[bytes, int, int]:
     lines = rng.choice([0, 0, 0, 1])
     body += "<Placemark><LineString><coordinates>1,2 3,4</coordinates></LineString></Placemark>" * lines
     # A path beside points has to be refused: no count is right.
-    return marked(rng, f"<kml><Folder>{body}</Folder></kml>"), -1 if lines else count, min(boxes, 1)
+    return _marked(rng, f"<kml><Folder>{body}</Folder></kml>"), -1 if lines else count, min(boxes, 1)
 
 
 def _kml(rng: random.Random) -> Foreign:
@@ -138,14 +164,14 @@ def _gpx(rng: random.Random) -> Foreign:
     body = point.format("wpt") * loose + "".join(f"<rte>{point.format('rtept') * size}</rte>" for size in sizes)
     routes = [size for size in sizes if size]
     count = -1 if len(routes) > 1 else (routes[0] if routes else loose)
-    return Foreign(".gpx", marked(rng, f"<gpx>{body}</gpx>"), _mission(count, bool(routes and loose)))
+    return Foreign(".gpx", _marked(rng, f"<gpx>{body}</gpx>"), _mission(count, bool(routes and loose)))
 
 
 def _table(rng: random.Random) -> Foreign:
     cell, count = rng.choice(["12", "1_2", "nan", "inf", "1e999", "12.5"]), rng.randint(1, 5)
     rows = [f"53.{number},8,{cell}" for number in range(count)]
     right = cell in ("12", "12.5")
-    return Foreign(".csv", marked(rng, "\n".join(["lat,lon,altitude", *rows])), _mission(count if right else -1, 0))
+    return Foreign(".csv", _marked(rng, "\n".join(["lat,lon,altitude", *rows])), _mission(count if right else -1, 0))
 
 
 def _toml(rng: random.Random) -> Foreign:
@@ -155,7 +181,65 @@ def _toml(rng: random.Random) -> Foreign:
         found = load(path).vehicle.name
         return "" if found == name else f"vehicle {found} is not {name}"
 
-    return Foreign(".toml", marked(rng, f'[vehicle]\nname = "{name}"\n'), fault)
+    return Foreign(".toml", _marked(rng, f'[vehicle]\nname = "{name}"\n'), fault)
+
+
+def _coefficients(rng: random.Random, counts: list[int]) -> list[float]:
+    return [round(rng.uniform(-0.1, 0.1), 4) for _ in range(rng.choice(counts))]
+
+
+def _camera(suffix: str, content: bytes, focal: float, coefficients: list[float], kept: int) -> Foreign:
+    """A calibration with a focal length, and coefficients of which a camera file keeps so many."""
+
+    def fault(path: Path) -> str:
+        found = load_camera(path).intrinsics
+        wanted = [*coefficients, *[0.0] * kept][:kept]
+        right = found.fx == focal and not any(coefficients[kept:]) and list(found.distortion) == wanted
+        return "" if right and (found.width, found.height) == (640, 480) else f"{found} is not {coefficients}"
+
+    return Foreign(suffix, content, fault, math.isfinite(focal) and focal > 0 and not any(coefficients[kept:]))
+
+
+def _ros(rng: random.Random) -> Foreign:
+    """Of ROS's `camera_calibration`."""
+    model = rng.choice(["plumb_bob", "rational_polynomial", "equidistant"])
+    coefficients, focal = _coefficients(rng, [4, 5, 8]), rng.choice([500.0, 601.25, float("nan")])
+    text = (
+        "image_width: 640\nimage_height: 480\n"
+        f"camera_matrix:\n  rows: 3\n  data: [{focal}, 0, 320, 0, 600, 240, 0, 0, 1]\n"
+        f"distortion_model: {model}\ndistortion_coefficients:\n  cols: {len(coefficients)}\n  data: {coefficients}\n"
+    )
+    return _camera(".yaml", _marked(rng, text), focal, coefficients, 4 if model == "equidistant" else 5)
+
+
+def _ost(rng: random.Random) -> Foreign:
+    """The same in its older form."""
+    coefficients, focal = _coefficients(rng, [4, 5, 8]), rng.choice([500.0, 601.25, float("inf")])
+    row = " ".join(f"{value:.6f}" for value in coefficients)
+    end = rng.choice(["\n", "\r\n"])
+    text = (
+        "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n[narrow_stereo]\n\n"
+        f"camera matrix\n{focal:.6f} 0.000000 320.000000\n0.000000 600.000000 240.000000\n"
+        f"0.000000 0.000000 1.000000\n\ndistortion\n{row}\n\nrectification\n1.0 0.0 0.0\n0.0 1.0 0.0\n0.0 0.0 1.0\n"
+    )
+    return _camera(".txt", _marked(rng, text.replace("\n", end)), focal, coefficients, 5)
+
+
+def _kalibr(rng: random.Random) -> Foreign:
+    """Of Kalibr: perhaps several cameras, or a lens that nobody here knows."""
+    model = rng.choice(["radtan", "equidistant", "fov"])
+    coefficients, focal = _coefficients(rng, [4]), rng.choice([500.0, 601.25, float("nan")])
+    rows = "".join(f"\n  - {value}" for value in coefficients) if rng.random() < 0.5 else f" {coefficients}"
+    text = "".join(
+        f"cam{number}:\n  cam_overlaps: []\n  camera_model: {rng.choice(['pinhole', 'pinhole', 'omni'])}\n"
+        f"  distortion_coeffs:{rows}\n  distortion_model: {model}\n"
+        f"  intrinsics: [{focal}, 600.0, 320.0, 240.0]\n  resolution: [640, 480]\n  rostopic: /cam{number}/image_raw\n"
+        for number in range(rng.choice([1, 1, 1, 2]))
+    )
+    # Several cameras, an omnidirectional one and a lens that nobody here knows have to be refused.
+    is_right = "cam1" not in text and "omni" not in text and model != "fov"
+    kept = 4 if model == "equidistant" else 5
+    return _camera(".yaml", _marked(rng, text), focal if is_right else -1.0, coefficients, kept)
 
 
 def _mcap(rng: random.Random) -> Foreign:

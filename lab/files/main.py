@@ -7,10 +7,7 @@ import os
 import re
 import sys
 import tempfile
-import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -38,61 +35,38 @@ PLACE: Final = "hostile"
 """Name of every file, before its suffix."""
 
 
-@dataclass(frozen=True, slots=True)
-class Hostile:
-    """One file for one command.
-
-    Attributes:
-        reader: the command.
-        name: what was done.
-        make: writes it.
-    """
-
-    reader: Reader
-    name: str
-    make: Callable[[Path], None]
+Make = Callable[[Path], object]
+"""Writes a file."""
 
 
-def hostile_files(seeds: range, only: str) -> Iterator[Hostile]:
-    """All files, the special ones first."""
+def hostile_files(seeds: range) -> Iterator[tuple[Reader, str, Make]]:
+    """All commands and files, each with what was done to it; the special ones first."""
+    long = {f"long {number} {part[:20]!r}": part * (LONG // len(part)) for number, part in enumerate(REPEATED)}
     for reader in READERS:
-        if only not in reader.name:
-            continue
-        for name, make in SPECIAL.items():
-            yield Hostile(reader, name, make)
-        for number, part in enumerate(REPEATED):
-            content = part * (LONG // len(part))
-            yield Hostile(reader, f"long {number} {part[:20]!r}", _writer(content))
+        yield from ((reader, name, make) for name, make in SPECIAL.items())
+        yield from ((reader, name, partial(Path.write_bytes, data=content)) for name, content in long.items())
         for seed in seeds:
-            yield Hostile(reader, f"seed {seed}", partial(_spoil, reader.kind, seed))
+            yield reader, f"seed {seed}", partial(_write_spoilt, reader.kind, seed)
 
 
-def _writer(content: bytes) -> Callable[[Path], None]:
-    return lambda path: _write(path, content)
+def _write_spoilt(kind: Kind, seed: int, path: Path) -> None:
+    path.write_bytes(spoil(kind, seed))
 
 
-def _spoil(kind: Kind, seed: int, path: Path) -> None:
-    _write(path, spoil(kind, seed))
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
-
-
-def try_file(hostile: Hostile, goods: Path) -> tuple[Ended, list[str]]:
-    """Run the command; returns how it ended and what is wrong with that.
+def try_file(reader: Reader, make: Make, goods: Path) -> tuple[Ended, list[str]]:
+    """Run a command; returns how it ended and what is wrong with that.
 
     Args:
-        hostile: the file and the command.
+        reader: the command.
+        make: writes its file.
         goods: folder of a good file of each kind.
     """
-    reader = hostile.reader
     with tempfile.TemporaryDirectory() as temporary:
         folder, parent = Path(temporary) / "o", Path(temporary) / "f"
         folder.mkdir()
         parent.mkdir()
         path = parent / f"{PLACE}{reader.kind}"
-        hostile.make(path)
+        make(path)
         places = {
             "file": path,
             "parent": parent,
@@ -148,8 +122,6 @@ def main(
     *,
     seeds: Annotated[Count, Parameter(help="Spoilt files for each command.")] = 30,
     first: First = 0,
-    only: Annotated[str, Parameter(help="Only commands whose line holds this.")] = "",
-    keep: Annotated[Path | None, Parameter(help="Folder for files that a command could not stand.")] = None,
     foreign: Annotated[
         bool, Parameter(negative=(), help="In place of these, files as other programs write them: nothing is lost.")
     ] = False,
@@ -165,29 +137,24 @@ def main(
         return show([{"what": "foreign files"} | read | {"holds": not read["wrong"]}], ("what",), as_json=as_json)
     prepare()
     os.environ["MK_CONNECT"] = "tcp/127.0.0.1:9"
-    rows: list[dict[str, Any]] = []
-    tried: Counter[str] = Counter()
-    longest, largest, began = 0.0, 0, time.monotonic()
+    wrong: list[dict[str, Any]] = []
+    files, longest, largest = 0, 0.0, 0
     with tempfile.TemporaryDirectory() as goods:
         good_files(Path(goods))
-        for hostile in hostile_files(range(first, first + seeds), only):
-            ended, faults = try_file(hostile, Path(goods))
-            tried[hostile.reader.name] += 1
+        for reader, name, make in hostile_files(range(first, first + seeds)):
+            files += 1
+            ended, faults = try_file(reader, make, Path(goods))
             longest, largest = max(longest, ended.cpu), max(largest, ended.memory)
             if faults:
-                rows.append({"command": hostile.reader.name, "file": hostile.name, "faults": faults})
-                print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
-                if keep is not None and hostile.name.startswith("seed"):
-                    keep.mkdir(parents=True, exist_ok=True)
-                    hostile.make(keep / f"{len(rows)}{hostile.reader.kind}")
+                wrong.append({"command": reader.name, "file": name, "faults": faults})
+                print(json.dumps(wrong[-1]), file=sys.stderr, flush=True)
     found = {
         "what": "hostile files",
-        "files": tried.total(),
-        "commands": len(tried),
+        "files": files,
+        "commands": len(READERS),
         "cpu_max_s": round(longest, 2),
         "memory_max_mb": round(largest / 1e6),
-        "wall_s": round(time.monotonic() - began),
-        "wrong": rows,
-        "holds": not rows,
+        "wrong": wrong,
+        "holds": not wrong,
     }
     return show([found], ("what",), as_json=as_json)

@@ -55,66 +55,60 @@ REPEATED: Final = (
 """What a long file consists of."""
 
 
-def truncate(chance: random.Random, content: bytes) -> bytes:
-    """Cut it off."""
+def _truncate(chance: random.Random, content: bytes) -> bytes:
     return content[: chance.randrange(len(content) + 1)]
 
 
-def flip_bits(chance: random.Random, content: bytes) -> bytes:
-    """Change some bits."""
+def _flip_bits(chance: random.Random, content: bytes) -> bytes:
     spoilt = bytearray(content)
     for _ in range(chance.choice((1, 1, 3, 20))):
         spoilt[chance.randrange(len(spoilt))] ^= 1 << chance.randrange(8)
     return bytes(spoilt)
 
 
-def overwrite(chance: random.Random, content: bytes) -> bytes:
+def _overwrite(chance: random.Random, content: bytes) -> bytes:
     """Put the largest, the smallest or any bytes somewhere: lengths and counts become giants."""
     at, size = chance.randrange(len(content)), chance.choice((1, 2, 4, 8, 16))
     filling = chance.choice((b"\xff" * size, bytes(size), b"\x7f" * size, chance.randbytes(size)))
     return content[:at] + filling + content[at + size :]
 
 
-def duplicate(chance: random.Random, content: bytes) -> bytes:
+def _duplicate(chance: random.Random, content: bytes) -> bytes:
     """Let a part stand there several times."""
     first, last = sorted(chance.randrange(len(content) + 1) for _ in range(2))
     return content[:last] + content[first:last] * chance.choice((1, 2, 50)) + content[last:]
 
 
-def swap(chance: random.Random, content: bytes) -> bytes:
-    """Swap two parts that lie beside each other."""
+def _swap(chance: random.Random, content: bytes) -> bytes:
     first, middle, last = sorted(chance.randrange(len(content) + 1) for _ in range(3))
     return content[:first] + content[middle:last] + content[first:middle] + content[last:]
 
 
-def remove(chance: random.Random, content: bytes) -> bytes:
-    """Leave a part out."""
+def _remove(chance: random.Random, content: bytes) -> bytes:
     first, last = sorted(chance.randrange(len(content) + 1) for _ in range(2))
     return content[:first] + content[last:]
 
 
-def insert_noise(chance: random.Random, content: bytes) -> bytes:
-    """Put random bytes into it."""
+def _insert_noise(chance: random.Random, content: bytes) -> bytes:
     at = chance.randrange(len(content) + 1)
     return content[:at] + chance.randbytes(chance.choice((1, 10, 1000))) + content[at:]
 
 
-def change_number(chance: random.Random, content: bytes) -> bytes:
+def _change_number(chance: random.Random, content: bytes) -> bytes:
     """Write another number, or what is none."""
     return _replaced(chance, content, _NUMBER, chance.choice(NUMBERS))
 
 
-def change_all_numbers(chance: random.Random, content: bytes) -> bytes:
+def _change_all_numbers(chance: random.Random, content: bytes) -> bytes:
     """Write another number for every one."""
     return _NUMBER.sub(chance.choice(NUMBERS).replace(b"\\", b"\\\\"), content)
 
 
-def change_word(chance: random.Random, content: bytes) -> bytes:
-    """Write another word."""
+def _change_word(chance: random.Random, content: bytes) -> bytes:
     return _replaced(chance, content, _WORD, chance.choice(WORDS))
 
 
-def move_line(chance: random.Random, content: bytes) -> bytes:
+def _move_line(chance: random.Random, content: bytes) -> bytes:
     """Repeat, move or remove a line."""
     lines = content.splitlines(keepends=True) or [b""]
     line = lines.pop(chance.randrange(len(lines)))
@@ -123,14 +117,14 @@ def move_line(chance: random.Random, content: bytes) -> bytes:
     return b"".join(lines)
 
 
-def nest(chance: random.Random, content: bytes) -> bytes:
+def _nest(chance: random.Random, content: bytes) -> bytes:
     """Nest something deep in place of a value or an element."""
     opening, closing = chance.choice(((b"[", b"]"), (b'{"a":', b"}"), (b"{a=", b"}"), (b"<a>", b"</a>"), (b"(", b")")))
     depth = chance.choice((70, 1000, 100_000))
     return _replaced(chance, content, _NUMBER, opening * depth + b"1" + closing * depth)
 
 
-def lengthen(chance: random.Random, content: bytes) -> bytes:
+def _lengthen(chance: random.Random, content: bytes) -> bytes:
     """Put one thing very often into it."""
     part = chance.choice(REPEATED)
     filling = part * (LONG // len(part))
@@ -141,7 +135,7 @@ def lengthen(chance: random.Random, content: bytes) -> bytes:
     return b"".join(lines)
 
 
-def encode_otherwise(chance: random.Random, content: bytes) -> bytes:
+def _encode_otherwise(chance: random.Random, content: bytes) -> bytes:
     """Say, or use, another encoding."""
     name = chance.choice(ENCODINGS)
     if _ENCODING.search(content):
@@ -157,14 +151,23 @@ def encode_otherwise(chance: random.Random, content: bytes) -> bytes:
 def _replaced(chance: random.Random, content: bytes, pattern: re.Pattern[bytes], by: bytes) -> bytes:
     found = list(pattern.finditer(content))
     if not found:
-        return insert_noise(chance, content)
+        return _insert_noise(chance, content)
     place = chance.choice(found)
     return content[: place.start()] + by + content[place.end() :]
 
 
-ANY: Final[tuple[Mutation, ...]] = (truncate, flip_bits, overwrite, duplicate, swap, remove, insert_noise)
+ANY: Final[tuple[Mutation, ...]] = (_truncate, _flip_bits, _overwrite, _duplicate, _swap, _remove, _insert_noise)
 TEXT: Final[tuple[Mutation, ...]] = (
-    *(change_number, change_number, change_all_numbers, change_word, move_line, nest, encode_otherwise, lengthen),
+    *(
+        _change_number,
+        _change_number,
+        _change_all_numbers,
+        _change_word,
+        _move_line,
+        _nest,
+        _encode_otherwise,
+        _lengthen,
+    ),
 )
 _BINARY: Final = frozenset({Kind.BYTES, Kind.PICTURE, Kind.JPEG, Kind.CLIP, Kind.RECORDING})
 
@@ -186,67 +189,26 @@ def spoil(kind: Kind, seed: int) -> bytes:
     return content
 
 
-def make_pipe(path: Path) -> None:
-    """A pipe that nobody writes to."""
-    os.mkfifo(path)
-
-
-def make_folder(path: Path) -> None:
-    """A folder with nothing in it."""
-    path.mkdir()
-
-
-def make_loop(path: Path) -> None:
-    """A symbolic link to itself."""
-    path.symlink_to(path.name)
-
-
-def make_endless(path: Path) -> None:
-    """A link to a device that never ends."""
-    path.symlink_to("/dev/zero")
-
-
-def make_dangling(path: Path) -> None:
-    """A link to nothing."""
-    path.symlink_to("not-there")
-
-
-def make_socket(path: Path) -> None:
-    """A socket."""
+def _bind(path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(path))
 
 
-def make_sparse(path: Path) -> None:
-    """A file of holes."""
+def _make_sparse(path: Path) -> None:
     path.touch()
     os.truncate(path, SPARSE)
 
 
-def make_empty(path: Path) -> None:
-    """A file without content."""
-    path.touch()
-
-
-def make_absent(path: Path) -> None:
-    """No file."""
-
-
-def make_endless_proc(path: Path) -> None:
-    """A file of the system that cannot be read though it may be opened."""
-    path.symlink_to("/proc/self/mem")
-
-
 SPECIAL: Final[Mapping[str, Callable[[Path], None]]] = {
-    "pipe": make_pipe,
-    "folder": make_folder,
-    "loop of links": make_loop,
-    "/dev/zero": make_endless,
-    "dangling link": make_dangling,
-    "socket": make_socket,
-    "sparse": make_sparse,
-    "empty": make_empty,
-    "absent": make_absent,
-    "/proc/self/mem": make_endless_proc,
+    "pipe": os.mkfifo,
+    "folder": Path.mkdir,
+    "loop of links": lambda path: path.symlink_to(path.name),
+    "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
+    "dangling link": lambda path: path.symlink_to("not-there"),
+    "socket": _bind,
+    "sparse": _make_sparse,
+    "empty": Path.touch,
+    "absent": lambda path: None,
+    "/proc/self/mem": lambda path: path.symlink_to("/proc/self/mem"),  # it may be opened, and not be read
 }
 """What stands where a file should, by its name."""
