@@ -11,14 +11,31 @@ from enum import StrEnum
 from itertools import groupby
 from typing import Final, NamedTuple
 
+from mkdaemon.cli.mkdaemon.doctor.check import Check, Needs
+from mkdaemon.cli.mkdaemon.doctor.table import CHECKS
 from mkdaemon.link.session import verdict
 from mkdaemon.telemetry.control import CauseKind
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.refusals import Token
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.pipeline import ALARM_ADVICE
-from tools.doctor_page import doctor_rows
 from tools.markdown import table
+
+_NEEDS: Final = {Needs.MACHINE: "", Needs.CONFIG: ", with a file", Needs.DAEMON: ", with a daemon"}
+
+
+def doctor_rows() -> Iterator[tuple[str, str]]:
+    """Return for each check, in the order of the table, what is printed, and why it matters and what to do."""
+    for check in CHECKS:
+        shown = check.described()
+        command = f"`{shown.command}`{' (safe)' if check.is_safe else ''}" if shown.command else ""
+        remedy = " ".join(part for part in (shown.why, shown.fix, command) if part)
+        yield f"**{shown.name}** ({_grade(check)}): {shown.what}", remedy
+
+
+def _grade(check: Check) -> str:
+    return f"{check.severity}{_NEEDS[check.needs]}"
+
 
 _HEAD: Final = ("printed", "what to do")
 _LINE: Final = "`mkctl health`; [link](link.md#states)"

@@ -1,6 +1,6 @@
 """`python -m tools.shape`: the shape of the source tree, printed and checked.
 
-It prints how many lines each package has, and which files are the longest. It fails when a file or a function is too
+It prints how many lines each package has. It fails when a file or a function is too
 long, when two modules of one package share a name, when more classes of the product share a name than today, or when a
 package and a module in it import each other. Layers, and circles of neighbours, are import-linter's (`pyproject.toml`).
 """
@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
 
 import grimp
 from cyclopts import App, Parameter
-from rich.console import Console
-from rich.table import Table
 
 from mkdaemon.cli.program import run
 from mkdaemon.errors import MkError
@@ -39,34 +37,10 @@ PROGRAMS: Final = ("mkdaemon.cli", "mkdaemon.gateways")
 """Each package in them is a separate program."""
 
 
-@dataclass(frozen=True, slots=True)
-class Package:
-    """Size of a package of the product, or of a folder beside it.
-
-    Attributes:
-        name: as imported.
-        files: how many.
-        lines: of all of them.
-    """
-
-    name: str
-    files: int
-    lines: int
-
-
 def count_lines(root: Path) -> dict[str, int]:
     """Return the lines of every Python file of the tree, by its path from `root`."""
     files = sorted(path for folder in FOLDERS for path in (root / folder).rglob("*.py"))
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8").count("\n") for path in files}
-
-
-def measure_packages(lines: Mapping[str, int]) -> list[Package]:
-    """Return the packages of the product, its modules together, and the other folders, each group largest first."""
-    groups: dict[str, list[int]] = {}
-    for path, count in lines.items():
-        groups.setdefault(package_of(path), []).append(count)
-    packages = [Package(name, len(counts), sum(counts)) for name, counts in groups.items()]
-    return sorted(packages, key=lambda package: (not _is_product(package.name), -package.lines))
 
 
 def package_of(path: str) -> str:
@@ -75,10 +49,6 @@ def package_of(path: str) -> str:
     if parts[0] != "src":
         return parts[0]
     return f"{parts[1]}.{parts[2]}" if len(parts) > 3 else parts[1]
-
-
-def _is_product(package: str) -> bool:
-    return package.partition(".")[0] in PRODUCT
 
 
 def find_long_files(lines: Mapping[str, int]) -> list[str]:
@@ -177,7 +147,10 @@ def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
         MkError: a file or a function is too long, modules or classes share a name, or imports make a circle.
     """
     lines = count_lines(root)
-    _print_sizes(measure_packages(lines), lines)
+    sizes = Counter[str]()
+    for path, count in lines.items():
+        sizes[package_of(path)] += count
+    print("lines:", ", ".join(f"{package} {count}" for package, count in sizes.most_common()))
     faults = [*find_long_files(lines), *find_long_functions(root), *find_same_names(lines)]
     faults += find_same_classes(same_classes(root))
     faults += [circle for name in PRODUCT for circle in find_circles(name)]
@@ -186,20 +159,6 @@ def shape(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
         raise MkError(f"{len(faults)} faults of the shape")
     limits = f"no file above {LONGEST_FILE} lines, no function above {LONGEST_FUNCTION}"
     print(f"{limits}, no name twice in one package, no circle of imports; {SAME_CLASSES} classes share a name")
-
-
-def _print_sizes(packages: list[Package], lines: Mapping[str, int]) -> None:
-    table = Table("package", "files", "lines", "share", box=None)
-    for column in table.columns[1:]:
-        column.justify = "right"
-    product = sum(package.lines for package in packages if _is_product(package.name))
-    for package in packages:
-        share = f"{100 * package.lines / product:.1f} %" if _is_product(package.name) else ""
-        table.add_row(package.name, str(package.files), str(package.lines), share)
-    console = Console()
-    console.print(table)
-    longest = sorted(((count, path) for path, count in lines.items() if path.startswith("src/")), reverse=True)[:3]
-    console.print("longest: " + ", ".join(f"{path} {count}" for count, path in longest), soft_wrap=True)
 
 
 app = App(name="shape", default_command=shape, default_parameter=Parameter(negative=()))

@@ -7,14 +7,11 @@ import sys
 import pytest
 
 from tools.shape import (
-    Package,
-    count_lines,
     find_circles,
     find_long_files,
     find_long_functions,
     find_same_classes,
     find_same_names,
-    measure_packages,
     same_classes,
 )
 
@@ -90,19 +87,3 @@ def test_a_function_above_the_limit_is_named(tmp_path):
 )
 def test_modules_of_one_name_in_one_package_are_named(paths, names):
     assert len(find_same_names(paths)) == names
-
-
-def test_sizes_are_summed_over_packages(tmp_path):
-    for path, count in {
-        "src/mkdaemon/link/a/b.py": 3,
-        "src/mkdaemon/link/c.py": 4,
-        "src/mksim/e.py": 2,
-        "lab/d.py": 5,
-    }.items():
-        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path).write_text("x\n" * count, encoding="utf-8")
-    assert measure_packages(count_lines(tmp_path)) == [
-        Package("mkdaemon.link", 2, 7),
-        Package("mksim", 1, 2),
-        Package("lab", 1, 5),
-    ]
