@@ -117,46 +117,32 @@ class Program:
             time.sleep(LOOK)
         return self._printed()
 
-    def wait_for_end(self, within: float) -> Printed:
-        """Wait until it ends by itself; it is killed where it does not in time."""
+    def finish(self, within: float, key: str = "") -> Printed:
+        """Wait until it ends, by itself or because a key is pressed; it is killed where it does not in time.
+
+        Args:
+            within: longest time [s].
+            key: `Ctrl-C` or `Enter`; empty for none.
+        """
+        assert self._process.stdin is not None
+        wrong = ""
+        if key and self._process.poll() is not None:
+            wrong = f"had ended by itself, with exit code {self._process.returncode}"
+        elif key == "Ctrl-C":
+            self._process.send_signal(signal.SIGINT)
+        elif key == "Enter":
+            self._process.stdin.write(b"\n")
+            self._process.stdin.flush()
         try:
             self._process.wait(within)
+            if key and not wrong and self._process.returncode not in _ENDED:
+                wrong = f"ended with exit code {self._process.returncode} after {key}"
         except subprocess.TimeoutExpired:
-            self.kill()
-            return self._printed(f"did not end within {within:g} s")
-        self._close_input()
-        return self._printed()
-
-    def interrupt(self) -> Printed:
-        """Press Ctrl-C, and wait for its end."""
-        if self._process.poll() is not None:
-            self._close_input()
-            return self._printed(f"had ended by itself, with exit code {self._process.returncode}")
-        self._process.send_signal(signal.SIGINT)
-        return self._ended_well(self.wait_for_end(ENDING), "Ctrl-C")
-
-    def enter(self) -> Printed:
-        """Press Enter, and wait for its end."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(b"\n")
-        self._process.stdin.flush()
-        return self._ended_well(self.wait_for_end(ENDING), "Enter")
-
-    def kill(self) -> None:
-        """End it, and everything in its terminal, at once."""
-        if self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGKILL)
+            os.killpg(self._process.pid, signal.SIGKILL)  # and everything in its terminal
             self._process.wait()
-        self._close_input()
-
-    def _close_input(self) -> None:
-        assert self._process.stdin is not None
+            wrong = f"did not end within {within:g} s"
         self._process.stdin.close()
-
-    def _ended_well(self, printed: Printed, key: str) -> Printed:
-        if printed.wrong or printed.code in _ENDED:
-            return printed
-        return replace(printed, wrong=f"ended with exit code {printed.code} after {key}")
+        return self._printed(wrong)
 
     def _printed(self, wrong: str = "") -> Printed:
         return Printed(self._read(), self._process.poll(), time.monotonic() - self._begin, wrong)
@@ -182,26 +168,19 @@ class Terminals:
 
     def type(self, line: str, manner: Manner) -> Printed:
         """Type a line, and wait as long as its manner says."""
-        match manner.kind:
-            case Kind.STAYS:
-                program = self._started(f"exec {line}")
-                seen = program.wait_until_shown(manner)
-                if seen.code is None:
-                    self._running[line] = program
-                else:
-                    program.kill()
-                return seen
-            case Kind.INTERRUPTED | Kind.ENTERED:
-                program = self._started(f"exec {line}")
-                seen = program.wait_until_shown(manner)
-                if seen.wrong:
-                    program.kill()
-                    return seen
-                return program.enter() if manner.kind is Kind.ENTERED else program.interrupt()
-            case Kind.REPEATED:
-                return self._repeat(line, manner)
-            case _:
-                return self._complete(line, manner)
+        if manner.kind is Kind.REPEATED:
+            return self._repeat(line, manner)
+        if manner.kind is Kind.TO_END:
+            return self._complete(line, manner)
+        program = self._started(f"exec {line}")
+        seen = program.wait_until_shown(manner)
+        if seen.wrong:
+            program.finish(0.0)
+        elif manner.kind is Kind.STAYS:
+            self._running[line] = program
+        else:
+            return program.finish(ENDING, "Enter" if manner.kind is Kind.ENTERED else "Ctrl-C")
+        return seen
 
     def interrupt(self, words: str) -> Printed:
         """Press Ctrl-C where a program runs on, and wait for its end.
@@ -212,7 +191,7 @@ class Terminals:
         line = next((line for line in self._running if words in line), None)
         if line is None:
             return Printed("", None, 0.0, f"{words} does not run")
-        return self._running.pop(line).interrupt()
+        return self._running.pop(line).finish(ENDING, "Ctrl-C")
 
     def close(self) -> dict[str, Printed]:
         """Press Ctrl-C wherever something runs on, the last first; what it came to, by line."""
@@ -224,9 +203,9 @@ class Terminals:
 
     def _complete(self, line: str, manner: Manner) -> Printed:
         if not line.startswith(_ADOPTED):
-            return self._started(line).wait_for_end(manner.patience)
+            return self._started(line).finish(manner.patience)
         marker = self._outputs / "environment"
-        done = self._started(f"{line} && env -0 >{shlex.quote(str(marker))}").wait_for_end(manner.patience)
+        done = self._started(f"{line} && env -0 >{shlex.quote(str(marker))}").finish(manner.patience)
         if done.code == 0:
             pairs = (pair.partition("=") for pair in marker.read_text(encoding="utf-8").split("\0") if pair)
             self._environment = {name: value for name, _, value in pairs}
