@@ -15,12 +15,14 @@ Rows = Iterator[tuple[str, ...]]
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
 EYES: Final = ("with_attitude", "without_attitude")
+WORDS: Final = {"rolling_told": "rolling, line time known", "rolling_untold": "rolling, line time unknown"}
+"""Names of parts whose keys do not say it."""
 TARGETS: Final = ("nested", "single")
 
 
 def _named(part: Any) -> Iterator[tuple[str, Any]]:
     """The parts of a campaign, each with its name as words, beside figures of the whole."""
-    return ((name.replace("_", " "), row) for name, row in part.items() if isinstance(row, Mapping))
+    return ((WORDS.get(name, name.replace("_", " ")), row) for name, row in part.items() if isinstance(row, Mapping))
 
 
 def _share(value: float, digits: int = 0) -> str:

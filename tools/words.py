@@ -1,17 +1,15 @@
 """`python -m tools.words`: the pages say one thing by one word, and spell it in British English.
 
 What stands in code, in links and in quotations of other programs (`between backticks`) is not looked at. To refuse a
-word, give it a line in `REFUSED`; what a thing is called is in docs/glossary.md.
-
-Phrases of the old dialect (`tools/dialect.toml`) are counted in pages and sources, and may only become fewer.
+word, give it a line in `REFUSED`; what a thing is called is in docs/glossary.md. Phrases of the project's old dialect
+(`DIALECT`) are refused in the sources of the product, too.
 """
 
 from __future__ import annotations
 
 import re
 import sys
-import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
@@ -72,8 +70,25 @@ REFUSED: Final[Mapping[str, str]] = {
     r"widhts?": "width",
 }
 """What no page says (a regular expression of whole words), and what it says instead."""
-_ALL: Final = re.compile("|".join(rf"(?P<w{n}>\b(?:{word})(?!\w))" for n, word in enumerate(REFUSED)), re.IGNORECASE)
-_INSTEAD: Final = tuple(REFUSED.values())
+DIALECT: Final[Mapping[str, str]] = {
+    r"nobody": "no client, no board: name what is missing",
+    r"told": "reported, logged, known: say who reports it",
+    r"so (?:many|long|far|much|often|few)": 'a number with its unit, or "up to"',
+    r"anew": "again, or restart",
+    r"the eyes": "vision",
+    r"of (?:its|their|his|our) own": "own, before the noun, or separate",
+    r"who(?:ever)? (?:flies|flew|holds|asks|reads|sends|hears|speaks|waits)": (
+        "the client that, the holder, the pilot in command"
+    ),
+    r"lets? go|letting go": "release",
+    r"by machine": "automatic",
+    r"comes? and goe?s?": "intermittent",
+    r"(?:is|are|was|were) believed": "is used, is estimated",
+    r"stands? in the way": "prevents",
+    r"whoever": "the client that, the caller, the holder",
+    r"(?:some|any|every)body": "a client, a program, the pilot: name who acts",
+}
+"""The same of the old dialect."""
 _UNREAD: Final = re.compile(
     r"^ *```.*?^ *```|`[^`\n]*`|\]\([^)\n]*\)|<[^>\n]*>|https?://\S+|\"[^\"\n]*\"", re.DOTALL | re.MULTILINE
 )
@@ -85,27 +100,6 @@ _NOT_COUNTED: Final = re.compile(r"^ *```.*?^ *```|<!-- .*?-->.*?<!-- end.*?-->"
 """Code, and tables that are made: what a reader types, compares or looks up."""
 _REFERENCE: Final = re.compile(r"^## Reference$.*", re.DOTALL | re.MULTILINE)
 """The end of a page that has its reference below its use."""
-DIALECT: Final = "tools/dialect.toml"
-COUNTED: Final[Mapping[str, tuple[str, ...]]] = {"docs": PAGES, "src": ("src/**/*.py",)}
-"""Where phrases are counted, by the name of the budget."""
-
-
-class Count(NamedTuple):
-    """How often a phrase of the dialect occurs.
-
-    Attributes:
-        phrase: its name.
-        place: a key of `COUNTED`.
-        budget: how often it may.
-        found: how often it does.
-        instead: what to write.
-    """
-
-    phrase: str
-    place: str
-    budget: int
-    found: int
-    instead: str
 
 
 class Found(NamedTuple):
@@ -122,12 +116,12 @@ class Found(NamedTuple):
     instead: str
 
 
-def refused_words(text: str) -> Iterator[Found]:
-    """Find what a page must not say, in its order."""
-    prose = prose_of(text)
-    for found in _ALL.finditer(prose):
+def refused_words(text: str, words: Mapping[str, str]) -> Iterator[Found]:
+    """Find what a text must not say, in its order."""
+    every = re.compile("|".join(rf"(?P<w{n}>\b(?:{word})(?!\w))" for n, word in enumerate(words)), re.IGNORECASE)
+    for found in every.finditer(text):
         number = int((found.lastgroup or "w0")[1:])
-        yield Found(prose.count("\n", 0, found.start()) + 1, found[0], _INSTEAD[number])
+        yield Found(text.count("\n", 0, found.start()) + 1, found[0], list(words.values())[number])
 
 
 def prose_of(text: str) -> str:
@@ -141,79 +135,27 @@ def length_of(text: str) -> int:
     return sum(bool(re.search(r"\w", word)) for word in read.split())
 
 
-def dialect_counts(root: Path) -> Iterator[Count]:
-    """Count every phrase of the dialect in the prose of pages, and in sources as they stand; none without its table."""
-    table = root / DIALECT
-    if not table.is_file():
-        return
-    phrases = tomllib.loads(table.read_text(encoding="utf-8"))["phrases"]
-    for place, patterns in COUNTED.items():
-        texts = [path.read_text(encoding="utf-8") for pattern in patterns for path in root.glob(pattern)]
-        whole = "\n".join(map(prose_of, texts) if place == "docs" else texts)
-        for name, phrase in phrases.items():
-            found = len(re.findall(rf"\b(?:{phrase['words']})\b", whole, re.IGNORECASE))
-            yield Count(name, place, phrase[place], found, phrase["instead"])
-
-
-def lower_budgets(root: Path, counts: Iterable[Count]) -> None:
-    """Write the present number of each phrase as its budget; none is raised."""
-    present = {(count.phrase, count.place): min(count.budget, count.found) for count in counts}
-    lines, phrase = [], ""
-    for line in (root / DIALECT).read_text(encoding="utf-8").splitlines():
-        phrase = line.split('"')[1] if line.startswith("[") else phrase
-        place, _, _ = line.partition(" = ")
-        lines.append(f"{place} = {present[phrase, place]}" if (phrase, place) in present else line)
-    (root / DIALECT).write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def words(
-    *,
-    root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
-    lower: Annotated[bool, Parameter(help="Write the present numbers of the dialect's phrases as budgets.")] = False,
-) -> None:
-    """Check the words of the pages, their length, and that the phrases of the old dialect become fewer.
+def words(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path()) -> None:
+    """Check the words of pages and sources, and the length of pages.
 
     Raises:
-        MkError: a page says or spells something in another way than the others, is too long, or a phrase became more
-            frequent.
-    """
-    counts = list(dialect_counts(root))
-    if lower:
-        lower_budgets(root, counts)
-    _require_words(root)
-    _require_short_pages(root)
-    wrong = [
-        f"{DIALECT}: `{c.phrase}` stands {c.found} times in {c.place}, {c.budget} are allowed: write {c.instead}"
-        for c in counts
-        if c.found > c.budget
-    ]
-    if wrong:
-        print("\n".join(wrong))
-        msg = f"phrases of the dialect that became more frequent: {len(wrong)}"
-        raise MkError(msg)
-    left = {place: sum(c.found for c in counts if c.place == place) for place in COUNTED}
-    print(f"phrases of the old dialect: {', '.join(f'{found} in {place}' for place, found in left.items())}")
-    if any(c.found < c.budget for c in counts) and not lower:
-        print("fewer than allowed: `python -m tools.words --lower` writes the present numbers")
-
-
-def _require_words(root: Path) -> None:
-    """Check the words of the pages.
-
-    Raises:
-        MkError: a page says or spells something in another way than the others.
+        MkError: a page says or spells something in another way than the others, or is too long; or a source uses a
+            phrase of the old dialect.
     """
     pages = [page for pattern in PAGES for page in sorted(root.glob(pattern))]
+    texts = [(page, prose_of(page.read_text(encoding="utf-8")), {**REFUSED, **DIALECT}) for page in pages]
+    texts += [(file, file.read_text(encoding="utf-8"), DIALECT) for file in sorted(root.glob("src/**/*.py"))]
     found = [
-        f"{page.relative_to(root)}:{found.line}: `{found.word}`: write {found.instead}"
-        for page in pages
-        for found in refused_words(page.read_text(encoding="utf-8"))
+        f"{path.relative_to(root)}:{found.line}: `{found.word}`: write {found.instead}"
+        for path, text, refused in texts
+        for found in refused_words(text, refused)
     ]
     if found:
         print("\n".join(found))
-        msg = f"words that the pages do not use: {len(found)}; tools/words.py has the list"
+        msg = f"words that are not used: {len(found)}; tools/words.py has the list"
         raise MkError(msg)
     print(f"{len(pages)} pages use the words of the list")
+    _require_short_pages(root)
 
 
 def _require_short_pages(root: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from mkdaemon.cli.program import run
 from tests.places import ROOT
-from tools.words import LONGEST_PAGE, REFUSED, app, length_of, refused_words
+from tools.words import DIALECT, LONGEST_PAGE, REFUSED, app, length_of, prose_of, refused_words
 
 
 @pytest.mark.parametrize(
@@ -22,12 +22,12 @@ from tools.words import LONGEST_PAGE, REFUSED, app, length_of, refused_words
     ],
 )
 def test_a_word_is_found_where_a_reader_reads_it(text, found):
-    assert [tuple(one) for one in refused_words(text)] == found
+    assert [tuple(one) for one in refused_words(prose_of(text), REFUSED)] == found
 
 
 def test_what_is_to_be_written_is_not_refused_itself():
-    for instead in REFUSED.values():
-        assert list(refused_words(instead)) == []
+    for instead in (*REFUSED.values(), *DIALECT.values()):
+        assert list(refused_words(instead, REFUSED | DIALECT)) == []
 
 
 def test_a_page_with_another_word_is_named_with_its_line(capsys, tmp_path):
@@ -36,52 +36,18 @@ def test_a_page_with_another_word_is_named_with_its_line(capsys, tmp_path):
     assert run(app, ["--root", str(tmp_path)]) == 1
     out, err = capsys.readouterr()
     assert out == "README.md:3: `drone`: write aircraft\n"
-    assert "pages do not use: 1;" in err
+    assert "words that are not used: 1;" in err
     page.write_text("# A\n\nThe aircraft.\n", encoding="utf-8")
     assert run(app, ["--root", str(tmp_path)]) == 0
 
 
-TABLE = """# Phrases.
-
-[phrases."let go"]
-words = 'lets? go'
-instead = 'release'
-docs = 2
-src = 1
-"""
-
-
-def tree(folder, page, source):
-    """A source tree of one page and one module."""
-    for below in ("tools", "src"):
-        (folder / below).mkdir(exist_ok=True)
-    (folder / "tools" / "dialect.toml").write_text(TABLE, encoding="utf-8")
-    (folder / "README.md").write_text(page, encoding="utf-8")
-    (folder / "src" / "a.py").write_text(source, encoding="utf-8")
-    return ["--root", str(folder)]
-
-
-def test_a_phrase_of_the_dialect_may_only_become_rarer(capsys, tmp_path):
-    root = tree(tmp_path, "It lets go. `let go` is code. They let go.\n", '"""It lets go."""\n')
-    assert run(app, root) == 0
-    assert "2 in docs, 1 in src" in capsys.readouterr().out
-    root = tree(tmp_path, "It lets go.\n", '"""It lets go."""  # let go\n')
-    assert run(app, root) == 1
-    out, err = capsys.readouterr()
-    assert "`let go` stands 2 times in src, 1 are allowed: write release" in out
-    assert "became more frequent: 1" in err
-
-
-def test_budgets_are_lowered_and_never_raised(capsys, tmp_path):
-    root = tree(tmp_path, "It lets go.\n", "")
-    assert run(app, root) == 0
-    assert "--lower" in capsys.readouterr().out
-    assert run(app, [*root, "--lower"]) == 0
-    lowered = TABLE.replace("docs = 2", "docs = 1").replace("src = 1", "src = 0")
-    assert (tmp_path / "tools" / "dialect.toml").read_text(encoding="utf-8") == lowered
-    (tmp_path / "README.md").write_text("It lets go. They let go.\n", encoding="utf-8")
-    assert run(app, [*root, "--lower"]) == 1
-    assert (tmp_path / "tools" / "dialect.toml").read_text(encoding="utf-8") == lowered
+def test_a_phrase_of_the_dialect_is_refused_in_pages_and_sources_and_other_words_in_pages(capsys, tmp_path):
+    (tmp_path / "README.md").write_text("Nobody.\n`nobody` is code.\n", encoding="utf-8")
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "a.py").write_text('"""A drone."""\n# nobody\n', encoding="utf-8")
+    assert run(app, ["--root", str(tmp_path)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(": write")[0] for line in lines] == ["README.md:1: `Nobody`", "src/a.py:2: `nobody`"]
 
 
 def test_the_length_of_a_page_is_that_of_its_prose_and_hand_written_tables():
