@@ -32,9 +32,9 @@ def _meanings(words: type[StrEnum], _: None) -> Iterator[str]:
 
 def _phases(_: None) -> Iterator[str]:
     """Every phase, and those that may follow it."""
-    nexts = {phase: dict.fromkeys(row.target for row in ROWS if phase in row.sources) for phase in Phase}
+    nexts = {phase.value: dict.fromkeys(row.target for row in ROWS if phase in row.sources) for phase in Phase}
     rows = (
-        (f"`{phase}`", meaning, ", ".join(f"`{to.value}`" for to in nexts[Phase(phase)] if to != phase))
+        (f"`{phase}`", meaning, ", ".join(f"`{to.value}`" for to in nexts[phase] if to != phase))
         for phase, meaning in _documented(Phase)
     )
     return table(("name", "meaning", "leads to"), rows)

@@ -143,6 +143,7 @@ def words(*, root: Annotated[Path, Parameter(help="Root of the source tree.")] =
             phrase of the old dialect.
     """
     pages = [page for pattern in PAGES for page in sorted(root.glob(pattern))]
+    texts: list[tuple[Path, str, Mapping[str, str]]]
     texts = [(page, prose_of(page.read_text(encoding="utf-8")), {**REFUSED, **DIALECT}) for page in pages]
     texts += [(file, file.read_text(encoding="utf-8"), DIALECT) for file in sorted(root.glob("src/**/*.py"))]
     found = [

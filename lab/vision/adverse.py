@@ -14,12 +14,12 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from lab.vision.flight import VGA, Device, fly
-from lab.vision.looks import Look, eyes, flights, look_at, summed
+from lab.vision.flight import VGA, Device
+from lab.vision.looks import Look, flights, summed
 from lab.vision.parts import Case, Part
 from lab.vision.real import RESPONSE, plain_programs
 from lab.vision.stills import SeedSet, target_named
-from lab.vision.weather import SKIES, Change, Sky
+from lab.vision.weather import SKIES, Change, Sky, SkyWeather, fly_through
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
@@ -46,7 +46,7 @@ ROLLING: Final = VGA.model_copy(update={"line_time": LINE_TIME})
 ROLLS: Final = Device(exposure_time=0.001, line_time=LINE_TIME, response=RESPONSE)
 """In the sun: the shutter is open for a millisecond."""
 LIT_BY_LAMPS: Final = Device(exposure_time=0.002, line_time=LINE_TIME, response=RESPONSE)
-SHAKES: Final = Device(line_time=LINE_TIME, vibration=SHAKEN, response=RESPONSE)
+SHAKES: Final = Device(line_time=LINE_TIME, vibration=SHAKEN, vibration_hz=FRAME_HZ, response=RESPONSE)
 SKIN, LEATHER = 0.45, 0.07
 """Reflectance of a hand and of a shoe."""
 
@@ -138,24 +138,6 @@ TRIALS: Final = {
 """By name."""
 
 
-class _Met:
-    """One flight's trial, as `lab.vision.flight.Weather` wants it."""
-
-    def __init__(self, trial: Sky, seed: int, side: float) -> None:
-        self._change = trial.change(np.random.default_rng([seed, 0xAD5E]), side)
-
-    def exposed(self, view: CameraView) -> CameraView:
-        """The view on a frame that shakes at its own rate."""
-        return replace(view, vibration_hz=FRAME_HZ)
-
-    def conditions(self, view: CameraView, fair: LightConditions) -> LightConditions:
-        """Of the image of `view`."""
-        return self._change(view, fair)
-
-    def image_seen(self, pixels: npt.NDArray[np.uint8]) -> None:
-        """Nothing in the camera is automatic."""
-
-
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     return flights(_fly, TRIALS, seeds.base + 1500, 1 if quick else FLIGHTS, FLIGHT_IMAGES)
 
@@ -163,9 +145,8 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
 def _fly(name: str, seed: int) -> dict[str, list[Look]]:
     """One flight through all programs."""
     trial, target = TRIALS[name], target_named("nested")
-    lens, weather = WIDE if trial.lens is WIDE else VGA, _Met(trial, seed, target.tags[0].size)
-    frames = fly(target, seed, seconds=SECONDS, troubled=False, intrinsics=lens, device=trial.device, weather=weather)
-    return look_at(frames, eyes(target, trial.lens), plain_programs(target, trial.lens))
+    weather = SkyWeather(trial, seed, target.tags[0].size, salt=0xAD5E)
+    return fly_through(trial, seed, SECONDS, weather, plain_programs(target, trial.lens))
 
 
 ADVERSE: Final = Case(_plan, summed)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from lab.vision.flight import VGA, share_in_view
-from lab.vision.looks import flights, look, summed
+from lab.vision.looks import Look, flights, look, summed
 from lab.vision.parts import Case, Part
 from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
 from lab.vision.troubles import band, patches, shadow
@@ -44,11 +44,9 @@ def _cold_row(name: str, distance: float, count: int, seed: int, part: int) -> d
     target = target_named(name.partition("_")[0])
     intrinsics = HD if name.endswith("720p") else VGA
     studio = Studio(target, seed, intrinsics=intrinsics, fine=False, part=part)
-    tally = _Share(target)
-    for _ in range(count):
-        off = 0.05 if distance < 0.2 else 0.12
-        tally.add(studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=off), intrinsics)
-    return {"distance": distance, **tally.row()}
+    off = 0.05 if distance < 0.2 else 0.12
+    stills = (studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=off) for _ in range(count))
+    return {"distance": distance, **_shares(_asked(target, stills, intrinsics))}
 
 
 def _sum_up_cold(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -62,36 +60,38 @@ def _by_first_argument(parts: Sequence[Part], rows: Sequence[dict[str, Any]]) ->
     return grouped
 
 
-class _Share:
-    """Counts how often a target is decoded and posed."""
+def _asked(target: Target, stills: Iterable[Still], intrinsics: Intrinsics = VGA, *, blind: bool = True) -> list[_Seen]:
+    """Look at each image with attitude and, unless told otherwise, without."""
+    tags = TagMap((target,))
+    detector = Detector(tags.whitelist, covered=covered_cells(tags))
+    return [
+        _Seen(
+            still,
+            bool(search_in_turn(detector, still.image.pixels)),
+            [
+                look(still, look_once(still, target, intrinsics, with_attitude=known).pose_of(target.name))
+                for known in ((True, False) if blind else (True,))
+            ],
+        )
+        for still in stills
+    ]
 
-    def __init__(self, target: Target) -> None:
-        self._target = target
-        tags = TagMap((target,))
-        self._detector = Detector(tags.whitelist, covered=covered_cells(tags))
-        self.images = self.decoded = self.posed = self.blind = self.wrong = 0
 
-    def add(self, still: Still, intrinsics: Intrinsics = VGA, *, blind: bool = True) -> None:
-        """Look at one image, with attitude and, unless told otherwise, without."""
-        self.images += 1
-        self.decoded += bool(search_in_turn(self._detector, still.image.pixels))
-        for with_attitude in (True, False) if blind else (True,):
-            found = look_once(still, self._target, intrinsics, with_attitude=with_attitude).pose_of(self._target.name)
-            if found is None:
-                continue
-            self.posed += with_attitude
-            self.blind += not with_attitude
-            self.wrong += look(still, found).wrong
+class _Seen(NamedTuple):
+    """An image, whether a tag is decoded in it, and what was made of it with attitude and without."""
 
-    def row(self, *, blind: bool = True) -> dict[str, Any]:
-        """The figures."""
-        without = {"posed_without_attitude": self.blind / self.images} if blind else {}
-        return {
-            "decoded": self.decoded / self.images,
-            "posed": self.posed / self.images,
-            **without,
-            "wrong": self.wrong,
-        }
+    still: Still
+    decoded: bool
+    looks: list[Look]
+
+
+def _shares(seen: Sequence[_Seen]) -> dict[str, Any]:
+    """How often a target was decoded and posed, and how often it was wrong."""
+    names = ("posed", "posed_without_attitude")[: len(seen[0].looks)]
+    counts = {name: sum(one.looks[which].posed for one in seen) for which, name in enumerate(names)}
+    counts = {"decoded": sum(one.decoded for one in seen)} | counts
+    wrong = sum(look.wrong for one in seen for look in one.looks)
+    return {**{name: count / len(seen) for name, count in counts.items()}, "wrong": wrong}
 
 
 def _plan_accuracy(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -121,19 +121,13 @@ def _accuracy_row(distance: float, count: int, seed: int, part: int) -> dict[str
         "max_3d_cm": _round(np.linalg.norm(xyz, axis=1).max()) if errors else None,
         "mean_xyz_cm": _list(xyz.mean(axis=0)) if errors else None,
         "sd_xyz_cm": _list(xyz.std(axis=0)) if errors else None,
-        "mean_rpy_deg": _list(rpy.mean(axis=0)) if errors else None,
         "sd_rpy_deg": _list(rpy.std(axis=0)) if errors else None,
         "wrong": sum(error.is_wrong for error in errors),
     }
 
 
 def _sum_up_accuracy(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "images_each": parts[0].images,
-        "tilt_deg": [0, 40],
-        "camera": "exact calibration",
-        "by_distance": list(rows),
-    }
+    return {"images_each": parts[0].images, "by_distance": list(rows)}
 
 
 def _plan_view_angle(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -149,20 +143,15 @@ def _view_row(place: str, degrees: int, count: int, seed: int, part: int) -> dic
     """Share of images posed at one steep view from 2 m, and of those that show the whole tag."""
     target = target_named("single")
     studio = Studio(target, seed, fine=False, part=part)
-    tally = _Share(target)
-    whole = posed_whole = 0
-    for _ in range(count):
-        still = studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place])
-        before = tally.posed
-        tally.add(still, blind=False)
-        if share_in_view(target, still.rotation, still.position, VGA) == 1.0:
-            whole += 1
-            posed_whole += tally.posed - before
-    return {"angle_deg": degrees, **tally.row(blind=False), "whole": whole, "posed_whole": posed_whole}
+    stills = (studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place]) for _ in range(count))
+    seen = _asked(target, stills, blind=False)
+    whole = [one for one in seen if share_in_view(target, one.still.rotation, one.still.position, VGA) == 1.0]
+    posed_whole = sum(one.looks[0].posed for one in whole)
+    return {"angle_deg": degrees, **_shares(seen), "whole": len(whole), "posed_whole": posed_whole}
 
 
 def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    return {"images_each": parts[0].images, "distance": 2.0, **_by_first_argument(parts, rows)}
+    return {"images_each": parts[0].images, **_by_first_argument(parts, rows)}
 
 
 def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditions]]:
@@ -198,19 +187,18 @@ def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any
     target = target_named("nested")
     draw = draws(target.tags[0].size)[name]
     studio = Studio(target, seed, fine=False, part=part)
-    tally = _Share(target)
-    for _ in range(count):
-        rng = studio.rng
-        tally.add(studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), draw(rng), off=0.08))
-    return {"condition": name, **tally.row()}
+    rng = studio.rng
+    stills = (
+        studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), draw(rng), off=0.08)
+        for _ in range(count)
+    )
+    return {"condition": name, **_shares(_asked(target, stills))}
 
 
 def _sum_up_conditions(quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     stills = [row for part, row in zip(parts, rows, strict=True) if part.work is _condition_row]
     return {
         "images_each": parts[0].images,
-        "target": "nested",
-        "distance": [0.5, 2.0],
         "by_condition": stills,
         "flights": summed(quick, parts[len(stills) :], rows[len(stills) :]),
     }

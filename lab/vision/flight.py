@@ -39,8 +39,6 @@ ATTITUDE_BIAS_DEG = 0.5
 GROUNDS: tuple[GroundKind, ...] = ("asphalt", "grass", "tiles", "clutter")
 LEVEL = Platform()
 FAIR = LightConditions()
-VIBRATION_HZ = 120.0
-"""Of a multirotor's frame: a motor at 7200 revolutions a minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +50,7 @@ class Device:
         exposure_time: of an image without troubles [s].
         line_time: between neighbouring rows [s].
         vibration: angular rate of the vibration, deviation of each axis [rad/s].
+        vibration_hz: its frequency [Hz]; of a multirotor's frame, a motor at 7200 revolutions a minute.
         response: of the airframe to what shakes it [s]; with none its angular rate jumps from one moment to the next,
             by 60 degrees/s, and no shutter sees where it will be.
     """
@@ -60,6 +59,7 @@ class Device:
     exposure_time: float = 0.004
     line_time: float = 0.0
     vibration: float = 0.0
+    vibration_hz: float = 120.0
     response: float = 0.0
 
 
@@ -227,7 +227,7 @@ def fly(
                 trouble, conditions, exposure = name, drawn, shutter
         view, _ = path.view(t, lens or intrinsics, exposure)
         shaking = device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3)
-        view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=VIBRATION_HZ)
+        view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=device.vibration_hz)
         rotation, position = cam_from_target(placed, view)
         if weather is not None:
             view = weather.exposed(view)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any, Final
 
 import cv2
@@ -110,39 +111,15 @@ def seen(printed: Image32, distance: float, gamma: float, rng: np.random.Generat
     return np.asarray(np.rint(255 * light ** (1 / gamma)), dtype=np.uint8)
 
 
-def read_share(
-    layout: Layout, seed: int, views: int, distances: Sequence[float] = DISTANCES, gammas: Sequence[float] = GAMMAS
-) -> dict[tuple[float, float], float]:
+def read_share(layout: Layout, seed: int, views: int) -> dict[tuple[float, float], float]:
     """Share of views in which plain AprilTag reads the outer tag, by distance and gamma."""
-    printed = drawn(layout)
-    shares = {}
-    for distance in distances:
-        for gamma in gammas:
-            rng = np.random.default_rng([seed, int(100 * distance), int(10 * gamma)])
-            found = 0
-            for _ in range(views):
-                image = seen(printed, distance, gamma, rng)
-                found += any(tag.tag_id == layout.outer for tag in find_codes((FAMILY,), image))
-            shares[distance, gamma] = found / views
+    printed, shares = drawn(layout), {}
+    for distance, gamma in product(DISTANCES, GAMMAS):
+        rng = np.random.default_rng([seed, int(100 * distance), int(10 * gamma)])
+        images = (seen(printed, distance, gamma, rng) for _ in range(views))
+        found = sum(any(tag.tag_id == layout.outer for tag in find_codes((FAMILY,), image)) for image in images)
+        shares[distance, gamma] = found / views
     return shares
-
-
-def margin(layout: Layout, gamma: float) -> float:
-    """Least distance of a cell of the outer tag from the middle grey, towards its colour, by what its middle shows.
-
-    Args:
-        layout: the tags.
-        gamma: of the tone curve.
-
-    Returns:
-        1 for black or white, 0 for the middle, below 0 for a cell of the wrong colour.
-    """
-    printed = drawn(layout)
-    grey = ((printed - INK) / (PAPER - INK)) ** (1 / gamma)
-    part = grey[TEXELS:-TEXELS, TEXELS:-TEXELS].reshape(CELLS, TEXELS, CELLS, TEXELS)
-    quarter = TEXELS // 8
-    middles = part[:, quarter:-quarter, :, quarter:-quarter].mean(axis=(1, 3))
-    return float((np.where(bits(layout.outer) > 0, 1.0, -1.0) * (2 * middles - 1)).min())
 
 
 def candidates(inner: int = 1) -> list[Layout]:
@@ -174,7 +151,6 @@ def _row(_name: str, layout: Layout, seed: int, views: int) -> dict[str, float]:
     shares = read_share(layout, seed, views)
     worst = {gamma: min(shares[distance, gamma] for distance in DISTANCES) for gamma in GAMMAS}
     return {
-        "margin": round(margin(layout, 1.0), 2),
         **{f"{distance:g} m, gamma {gamma:g}": round(share, 3) for (distance, gamma), share in shares.items()},
         **{f"worst, gamma {gamma:g}": round(share, 3) for gamma, share in worst.items()},
     }

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, fly
-from lab.vision.looks import look
+from lab.vision.looks import Look, figures, look
 from lab.vision.parts import Case, Part
 from lab.vision.stills import SeedSet, target_named
 from mkdaemon.vision.camera.exposure import ExposureControl, Reach, Setting
@@ -77,7 +77,7 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     ]
 
 
-def fly_night(way: str, lux: float, seed: int, seconds: float = SECONDS) -> dict[str, Any]:
+def fly_night(way: str, lux: float, seed: int, seconds: float = SECONDS) -> tuple[list[Look], Setting]:
     """One flight with attitude; the settings settle in its first second, which does not count.
 
     Args:
@@ -85,49 +85,33 @@ def fly_night(way: str, lux: float, seed: int, seconds: float = SECONDS) -> dict
         lux: light on the scene.
         seed: draws the flight.
         seconds: how long.
+
+    Returns:
+        What was made of the images that show the whole target, and the last setting.
     """
     target, camera = target_named("nested"), NightCamera(lux, way)
-    tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
-    images = posed = wrong = 0
-    off = []
+    tracker, looks = Tracker(TagMap((target,)), VGA, LOOKING_DOWN), list[Look]()
     for frame in fly(target, seed, seconds=seconds, troubled=False, device=Device(response=RESPONSE), weather=camera):
         result = tracker.update(frame.image, frame.attitude)
         found = result.pose_of(target.name)
         camera.outlines = [detection.corners for detection in result.detections]
         if found is not None:
             corners = target.tags[0].corners @ found.pose.rotation.T + found.pose.position
-            seen = corners[:, :2] / corners[:, 2:] * VGA.fx + (VGA.cx, VGA.cy)
-            camera.outlines.append(seen)
-        if frame.image.captured_at < 1.0 or frame.in_view < 1.0:
-            continue
-        images += 1
-        if found is not None:
-            seen_as = look(frame, found)
-            posed += 1
-            wrong += seen_as.wrong
-            off.append(100 * seen_as.off)
-    return {
-        "images": images,
-        "posed": posed,
-        "wrong": wrong,
-        "off_cm": off,
-        "exposure_ms": 1e3 * camera.setting.exposure,
-        "gain": camera.setting.gain,
-    }
+            camera.outlines.append(corners[:, :2] / corners[:, 2:] * VGA.fx + (VGA.cx, VGA.cy))
+        if frame.image.captured_at >= 1.0 and frame.in_view == 1.0:
+            looks.append(look(frame, found))
+    return looks, camera.setting
 
 
-def _sum_up(_quick: bool, parts: Sequence[Part], flights: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _sum_up(_quick: bool, parts: Sequence[Part], flights: Sequence[tuple[list[Look], Setting]]) -> dict[str, Any]:
     rows: dict[str, Any] = {}
-    for way in WAYS:
-        for lux in LUX:
-            some = [one for part, one in zip(parts, flights, strict=True) if part.args[:2] == (way, lux)]
-            off = [value for one in some for value in one["off_cm"]]
-            rows[f"{way}, {lux:g} lux"] = {
-                **{name: sum(one[name] for one in some) for name in ("images", "posed", "wrong")},
-                "median_cm": round(float(np.median(off)), 3) if off else None,
-                "exposure_ms": round(float(np.median([one["exposure_ms"] for one in some])), 2),
-                "gain": round(float(np.median([one["gain"] for one in some])), 1),
-            }
+    for way, lux in dict.fromkeys(part.args[:2] for part in parts):
+        some = [one for part, one in zip(parts, flights, strict=True) if part.args[:2] == (way, lux)]
+        rows[f"{way}, {lux:g} lux"] = {
+            **figures([one for looks, _ in some for one in looks]),
+            "exposure_ms": round(1e3 * float(np.median([setting.exposure for _, setting in some])), 2),
+            "gain": round(float(np.median([setting.gain for _, setting in some])), 1),
+        }
     return rows
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.parts import Case, Part
+from lab.vision.real import find_by_opencv
 from lab.vision.stills import SeedSet, Studio, target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
@@ -66,25 +67,16 @@ def _size(width: int, height: int, grounds: int, seed: int) -> dict[str, Any]:
             pixels[0, 0] ^= 1  # equal images would be those of a frozen camera
             search.append(_time(tracker.update, replace(image, captured_at=k / FPS, sequence=k)))
         april.append(_time(plain.search_all, pixels, *FIRST[0]))
-        opencv.append(_time(_opencv_search(), pixels))
+        opencv.append(_time(find_by_opencv, pixels))
     return {
         "size": [width, height],
         "images": len(search),
         "mean_ms": round(float(np.mean(search)), 1),
-        "median_ms": round(float(np.median(search)), 1),
         "largest_ms": round(max(search), 1),
         "apriltag_decimate2_ms": round(float(np.median(april)), 1),
         "opencv_subpix_ms": round(float(np.median(opencv)), 1),
         "every_search_s": round(turns / FPS, 2),
     }
-
-
-def _opencv_search() -> Callable[[Grey], object]:
-    """OpenCV's search for tags, with corners refined."""
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
-    return detector.detectMarkers
 
 
 def _time(call: Callable[..., object], *values: object) -> float:

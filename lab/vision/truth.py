@@ -44,8 +44,8 @@ def _plan_nees(quick: bool, seeds: SeedSet) -> list[Part]:
     ]
 
 
-def _nees(_name: str, target_name: str, perturbed: bool, count: int, seed: int, part: int) -> list[tuple[float, float]]:
-    """NEES per degree of freedom of poses and of positions; the published covariance is asked about a drawn lens."""
+def _nees(_name: str, target_name: str, perturbed: bool, count: int, seed: int, part: int) -> list[float]:
+    """NEES per degree of freedom of poses; the published covariance is asked about a drawn lens."""
     target = target_named(target_name)
     studio = Studio(target, seed, part=part)
     values = []
@@ -59,22 +59,19 @@ def _nees(_name: str, target_name: str, perturbed: bool, count: int, seed: int, 
         error = error_of(found.pose.rotation, found.pose.position, still.rotation, still.position)
         vector = np.array([*error.xyz, *error.rpy])
         covariance = found.covariance if perturbed else found.pose.covariance
-        whole = float(vector @ np.linalg.solve(covariance, vector)) / 6
-        values.append((whole, float(vector[:3] @ np.linalg.solve(covariance[:3, :3], vector[:3])) / 3))
+        values.append(float(vector @ np.linalg.solve(covariance, vector)) / 6)
     return values
 
 
-def _sum_up_nees(quick: bool, parts: Sequence[Part], found: Sequence[list[tuple[float, float]]]) -> dict[str, Any]:
+def _sum_up_nees(quick: bool, parts: Sequence[Part], found: Sequence[list[float]]) -> dict[str, Any]:
     each = 30 if quick else 200
     out: dict[str, Any] = {"images_each": each}
     for name in dict.fromkeys(part.args[0] for part in parts):
-        together = [v for part, values in zip(parts, found, strict=True) if part.args[0] == name for v in values]
-        values = np.array(together).reshape(-1, 2)
+        values = [v for part, some in zip(parts, found, strict=True) if part.args[0] == name for v in some]
         out[name] = {
             "posed": len(values) / each,
-            "nees_per_dof": round(float(values[:, 0].mean()), 3) if together else None,
-            "median": round(float(np.median(values[:, 0])), 3) if together else None,
-            "position_nees_per_dof": round(float(values[:, 1].mean()), 3) if together else None,
+            "nees_per_dof": round(float(np.mean(values)), 3) if values else None,
+            "median": round(float(np.median(values)), 3) if values else None,
         }
     return out
 
@@ -129,7 +126,6 @@ def labelled_tags(folder: Path) -> dict[str, Any]:
         "corners_within_half_px": within,
         "unlabelled": extra,
         "median_corner_px": round(float(np.median(distances)), 3) if distances else None,
-        "p95_corner_px": round(float(np.percentile(distances, 95)), 3) if distances else None,
     }
 
 

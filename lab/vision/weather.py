@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import VGA, Device, fly
-from lab.vision.looks import Look, eyes, look_at
+from lab.vision.looks import Look, Program, eyes, look_at
 from lab.vision.stills import target_named
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
@@ -162,10 +162,11 @@ class SkyWeather:
         sky: which.
         seed: draws it.
         side: of the largest tag [m].
+        salt: draws apart what has the same seed.
     """
 
-    def __init__(self, sky: Sky, seed: int, side: float) -> None:
-        self._change = sky.change(np.random.default_rng([seed, 0x5C7]), side)
+    def __init__(self, sky: Sky, seed: int, side: float, salt: int = 0x5C7) -> None:
+        self._change = sky.change(np.random.default_rng([seed, salt]), side)
         self._gamma = sky.device.conditions.processing.gamma
         self._auto = AutoExposure(AutoSettings()) if sky.automatic else None
 
@@ -185,7 +186,7 @@ class SkyWeather:
 
 
 def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, list[Look]]:
-    """One flight through the eyes with attitude and without.
+    """One flight through a hardship, by the eyes with attitude and without.
 
     Args:
         name: a key of `SKIES`.
@@ -195,7 +196,13 @@ def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, 
     Returns:
         What they made of the images that show the whole target.
     """
-    sky, target = SKIES[name], target_named("nested")
-    weather = SkyWeather(sky, seed, target.tags[0].size)
-    frames = fly(target, seed, seconds=seconds, troubled=False, device=sky.device, weather=weather)
-    return look_at(frames, eyes(target, sky.lens))
+    return fly_through(SKIES[name], seed, seconds, SkyWeather(SKIES[name], seed, target_named("nested").tags[0].size))
+
+
+def fly_through(
+    sky: Sky, seed: int, seconds: float, weather: SkyWeather, beside: Mapping[str, Program] | None = None
+) -> dict[str, list[Look]]:
+    """One flight over the nested target, by the eyes with attitude and without, and by programs beside them."""
+    target, lens = target_named("nested"), VGA if sky.lens.model == VGA.model else sky.lens
+    frames = fly(target, seed, seconds=seconds, troubled=False, intrinsics=lens, device=sky.device, weather=weather)
+    return look_at(frames, eyes(target, sky.lens), beside)

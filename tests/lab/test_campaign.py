@@ -23,7 +23,7 @@ def test_results_come_in_the_order_of_the_plan_and_images_do_not_depend_on_the_n
     parts.insert(2, Part(_tag_free, (600, 4, 1), 1))
     here, elsewhere = run_parts("mixed", parts, 1), run_parts("mixed", parts, 2)
     assert here == elsewhere
-    assert sum(here.pop(2)["images"].values()) == 1
+    assert here.pop(2)[0].total() == 1
     assert here == [k * k for k in range(4)]
 
 
