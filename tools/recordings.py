@@ -1,17 +1,15 @@
 """Makes the small recordings of tests/data: `python -m tools.recordings`, after a change of behaviour that is meant.
 
 A whole daemon flies simulated boards in virtual time that is never on time (`lab/rigs`). The files are the same for the
-same seeds and the same code. `python -m tools.recordings --long FILE` makes the autonomous flight as long as it is in
-earnest: take-off, hold, landing, with ten images a second.
+same seeds and the same code.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -24,20 +22,19 @@ from lab.rigs.boardport import LineFault
 from lab.rigs.cockpit import Boards
 from lab.rigs.recordedeyes import Part, fly_over_target, run_tardily
 from mkdaemon.config.root import Config
-from mkdaemon.telemetry.setpoint import HoldSetpoint, LandSetpoint, StickSetpoint, TakeOffSetpoint
+from mkdaemon.telemetry.setpoint import HoldSetpoint, StickSetpoint, TakeOffSetpoint
 
 FOLDER: Final = ROOT / "tests" / "data" / "recordings"
 START: Final = 1000.0
 """Monotonic time at which they begin [s]."""
 OVER_TARGET: Final = "fc_over_target"
 """The one with a camera."""
-SHORT: Final = (Part(TakeOffSetpoint, 6.0, {"height": 1.0}), Part(HoldSetpoint, 0.7))
-LONG: Final = (Part(TakeOffSetpoint, 6.0, {"height": 1.0}), Part(HoldSetpoint, 3.0), Part(LandSetpoint, 9.0))
+OVER_IT: Final = (Part(TakeOffSetpoint, 6.0, {"height": 1.0}), Part(HoldSetpoint, 0.7))
 SEED: Final = 4
 FPS: Final = 10.0
 """Images a second of the one with a camera."""
 LIFTS_OFF: Final = 4.4
-"""The short one begins to see then [s]: images of the ground under the standing aircraft take room."""
+"""It begins to see then [s]: images of the ground under the standing aircraft take room."""
 STREAMS: Final = {"attitude": 200, "debug": 250}
 
 
@@ -52,9 +49,9 @@ def make(name: str, folder: Path) -> RecordedDaemon:
     return run_tardily(_fly(name, flown_boards()[name], names.index(name) + 1, folder), names.index(name) + 1, START)
 
 
-def make_over_target(parts: Sequence[Part], dark: float, folder: Path) -> RecordedDaemon:
+def _make_over_target(folder: Path) -> RecordedDaemon:
     """Fly over a target and record that with every image; `folder` is for the daemon's state."""
-    return run_tardily(fly_over_target(parts, folder, seed=SEED, fps=FPS, dark=dark), SEED, START)
+    return run_tardily(fly_over_target(OVER_IT, folder, seed=SEED, fps=FPS, dark=LIFTS_OFF), SEED, START)
 
 
 async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDaemon:
@@ -92,7 +89,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name in flown_boards():
         _write(FOLDER / f"{name}.mcap", partial(make, name))
-    _write(FOLDER / f"{OVER_TARGET}.mcap", partial(make_over_target, SHORT, LIFTS_OFF))
+    _write(FOLDER / f"{OVER_TARGET}.mcap", _make_over_target)
 
 
 def _write(path: Path, fly: Callable[[Path], RecordedDaemon]) -> None:
@@ -103,7 +100,4 @@ def _write(path: Path, fly: Callable[[Path], RecordedDaemon]) -> None:
 
 if __name__ == "__main__":
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
-    if sys.argv[1:2] == ["--long"]:
-        _write(Path(sys.argv[2]), partial(make_over_target, LONG, 0.0))
-    else:
-        main()
+    main()

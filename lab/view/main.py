@@ -74,8 +74,6 @@ async def _costs(daemon: DaemonProcess, seconds: float, rounds: int) -> dict[str
         "cpu_percent_alone": round(alone, 2),
         "cpu_percent_viewed": round(viewed, 2),
         "cpu_ratio": round(viewed / alone, 3),
-        "parts_alone": [round(100 * part, 2) for part in used[False]],
-        "parts_viewed": [round(100 * part, 2) for part in used[True]],
     }
 
 

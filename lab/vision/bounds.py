@@ -25,14 +25,10 @@ DELAY_SD: Final = 0.1
 """Of when a reading arrives [s]."""
 PERIOD, LOOKS = 0.2, 0.1
 """Between readings of a barometer, and between images [s]."""
-TILT_SD: Final = radians(0.012)
-"""Of a target's tilt by one image from 1 m [rad]; it grows with the distance to the power 1.5, docs/lab/accuracy.md."""
-LEVER_SD: Final = 0.02
-"""Of the lens' height over the point about which a vehicle turns [m]."""
 FREE: Final = 1e-4
 """Information about what is not known at all."""
-UNKNOWN: Final = radians(5.0), radians(2.5), 0.08, 0.03
-"""Of mounting and deck [rad], scale of the attitude, focal length [shares], deviations as `selfcal.camerafilter`."""
+UNKNOWN: Final = radians(5.0), radians(2.5), 0.08
+"""Of mounting and deck [rad], scale of the attitude [share], deviations as `selfcal.camerafilter`."""
 
 
 def scale_sd(height: Callable[[float], float], seconds: float) -> float:
@@ -64,35 +60,10 @@ def mounting_sd(angles: Callable[[float], Array], seconds: float) -> float:
     of_roll = np.column_stack([one, none, cos, sin, roll])
     of_pitch = np.column_stack([none, one, -sin, cos, pitch])
     noise = wandering(times, WANDER, WANDER_TIME) + NOISE**2 * np.eye(len(times))
-    mounting, deck, scale, _ = UNKNOWN
+    mounting, deck, scale = UNKNOWN
     known = 1.0 / np.array([mounting, mounting, deck, deck, scale]) ** 2
     both = np.kron(np.eye(2), noise).astype(np.float64)
     return float(_sd(np.vstack([of_roll, of_pitch]), both, known)[0])
-
-
-def turning_focal_sd(
-    tilt: Callable[[float], float], height: Callable[[float], float], seconds: float, *, jolts: float
-) -> float:
-    """Least deviation of the focal length [share] by turns against the target's shift in the image, edges apart.
-
-    A focal length too long by e shows a tilt T of the vehicle as (1 + e) T by the target's perspective and as (1 - e) T
-    by its direction. Their difference is 2 e T + x / z + r T / z with x the way of the vehicle, z its height and r the
-    lens' height over its middle. The attitude only adds a measure of T whose scale is unknown.
-
-    Args:
-        tilt: of the vehicle at a time [rad].
-        height: of the lens [m].
-        seconds: how long it flies.
-        jolts: what the vehicle's acceleration does, as white noise [m^2/s^3].
-    """
-    times = np.arange(LOOKS, seconds, LOOKS)
-    tilts, heights = (np.array([way(float(time)) for time in times]) for way in (tilt, height))
-    unknowns = np.column_stack([2.0 * tilts, np.ones_like(times), 1.0 / heights, times / heights, tilts / heights])
-    first, last = np.minimum.outer(times, times), np.maximum.outer(times, times)
-    ways = jolts * first**2 * (3.0 * last - first) / 6.0
-    noise = np.diag((TILT_SD * heights**1.5) ** 2) + ways / np.outer(heights, heights)
-    *_, deck, _, focal = UNKNOWN
-    return float(_sd(unknowns, noise, np.array([focal**-2, deck**-2, FREE, FREE, LEVER_SD**-2]))[0])
 
 
 def wandering(times: Array, sd: float, time: float) -> Array:

@@ -169,7 +169,6 @@ def _row(mistake: Mistake, flights: Sequence[Outcome]) -> dict[str, Any]:
             "rms": round(float(np.sqrt((off**2).mean())), 3),
             "largest": round(float(np.abs(off).max()), 3),
             "sd": round(float(sd.mean()), 3),
-            "rms_over_sd": round(float(np.sqrt(((off / sd) ** 2).mean())), 2),
         }
     return row
 
