@@ -264,23 +264,13 @@ def _tell(words: str) -> None:
 
 
 def clone(root: Path, folder: Path) -> Path:
-    """Clone a tree, as far as it is committed, or bring the clone that is there up to date; returns the clone.
+    """Clone a tree, as far as it is committed, into a folder; returns the clone.
 
     Raises:
-        MkError: it cannot be cloned, or what is there was not made by a walk.
+        MkError: it cannot be cloned.
     """
     tree = folder / "mkdaemon"
-    mark = tree / ".git" / "walked"
-    head = _git(root, "rev-parse", "HEAD")
-    if not tree.exists():
-        _git(folder, "clone", "--quiet", str(root.resolve()), str(tree))
-        mark.touch()
-    elif not mark.exists():
-        msg = f"{tree} was not made by a walk, which deletes what is not committed: give another --folder"
-        raise MkError(msg)
-    _git(tree, "fetch", "--quiet", str(root.resolve()), head)
-    _git(tree, "checkout", "--quiet", "--detach", head)
-    _git(tree, "clean", "--force", "-d", "-x", "--quiet", "--exclude", ".venv")  # what an earlier walk wrote
+    _git(folder, "clone", "--quiet", str(root.resolve()), str(tree))
     _tell(f"{tree}: {_git(tree, 'log', '-1', '--format=%h %s')}")
     if changed := _git(root, "status", "--porcelain"):
         _tell(f"not in it, for they are not committed: {len(changed.splitlines())} files")
@@ -322,8 +312,9 @@ def follow(root: Path, folder: Path, wanted: Sequence[str]) -> Walk:
     if unknown := [name for name in wanted if name not in pages]:
         msg = f"no page {unknown[0]}: there are {', '.join(pages)}"
         raise MkError(msg)
-    tree, home = clone(root, folder), Path(tempfile.mkdtemp(prefix="home-", dir=folder))
-    outputs = Path(tempfile.mkdtemp(prefix="printed-", dir=folder))
+    tree, home, outputs = clone(root, folder), folder / "home", folder / "printed"
+    home.mkdir()
+    outputs.mkdir()
     walk = Walk(tree, home, outputs, root.resolve())
     if wanted and README.path not in [pages[name].path for name in wanted]:
         _tell(f"only {', '.join(wanted)}: README's commands are not run, `make venv` is")
@@ -359,9 +350,6 @@ def report(walk: Walk) -> None:
 def walk(
     *pages: Annotated[str, Parameter(help="Only these, for example quickstart; README's commands are left out then.")],
     root: Annotated[Path, Parameter(help="Root of the source tree.")] = Path(),
-    folder: Annotated[
-        Path | None, Parameter(help="Where the clone and the home are made, kept, and used again; a new one otherwise.")
-    ] = None,
 ) -> None:
     """Follow README and the tutorials in a new clone, as a newcomer does.
 
@@ -370,10 +358,6 @@ def walk(
     """
     # In the background Ctrl-C is ignored, and every program started from here would ignore it, too.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        report(follow(root, folder.resolve(), pages))
-        return
     with tempfile.TemporaryDirectory(prefix="newcomer-") as made:
         report(follow(root, Path(made), pages))
 

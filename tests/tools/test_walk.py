@@ -144,18 +144,13 @@ def test_a_newcomer_has_nothing_of_the_developer(tmp_path, monkeypatch):
     assert not {"PYTHONPATH", "MK_CONNECT", "VIRTUAL_ENV"} & found.keys()
 
 
-def test_a_walk_deletes_what_an_earlier_one_wrote_and_nothing_of_others(tmp_path):
-    root, folder = tmp_path / "root", tmp_path / "folder"
+def test_the_clone_has_what_is_committed(tmp_path, capsys):
+    root = tmp_path / "root"
     git = ["git", "-C", str(root), "-c", "user.name=a", "-c", "user.email=a@b"]
     subprocess.run(["git", "init", "--quiet", str(root)], check=True)
     subprocess.run([*git, "commit", "--quiet", "--allow-empty", "--message", "first"], check=True)
-    folder.mkdir()
-    left = clone(root, folder) / "flight.gpx"
-    left.touch()
-    clone(root, folder)
-    assert not left.exists()
-    (folder / "mkdaemon" / ".git" / "walked").unlink()
-    left.touch()
-    with pytest.raises(MkError, match="not made by a walk"):
-        clone(root, folder)
-    assert left.exists()
+    (root / "flight.gpx").touch()
+    assert not (clone(root, tmp_path) / "flight.gpx").exists()
+    assert "first" in capsys.readouterr().out
+    with pytest.raises(MkError, match="git clone"):
+        clone(root, tmp_path)
