@@ -21,6 +21,7 @@ from typing import Any, Final, NamedTuple
 from lab.campaign import Row
 from lab.mutants.operators import Module, Mutant
 from lab.mutants.plugin import PLAN, Measured, Plan
+from lab.places import ROOT
 from mkdaemon.errors import MkError
 
 WAITING_LIMIT: Final = 20.0
@@ -119,8 +120,7 @@ def _pytest(
     with tempfile.TemporaryDirectory(prefix="tests-") as folder:
         file = Path(folder) / "plan.json"
         file.write_text(json.dumps(plan), encoding="utf-8")
-        lab = str(Path(__file__).parents[2])
-        path = os.pathsep.join([str(source), str(root), lab])
+        path = os.pathsep.join(map(str, (source, root, ROOT)))
         names = {PLAN: str(file), "PYTHONPATH": path, "TMPDIR": folder, "PYTEST_DEBUG_TEMPROOT": folder}
         printed = Path(folder) / "printed"
         with printed.open("wb") as output:
