@@ -18,7 +18,7 @@ import numpy as np
 from mkdaemon.config.control import HIGHEST_HOVER, LOWEST_HOVER
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.commands import CommandHistory, StickFrame
-from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, D, E, F, H, P, S, T, V
+from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, TH, AircraftModel, E, F, H, P, S, T, V
 from mkdaemon.control.estimator.rollback import GATE, MEMORY, STEP, Drive, Measurement, RollbackFilter
 from mkdaemon.control.estimator.stickresponse import StickResponse
 from mkdaemon.control.estimator.tuning import NOMINAL, ROBUST, Tuning
@@ -65,14 +65,6 @@ HOVER_LOWEST: Final = LOWEST_HOVER + GAS_CENTRE
 HOVER_HIGHEST: Final = HIGHEST_HOVER + GAS_CENTRE
 """Largest accepted hover throttle [count of 254]."""
 
-EXACT: Final = 0.005
-"""Positions of this deviation, or better, show gusts as they come [m]: motion capture has 0.5 mm, images 5 to 20 mm."""
-EXACT_FOR: Final = 0.5
-"""Age of such a position at which the estimate stands on others [s]."""
-EXACT_GAP: Final = 0.15
-"""A longer silence of such positions is flown by the mean wind [s]: four poses that are missing, and their age."""
-WIND_MEAN: Final = 4.0
-"""Time constant of that mean [s]: a gust of light wind lasts 3 s."""
 BLIND: Final = 0.5
 """After this time without an image the estimate is dead reckoning, whose errors grow [s]."""
 
@@ -138,10 +130,7 @@ class Estimator:
         self.model = model
         self.hover_gas = min(max(hover_gas, HOVER_LOWEST), HOVER_HIGHEST)
         self.innovation = 1.0
-        self.caution = 1.0
-        self._believed = (1.0, False)
-        self._exact_at = -math.inf
-        self._mean_wind = np.zeros(2)
+        self.caution = self._believed = 1.0
         self.refused: Counter[ViewFault] = Counter()
         self._nominal, self._tuning, self._robust = nominal, robust, robust
         self._cameras, self._heights = Cameras(robust.patience), Cameras(robust.patience)
@@ -314,7 +303,7 @@ class Estimator:
         if fault is not None:
             self.refused[fault] += 1
             return
-        self._believe(is_exact=self._is_exact(view))
+        self._believe()
         self._was_blind |= view.at - self._seen_at > BLIND
         shared_by = self._cameras.seen(view.camera, view.at, is_placed=view.is_placed)
         self._heights.seen(view.camera, view.at, is_placed=view.is_placed)
@@ -408,11 +397,7 @@ class Estimator:
             self._level.coast(forgotten, UNKNOWN_TILT**2)
             self._vertical.coast(forgotten, UNKNOWN_THRUST**2)
             self.caution = 1.0
-            self._believe(is_exact=False)
-        if self._believed[1] and now - self._exact_at > EXACT_GAP:
-            # Dead reckoning by the gust of the last moment would lead away: on average the mean wind blows.
-            self._level.shift(D, self._mean_wind - self._level.states[:, D])
-            self._believe(is_exact=False)
+            self._believe()
         while self._level.time + STEP <= now:
             middle = self._level.time + STEP / 2.0
             self._level.advance(*self._drive(middle))
@@ -515,23 +500,14 @@ class Estimator:
         self.innovation += tuning.innovation_rate * (size - self.innovation)
         self.caution = min(max(self.caution + tuning.caution_rate * (size - 1.0), 0.0), 1.0)
 
-    def _is_exact(self, view: TargetView) -> bool:
-        """Whether the estimate stands on poses that are exact to millimetres, this view's or those of a moment ago."""
-        if view.is_placed and view.covariance.item(0, 0) - view.calibration_sd[0] ** 2 <= EXACT**2:
-            since = min(max(view.at - self._exact_at, 0.0), EXACT_FOR)
-            self._mean_wind += (self._level.states[:, D] - self._mean_wind) * since / WIND_MEAN
-            self._exact_at = max(self._exact_at, view.at)
-        return view.at - self._exact_at <= EXACT_FOR
-
-    def _believe(self, *, is_exact: bool) -> None:
-        """Continue with the tuning for the present caution, and for poses that are exact.
+    def _believe(self) -> None:
+        """Continue with the tuning for the present caution.
 
         Called once for each image and before it: then the filter has nothing to repeat.
         """
-        if self._believed == (self.caution, is_exact):
+        if self._believed == self.caution:
             return
-        self._believed = self.caution, is_exact
-        tuning = self._nominal.towards(self._robust, self.caution)
-        self._tuning = tuning.for_gusts if is_exact else tuning
+        self._believed = self.caution
+        self._tuning = self._nominal.towards(self._robust, self.caution)
         self._level.set_noise(self._tuning.level_noise(STEP))
         self._vertical.set_noise(self._tuning.upright_noise(STEP))

@@ -13,10 +13,6 @@ import numpy as np
 from mkdaemon.control.estimator.model import TH, US, T
 from mkdaemon.control.linear import Array
 
-GUSTS: Final = 0.5
-"""Random walk of the unexplained acceleration that positions of motion capture can follow [m/s2 per root s]: holds in
-light wind are the same from 0.5 to 2; docs/lab/positions.md. The noise of images would be taken for wind."""
-
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
@@ -77,11 +73,6 @@ class Tuning:
         """Beliefs between these (share 0) and others (1): every noise goes by its ratio."""
         ours = {each.name: (getattr(self, each.name), getattr(other, each.name)) for each in fields(self)}
         return replace(self, **{name: a * (b / a) ** share for name, (a, b) in ours.items() if a != b})
-
-    @property
-    def for_gusts(self) -> Tuning:
-        """These where positions are measured to millimetres: gusts show in them as they come."""
-        return replace(self, disturbance=max(self.disturbance, GUSTS))
 
     @property
     def first_covariance(self) -> Array:
