@@ -12,7 +12,7 @@ from lab.campaign import Row
 from lab.rigs.boardport import ADAPTER_TIME, LineFault
 from lab.rigs.cockpit import Boards, Cockpit, cockpit
 from lab.rigs.virtualguard import VirtualGuard
-from lab.stories.faults import FAULTS
+from lab.stories.faults import FAULTS, HARMED
 from mkdaemon.bus.codec import encode_map
 from mkdaemon.errors import CommandRejectedError
 from mkdaemon.telemetry.control import Phase
@@ -39,7 +39,8 @@ def fly_quietly(boards: Boards, seed: int) -> Row:
 
 async def _fly(boards: Boards, seed: int) -> Row:
     rng = random.Random(f"{seed} quiet")
-    guard, tally = VirtualGuard(), {"hours": 0.0, "faults": 0, "leases": 0}
+    guard = VirtualGuard()
+    tally: Row = {"hours": 0.0, "faults": 0, "leases": 0}
     kinds = [fault for fault in FAULTS if fault not in NEEDS_GUARD]
     loop = asyncio.get_running_loop()
     async with cockpit(boards, seed, guard=guard, tick=ADAPTER_TIME) as flown:
@@ -50,7 +51,7 @@ async def _fly(boards: Boards, seed: int) -> Row:
             fault, port = rng.choice(kinds), flown.socket.port
             if port is None or port.is_closed:
                 continue
-            port.inject(fault, FAULTS[fault].amount)
+            port.inject(fault, HARMED.get(fault, 0.0))
             tally["faults"] += 1
             await asyncio.sleep(rng.uniform(0.1, 2.5))
             if not port.is_closed:
