@@ -254,6 +254,7 @@ NO_DEFAULTS = {"rate": 40, "limiter": LIMITS, "autopilot": {"max_tilt": 0.3, "ma
     ],
 )
 def test_the_daemon_does_not_start_with_a_value_that_makes_the_loop_unsafe(options, words):
+    require_safe_loop(ControlConfig())
     require_safe_loop(ControlConfig(rate=40.0))
     with pytest.raises(ConfigError, match=words):
         require_safe_loop(ControlConfig.model_validate(options))
