@@ -117,14 +117,15 @@ class Driver:
         self.epoch, self.secret = granted.epoch, granted.secret
         return self.epoch
 
-    def put(self, *, epoch=None, ttl=0.3, throttle=10.0, **sticks):
-        """One setpoint; returns why it was refused."""
+    def put(self, *, throttle=10.0, **fields):
+        """One setpoint of sticks, neutral but for what is given; returns why it was refused."""
+        return self.send(StickSetpoint, **{"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle} | fields)
+
+    def send(self, kind, *, epoch=None, ttl=0.3, **fields):
+        """The next setpoint of a kind; returns why it was refused."""
         self.sequence += 1
-        fields = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": throttle} | sticks
-        setpoint = StickSetpoint(
-            epoch=self.epoch if epoch is None else epoch, sequence=self.sequence, ttl=ttl, **fields
-        )
-        return self.offer(setpoint)
+        epoch = self.epoch if epoch is None else epoch
+        return self.offer(kind(epoch=epoch, sequence=self.sequence, ttl=ttl, **fields))
 
     def offer(self, setpoint):
         """A setpoint, signed by who took the lease last; returns why it was refused."""

@@ -92,10 +92,8 @@ def flown(cfg, gains):
 def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(cfg, gains, pitch, roll, rate, thrust):
     drive = flown(cfg, gains)
     for k in range(6):
-        drive.sequence += 1
         wanted = {"pitch": pitch, "roll": roll, "yaw_rate": rate, "thrust": thrust} if k > 3 else {}
-        level = {"pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0, "thrust": 1.0}
-        drive.offer(AttitudeSetpoint(epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, **(level | wanted)))
+        drive.send(AttitudeSetpoint, **{"pitch": 0.0, "roll": 0.0, "yaw_rate": 0.0, "thrust": 1.0} | wanted)
         drive.now += max(PERIOD, 1.0 / cfg.rate)
         drive.core.feed(PoseSeen(pose(drive.now - 0.05)), drive.now)
         drive.tick()
@@ -108,9 +106,7 @@ def test_an_attitude_flies_or_is_refused_with_every_set_and_every_configuration(
 def test_a_position_flies_or_is_refused_with_every_set_and_every_configuration(cfg, gains):
     drive = flown(cfg, gains)
     for _ in range(8):
-        drive.sequence += 1
-        stream = {"epoch": drive.epoch, "sequence": drive.sequence, "ttl": 0.3}
-        drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
+        drive.send(PositionSetpoint, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD)
         drive.now += max(PERIOD, 1.0 / cfg.rate)
         drive.core.feed(PoseSeen(pose(drive.now - 0.05)), drive.now)
         drive.tick()

@@ -34,12 +34,15 @@ class Anywhere(Goto):
 ANYWHERE = {PositionSetpoint: lambda sight, cfg, new: Anywhere(sight, cfg.autopilot, new)}
 
 
-def by_position(drive, seconds):
+PLACE = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
+
+
+def by_position(drive, seconds, *, frame=SetpointFrame.PAD, refused=None):
+    """Positions against the target that is in sight, fifty a second."""
     for _ in range(round(seconds / PERIOD)):
-        drive.sequence += 1
         drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
-        place = {"position": (0.0, 0.0, 2.0), "frame": SetpointFrame.PAD}
-        assert drive.offer(PositionSetpoint(epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, **place)) is None
+        refusal = drive.send(PositionSetpoint, **PLACE | {"frame": frame})
+        assert (None if refusal is None else refusal.token) == refused
         drive.run(PERIOD)
 
 
@@ -180,15 +183,8 @@ def test_a_lease_ends_with_another_opening_of_the_port_and_not_while_no_line_was
 
 
 def refused_stream(drive, seconds):
-    """Positions in a frame nobody can fly to, fifty a second."""
-    for _ in range(round(seconds / PERIOD)):
-        drive.sequence += 1
-        drive.core.feed(PoseSeen(pose(drive.now)), drive.now)
-        home = PositionSetpoint(
-            epoch=drive.epoch, sequence=drive.sequence, ttl=0.3, position=(0.0, 0.0, 2.0), frame=SetpointFrame.HOME
-        )
-        assert drive.offer(home).token == "no_frame"
-        drive.run(PERIOD)
+    """Positions in a frame nobody can fly to."""
+    by_position(drive, seconds, frame=SetpointFrame.HOME, refused="no_frame")
 
 
 def test_a_place_is_kept_while_its_holder_streams_what_is_refused():

@@ -32,9 +32,7 @@ def over_target(*, seconds, image_every=IMAGE, setpoint_every=PERIOD, line=OPEN,
             next_image += image_every
             images.append(drive.now)
         if drive.now >= next_setpoint:
-            drive.sequence += 1
-            stream = {"epoch": drive.epoch, "sequence": drive.sequence, "ttl": 0.3}
-            drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
+            drive.send(PositionSetpoint, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD)
             next_setpoint += setpoint_every
         if not drive.sticks:
             end = drive.now + seconds

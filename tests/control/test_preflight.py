@@ -32,9 +32,7 @@ def drive():
 
 
 def to_position(drive):
-    drive.sequence += 1
-    stream = {"epoch": drive.epoch, "sequence": drive.sequence, "ttl": 0.3}
-    return drive.offer(PositionSetpoint(**stream, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD))
+    return drive.send(PositionSetpoint, position=(0.0, 0.0, 2.0), frame=SetpointFrame.PAD)
 
 
 def test_who_flies_flies_on_whatever_a_check_finds_but_begins_nothing_else(drive):
@@ -109,9 +107,7 @@ def test_a_gate_that_was_shut_is_read_again_before_the_next_lease(drive):
 
 def test_in_flight_nothing_is_computed_that_would_hold_up_the_loop(drive, monkeypatch):
     drive.take()
-    for _ in range(80):
-        drive.put()
-        drive.run(PERIOD)
+    drive.stream(80 * PERIOD)
 
     def compute(*_):
         raise AssertionError

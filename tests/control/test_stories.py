@@ -56,10 +56,9 @@ class Story(Driver):
         """Setpoints of a kind at 50 Hz; returns the refusals."""
         refusals = set()
         for _ in range(round(seconds / PERIOD)):
-            self.sequence += 1
-            if self.height is not None and self.sequence % 2 == 0:
+            if self.height is not None and self.sequence % 2:
                 self.see(self.height)
-            refusal = self.offer(kind(epoch=self.epoch, sequence=self.sequence, ttl=0.3, **fields))
+            refusal = self.send(kind, **fields)
             refusals.add(None if refusal is None else refusal.token)
             self.run(PERIOD)
         return refusals
@@ -266,8 +265,7 @@ def test_a_take_off_becomes_nothing_else_on_the_ground_from_its_very_first_tick_
     story.tell(MotorsReported(True))
     while story.core.phase is not Phase.FLYING:
         story.run(PERIOD)
-        story.sequence += 1
-        assert story.offer(TakeOffSetpoint(epoch=story.epoch, sequence=story.sequence, ttl=0.3, height=1.0)) is None
+        assert story.send(TakeOffSetpoint, height=1.0) is None
         story.tick()
     assert story.streams(kind, 10 * PERIOD, **BY_TARGET_IN_AIR[kind]) <= {"not_flying", "no_estimate"}
     assert story.status.manoeuvre == "takeoff"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
 from mkdaemon.control.actions import PublishError, PublishPath, PublishStatus, ReleaseAircraft
-from mkdaemon.control.events import AbortAsked, PathUploaded, SetpointAccepted
+from mkdaemon.control.events import AbortAsked, PathUploaded
 from mkdaemon.control.manoeuvres.by_target import SEARCHES
 from mkdaemon.control.manoeuvres.pathflight import APPROACHES, ENDED, FOLLOWS, PAUSES, PathClock, rate_behind
 from mkdaemon.control.path.curve import PathCurve
@@ -141,8 +141,8 @@ def test_a_target_out_of_sight_stops_the_clock_and_after_the_search_the_flight_g
 def test_an_id_that_this_daemon_has_not_is_refused_with_what_to_do():
     """As after a restart, with the id of a path that the daemon before had."""
     drive = Driver()
-    setpoint = PathSetpoint(epoch=drive.take(), sequence=1, ttl=0.3, path="0123456789abcdef")
-    refusal = drive.core.feed(SetpointAccepted(setpoint, setpoint.epoch), drive.now).refusal
+    drive.take()
+    refusal = drive.send(PathSetpoint, path="0123456789abcdef")
     assert refusal is not None
     assert refusal.token == "no_path"
     assert "the daemon has restarted since it was uploaded" in refusal.reason
