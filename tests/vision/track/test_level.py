@@ -181,7 +181,7 @@ def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
     assert np.degrees(tilt_of(level, last, pose_of(DOWN))) > 3.0
 
 
-def told(deck: Deck, begin: float, end: float, normal: tuple[float, float], sd: float) -> None:
+def show_normal(deck: Deck, begin: float, end: float, normal: tuple[float, float], sd: float) -> None:
     """Show a deck that leans by so much, 30 times a second."""
     for k in range(round(30 * begin), round(30 * end)):
         deck.measured(k / 30, AHEAD, np.array([*normal, 1.0]), sd)
@@ -190,7 +190,7 @@ def told(deck: Deck, begin: float, end: float, normal: tuple[float, float], sd: 
 def test_what_is_known_of_a_deck_fades_to_the_prior() -> None:
     deck = Deck()
     assert deck.sd(0.0, AHEAD) == pytest.approx(PRIOR_SD)
-    told(deck, 0.0, 20 / 30, (0.05, 0.0), SHARP)
+    show_normal(deck, 0.0, 20 / 30, (0.05, 0.0), SHARP)
     assert deck.sd(20 / 30, AHEAD) < min(0.3 * PRIOR_SD, deck.sd(1.0, AHEAD))
     assert deck.sd(1.0, AHEAD) < deck.sd(1.5, AHEAD) < deck.sd(9.0, AHEAD) == pytest.approx(PRIOR_SD)
     deck.measured(1.0 + LONGEST, AHEAD, np.array([0.0, 0.0, 1.0]), SHARP)
@@ -199,16 +199,16 @@ def test_what_is_known_of_a_deck_fades_to_the_prior() -> None:
 
 def test_a_deck_that_moves_suddenly_is_followed() -> None:
     deck = Deck()
-    told(deck, 0.0, 2.0, (0.05, 0.0), np.radians(1.0))
-    told(deck, 2.0, 2.2, (-0.01, 0.02), np.radians(1.0))
+    show_normal(deck, 0.0, 2.0, (0.05, 0.0), np.radians(1.0))
+    show_normal(deck, 2.0, 2.2, (-0.01, 0.02), np.radians(1.0))
     np.testing.assert_allclose(deck.normal(2.0 + 5 / 30, AHEAD)[:2], [-0.01, 0.02], atol=0.01)
     assert not deck.is_contradicted_at(2.2)
 
 
 def test_a_deck_that_rested_is_still_known_after_images_that_hardly_show_it() -> None:
     deck = Deck()
-    told(deck, 0.0, 2.0, (0.05, 0.0), SHARP)
-    told(deck, 2.0, 4.0, (0.05, 0.0), np.radians(8.0))
+    show_normal(deck, 0.0, 2.0, (0.05, 0.0), SHARP)
+    show_normal(deck, 2.0, 4.0, (0.05, 0.0), np.radians(8.0))
     assert deck.sd(4.0, AHEAD) < np.radians(1.0)
 
 
