@@ -78,13 +78,15 @@ async def test_foxglove_goes_on_showing(monkeypatch):
 
 @virtually
 async def test_mavlink_goes_on_beating(gateway, ears):
-    for _, value in strange(COUNT, seed=3):
+    unfit = ATTITUDE.model_copy(update={"roll": 1e308})  # a float of 32 bits has no room for it
+    for value in (unfit, *(value for _, value in strange(COUNT, seed=3))):
         with gateway.faults.contained("a value"):
             gateway.value_arrived(value)
         before = len(ears.named("HEARTBEAT"))
         gateway._beat_at = float("-inf")
         gateway.tick()
         assert len(ears.named("HEARTBEAT")) > before, value
+    assert gateway.faults.count > 0
     ears.heard.clear()
     await beat(ears, 1.0)
     gateway.value_arrived(ATTITUDE)
