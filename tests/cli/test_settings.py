@@ -108,6 +108,7 @@ def test_restore_into_another_slot_and_edit_of_bits(board: FlightCtrl, ctl: Ctl,
         (["restore", "none.toml"], "none.toml: cannot be read"),
         (["restore", "empty"], "no .toml or .json file in this folder"),
         (["restore", "photo.toml"], r"not text \(byte 128\)"),
+        (["restore", "odd.toml"], "106 has 144 bytes, these are 2: raw bytes only; such sets are a record and never"),
         (["write", "receiver=10"], r"receiver takes 0\.\.9, not"),
         (["write", "altitude_channel=33"], r"altitude_channel takes 0\.\.32, not"),
         (["write", "orientation_angle=24"], r"orientation_angle takes 0\.\.23, not"),
@@ -124,10 +125,21 @@ def test_mistakes_are_one_line_with_the_fix(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     (tmp_path / "photo.toml").write_bytes(bytes(range(256)))
+    ctl("backup", "odd.toml", "--slot", "1")
+    head = Path("odd.toml").read_text().partition("[values]")[0]
+    Path("odd.toml").write_text(re.sub("(?m)^raw = .*", 'raw = "6a00"', head))
     before = dict(board.sets)
     code, _, err = ctl(*words)
     assert (code, err.count("\n")) == (EXIT_CONFIG, 1)
     assert re.search(message, err)
+    assert board.sets == before
+
+
+def test_motors_running_refuse_and_nothing_changes(board: FlightCtrl, ctl: Ctl) -> None:
+    before = dict(board.sets)
+    board.motors_running = True
+    code, _, err = ctl("write", "gyro_p=7")
+    assert (code, err.startswith("mkctl: write_refused")) == (EXIT_FAILURE, True)
     assert board.sets == before
 
 

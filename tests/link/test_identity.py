@@ -226,6 +226,19 @@ async def test_another_aircraft_after_a_gap_is_not_taken_for_the_one_before(is_f
 
 
 @virtually
+async def test_after_another_opening_in_flight_a_client_must_confirm():
+    async with flying() as r:
+        await reopen(r)
+        await steer(r, 3.0)
+        assert r.link.dialect.extern_control is None
+        assert valid_sticks(r) == []
+        assert r.link.confirm_memory().firmware == "2.12a"
+        await steer(r, 2.0)
+        assert {type(message) for message in valid_sticks(r)} == {ExternControlV2}
+        assert r.link.offered_memory() is None
+
+
+@virtually
 async def test_what_an_earlier_process_knew_of_another_flight_is_not_offered():
     async with flying() as r:
         memory = r.link.flight_memory
