@@ -38,7 +38,7 @@ CAMPAIGNS: Final = (
     CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
     CommandEntry("gateways", "lab.gateways:main", "Gateways: what they add in time, and what they cost."),
-    CommandEntry("view", "lab.view.main:main", "The page of `mkctl view`: what it costs the daemon."),
+    CommandEntry("view", "lab.view:main", "The page of `mkctl view`: what it costs the daemon."),
     CommandEntry("mutants", "lab.mutants.main:main", "Whether a test notices when the code that decides is changed."),
     CommandEntry("compare", "lab.compare:main", "Two results, or two trees, flight by flight."),
     CommandEntry("positions", "lab.positions:main", "Flights by motion capture, and with its faults."),

@@ -1,1 +1,0 @@
-"""`mkctl view`: what it costs a daemon."""
