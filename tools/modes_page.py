@@ -27,26 +27,15 @@ _TOGETHER: Final[Mapping[tuple[Concern, ...], str]] = {
 
 
 def _meanings(words: type[StrEnum], _: None) -> Iterator[str]:
-    return table(("name", "meaning"), ((f"`{member}`", meaning) for member, meaning in _documented(words)))
-
-
-def _phases(_: None) -> Iterator[str]:
-    """Every phase, and those that may follow it."""
-    nexts = {phase.value: dict.fromkeys(row.target for row in ROWS if phase in row.sources) for phase in Phase}
-    rows = (
-        (f"`{phase}`", meaning, ", ".join(f"`{to.value}`" for to in nexts[phase] if to != phase))
-        for phase, meaning in _documented(Phase)
-    )
-    return table(("name", "meaning", "leads to"), rows)
-
-
-def _documented(words: type[StrEnum]) -> Iterator[tuple[str, str]]:
-    """Values of an enumeration with the string below each."""
+    """Members of an enumeration with the string below each."""
     tree = ast.parse(inspect.getsource(words)).body[0]
     assert isinstance(tree, ast.ClassDef)
-    for member, text in zip(tree.body, tree.body[1:], strict=False):
-        if isinstance(member, ast.Assign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-            yield words[ast.unparse(member.targets[0])].value, " ".join(str(text.value.value).split())
+    rows = [
+        (f"`{words[ast.unparse(member.targets[0])].value}`", " ".join(str(text.value.value).split()))
+        for member, text in zip(tree.body, tree.body[1:], strict=False)
+        if isinstance(member, ast.Assign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+    ]
+    return table(("name", "meaning"), rows)
 
 
 def _transitions(_: None) -> Iterator[str]:
@@ -90,7 +79,7 @@ def _refusals(row: AdmissionRow) -> str:
 
 
 TABLES: Final[Mapping[str, Callable[[None], Iterator[str]]]] = {
-    "phases": _phases,
+    "phases": partial(_meanings, Phase),
     "events": partial(_meanings, Trigger),
     "sent": partial(_meanings, Reaction),
     "transitions": _transitions,

@@ -1,4 +1,4 @@
-"""A screen of letters as SVG."""
+"""A screen of letters as SVG, and what other pictures of the documentation are drawn with."""
 
 from __future__ import annotations
 
@@ -31,12 +31,7 @@ def screen_svg(lines: Sequence[Text], columns: int) -> str:
     """
     width, height = 2 * _MARGIN + columns * _CHAR, 2 * _MARGIN + len(lines) * _LINE
     rows = [_row(line, _MARGIN + (number + 0.75) * _LINE) for number, line in enumerate(lines)]
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
-        f'height="{height:g}" font-family="monospace" font-size="14">\n'
-    )
-    ground = f'<rect width="{width:g}" height="{height:g}" rx="6" fill="#1c1c1c"/>'
-    return head + "\n".join(part.rstrip("\n") for part in (ground, *rows)) + "\n</svg>\n"
+    return svg_of(width, height, [f'<rect width="{width:g}" height="{height:g}" rx="6" fill="#1c1c1c"/>', *rows])
 
 
 def _row(line: Text, y: float) -> str:
@@ -52,11 +47,25 @@ def _row(line: Text, y: float) -> str:
             if style == "reverse":
                 place = f'x="{_MARGIN + start * _CHAR:.1f}" y="{y - 0.75 * _LINE:.1f}" width="{len(words) * _CHAR:.1f}"'
                 pieces.append(f'<rect {place} height="{_LINE}" fill="#d0d0d0"/>\n')
-            weight = ' font-weight="bold"' if "bold" in style else ""
-            text = words.strip(" ")
-            pieces.append(
-                f'<text x="{_MARGIN + left * _CHAR:.1f}" y="{y:.1f}" fill="{_COLOURS[style]}"{weight} '
-                f'textLength="{len(text) * _CHAR:.1f}" text-anchor="start" xml:space="preserve">{escape(text)}</text>\n'
-            )
+            pieces.append(svg_text(_MARGIN + left * _CHAR, y, words.strip(" "), _COLOURS[style], bold="bold" in style))
         start += len(words)
     return "".join(pieces)
+
+
+def svg_text(x: float, y: float, words: str, colour: str, *, bold: bool = False, anchor: str = "start") -> str:
+    """Words at a place, in letters of one width where they begin there."""
+    weight = ' font-weight="bold"' if bold else ""
+    length = f' textLength="{len(words) * _CHAR:.1f}"' if anchor == "start" else ""
+    return (
+        f'<text x="{x:.1f}" y="{y:.1f}" fill="{colour}"{weight}{length} text-anchor="{anchor}" '
+        f'xml:space="preserve">{escape(words)}</text>\n'
+    )
+
+
+def svg_of(width: float, height: float, parts: Sequence[str]) -> str:
+    """A picture of these parts."""
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" width="{width:g}" '
+        f'height="{height:g}" font-family="monospace" font-size="14">\n'
+    )
+    return head + "\n".join(part.rstrip("\n") for part in parts) + "\n</svg>\n"

@@ -39,7 +39,7 @@ def test_generated_pages_are_up_to_date():
 
 
 def test_pages_are_written_and_then_agree(capsys, monkeypatch, tmp_path):
-    some = {name: GENERATED[name] for name in ("docs/library-reference.md", "docs/figures/settings.svg")}
+    some = {name: GENERATED[name] for name in ("docs/library-reference.md", "docs/figures/phases.svg")}
     monkeypatch.setattr(docs, "GENERATED", some)
     (tmp_path / "docs").mkdir()
     assert run(app, ["--check", "--root", str(tmp_path)]) == 1
