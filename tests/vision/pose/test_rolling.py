@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from lab.vision import flight
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
 from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
@@ -319,11 +318,8 @@ def test_what_is_not_told_makes_a_motion_less_certain_by_the_variance_of_the_pro
 @pytest.fixture(scope="module")
 def shaken() -> list[FlightFrame]:
     """A flight behind a readout of 25 ms, on a frame that vibrates at 85 Hz, the roll reported off by 0.7 degrees."""
-    vibrating = pytest.MonkeyPatch()
-    vibrating.setattr(flight, "VIBRATION_HZ", 85.0)
-    device = Device(line_time=READOUT, vibration=1.0, response=0.03)
+    device = Device(line_time=READOUT, vibration=1.0, vibration_hz=85.0, response=0.03)
     frames = list(fly(target_named("nested"), 61013, seconds=0.7, near=0.35, far=4.5, troubled=False, device=device))
-    vibrating.undo()
     samples = [replace(sample, roll=sample.roll + BIAS) for sample in frames[0].attitude.samples]
     return [replace(frame, attitude=AttitudeHistory(samples)) for frame in frames]
 
