@@ -36,7 +36,7 @@ WEIGHED: Final = 3.0
 CLEARLY: Final = 1.5
 """Least power of the differences of a wrong source, over that of a right one."""
 SURELY: Final = 0.5
-"""And exceed them by as much: seconds in which a right source differs."""
+"""And exceed them by as much, summed up [s] in units of what a right source differs by."""
 
 
 class MeanPlace(NamedTuple):
