@@ -103,6 +103,14 @@ def test_of_two_that_show_different_places_neither_is_used_until_the_motion_of_t
     assert reason.startswith("a shows the aircraft 0.20 m from there, and nothing shows yet which is wrong")
 
 
+def test_a_disputed_source_that_is_refused_for_another_reason_says_that_one():
+    flown = Flown(right, off).fly(2.0, RESTS)
+    flown.shown["b"] = lambda place, rotation, t: (place + np.array([2.0, 0.0, 0.0]), rotation)
+    flown.fly(1.0, RESTS)
+    assert flown.state("b") == (EyeState.CONTRADICTED, "they jumped; another body's pose, or another frame")
+    assert flown.last_used("a")
+
+
 @pytest.mark.parametrize("wrong", ["a", "b"])
 def test_the_one_that_does_not_move_as_the_boards_do_is_named_and_the_other_flown_by(wrong):
     other = {"a": "b", "b": "a"}[wrong]

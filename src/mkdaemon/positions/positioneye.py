@@ -251,7 +251,7 @@ class PositionEye:
             return EyeState.MISSING, f"{last}: start its sender (mkdaemon gateway mocap), show it the body"
         if self.rival.judge.contradiction is not None:
             return EyeState.CONTRADICTED, self.rival.judge.contradiction.value
-        if self._rivals.against:
+        if self._rivals.against and self._why is PoseRefusal.DISPUTED:
             others = " and ".join(self._rivals.against)
             return EyeState.DISPUTED, f"{others} shows the aircraft {self._rivals.apart:.2f} m from there{DISPUTED}"
         if now - self._used_at <= JUDGED and not self.rival.judge.has_strayed:
