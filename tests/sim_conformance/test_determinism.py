@@ -31,7 +31,7 @@ def record(config, *, tick=1e-3, seconds=9.0):
     steps = round(seconds / tick)
     for step in range(1, steps + 1):
         now = step * tick
-        if step == steps // 2:
+        if step - 1 == steps // 2:  # the simulation stands at the same time, whatever the step
             simulation.world.faults.start("wind_gust")
             simulation.world.faults.start("imu_bias", duration=1.0)
         while requests and requests[0][0] < now:
