@@ -1,7 +1,7 @@
 """Faults of a motion capture system that flies alone: each is named, and never flown by. The physics is the judge.
 
 How each fault of the simulated system is told from motion is asked in `tests/positions/test_motionjudge.py`; a flight
-without one is flown by the whole daemon in `tests/daemon/test_positionflight.py`; `python -m lab positions` flies all.
+without one is flown by the whole daemon in `tests/daemon/test_positions.py`; `python -m lab positions` flies all.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ class Flown:
             eye.compare_with(self.eyes.values())
         self.used = {name: [] for name in self.shown}
         self.refused = {name: set() for name in self.shown}
-        self.at = 0.0
+        self.at, self.epoch = 0.0, 1
 
     def fly(self, seconds, share):
         for _ in range(round(seconds / STEP)):
@@ -71,7 +71,7 @@ class Flown:
         quaternion = quaternion_from_rotation(rotation)
         # The noise keeps one that rests from repeating itself.
         position = tuple((place + 1e-6 * math.sin(1e4 * self.at)).tolist())
-        fields = {"epoch": 1, "sequence": round(self.at / STEP), "age": 0.0}
+        fields = {"epoch": self.epoch, "sequence": round(self.at / STEP), "age": 0.0}
         report = PositionReport(**fields, position=position, quaternion=quaternion)
         for _, value in eye.take(report, self.at, self.at, stamp(self.at), is_flown=True):
             if isinstance(value, VisionPose):
@@ -142,6 +142,60 @@ def test_of_three_the_two_that_agree_are_used():
     assert flown.last_used("a")
     assert flown.last_used("c")
     assert not flown.last_used("b")
+
+
+def test_a_single_outlier_of_the_right_one_decides_nothing():
+    def outlier(place, rotation, t):
+        return place + np.array([0.0, 0.3 if 1.0 < t < 1.015 else 0.0, 0.0]), rotation
+
+    flown = Flown(outlier, off).fly(4.0, RESTS)
+    assert "off_course" in flown.refused["a"]
+    assert flown.state("a")[0] is flown.state("b")[0] is EyeState.DISPUTED
+
+
+def test_of_three_a_jumped_one_is_no_vote_for_both_of_two_that_differ():
+    def far(place, rotation, t):
+        return place + np.array([0.0, -0.5, 0.0]), rotation
+
+    flown = Flown(right, off, from_then_on(1.0, far)).fly(8.0, RESTS)
+    assert not flown.last_used("a")
+    assert not flown.last_used("b")
+
+
+def test_a_source_that_is_later_than_the_other_is_compared_as_well():
+    flown = Flown(right, off)
+    for eye in flown.eyes.values():
+        eye.cfg = eye.cfg.model_copy(update={"max_age": 0.5})
+    queue, take = [], flown.report
+    flown.report = lambda name, eye, *seen: (
+        queue.append((name, eye, seen, flown.at)) if name == "a" else take(name, eye, *seen)
+    )
+    for _ in range(300):
+        flown.fly(STEP, RESTS)
+        while queue and queue[0][3] <= flown.at - 0.12:
+            name, eye, seen, at = queue.pop(0)
+            now, flown.at = flown.at, at
+            take(name, eye, *seen)
+            flown.at = now
+    assert not flown.last_used("b")
+    assert flown.state("b")[0] is EyeState.DISPUTED
+
+
+def test_a_sender_that_starts_again_is_compared_anew():
+    flown = Flown(from_then_on(3.0, mirrored), right).fly(3.0, RESTS).fly(4.0, SWAYS)
+    assert flown.state("a")[0] is EyeState.CONTRADICTED
+    flown.shown["a"], flown.epoch = right, 2
+    flown.fly(2.0, SWAYS)
+    assert flown.state("a") == (EyeState.OK, "")
+
+
+def test_a_negative_variance_raises_nothing():
+    eye = Flown(right).eyes["a"]
+    covariance = tuple((-1.0 * np.eye(6)).ravel().tolist())
+    report = PositionReport(
+        epoch=1, sequence=1, age=0.0, position=(0, 0, 1), quaternion=(1, 0, 0, 0), covariance=covariance
+    )
+    assert eye.take(report, 1.0, 1.0, stamp(1.0), is_flown=False)
 
 
 def test_one_that_has_jumped_disputes_nothing_until_it_has_agreed_for_a_second():

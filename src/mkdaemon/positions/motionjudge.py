@@ -88,6 +88,10 @@ class Contradiction(Enum):
     )
 
 
+LATCHED: Final = (Contradiction.MOTION, Contradiction.OUTDONE)
+"""What no later motion refutes: its sender must start again."""
+
+
 @dataclass(frozen=True, slots=True)
 class MotionDifference:
     """How far source and boards differ.
@@ -165,7 +169,7 @@ class MotionJudge:
         contradiction: why the source is not used; None where nothing contradicts it.
         motion: of the last `WINDOW`: time [s], pitch, roll, yaw [rad], place [m] of poses on the grid.
         excess: of the newest comparison, see `MotionDifference`; None where the last one was not whole.
-        jumped_at: when a pose was last none of the ones before [s].
+        jumped_at: when a pose was last none of the ones before [s]; before all times where it is back with them.
     """
 
     def __init__(self) -> None:
@@ -227,7 +231,7 @@ class MotionJudge:
         """Contradict the source when the same contradiction has lasted; believe it again when that is refuted."""
         self._lasted = self._lasted + 1 if found.contradiction is self._suspected else 1
         self._suspected = found.contradiction
-        if self._lasted < LASTING:
+        if self._lasted < LASTING or self.contradiction in LATCHED:
             return
         if self._suspected is not None:
             self.contradiction = self._suspected
@@ -250,7 +254,8 @@ class MotionJudge:
         nearer to.
         """
         track, astray = self._track, self._astray
-        if track and track.age(at) > RESTART:
+        is_taken_up = bool(track) and track.age(at) > RESTART
+        if is_taken_up:
             track.clear()
         if track:
             away, gap = track.distance(at, place), track.age(at)
@@ -261,6 +266,8 @@ class MotionJudge:
                     astray.clear()
                 astray.add(at, place)
                 return False
+        if astray and not is_taken_up:
+            self.jumped_at = -math.inf  # it is back where it was: single outliers prove nothing
         astray.clear()
         track.add(at, place)
         return True

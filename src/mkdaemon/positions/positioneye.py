@@ -138,11 +138,12 @@ class PositionEye:
         if why is None:
             if report.epoch != self._newest[0]:
                 self.rival.judge = self.rival.judge.restarted()
+                self._rivals.restart()
             self._newest, self._taken_at = order, at
             place, rotation = self._pose(report)
             why = self.rival.judge.take(at, place, rotation, is_flown=is_flown)
             covariance = self._covariance(report)
-            self.rival.spread = math.sqrt(float(covariance.diagonal()[:3].max()))
+            self.rival.spread = math.sqrt(max(0.0, float(covariance.diagonal()[:3].max())))
             if why is None and not self._rivals.compare(at):
                 why = PoseRefusal.MOTION if self.rival.judge.contradiction else PoseRefusal.DISPUTED
         self._processed += 1

@@ -123,20 +123,27 @@ class Rivals:
         agreed_since = max((self._apart_at[each.name] for each in shown), default=at)
         if at - max(agreed_since, self.mine.judge.jumped_at) > AGREED:
             self.mine.judge.jumped_at = -math.inf
-        opposed = [each for each in shown if at - self._apart_at[each.name] <= AGREED]
-        opposed = [each for each in opposed if self.mine.has_jumped or not each.has_jumped]
+        apart = [each for each in shown if at - self._apart_at[each.name] <= AGREED]
+        opposed = [each for each in apart if self.mine.has_jumped or not each.has_jumped]
         self.apart = max(distances.values(), default=0.0) or self.apart
         # Those that agree with this one, itself among them, must outnumber the others.
-        outvoted = len(opposed) >= 1 + len(shown) - len(opposed)
+        outvoted = len(opposed) >= 1 + len(shown) - len(apart)
         self.against = tuple(each.name for each in opposed) if opposed and outvoted else ()
         self._weigh(shown, at)
-        if any(self.is_outdone_by(each) for each in self.against):
+        if any(self.is_outdone_by(each.name) for each in apart):
             self.mine.judge.outdone()
+
+    def restart(self) -> None:
+        """Forget what was compared: the sender of this source has started again."""
+        self.against = ()
+        self._apart_at = dict.fromkeys(self._apart_at, -math.inf)
+        self._weighed.clear()
 
     def _distance(self, other: Rival, at: float) -> float:
         """Between the places that both show [m]; 0 where they may be one."""
-        start = at - (LOOKED_BACK - 1) * GRID
-        here, there = self.mine.place_between(start, at), other.place_between(start, at)
+        end = min(at, other.judge.motion[-1][0])  # one of them may be later by its latency
+        start = end - (LOOKED_BACK - 1) * GRID
+        here, there = self.mine.place_between(start, end), other.place_between(start, end)
         if here is None or there is None:
             return 0.0
         limit = APART_SDS * math.hypot(self.mine.spread, other.spread) + STAMPED * max(here.speed, there.speed)

@@ -235,7 +235,9 @@ def test_who_names_a_target_is_flown_by_that_one_or_waits_for_it():
     assert refusal(replace(other, target="pad"), replace(GOOD, flown=Concern.LAND)) is None
     assert refusal(NewManoeuvre(Concern.POSITION), replace(GOOD, flown=Concern.HOLD, in_sight=("other", "pad"))) is None
     drifted = replace(STANDING, **sees(offset=1.5, height=0.1), in_sight=())
-    assert refusal(NewManoeuvre(Concern.TAKE_OFF), drifted) is None, "out of sight its place is unknown"
+    assert refusal(NewManoeuvre(Concern.TAKE_OFF), drifted).token == Token.TARGET_UNCLEAR
+    nothing_seen = replace(drifted, eyes=(eyes(EyeState.DISPUTED, reason="two differ"),))
+    assert refusal(NewManoeuvre(Concern.TAKE_OFF), nothing_seen).token == Token.CAMERA_UNFIT, "the cause, not the drift"
     far = replace(named, target="other")
     assert refusal(far, replace(STANDING, **sees(offset=1.5, height=0.1, target="other"))) is None, "it is meant"
 

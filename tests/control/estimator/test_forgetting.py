@@ -11,9 +11,9 @@ import pytest
 from mkdaemon.control.estimator.cameras import Cameras
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
-from mkdaemon.control.estimator.rollback import STEP
+from mkdaemon.control.estimator.rollback import STEP, Measurement
 from tests.control.estimator.test_placed import view
-from tests.control.estimator.test_rollback import make, readings, run
+from tests.control.estimator.test_rollback import POSITION, make, readings, run
 
 PERIOD = 0.03
 
@@ -28,6 +28,15 @@ def test_what_a_source_measured_is_undone_with_its_effect_on_the_covariance(seed
     fooled.forget("mocap")
     assert np.allclose(fooled.states, alone.states, atol=1e-9)
     assert np.allclose(fooled.covariances, alone.covariances, atol=1e-12)
+
+
+def test_what_the_filter_doubts_of_itself_outlasts_what_it_forgets():
+    filter_ = run(readings(random.Random(1)), lambda measurement: STEP)
+    filter_.measure(Measurement(0.35, POSITION, np.array([0.3, 1.7]), 4e-4, source="mocap"))
+    filter_.measure(Measurement(0.4, POSITION, np.array([3.4, 4.6]), 4e-4, source="down"), np.diag([4.0, 0.0]))
+    moved = filter_.states.copy()
+    filter_.forget("mocap")
+    assert np.allclose(filter_.states, moved, atol=0.05)
 
 
 def test_who_measured_nothing_is_forgotten_without_a_trace():

@@ -321,15 +321,20 @@ class Estimator:
             self._calibration = common.diagonal() / shared_by
         # What all images of one camera have in common is no noise, and where there is another, it has its own.
         spread, bias = spread - common, common.diagonal() * (0.0 if shared_by == 1 else 2.0)
-        self._see_place(view, seen, spread, bias, is_trusted=is_trusted)
+        wrong = self._see_place(view, seen, spread, bias, is_trusted=is_trusted)
         if is_trusted:
             self._see_tilt(view, shared_by)
-        self._see_height(view, seen, spread, bias, is_trusted=is_trusted)
+        wrong += self._see_height(view, seen, spread, bias, is_trusted=is_trusted)
+        for camera in wrong:  # they were used until now, this view among them
+            self._level.forget(camera)
+            self._vertical.forget(camera)
 
-    def _see_place(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
+    def _see_place(
+        self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool
+    ) -> tuple[str, ...]:
         """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,).
 
-        What was measured in the target frame depends on no tilt.
+        What was measured in the target frame depends on no tilt. Returns the cameras that it shows to be wrong.
         """
         tuning = self._tuning
         speed = max(map(abs, self._level.states[:, V].tolist()))
@@ -342,12 +347,13 @@ class Estimator:
         place = (0.0 if view.is_placed else _leant(self._level.states_at(view.at)[:, T], seen)) - seen[:2]
         measurement = Measurement(view.at, row, place, variance, gate, bias[:2], view.camera)
         ratio = self._level.measure(measurement, doubt)
-        if ratio is not None:
-            is_refused = max(map(abs, ratio.tolist())) > GATE
-            self._forget(self._cameras.judged(view.camera, is_refused=is_refused))
-            self._was_blind &= is_refused
-            if is_trusted:
-                self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
+        if ratio is None:
+            return ()
+        is_refused = max(map(abs, ratio.tolist())) > GATE
+        self._was_blind &= is_refused
+        if is_trusted:
+            self._judge(sum(each**2 for each in ratio.tolist()) / len(ratio))
+        return self._cameras.judged(view.camera, is_refused=is_refused)
 
     def _see_tilt(self, view: TargetView, shared_by: int) -> None:
         """Take the tilt that an image shows, where it is upright and certain enough.
@@ -362,8 +368,13 @@ class Estimator:
             row[T] = 1.0
             self._level.measure(Measurement(view.at, row, up[:2] / up[2], shared_by * variance, source=view.camera))
 
-    def _see_height(self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool) -> None:
-        """Take the height: the place (3,) of the target, as if level [m], along the normal of the estimated tilt."""
+    def _see_height(
+        self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool
+    ) -> tuple[str, ...]:
+        """Take the height: the place (3,) of the target, as if level [m], along the normal of the estimated tilt.
+
+        Returns the cameras that it shows to be wrong.
+        """
         tuning, tilt = self._tuning, np.zeros(2) if view.is_placed else self._level.states_at(view.at)[:, T]
         # Height over the target's plane: h = -n . r, with r the target from the aircraft and n the plane's normal, both
         # in axes turned level by heading alone. var(h) = n' S n + x^2 var(tilt x) + y^2 var(tilt y) + floor^2.
@@ -377,14 +388,9 @@ class Estimator:
         gate = GATE if is_trusted or doubt is not None else 0.0
         measurement = Measurement(view.at, row, -normal @ seen[:, None], variance, gate, bias[2:], view.camera)
         ratio = self._vertical.measure(measurement, doubt)
-        if ratio is not None:
-            self._forget(self._heights.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE))
-
-    def _forget(self, cameras: Iterable[str]) -> None:
-        """Estimate again without the images of cameras that were found wrong: they were used until now."""
-        for camera in cameras:
-            self._level.forget(camera)
-            self._vertical.forget(camera)
+        if ratio is None:
+            return ()
+        return self._heights.judged(view.camera, is_refused=max(map(abs, ratio.tolist())) > GATE)
 
     def advance(self, now: float) -> None:
         """Bring the estimate up to a moment [s; monotonic].

@@ -71,7 +71,7 @@ Drive = tuple[Sequence[float], "Array | None"]
 class _Slot:
     """The state at the beginning of a grid step, everything measured in the step before added.
 
-    It lacks what the reference was shifted by since `shifted`.
+    It lacks what the reference was shifted by since `shifted`. `added` is what doubts added to its covariance.
     """
 
     state: Array
@@ -80,6 +80,7 @@ class _Slot:
     doubt: Array | None
     shifted: Array
     measurements: list[tuple[float, Measurement]] = field(default_factory=list)
+    added: Array | None = None
 
 
 class RollbackFilter:
@@ -268,6 +269,7 @@ class RollbackFilter:
         slot = self._slots[index]
         if doubt is not None:
             slot.covariance = slot.covariance + doubt
+            slot.added = doubt if slot.added is None else slot.added + doubt
         ratio = self._corrected(slot, offset, measurement)
         self.rejected += sum(abs(each) > measurement.gate for each in ratio.tolist())
         insort(slot.measurements, (offset, measurement), key=lambda entry: entry[0])
@@ -289,6 +291,8 @@ class RollbackFilter:
             after = self._slots[index + 1]
             after.state, after.covariance = self._predicted(self._slots[index])
             after.shifted = self._shifted
+            if after.added is not None:
+                after.covariance = after.covariance + after.added
             for late, known in after.measurements:
                 self._corrected(after, late, known)
         self._known = max(self._known, to)
