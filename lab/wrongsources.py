@@ -101,6 +101,8 @@ def _broken(plan: WrongSource, rig: WrongSourceFlight, named_at: float, *, has_l
 def named_since(rig: WrongSourceFlight, until: float) -> float:
     """Since when every look until a time [s] has named the source [s]: one that was silent is used when it is back."""
     looks = [at for at, *_ in rig.named if at <= until]
+    if not looks and math.isfinite(until):
+        return until  # the release was sooner than the next look
     since = looks[-1:] or [rig.plan.at]
     for at in reversed(looks[:-1]):
         if since[0] - at > 1.5 * LOOK:

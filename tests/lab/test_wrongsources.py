@@ -41,7 +41,9 @@ def test_a_source_counts_as_named_since_the_looks_that_named_it_without_a_gap():
     named = [(at, "missing", "silent") for at in (1.0, 1.1, 1.2, 4.0, 4.1, 4.2)]
     rig = SimpleNamespace(named=named, plan=SimpleNamespace(at=0.9))
     found = [wrongsources.named_since(rig, until) for until in (0.5, 1.15, 3.0, 4.15, math.inf)]
-    assert found == [0.9, 1.0, 1.0, 4.0, 4.0]
+    assert found == [0.5, 1.0, 1.0, 4.0, 4.0]
+    rig.named = []
+    assert wrongsources.named_since(rig, math.inf) == 0.9
 
 
 def test_kept_flights_are_summed_up_and_a_broken_promise_fails(tmp_path, capsys):
