@@ -112,6 +112,14 @@ def test_a_source_that_rests_refutes_nothing():
     assert refusal in (PoseRefusal.MOTION, PoseRefusal.OFF_COURSE)
 
 
+def test_a_mirrored_place_stays_contradicted_whatever_the_source_shows_later():
+    judge, _ = fly(shown=lambda p, r, t: (FLIP @ p, r))
+    assert judge.contradiction is Contradiction.MOTION
+    fly(start=4.0, judge=judge, shown=lambda p, r, t: (FLIP @ p, rotation_from_euler(0.2, 0.0, 0.0) @ r))
+    fly(start=8.0, judge=judge, shown=lambda p, r, t: (FLIP @ p, r), is_flown=False)
+    assert judge.contradiction is Contradiction.MOTION
+
+
 def test_a_sender_that_starts_again_is_judged_anew():
     judge, _ = fly(shown=lambda p, r, t: (FLIP @ p, r))
     assert judge.contradiction is Contradiction.MOTION

@@ -32,8 +32,6 @@ LAGS: Final = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 """Ages of the boards' attitudes that are tried [s]: by cable 0.03, by a slow radio 0.12."""
 SPREAD: Final = 0.18
 """Distance in time of the positions whose second difference is an acceleration [s]."""
-CHANGE: Final = 0.36
-"""Tilts are compared by their changes within this time [s]: an aircraft leans into an acceleration in as much."""
 LEANT: Final = math.radians(8.0)
 """Largest mean difference of the tilts [rad]: crooked bodies are within it, a wrong up is not."""
 TILT_LEAST, MOTION_LEAST = math.radians(0.7), math.radians(1.2)
@@ -285,8 +283,8 @@ class MotionJudge:
         tried = [np.array([np.interp(grid + lag, boards[:, 0], boards[:, k]) for k in (1, 2)]) for lag in LAGS]
         reported = min(tried, key=lambda each: float(((tilts - each) ** 2).sum()))
         leant = float(np.hypot(*(tilts - reported).mean(axis=1)))
-        # After a strong acceleration the boards' tilt is off by degrees, and returns in seconds: changes are compared.
-        difference, tilted = _changes(tilts - reported), _changes(reported)
+        # After a strong acceleration the boards' tilt is off by degrees and returns slowly: the trend is left out.
+        difference, tilted = _less_trend(tilts - reported), _less_trend(reported)
         unlikes = unlike(difference, tilted, TILT_LEAST, 0.0)
         is_alike = len(unlikes) == 2 and max(unlikes) < ALIKE
         flown = grid >= self._flown_from
@@ -347,8 +345,9 @@ def _less_mean(values: Matrix) -> Matrix:
     return rest
 
 
-def _changes(values: Matrix) -> Matrix:
-    """How much rows (2, n) change within `CHANGE`."""
-    n = round(CHANGE / GRID)
-    changed: Matrix = values[:, n:] - values[:, :-n]
-    return changed
+def _less_trend(values: Matrix) -> Matrix:
+    """Rows (2, n) less the straight line through each."""
+    line = np.linspace(-1.0, 1.0, values.shape[1])
+    line /= np.linalg.norm(line)
+    rest = _less_mean(values)
+    return rest - np.outer(rest @ line, line)

@@ -142,9 +142,10 @@ class PositionEye:
             self._newest, self._taken_at = order, at
             place, rotation = self._pose(report)
             why = self.rival.judge.take(at, place, rotation, is_flown=is_flown)
+        if why is None:
             covariance = self._covariance(report)
             self.rival.spread = math.sqrt(max(0.0, float(covariance.diagonal()[:3].max())))
-            if why is None and not self._rivals.compare(at):
+            if not self._rivals.compare(at):
                 why = PoseRefusal.MOTION if self.rival.judge.contradiction else PoseRefusal.DISPUTED
         self._processed += 1
         self._recent.append((now, late, why is None))
