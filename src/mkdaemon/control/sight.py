@@ -378,6 +378,7 @@ def view_of(pose: VisionPose) -> TargetView:
         pose.camera,
         pose.calibration_sd,
         pose.is_placed,
+        pose.is_of_map,
     )
 
 
@@ -392,7 +393,7 @@ def velocity_between(before: TargetView | None, view: TargetView) -> Array | Non
     step = math.inf if before is None else view.at - before.at
     if before is None or before.camera != view.camera or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
         return None
-    if view.is_placed:
+    if view.shows_place:
         return (view.place - before.place) / step
     return turned((before.position_flu - view.position_flu) / step, view.heading)
 

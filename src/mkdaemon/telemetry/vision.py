@@ -97,6 +97,8 @@ class VisionPose(Seen):
     """From the middle of the exposure until the camera had delivered the image [s]."""
     latency: float
     """From the middle of the exposure to this value [s]."""
+    is_of_map: bool = False
+    """The target is a map, or a place on one: its tags lie around the vehicle, however that leans."""
 
     @property
     def is_placed(self) -> bool:

@@ -395,6 +395,7 @@ def pose_of(found: TargetPose, image: CameraImage, stamp: Stamp, mounting: Mount
         decode_age=max(found.decode_age, 0.0),
         delivered=image.received_at - image.captured_at,
         latency=ready_at - image.captured_at,
+        is_of_map=found.is_of_map,
     )
 
 

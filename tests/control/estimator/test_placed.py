@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,20 @@ def test_height_and_distance_are_those_of_the_place():
     assert (found.height, found.aside) == (pytest.approx(1.5), pytest.approx(5.0))
     seen = view(0.0, (4.0, -3.0, 1.5), tilt=0.2, is_placed=False)
     assert seen.height == -float(seen.position_flu[2])
+
+
+def test_far_from_the_origin_of_a_map_a_crooked_camera_moves_neither_place_nor_height():
+    place = (-6.0, 0.5, 0.4)
+    crooked = replace(view(0.0, place, tilt=math.radians(2.0), camera="down", is_placed=False), is_of_map=True)
+    over_map = Estimator(AircraftModel(), crooked, 118.0, compass=0.3)
+    for k in range(1, 60):
+        over_map.attitude_received(0.03 * k - 0.01, 0.0, 0.0, 0.3)
+        over_map.target_seen(replace(crooked, at=0.03 * k), 0.03 * k)
+    assert (crooked.height, crooked.aside) == (pytest.approx(0.4), pytest.approx(math.hypot(6.0, 0.5)))
+    assert over_map.estimate(1.77).position == pytest.approx(place, abs=0.005)
+    assert velocity_between(
+        crooked, replace(view(0.1, (-5.9, 0.5, 0.4), camera="down"), is_placed=False, is_of_map=True)
+    ) == (pytest.approx((1.0, 0.0, 0.0), abs=1e-9))
 
 
 def test_a_velocity_is_the_difference_of_two_places():

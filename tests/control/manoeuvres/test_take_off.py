@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from mkdaemon.config.autopilot import AutopilotConfig
@@ -149,6 +151,19 @@ def test_another_height_is_climbed_to_at_once():
     assert aircraft.fly(take_off, STEP)[0].error.goal[2] == 1.0
     take_off.follow(setpoint(1.6))
     assert aircraft.fly(take_off, STEP)[0].error.goal[2] == 1.6
+
+
+def test_far_from_its_middle_it_climbs_all_the_way_before_it_crosses():
+    aircraft, take_off = on_ground(cfg=AutopilotConfig(takeoff_ready=0.0))
+    aircraft.place = (-4.0, 0.0, 0.1)
+    aircraft.fly(take_off, 0.3)
+    lift(aircraft, take_off, 0.25)
+    leans = []
+    for height in (1.0, 1.45):
+        aircraft.place = (-4.0, 0.0, height)
+        steps = aircraft.fly(take_off, 1.0)
+        leans.append(max(math.hypot(step.sticks.pitch, step.sticks.roll) for step in steps))
+    assert leans[0] < 3.0 < 10.0 < leans[1]
 
 
 def test_throttle_found_on_the_way_up_is_what_the_flight_begins_with():

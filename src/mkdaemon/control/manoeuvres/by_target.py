@@ -10,18 +10,19 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.estimator.estimator import Estimator
-from mkdaemon.control.estimator.values import Estimate
+from mkdaemon.control.estimator.values import Estimate, TargetView
 from mkdaemon.control.limiter import StickCounts, Sticks
 from mkdaemon.control.linear import Array
 from mkdaemon.control.manoeuvres.manoeuvre import End, Manoeuvre, Step, ended, level_at
 from mkdaemon.control.regulator.autopilot import Autopilot, Goal
-from mkdaemon.control.regulator.horizontal import HorizontalCosts
+from mkdaemon.control.regulator.horizontal import BY_REPORT, OVER_MAP, OVER_TARGET, HorizontalCosts
 from mkdaemon.control.regulator.reference import ReferenceLimits
 from mkdaemon.control.regulator.vertical import VerticalGains
 from mkdaemon.control.sight import Sight, triple, turned
@@ -161,11 +162,16 @@ class Arrival:
         return now - self._away_at >= self._settled
 
 
+def costs_by(view: TargetView) -> HorizontalCosts:
+    """Weights for a flight whose estimate begins with a view."""
+    return BY_REPORT if view.is_placed else OVER_MAP if view.is_of_map else OVER_TARGET
+
+
 def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, estimate: Estimate) -> Autopilot:
     """Begin a flight where the aircraft is by an estimate."""
     return Autopilot(
         estimator,
-        costs=HorizontalCosts(steepest=cfg.max_tilt),
+        costs=replace(costs_by(estimator.first), steepest=cfg.max_tilt),
         gains=VerticalGains(fastest=cfg.max_climb),
         level_limits=ReferenceLimits(cfg.max_speed, cfg.max_acceleration),
         height_limits=ReferenceLimits(cfg.max_climb, 0.8),

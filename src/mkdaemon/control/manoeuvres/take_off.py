@@ -30,6 +30,9 @@ LIKELY: Final = (0.75, 1.25)
 """Accepted range of the measured hover throttle over the assumed one."""
 STRAIGHT_UP: Final = 0.8
 """A take-off climbs straight up to this height: lower, a lean takes the target out of the camera's sight [m]."""
+FAR: Final = 1.0
+"""To a middle that is farther aside it climbs all the way first, and crosses then: on the edge of a map, a lean at
+0.9 m took every tag out of sight [m]."""
 OLDEST: Final = 0.6
 """An older image proves nothing [s]: the estimator could not roll back to it, and would fly on from where it was."""
 
@@ -208,7 +211,7 @@ class TakeOffFlight(ByTarget):
     def __init__(self, sight: Sight, cfg: AutopilotConfig, setpoint: TakeOffSetpoint) -> None:
         super().__init__(sight, cfg, setpoint)
         self.take_off: TakeOff | None = None
-        self._is_in_air = False
+        self._is_in_air = self._is_up = False
 
     def enter(self, before: Manoeuvre | None, now: float) -> str:
         """Begin on the ground, or after another manoeuvre by the target, which is climbed on from."""
@@ -260,7 +263,10 @@ class TakeOffFlight(ByTarget):
         error = error_value(self.kind, goal, estimate)
         if self._arrival.has_arrived(goal, estimate, now):
             take_off.arrived()
-        if float(here[2]) < STRAIGHT_UP and take_off.phase is TakeOffPhase.CLIMB:
+        is_far = float(np.hypot(*here[:2])) > FAR
+        self._is_up |= float(here[2]) >= (height - self._cfg.arrived_within if is_far else STRAIGHT_UP)
+        is_low = float(here[2]) < STRAIGHT_UP or (is_far and not self._is_up)
+        if is_low and take_off.phase is TakeOffPhase.CLIMB:
             goal = Goal(position=np.array([*(autopilot.reference.position), height]))
         sticks, is_done = floating(autopilot.sticks(goal, now, step)), take_off.phase is TakeOffPhase.REACHED
         longest = LONGEST_ARRIVAL + 2.0 * height / self._cfg.max_climb

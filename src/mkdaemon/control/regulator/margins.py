@@ -7,7 +7,7 @@ the model is flown too: do the regulators, behind the configured limits, come to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from mkdaemon.control.estimator.model import GRAVITY, LEVEL_STATES, AircraftMode
 from mkdaemon.control.estimator.values import GAS_CENTRE, Estimate
 from mkdaemon.control.linear import Array, spectral_radius
 from mkdaemon.control.regulator.autopilot import CountShaper
-from mkdaemon.control.regulator.horizontal import HorizontalCosts, HorizontalRegulator
+from mkdaemon.control.regulator.horizontal import COSTS, HorizontalRegulator
 from mkdaemon.control.regulator.reference import Reference
 from mkdaemon.control.regulator.vertical import VerticalGains, gas
 from mkdaemon.errors import CommandRejectedError, ConfigError
@@ -68,20 +68,24 @@ class Rest:
 def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
     """Return model, gains and margins of the loop with its configured rate and limits.
 
-    The margins are those of the loop with the true state; the estimator's own dynamics take a part of them.
+    The gains are those over one target, the margins the smallest of all that are flown, with the true state; the
+    estimator's own dynamics take a part of them.
 
     Args:
         model: of the aircraft.
         cfg: rate and limits.
     """
-    regulator = HorizontalRegulator(model, HorizontalCosts(steepest=cfg.autopilot.max_tilt))
     period = 1.0 / cfg.rate
     f, g = model.horizontal(period)
     f, g = f[:7, :7], g[:7, None]
-    gain = regulator.gain[None]
-    radii = np.abs(np.linalg.eigvals(f - g @ (np.array(FACTORS)[:, None, None] * gain))).max(axis=1)
+    gains = [each.gain for each in _regulators(model, cfg)]
+    loops = f - g @ (np.array(FACTORS)[:, None, None, None] * np.array(gains)[:, None])
+    radii = np.abs(np.linalg.eigvals(loops)).max(axis=(1, 2))
     stable = [factor for factor, radius in zip(FACTORS, radii, strict=True) if radius < 1.0]
-    steps = next((count for count in range(1, MOST_STEPS) if _delayed_radius(f, g, gain, count) >= 1.0), MOST_STEPS)
+    steps = min(
+        next((count for count in range(1, MOST_STEPS) if _delayed_radius(f, g, gain, count) >= 1.0), MOST_STEPS)
+        for gain in gains
+    )
     rest = fly_model(model, cfg)
     return Gains(
         degrees_per_count=float(np.degrees(model.rad_per_count)),
@@ -90,8 +94,8 @@ def gains_of(model: AircraftModel, cfg: ControlConfig) -> Gains:
         leak=model.leak,
         stick_filter=model.stick_filter,
         uplink=model.uplink,
-        gains=dict(zip(NAMES, (float(value) for value in regulator.gain), strict=True)),
-        radius=spectral_radius(f - g @ gain),
+        gains=dict(zip(NAMES, (float(value) for value in gains[0]), strict=True)),
+        radius=max(spectral_radius(f - g @ gain[None]) for gain in gains),
         gain_margin=(min(stable, default=1.0), max(stable, default=1.0)),
         delay_margin=(steps - 1) * period,
         rest_level=rest.level,
@@ -175,7 +179,7 @@ def _delayed_radius(f: Array, g: Array, gain: Array, steps: int) -> float:
     loop[:n, n : n + 1] = g
     for k in range(steps - 1):
         loop[n + k, n + k + 1] = 1.0
-    loop[size - 1, :n] = -gain[0]
+    loop[size - 1, :n] = -gain
     return spectral_radius(loop)
 
 
@@ -189,11 +193,16 @@ def fly_model(model: AircraftModel, cfg: ControlConfig) -> Rest:
     Raises:
         ValueError: the regulator stabilises nothing on this model.
     """
-    return Rest(_rest_beside(model, cfg), max(_rest_above(model, cfg, sign * HOVER_DOUBT) for sign in (-1.0, 1.0)))
+    beside = max(_rest_beside(model, cfg, regulator) for regulator in _regulators(model, cfg))
+    return Rest(beside, max(_rest_above(model, cfg, sign * HOVER_DOUBT) for sign in (-1.0, 1.0)))
 
 
-def _rest_beside(model: AircraftModel, cfg: ControlConfig) -> float:
-    regulator = HorizontalRegulator(model, HorizontalCosts(steepest=cfg.autopilot.max_tilt))
+def _regulators(model: AircraftModel, cfg: ControlConfig) -> list[HorizontalRegulator]:
+    """Those of everything that is flown by."""
+    return [HorizontalRegulator(model, replace(costs, steepest=cfg.autopilot.max_tilt)) for costs in COSTS]
+
+
+def _rest_beside(model: AircraftModel, cfg: ControlConfig, regulator: HorizontalRegulator) -> float:
     most = min(cfg.limiter.max_pitch, cfg.limiter.max_roll)
     period = 1.0 / cfg.rate
     f, g = model.horizontal(period)

@@ -51,6 +51,7 @@ class TargetPose:
         mode: how it was found.
         decode_age: time since a tag of the target was last decoded [s].
         measured_at: middle of what was measured `(3,)` [m; target], from where calibration counts; None: its origin.
+        is_of_map: the target is a map.
     """
 
     target: str
@@ -61,6 +62,7 @@ class TargetPose:
     mode: FoundBy
     decode_age: float
     measured_at: Array | None = None
+    is_of_map: bool = False
 
     @property
     def measured(self) -> Pose:

@@ -88,7 +88,7 @@ class MapFollower(Follower):
         for at, sd in ((slice(3), first.place_sd), (slice(3, 6), first.turn_sd)):
             survey[at, at] = (found.pose.rotation * sd**2) @ found.pose.rotation.T
         pose = replace(found.pose, covariance=found.pose.covariance + survey)
-        return replace(found, pose=moved(pose, -origin), measured_at=origin)
+        return replace(found, pose=moved(pose, -origin), measured_at=origin, is_of_map=True)
 
     def _go_on_with(self, index: int) -> None:
         """Measure this print from now on."""
