@@ -369,15 +369,24 @@ def checked_view(pose: VisionPose, now: float) -> TargetView | ViewFault:
 
 
 def view_of(pose: VisionPose) -> TargetView:
-    """A pose as the estimator takes it."""
+    """A pose as the estimator takes it.
+
+    Tilt and place of a camera err together, by its height above the tags. So a pose on a map is taken as one of the
+    ground below: from an origin 6 m aside, a tilt that is off by one degree would move the height by 10 cm.
+    """
+    rotation, seen = rotation_from_quaternion(pose.quaternion_target_from_flu), np.array(pose.position_flu)
+    point = (*pose.position_target[:2], 0.0) if pose.is_of_map else (0.0, 0.0, 0.0)
+    if pose.is_of_map:
+        seen = seen + rotation.T @ point
     return TargetView(
         pose.stamp.monotonic,
-        np.array(pose.position_flu),
-        rotation_from_quaternion(pose.quaternion_target_from_flu),
+        seen,
+        rotation,
         np.array(pose.covariance).reshape(6, 6),
         pose.camera,
         pose.calibration_sd,
         pose.is_placed,
+        point,
         pose.is_of_map,
     )
 
@@ -393,9 +402,10 @@ def velocity_between(before: TargetView | None, view: TargetView) -> Array | Non
     step = math.inf if before is None else view.at - before.at
     if before is None or before.camera != view.camera or not SHORTEST_PAIR <= step <= LONGEST_PAIR:
         return None
-    if view.shows_place:
+    if view.is_placed:
         return (view.place - before.place) / step
-    return turned((before.position_flu - view.position_flu) / step, view.heading)
+    moved = turned(before.position_flu - view.position_flu, view.heading) + np.subtract(view.point, before.point)
+    return moved / step
 
 
 def turned(vector: Array, yaw: float) -> Array:

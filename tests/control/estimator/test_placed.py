@@ -11,8 +11,9 @@ import pytest
 from mkdaemon.control.estimator.estimator import Estimator
 from mkdaemon.control.estimator.model import AircraftModel
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.sight import velocity_between
-from mkdaemon.frames import rotation_from_euler
+from mkdaemon.control.sight import velocity_between, view_of
+from mkdaemon.frames import quaternion_from_rotation, rotation_from_euler
+from tests.control import events
 
 SD = 0.002
 
@@ -51,18 +52,35 @@ def test_height_and_distance_are_those_of_the_place():
     assert seen.height == -float(seen.position_flu[2])
 
 
-def test_far_from_the_origin_of_a_map_a_crooked_camera_moves_neither_place_nor_height():
-    place = (-6.0, 0.5, 0.4)
-    crooked = replace(view(0.0, place, tilt=math.radians(2.0), camera="down", is_placed=False), is_of_map=True)
-    over_map = Estimator(AircraftModel(), crooked, 118.0, compass=0.3)
+def of_map(place, tilt, *, is_of_map=True, at=0.0):
+    """A pose on a map, by a camera that is mounted crooked, as the estimator takes it."""
+    rotation = rotation_from_euler(0.0, tilt, 0.3)
+    pose = events.pose(at).model_copy(
+        update={
+            "position_target": place,
+            "position_flu": tuple(-rotation.T @ np.array(place)),
+            "quaternion_target_from_flu": quaternion_from_rotation(rotation),
+            "is_of_map": is_of_map,
+        }
+    )
+    return view_of(pose)
+
+
+def test_six_metres_from_the_origin_of_a_map_a_crooked_camera_moves_it_by_its_height_alone():
+    place, crooked = (-6.0, 0.5, 0.4), math.radians(2.0)
+    first = of_map(place, crooked)
+    estimator = Estimator(AircraftModel(), first, 118.0, compass=0.3)
     for k in range(1, 60):
-        over_map.attitude_received(0.03 * k - 0.01, 0.0, 0.0, 0.3)
-        over_map.target_seen(replace(crooked, at=0.03 * k), 0.03 * k)
-    assert (crooked.height, crooked.aside) == (pytest.approx(0.4), pytest.approx(math.hypot(6.0, 0.5)))
-    assert over_map.estimate(1.77).position == pytest.approx(place, abs=0.005)
-    assert velocity_between(
-        crooked, replace(view(0.1, (-5.9, 0.5, 0.4), camera="down"), is_placed=False, is_of_map=True)
-    ) == (pytest.approx((1.0, 0.0, 0.0), abs=1e-9))
+        estimator.attitude_received(0.03 * k - 0.01, 0.0, 0.0, 0.3)
+        estimator.target_seen(replace(first, at=0.03 * k), 0.03 * k)
+    off = math.dist(estimator.estimate(1.77).position, place)
+    assert (first.height, first.aside) == (pytest.approx(0.4, abs=0.001), pytest.approx(math.hypot(6.0, 0.5)))
+    assert first.place == pytest.approx(place)
+    assert off < 0.4 * math.sin(crooked) + 0.002
+    # Of its origin it would be 6 m times the tilt.
+    assert abs(of_map(place, crooked, is_of_map=False).height - 0.4) > 0.19
+    later = of_map((-5.9, 0.5, 0.4), crooked, at=0.1)
+    assert velocity_between(first, later) == pytest.approx((1.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_a_velocity_is_the_difference_of_two_places():

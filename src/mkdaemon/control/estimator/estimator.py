@@ -155,7 +155,8 @@ class Estimator:
         """Return the filters of both horizontal axes and of the vertical one, begun with the first view."""
         tuning = self._tuning
         level, upright = np.zeros((2, LEVEL_STATES)), np.zeros((1, 4))
-        level[:, P] = view.place[:2] if view.shows_place else -(self._turn_matrix(view.at) @ view.position_flu)[:2]
+        seen = view.point - self._turn_matrix(view.at) @ view.position_flu
+        level[:, P] = (view.place if view.is_placed else seen)[:2]
         level[:, V] = velocity[:2]
         upright[0, [H, S, F]] = view.height, velocity[2], thrust
         spread = np.diag(tuning.first_upright_spread) ** 2
@@ -313,7 +314,7 @@ class Estimator:
             self._align(view)
             self._seen_at = max(self._seen_at, min(view.at, now))
         turn = self._turn_matrix(view.at)
-        if view.shows_place:
+        if view.is_placed:
             seen, spread, common = -view.place, view.covariance[:3, :3], view.calibration_covariance
         else:
             seen, spread = turn @ view.position_flu, turn @ view.sight_covariance @ turn.T
@@ -333,7 +334,7 @@ class Estimator:
     def _see_place(
         self, view: TargetView, seen: Array, spread: Array, bias: Array, *, is_trusted: bool
     ) -> tuple[str, ...]:
-        """Take the horizontal place (3,) of the target, as if level [m], its covariance (3, 3), its bias' (3,).
+        """Take the horizontal place (3,) of the view's point, as if level [m], its covariance (3, 3), its bias' (3,).
 
         What was measured in the target frame depends on no tilt. Returns the cameras that it shows to be wrong.
         """
@@ -341,11 +342,12 @@ class Estimator:
         speed = max(map(abs, self._level.states[:, V].tolist()))
         timing = (speed * tuning.stamp_sd) ** 2
         row = np.zeros(LEVEL_STATES)
-        row[P], row[T] = 1.0, 0.0 if view.shows_place else seen[2]
+        row[P], row[T] = 1.0, 0.0 if view.is_placed else seen[2]
         variance = np.maximum(spread.diagonal()[:2], 0.0) + tuning.view_floor**2 + timing
         doubt = tuning.doubt if self._cameras.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0  # a contradicting camera is compared, not used
-        place = (0.0 if view.shows_place else _leant(self._level.states_at(view.at)[:, T], seen)) - seen[:2]
+        place = (0.0 if view.is_placed else _leant(self._level.states_at(view.at)[:, T], seen)) - seen[:2]
+        place = place + view.point[:2]
         measurement = Measurement(view.at, row, place, variance, gate, bias[:2], view.camera)
         ratio = self._level.measure(measurement, doubt)
         if ratio is None:
@@ -376,14 +378,14 @@ class Estimator:
 
         Returns the cameras that it shows to be wrong.
         """
-        tuning, tilt = self._tuning, np.zeros(2) if view.shows_place else self._level.states_at(view.at)[:, T]
+        tuning, tilt = self._tuning, np.zeros(2) if view.is_placed else self._level.states_at(view.at)[:, T]
         # Height over the target's plane: h = -n . r, with r the target from the aircraft and n the plane's normal, both
         # in axes turned level by heading alone. var(h) = n' S n + x^2 var(tilt x) + y^2 var(tilt y) + floor^2.
         normal = np.array([-tilt[0], -tilt[1], 1.0]) / math.sqrt(1.0 + float(tilt @ tilt))
         row = np.zeros(4)
         row[H] = 1.0
         # A wrong tilt turns the far target upright.
-        leaning = 0.0 if view.shows_place else float(seen[:2] ** 2 @ self._level.covariances[:, T, T])
+        leaning = 0.0 if view.is_placed else float(seen[:2] ** 2 @ self._level.covariances[:, T, T])
         variance = max(0.0, float(normal @ spread @ normal)) + tuning.height_floor**2 + leaning
         doubt = tuning.upright_doubt if self._heights.doubts(view.camera, view.at) else None
         gate = GATE if is_trusted or doubt is not None else 0.0

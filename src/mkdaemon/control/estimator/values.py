@@ -83,14 +83,16 @@ class TargetView:
 
     Attributes:
         at: middle of the exposure [s; monotonic].
-        position_flu: the target's origin in the body frame (3,) [m; FLU].
+        position_flu: `point` in the body frame (3,) [m; FLU].
         target_from_flu: attitude of the vehicle in the target frame (3, 3).
         covariance: of the vehicle's pose in the target frame (6, 6): position [m] and rotation vector [rad].
         camera: whose image it was.
         calibration_sd: what of that covariance all images of this camera have in common: standard deviations along the
             line of sight [m], across it [m], of the angle [rad].
-        is_placed: it is of a source of poses from outside, as motion capture.
-        is_of_map: the target is a map: its tags lie around the vehicle, and its origin may be metres away.
+        is_placed: the vehicle's place in the target frame was measured, whatever its attitude: by motion capture. A
+            camera measures where the target lies in the body frame.
+        point: what it measures of the target [m; target frame]: its origin, or of a map the ground below the vehicle.
+        is_of_map: tags of the target lie around the vehicle, which may lean.
     """
 
     at: float
@@ -100,16 +102,8 @@ class TargetView:
     camera: str = ""
     calibration_sd: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_placed: bool = False
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_of_map: bool = False
-
-    @property
-    def shows_place(self) -> bool:
-        """Whether it measures the vehicle's place in the target frame, whatever the attitude.
-
-        A camera over one target measures where that lies in the body frame. Six metres from the origin of a map, a
-        tilt that is off by one degree would move that by 10 cm, in height too.
-        """
-        return self.is_placed or self.is_of_map
 
     @property
     def heading(self) -> float:
@@ -119,24 +113,24 @@ class TargetView:
     @cached_property
     def place(self) -> Array:
         """The vehicle in the target frame (3,) [m]."""
-        place: Array = -self.target_from_flu @ self.position_flu
+        place: Array = self.point - self.target_from_flu @ self.position_flu
         return place
 
     @property
     def height(self) -> float:
-        """Of the vehicle above the target; where only the target was measured, as if the vehicle were level [m]."""
-        return float(self.place[2]) if self.shows_place else -float(self.position_flu[2])
+        """Of the vehicle above the target; by a camera as if the vehicle were level [m]."""
+        return float(self.place[2]) if self.is_placed else -float(self.position_flu[2])
 
     @property
     def aside(self) -> float:
-        """Distance from the middle of the target over ground, likewise [m]."""
-        return math.hypot(*(self.place if self.shows_place else self.position_flu)[:2].tolist())
+        """Distance from the middle of the target over ground; over one target as if the vehicle were level [m]."""
+        return math.hypot(*(self.place if self.is_placed or self.is_of_map else self.position_flu)[:2].tolist())
 
     @cached_property
     def sight_covariance(self) -> Array:
         """Covariance (3, 3) of `position_flu` [m2].
 
-        With p the vehicle in the target frame and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
+        With p the vehicle as seen from `point` and R its attitude, m = -R'p, so dm = -R'dp - R'[p]x dr.
         """
         r = self.target_from_flu
         p = -r @ self.position_flu
@@ -147,13 +141,8 @@ class TargetView:
 
     @cached_property
     def calibration_covariance(self) -> Array:
-        """Share (3, 3) of the place, or of `sight_covariance`, that all images of this camera have in common [m2].
-
-        The tags of a map are seen from above.
-        """
+        """Share (3, 3) of `sight_covariance` that all images of this camera have in common [m2]."""
         along_sd, across_sd, _ = self.calibration_sd
-        if self.shows_place:
-            return np.diag([across_sd, across_sd, along_sd]) ** 2
         sight = self.position_flu / max(math.hypot(*self.position_flu.tolist()), 1e-9)
         along = np.multiply.outer(sight, sight)
         covariance: Array = along_sd**2 * along + across_sd**2 * (_IDENTITY - along)
@@ -175,7 +164,7 @@ class TargetView:
             return ViewFault.NO_ROTATION
         if np.abs(covariance - covariance.T).max() > SKEWED * widest or not _is_positive(covariance):
             return ViewFault.NO_COVARIANCE
-        whole = covariance[:3, :3] if self.shows_place else self.sight_covariance
+        whole = covariance[:3, :3] if self.is_placed else self.sight_covariance
         is_too_wide = self.calibration_covariance.trace() > (1.0 + SKEWED) * whole.trace()
         return ViewFault.CALIBRATION if is_too_wide else None
 

@@ -164,7 +164,7 @@ class Arrival:
 
 def costs_by(view: TargetView) -> HorizontalCosts:
     """Weights for a flight whose estimate begins with a view."""
-    return BY_PLACE if view.shows_place else OVER_TARGET
+    return BY_PLACE if view.is_placed or view.is_of_map else OVER_TARGET
 
 
 def new_autopilot(cfg: AutopilotConfig, estimator: Estimator, estimate: Estimate) -> Autopilot:
