@@ -6,23 +6,36 @@ The prose of the page is written by hand; a table stands between `<!-- table NAM
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any, Final
 
-from tools.accuracy_goals import FAR, GOALS, NEAR, WITH, WITHOUT, Results, Row, goals_of
 from tools.markdown import table
 
+Results = Mapping[str, Any]
+"""docs/results/vision.json."""
+Row = Mapping[str, Any]
 Rows = Iterator[tuple[str, ...]]
 FEET: Final = {0.6096: "2 ft (0.61 m)", 1.2192: "4 ft (1.22 m)", 1.8288: "6 ft (1.83 m)", 4.572: "15 ft (4.57 m)"}
 """Distances that 2010 measured."""
-EYES: Final = ("with_attitude", "without_attitude")
 WORDS: Final = {"rolling_told": "rolling, line time known", "rolling_untold": "rolling, line time unknown"}
 """Names of parts whose keys do not say it."""
-TARGETS: Final = ("nested", "single")
+COUNTED: Final = ("flights", "published", "hardships", "decks", "adverse", "real", "leaving")
+"""Campaigns whose wrong poses are summed."""
 
 
 def _named(part: Any) -> Iterator[tuple[str, Any]]:
     """The parts of a campaign, each with its name as words, beside figures of the whole."""
     return ((WORDS.get(name, name.replace("_", " ")), row) for name, row in part.items() if isinstance(row, Mapping))
+
+
+def _counts(tree: Any) -> Iterator[Row]:
+    """Yield the rows below a part of the results; a row has a count `wrong`."""
+    if isinstance(tree, Mapping):
+        if "wrong" in tree:
+            yield tree
+        else:
+            for below in tree.values():
+                yield from _counts(below)
 
 
 def _share(value: float, digits: int = 0) -> str:
@@ -33,19 +46,20 @@ def _all(values: list[float], digits: int) -> str:
     return " / ".join(f"{value:.{digits}f}" for value in values)
 
 
-def _posed(row: Row) -> str:
-    """Posed of all images, and wrong."""
-    return f"{_share(row['posed'] / row['images'], 1)}, {row['wrong']}"
-
-
 def _first(row: Row) -> str:
     return " / ".join(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude"))
 
 
-def _seeds(results: Results) -> Rows:
-    """Which reporting seeds each campaign was drawn from."""
-    found = ((name, one) for name, one in results.items() if isinstance(one, dict) and "base" in one)
-    return ((f"`{name}`", f"{one['base']:,}") for name, one in found)
+def _wrong(results: Results) -> Rows:
+    """Poses and wrong ones of each campaign, its first seed, and of all together."""
+    sums = [0, 0]
+    for name in COUNTED:
+        case = results[name]
+        rows = [case["whole"]] if "whole" in case else list(_counts(case))
+        counts = (sum(row.get("published", row.get("posed")) for row in rows), sum(row["wrong"] for row in rows))
+        sums = [whole + count for whole, count in zip(sums, counts, strict=True)]
+        yield f"`{name}`", f"{case['base']:,}", f"{counts[0]:,}", str(counts[1])
+    yield "all", "", f"{sums[0]:,}", str(sums[1])
 
 
 def _distances(results: Results) -> Rows:
@@ -68,10 +82,6 @@ def _cold(results: Results) -> Rows:
         yield f"{nested['distance']:g} m", _first(nested), _first(single), str(wrong)
 
 
-def _cold_720p(results: Results) -> Rows:
-    return ((f"{row['distance']:g} m", _first(row), str(row["wrong"])) for row in results["cold"]["single_720p"])
-
-
 def _steep(results: Results) -> Rows:
     for centre, edge in zip(results["view_angle"]["centre"], results["view_angle"]["edge"], strict=True):
         cells = (f"{_share(row['decoded'])} / {_share(row['posed'])}" for row in (centre, edge))
@@ -84,112 +94,47 @@ def _stills(results: Results) -> Rows:
         yield row["condition"].replace("_", " "), *_first(row).split(" / "), str(row["wrong"])
 
 
-def _cameras(results: Results) -> Rows:
-    for words, camera in _named(results["real"]):
-        cells = []
-        for row in (camera[eyes][part] for eyes in (WITH, WITHOUT) for part in (NEAR, FAR)):
-            errors = "" if not row["posed"] else (
-                f"; {row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg, {row['range_bias_percent']:+.2f} %, "
-                f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
-            )  # fmt: skip
-            cells.append(_posed(row) + errors)
-        yield words, *cells
+def _flown(results: Results, *, campaign: str) -> Rows:
+    """A campaign of flights: each part, and what was made of it with attitude and without."""
+    for words, part in _named(results[campaign]):
+        yield words, *map(_figures, _counts(part))
 
 
-def _plain_cameras(results: Results) -> Rows:
-    for words, camera in _named(results["real"]):
-        rows = [camera[program][part] for program in ("apriltag", "opencv") for part in (NEAR, FAR)]
-        yield words, *(f"{_share(row['posed'] / row['images'])}, {row['wrong']}" for row in rows)
-
-
-def _published(results: Results) -> Rows:
-    for words, camera in _named(results["published"]):
-        eyes = [camera[which] for which in (WITH, WITHOUT)]
-        yield words, str(eyes[0]["images"]), *(f"{one['posed']}, {one['wrong']}" for one in eyes)
-
-
-def _hardships(results: Results) -> Rows:
-    for words, hardship in _named(results["conditions"]["flights"]):
-        cells = []
-        for row in (hardship[eyes] for eyes in (WITH, WITHOUT)):
-            usual = f"{row['median_cm']:.2f} cm, {row['median_deg']:.2f} deg"
-            largest = f"{row['largest_cm']:.1f} cm, {row['largest_deg']:.1f} deg"
-            measured = f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})"
-            cells += [_posed(row), f"{usual}; {largest}", f"{measured}, {row['nees_published_mean']:.2f}"]
-        yield words, *cells
-
-
-def _adverse(results: Results) -> Rows:
-    for words, trial in _named(results["adverse"]):
-        found = [trial[program] for program in (WITH, WITHOUT, "apriltag", "opencv")]
-        yield words, str(found[0]["images"]), *map(_posed, found)
-
-
-def _decks(results: Results) -> Rows:
-    for words, nested in _named(results["decks"]):
-        name, _, target = words.rpartition(" ")
-        if target != TARGETS[0]:
-            continue
-        pair = [nested[WITH], results["decks"][f"{name.replace(' ', '_')}_{TARGETS[1]}"][WITH]]
-        yield (
-            name,
-            *(_share(row["posed"] / row["images"], 1) for row in pair),
-            str(sum(row["wrong"] for row in pair)),
-            ", ".join(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})" for row in pair),
-            ", ".join(f"{row['nees_published_mean']:.2f}" for row in pair),
-        )
+def _figures(row: Row) -> str:
+    """Posed of all images and wrong; median errors, largest ones, and NEES, where they were kept."""
+    shown = [f"{_share(row['posed'] / row['images'], 1)}, {row['wrong']}"]
+    for name, digits in (("median", 2), ("largest", 1)):
+        if f"{name}_cm" in row:
+            shown.append(f"{row[f'{name}_cm']:.{digits}f} cm, {row[f'{name}_deg']:.{digits}f} deg")
+    if "nees_mean" in row:
+        shown.append(f"{row['nees_mean']:.2f} ({row['nees_median']:.2f})")
+    return "; ".join(shown)
 
 
 def _leaving(results: Results) -> Rows:
-    """Targets on their way out of the image, by where their middle is."""
-    for words, one in _named(results["leaving"]):
-        counts = (f"{one[key]:,}" for key in ("images", "published", "wrong", "faults"))
-        yield words, *counts, *map(_share, one["posed_by_way_out"].values())
-
-
-def _flights(results: Results) -> Rows:
-    for target in TARGETS:
-        for eyes in EYES:
-            row = results["flights"][target][eyes]
-            usual = f"{row['median_cm']:.3f} cm, {row['median_deg']:.3f} deg"
-            largest = f"{row['p99_cm']:.2f} cm, {row['p99_deg']:.2f} deg"
-            posed = f"{_share(row['posed'], 1)} of {row['frames']}"
-            yield f"{target} {eyes.replace('_', ' ')}", posed, str(row["wrong"]), str(row["flips"]), usual, largest
-
-
-def _troubles(results: Results) -> Rows:
-    """Posed in flights by what was wrong with the image."""
-    found = [results["flights"][target][eyes] for target in TARGETS for eyes in EYES]
-    names = sorted(found[0]["posed_by_trouble"], key=lambda name: (name != "none", name))
-    return ((name, *(_share(one["posed_by_trouble"][name]) for one in found)) for name in names)
-
-
-def _nees(results: Results) -> Rows:
-    for kind, words in (("measurement", "measurement, exact lens"), ("published", "published, lens within the floor")):
-        pair = [results["nees"][f"{kind}_{target}"] for target in TARGETS]
-        yield words, *(f"{one['nees_per_dof']:.2f} ({one['median']:.2f})" for one in pair)
+    for words, part in _named(results["leaving"]):
+        counts = (f"{part['images']:,}", f"{part['published']:,}", str(part["wrong"]), str(part["faults"]))
+        yield words, *counts, *map(_share, part["posed_by_way_out"].values())
 
 
 _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
-    "seeds": ("campaign|reporting seeds from", _seeds),
-    "distances": ("distance|posed|mean 3-D|largest|mean range|sd x / y / z|sd roll / pitch / yaw|wrong", _distances),
+    "wrong": ("campaign|reporting seeds from|poses|wrong", _wrong),
+    "distances": (
+        "distance|posed|mean 3-D|largest|mean range|sd x / y / z|sd roll / pitch / yaw|wrong",
+        _distances,
+    ),
     "cold": ("distance|nested|single|wrong", _cold),
-    "cold_720p": ("distance|single, 1280x720|wrong", _cold_720p),
     "steep": ("angle|in the middle|near the edge of the image|whole tags there, posed|wrong", _steep),
     "stills": ("condition|decoded|posed with attitude|without|wrong", _stills),
-    "cameras": ("camera|with attitude, to 4 m|4-8 m|without, to 4 m|4-8 m", _cameras),
-    "plain_cameras": ("posed, wrong|AprilTag, to 4 m|4-8 m|OpenCV, to 4 m|4-8 m", _plain_cameras),
-    "published": ("camera|images|with attitude: published, wrong|without", _published),
-    "hardships": ("hardship|with attitude|errors|NEES|without|errors|NEES", _hardships),
-    "adverse": ("posed, wrong|images|with attitude|without|AprilTag|OpenCV", _adverse),
-    "decks": ("attitude|nested|single|wrong|NEES of the measurement, mean (median)|as published", _decks),
+    "cameras": ("camera|with attitude, to 4 m|4-8 m|without, to 4 m|4-8 m", partial(_flown, campaign="real")),
+    "hardships": ("hardship|with attitude|without", partial(_flown, campaign="hardships")),
+    "adverse": ("hardship|with attitude|without", partial(_flown, campaign="adverse")),
+    "decks": ("attitude, target|with attitude", partial(_flown, campaign="decks")),
     "leaving": (
         "target, shutter|images|published|wrong|faults|at 35 % of the way out|75 %|100 %|125 %",
         _leaving,
     ),
-    "flights": ("target|posed|wrong|flips|median error|99 %", _flights),
-    "troubles": ("trouble|nested with attitude|without|single with attitude|without", _troubles),
-    "nees": ("mean (median) NEES per degree of freedom|nested|single", _nees),
+    "flights": ("target|with attitude|without", partial(_flown, campaign="flights")),
 }
 """The columns of each table, and its rows."""
 
@@ -199,7 +144,6 @@ def _lines(head: str, rows: Callable[[Results], Rows]) -> Callable[[Results], It
 
 
 TABLES: Final[Mapping[str, Callable[[Results], Iterator[str]]]] = {
-    **{name: _lines(*shown) for name, shown in _SHOWN.items()},
-    **{name: goals_of(name) for name in GOALS},
+    name: _lines(*shown) for name, shown in _SHOWN.items()
 }
 """The tables by the names that the page gives them."""

@@ -1,7 +1,6 @@
 """What a camera meets outdoors and indoors beside light: fog, rain, propellers, lamps, an analog link, hands and feet.
 
-A lens of 120 degrees and a rolling shutter on a shaking frame, told and untold, are flown with them. The same images go
-through plain AprilTag and OpenCV.
+A lens of 120 degrees and a rolling shutter on a shaking frame, told and untold, are flown with them.
 """
 
 from __future__ import annotations
@@ -15,11 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import VGA, Device
-from lab.vision.looks import Look, flights, summed
-from lab.vision.parts import Case, Part
-from lab.vision.real import RESPONSE, plain_programs
-from lab.vision.stills import SeedSet, target_named
-from lab.vision.weather import SKIES, Change, Sky, SkyWeather, fly_through
+from lab.vision.real import RESPONSE
+from lab.vision.weather import SKIES, Change, Sky
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.analogvideo import AnalogVideo
 from mksim.scene.hindrances import Drops, Flicker, Fog, Propellers
@@ -28,9 +24,6 @@ from mksim.scene.view import CameraView
 
 Array = npt.NDArray[np.float64]
 
-SECONDS: Final = 4.0
-FLIGHT_IMAGES: Final = int(30 * SECONDS)
-FLIGHTS: Final = 6
 READOUT: Final = 0.025
 LINE_TIME: Final = READOUT / VGA.height
 FRAME_HZ: Final = 85.0
@@ -136,18 +129,3 @@ TRIALS: Final = {
     "rolling_untold": Sky(SKIES["fair"].change, SHAKES, lens=UNTOLD),
 }
 """By name."""
-
-
-def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
-    return flights(_fly, TRIALS, seeds.base + 1500, 1 if quick else FLIGHTS, FLIGHT_IMAGES)
-
-
-def _fly(name: str, seed: int) -> dict[str, list[Look]]:
-    """One flight through all programs."""
-    trial, target = TRIALS[name], target_named("nested")
-    weather = SkyWeather(trial, seed, target.tags[0].size, salt=0xAD5E)
-    return fly_through(trial, seed, SECONDS, weather, plain_programs(target, trial.lens))
-
-
-ADVERSE: Final = Case(_plan, summed)
-"""Posed and wrong of four programs under each."""

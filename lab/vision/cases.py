@@ -9,19 +9,16 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from lab.vision.flight import VGA, share_in_view
-from lab.vision.looks import Look, flights, look, summed
+from lab.vision.looks import Look, look
 from lab.vision.parts import Case, Part
-from lab.vision.stills import HD, SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
+from lab.vision.stills import SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
 from lab.vision.troubles import band, patches, shadow
-from lab.vision.weather import FLIGHT_IMAGES, SKIES, fly_conditions
-from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
 from mksim.scene.light import Glare, LightConditions
 
 FOOT = 0.3048
 COLD_DISTANCES = (0.10, 0.15, 0.2, 0.3, 0.5, 0.75, 1.0, 2.0, 3.0, 4.57, 6.0, 8.0, 9.0, 10.0, 11.0, 12.0)
-HD_DISTANCES = (2.0, 8.0, 12.0, 15.0, 18.0)
 ERROR_DISTANCES = (0.5, 2 * FOOT, 1.0, 4 * FOOT, 6 * FOOT, 2.5, 3.5, 15 * FOOT, 8.0, 12.0)
 ANGLES_DEG = (60, 70, 73, 75, 78, 80, 82, 84)
 
@@ -34,22 +31,21 @@ def _plan_cold(quick: bool, seeds: SeedSet) -> list[Part]:
     count = 10 if quick else 40
     return [
         Part(_cold_row, (name, distance, count, seeds.base + 100, part), count)
-        for name, distances in (("nested", COLD_DISTANCES), ("single", COLD_DISTANCES), ("single_720p", HD_DISTANCES))
-        for part, distance in enumerate(distances)
+        for name in ("nested", "single")
+        for part, distance in enumerate(COLD_DISTANCES)
     ]
 
 
 def _cold_row(name: str, distance: float, count: int, seed: int, part: int) -> dict[str, Any]:
     """Share of single images in which a target is decoded, and posed, at one distance."""
-    target = target_named(name.partition("_")[0])
-    intrinsics = HD if name.endswith("720p") else VGA
-    studio = Studio(target, seed, intrinsics=intrinsics, fine=False, part=part)
+    target = target_named(name)
+    studio = Studio(target, seed, fine=False, part=part)
     off = 0.05 if distance < 0.2 else 0.12
     stills = (studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=off) for _ in range(count))
-    return {"distance": distance, **_shares(_asked(target, stills, intrinsics))}
+    return {"distance": distance, **_shares(_asked(target, stills))}
 
 
-def _sum_up_cold(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _sum_up_rows(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return {"images_each": parts[0].images, **_by_first_argument(parts, rows)}
 
 
@@ -60,7 +56,7 @@ def _by_first_argument(parts: Sequence[Part], rows: Sequence[dict[str, Any]]) ->
     return grouped
 
 
-def _asked(target: Target, stills: Iterable[Still], intrinsics: Intrinsics = VGA, *, blind: bool = True) -> list[_Seen]:
+def _asked(target: Target, stills: Iterable[Still], *, blind: bool = True) -> list[_Seen]:
     """Look at each image with attitude and, unless told otherwise, without."""
     tags = TagMap((target,))
     detector = Detector(tags.whitelist, covered=covered_cells(tags))
@@ -69,7 +65,7 @@ def _asked(target: Target, stills: Iterable[Still], intrinsics: Intrinsics = VGA
             still,
             bool(search_in_turn(detector, still.image.pixels)),
             [
-                look(still, look_once(still, target, intrinsics, with_attitude=known).pose_of(target.name))
+                look(still, look_once(still, target, VGA, with_attitude=known).pose_of(target.name))
                 for known in ((True, False) if blind else (True,))
             ],
         )
@@ -150,10 +146,6 @@ def _view_row(place: str, degrees: int, count: int, seed: int, part: int) -> dic
     return {"angle_deg": degrees, **_shares(seen), "whole": len(whole), "posed_whole": posed_whole}
 
 
-def _sum_up_view_angle(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    return {"images_each": parts[0].images, **_by_first_argument(parts, rows)}
-
-
 def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditions]]:
     """What light, lens and things lying about do, by name."""
     base = LightConditions()
@@ -175,11 +167,8 @@ def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditi
 
 
 def _plan_conditions(quick: bool, seeds: SeedSet) -> list[Part]:
-    count, each = (12, 1) if quick else (50, 6)
-    stills = [
-        Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))
-    ]
-    return stills + flights(fly_conditions, SKIES, seeds.base + 1400, each, FLIGHT_IMAGES)
+    count = 12 if quick else 50
+    return [Part(_condition_row, (name, count, seeds.base + 400, part), count) for part, name in enumerate(draws(1.0))]
 
 
 def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any]:
@@ -195,13 +184,8 @@ def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any
     return {"condition": name, **_shares(_asked(target, stills))}
 
 
-def _sum_up_conditions(quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    stills = [row for part, row in zip(parts, rows, strict=True) if part.work is _condition_row]
-    return {
-        "images_each": parts[0].images,
-        "by_condition": stills,
-        "flights": summed(quick, parts[len(stills) :], rows[len(stills) :]),
-    }
+def _sum_up_conditions(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {"images_each": parts[0].images, "by_condition": list(rows)}
 
 
 def _glare(rng: np.random.Generator, side: float, share: float) -> Glare:
@@ -218,11 +202,11 @@ def _list(values: Any) -> list[float]:
     return [_round(value) for value in values]
 
 
-COLD: Final = Case(_plan_cold, _sum_up_cold)
+COLD: Final = Case(_plan_cold, _sum_up_rows)
 """Share of single images in which a target is decoded, and posed, by distance."""
 ACCURACY: Final = Case(_plan_accuracy, _sum_up_accuracy)
 """Mean and deviation of position and angles, by distance."""
-VIEW_ANGLE: Final = Case(_plan_view_angle, _sum_up_view_angle)
+VIEW_ANGLE: Final = Case(_plan_view_angle, _sum_up_rows)
 """Share of images posed at steep views, the target in the middle and near the edge of the image."""
 CONDITIONS: Final = Case(_plan_conditions, _sum_up_conditions)
 """Cold start under occlusion, light and lens faults."""

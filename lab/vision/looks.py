@@ -13,7 +13,7 @@ from lab.vision.flight import LOOKING_DOWN, FlightFrame
 from lab.vision.parts import Part
 from lab.vision.stills import WRONG_DEG, WRONG_M, error_of
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.pose.pose import Pose, with_floor
+from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
@@ -50,7 +50,7 @@ class Look:
         turned: angle from the truth [deg].
         farther: measured distance over the true one, less 1.
         nees: of the measurement, per degree of freedom, without the calibration floor, as the lens is known exactly
-            here; NaN for programs that give no covariance.
+            here.
         nees_published: of the published covariance, which has that floor in it.
     """
 
@@ -64,27 +64,20 @@ class Look:
     nees_published: float = np.nan
 
 
-def judged(shown: Shown, rotation: Array, position: Array, measured: Pose | None = None) -> Look:
-    """A pose against the truth; with its covariance, where it has one."""
-    error = error_of(rotation, position, shown.rotation, shown.position)
-    distance = float(np.linalg.norm(shown.position))
-    nees = published = float("nan")
-    if measured is not None:
-        vector = np.array([*error.xyz, *error.rpy])
-        nees, published = (
-            float(vector @ np.linalg.solve(covariance, vector)) / 6
-            for covariance in (measured.covariance, with_floor(measured))
-        )
-    wrong = error.distance > max(WRONG_M, SHARE_M * distance) or error.angle_deg > WRONG_DEG
-    farther = float(np.linalg.norm(position)) / distance - 1.0
-    return Look(distance, True, wrong, error.distance, error.angle_deg, farther, nees, published)
-
-
 def look(shown: Shown, found: TargetPose | None) -> Look:
-    """What the eyes made of an image."""
+    """What the eyes made of an image, against the truth."""
+    distance = float(np.linalg.norm(shown.position))
     if found is None:
-        return Look(float(np.linalg.norm(shown.position)))
-    return judged(shown, found.pose.rotation, found.pose.position, found.pose)
+        return Look(distance)
+    pose = found.pose
+    error = error_of(pose.rotation, pose.position, shown.rotation, shown.position)
+    vector = np.array([*error.xyz, *error.rpy])
+    nees, published = (
+        float(vector @ np.linalg.solve(covariance, vector)) / 6 for covariance in (pose.covariance, with_floor(pose))
+    )
+    wrong = error.distance > max(WRONG_M, SHARE_M * distance) or error.angle_deg > WRONG_DEG
+    farther = float(np.linalg.norm(pose.position)) / distance - 1.0
+    return Look(distance, True, wrong, error.distance, error.angle_deg, farther, nees, published)
 
 
 def eyes(target: Target, lens: Intrinsics) -> dict[str, Program]:
@@ -99,28 +92,21 @@ def eyes(target: Target, lens: Intrinsics) -> dict[str, Program]:
 
 
 def look_at(
-    frames: Iterable[FlightFrame],
-    following: Mapping[str, Program],
-    beside: Mapping[str, Program] | None = None,
-    *,
-    whole: bool = True,
+    frames: Iterable[FlightFrame], programs: Mapping[str, Program], *, whole: bool = True
 ) -> dict[str, list[Look]]:
     """What programs make of a flight.
 
     Args:
         frames: of the flight.
-        following: programs that see every image.
-        beside: programs that see only images that count.
+        programs: see every image.
         whole: only images that show the whole target count.
     """
-    looks: dict[str, list[Look]] = {program: [] for program in (*following, *(beside or {}))}
+    looks: dict[str, list[Look]] = {program: [] for program in programs}
     for frame in frames:
-        found = {name: program(frame) for name, program in following.items()}
-        if whole and frame.in_view < 1.0:
-            continue
-        found |= {name: program(frame) for name, program in (beside or {}).items()}
-        for name, one in found.items():
-            looks[name].append(one)
+        for name, program in programs.items():
+            found = program(frame)
+            if not whole or frame.in_view == 1.0:
+                looks[name].append(found)
     return looks
 
 
@@ -138,30 +124,24 @@ def figures(looks: Sequence[Look]) -> dict[str, Any]:
             "range_bias_percent": round(100 * float(np.median([one.farther for one in posed])), 3),
         }
         nees = np.array([(one.nees, one.nees_published) for one in posed])
-        if not np.isnan(nees).any():
-            row["nees_mean"], row["nees_published_mean"] = (round(float(mean), 2) for mean in nees.mean(axis=0))
-            row["nees_median"] = round(float(np.median(nees[:, 0])), 2)
+        row["nees_mean"], row["nees_published_mean"] = (round(float(mean), 2) for mean in nees.mean(axis=0))
+        row["nees_median"] = round(float(np.median(nees[:, 0])), 2)
     return row
 
 
 def summed(
+    figures: Callable[[Sequence[Look]], dict[str, Any]],
     _quick: bool,
     parts: Sequence[Part],
     found: Sequence[Mapping[str, Sequence[Look]]],
-    figures: Callable[[Sequence[Look]], dict[str, Any]] = figures,
 ) -> dict[str, Any]:
-    """Figures by the first argument of the parts and by program, and seeds, the second one, with a wrong pose."""
+    """Figures by the first argument of the parts and by program, and seeds, the last one, with a wrong pose."""
     rows: dict[str, Any] = {}
     for name in dict.fromkeys(part.args[0] for part in parts):
-        flights = [(part.args[1], looks) for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
+        flights = [(part.args[-1], looks) for part, looks in zip(parts, found, strict=True) if part.args[0] == name]
         rows[name] = {
             program: figures([one for _, looks in flights for one in looks[program]])
             | {"wrong_seeds": [seed for seed, looks in flights if any(one.wrong for one in looks[program])]}
             for program in flights[0][1]
         }
     return rows
-
-
-def flights(work: Callable[..., Any], names: Iterable[str], first: int, count: int, images: int) -> list[Part]:
-    """Parts: so many flights of each name, with seeds from a first one."""
-    return [Part(work, (name, first + k), images) for name in names for k in range(count)]

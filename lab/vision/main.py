@@ -17,51 +17,32 @@ from typing import Annotated, Any, Final
 import cv2
 from cyclopts import Parameter
 
-from lab.vision.adverse import ADVERSE
-from lab.vision.barometer import BAROMETER
 from lab.vision.cases import ACCURACY, COLD, CONDITIONS, VIEW_ANGLE
-from lab.vision.decks import DECKS
-from lab.vision.layouts import LAYOUTS
+from lab.vision.flights import FLOWN
 from lab.vision.leaving import LEAVING
-from lab.vision.never import FLIGHTS, FLIPS
-from lab.vision.night import NIGHT
 from lab.vision.parts import Case, Part, run_parts
-from lab.vision.rates import rates
-from lab.vision.real import PUBLISHED, REAL
-from lab.vision.searching import SEARCH
 from lab.vision.selfcal import SELFCAL
 from lab.vision.stages import stages
 from lab.vision.stills import SeedSet
 from lab.vision.tagfree import FALSE_POSITIVES
-from lab.vision.truth import CONSISTENCY, PHOTOGRAPH_CASE
+from lab.vision.truth import PHOTOGRAPH_CASE
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
 from mkdaemon.files import write_whole
 
 CASES: Final[dict[str, Case]] = {
     # One part: it runs in this process, alone, because what it measures is time.
-    "rates": Case(lambda quick, seeds: [Part(rates, (quick, seeds), 1)], lambda _quick, _parts, found: dict(found[0])),
     "stages": Case(
         lambda quick, seeds: [Part(stages, (quick, seeds), 1)], lambda _quick, _parts, found: dict(found[0])
     ),
-    "search": SEARCH,
     "cold": COLD,
     "accuracy": ACCURACY,
     "view_angle": VIEW_ANGLE,
     "conditions": CONDITIONS,
-    "flights": FLIGHTS,
-    "decks": DECKS,
-    "real": REAL,
-    "night": NIGHT,
-    "adverse": ADVERSE,
-    "published": PUBLISHED,
+    **FLOWN,
     "leaving": LEAVING,
-    "layouts": LAYOUTS,
     "selfcal": SELFCAL,
-    "barometer": BAROMETER,
-    "flips": FLIPS,
     "false_positives": FALSE_POSITIVES,
-    "nees": CONSISTENCY,
     "photographs": PHOTOGRAPH_CASE,
 }
 """The campaigns by name."""

@@ -22,13 +22,14 @@ from lab.campaign import Ending, Results, each_result, plain
 from lab.tables import show
 from lab.vision import tagfree
 from lab.vision.cases import draws
-from lab.vision.decks import LIES, lied
-from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA, FlightFrame, fly
+from lab.vision.decks import LIES
+from lab.vision.flight import GROUNDS, LOOKING_DOWN, FlightFrame, fly
+from lab.vision.flights import frames_of, lens_of
 from lab.vision.leaving import CAMERAS, ways_out
 from lab.vision.looks import look
-from lab.vision.real import DEVICES, FAR_M, NEAR_M, lens_of
+from lab.vision.real import DEVICES
 from lab.vision.stills import Still, Studio, look_once, target_named
-from lab.vision.weather import SKIES, SkyWeather
+from lab.vision.weather import SKIES
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
@@ -71,11 +72,8 @@ class Setting:
     @property
     def lens(self) -> Intrinsics:
         """What the eyes take the camera for."""
-        if self.scene == "leaving":
-            return CAMERAS[str(self.which)]
-        if self.which in SKIES:
-            return SKIES[str(self.which)].lens
-        return lens_of(str(self.which)) if self.which in DEVICES else VGA
+        which = str(self.which)
+        return CAMERAS[which] if self.scene == "leaving" else lens_of(self.scene, which)
 
     def views(self) -> Iterator[FlightFrame | Still]:
         """Render it, image by image."""
@@ -85,20 +83,10 @@ class Setting:
                 yield from (still for _, still in ways_out(self.target, which, self.images, self.seed, 0))
             case "free":
                 yield from self._grounds()
-            case "decks":
-                yield from lied(which, target, self.seed, seconds)
-            case "cameras":
-                yield from fly(
-                    target, self.seed, seconds=seconds, near=NEAR_M, far=FAR_M, troubled=False, device=DEVICES[which]
-                )
-            case "hardships":
-                sky = SKIES[which]
-                weather = SkyWeather(sky, self.seed, target.tags[0].size)
-                yield from fly(target, self.seed, seconds=seconds, troubled=False, device=sky.device, weather=weather)
             case "far":
                 yield from fly(target, self.seed, seconds=seconds, near=FAR_FLIGHT_M[0], far=FAR_FLIGHT_M[1])
-            case "flights":
-                yield from fly(target, self.seed, seconds=seconds)
+            case "decks" | "cameras" | "hardships" | "flights":
+                yield from frames_of(self.scene, which, target, self.seed, seconds)
             case _:
                 yield from self._stills()
 

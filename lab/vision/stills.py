@@ -17,7 +17,6 @@ from mkdaemon.frames import euler_from_rotation
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.pose import angle_between
 from mkdaemon.vision.tags.cellread import Detection
 from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
 from mkdaemon.vision.tags.tagmap import TagMap, Target
@@ -33,8 +32,6 @@ from mksim.scene.view import CameraView
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-HD: Final = Intrinsics(width=1280, height=720, fx=1200.0, fy=1200.0, cx=639.5, cy=359.5, line_time=0.0)
-"""The larger camera: 56 degrees wide as well."""
 WRONG_M: Final = 0.05
 WRONG_DEG: Final = 5.0
 """A published pose farther off than either is wrong."""
@@ -212,19 +209,3 @@ def error_of(rotation: Array, position: Array, true_rotation: Array, true_positi
     xyz = position - true_position
     rpy = np.asarray(cv2.Rodrigues(rotation @ true_rotation.T)[0]).ravel()
     return PoseError((float(xyz[0]), float(xyz[1]), float(xyz[2])), (float(rpy[0]), float(rpy[1]), float(rpy[2])))
-
-
-def is_flip(rotation: Array, position: Array, true_rotation: Array) -> bool:
-    """Whether a wrong rotation is the mirrored one: nearer to the truth mirrored about the line of sight than to it."""
-    off = angle_between(rotation, true_rotation)
-    if off < np.radians(WRONG_DEG):
-        return False
-    sight = -position / np.linalg.norm(position)
-    normal = true_rotation[:, 2]
-    axis = np.cross(normal, sight)
-    length = float(np.linalg.norm(axis))
-    if length < 1e-6:
-        return False
-    tilt = float(np.arctan2(length, normal @ sight))
-    mirrored = np.asarray(cv2.Rodrigues(axis / length * 2 * tilt)[0]) @ true_rotation
-    return angle_between(rotation, mirrored) < off

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from lab.vision.flight import VGA, Device, fly
-from lab.vision.looks import Look, Program, eyes, look_at
-from lab.vision.stills import target_named
+from lab.vision.flight import VGA, Device
 from mkdaemon.vision.camera.calibration_file import Intrinsics
 from mksim.scene.autoexposure import AutoExposure, AutoSettings
 from mksim.scene.curl import Curl
@@ -26,8 +24,6 @@ from mksim.scene.view import CameraView
 Change = Callable[[np.random.Generator, float], "Callable[[CameraView, LightConditions], LightConditions]"]
 """Draws a hardship for a target of a size [m]; what it gives changes the conditions of one image."""
 
-SECONDS: Final = 4.0
-FLIGHT_IMAGES: Final = int(30 * SECONDS)
 RESPONSE: Final = 0.03
 """Of a multirotor's frame to what shakes it [s]."""
 PLAIN: Final = Device(response=RESPONSE)
@@ -165,7 +161,7 @@ class SkyWeather:
         salt: draws apart what has the same seed.
     """
 
-    def __init__(self, sky: Sky, seed: int, side: float, salt: int = 0x5C7) -> None:
+    def __init__(self, sky: Sky, seed: int, side: float, salt: int) -> None:
         self._change = sky.change(np.random.default_rng([seed, salt]), side)
         self._gamma = sky.device.conditions.processing.gamma
         self._auto = AutoExposure(AutoSettings()) if sky.automatic else None
@@ -183,26 +179,3 @@ class SkyWeather:
         """Let the camera choose its exposure."""
         if self._auto is not None:
             self._auto.image_seen(pixels, self._gamma)
-
-
-def fly_conditions(name: str, seed: int, seconds: float = SECONDS) -> dict[str, list[Look]]:
-    """One flight through a hardship, by the eyes with attitude and without.
-
-    Args:
-        name: a key of `SKIES`.
-        seed: draws the flight and its hardship.
-        seconds: how long.
-
-    Returns:
-        What they made of the images that show the whole target.
-    """
-    return fly_through(SKIES[name], seed, seconds, SkyWeather(SKIES[name], seed, target_named("nested").tags[0].size))
-
-
-def fly_through(
-    sky: Sky, seed: int, seconds: float, weather: SkyWeather, beside: Mapping[str, Program] | None = None
-) -> dict[str, list[Look]]:
-    """One flight over the nested target, by the eyes with attitude and without, and by programs beside them."""
-    target, lens = target_named("nested"), VGA if sky.lens.model == VGA.model else sky.lens
-    frames = fly(target, seed, seconds=seconds, troubled=False, intrinsics=lens, device=sky.device, weather=weather)
-    return look_at(frames, eyes(target, sky.lens), beside)

@@ -1,4 +1,4 @@
-"""The trials of `lab vision --case adverse`: what lies over a target, and one that is flown for a moment."""
+"""Flights through hardships: what lies over a target moves, and a moment of each kind is flown."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import pytest
 
 from lab.vision import adverse
 from lab.vision.flight import VGA
-from lab.vision.stills import SeedSet
+from lab.vision.flights import FLOWN, fly_row
+from lab.vision.looks import WITH, WITHOUT
+from lab.vision.parts import Part
 from mksim.scene.light import LightConditions
 from mksim.scene.view import CameraView
 
@@ -27,9 +29,20 @@ def test_hand_and_foot_lie_over_a_side_and_move(name):
     assert np.ptp(middles, axis=0).max() > 0.01
 
 
-def test_a_trial_is_flown_through_four_programs(monkeypatch):
-    monkeypatch.setattr(adverse, "SECONDS", 0.1)
-    part = next(part for part in adverse.ADVERSE.plan(True, SeedSet.DEVELOPMENT) if part.args[0] == "fog")
-    row = adverse.ADVERSE.sum_up(True, [part], [adverse._fly(*part.args)])["fog"]
-    assert set(row) == {"eyes_with_attitude", "eyes_without", "apriltag", "opencv"}
-    assert [row["eyes_with_attitude"][name] for name in ("images", "posed", "wrong")] == [3, 3, 0]
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("hardships", "curl"),
+        ("hardships", "auto_exposure"),
+        ("adverse", "fog"),
+        ("real", "rolling"),
+        ("flights", "single"),
+    ],
+)
+def test_a_moment_is_flown_with_attitude_and_without(kind, name):
+    part = Part(fly_row, (name, kind, 3_001_401, 0.2), 6)
+    row = FLOWN[kind].sum_up(True, [part], [part.run()])[name]
+    assert set(row) == {WITH, WITHOUT}
+    seen = row[WITH] if kind != "real" else row[WITH]["to_4_m"]
+    assert (seen["images"], seen["wrong"]) == (6, 0)
+    assert seen["posed"] >= 3

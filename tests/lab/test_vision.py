@@ -10,9 +10,8 @@ import pytest
 
 from lab.vision.flight import VGA, fly, share_in_view
 from lab.vision.main import CASES, main, run_case
-from lab.vision.rates import Film
-from lab.vision.stills import SeedSet, Studio, error_of, is_flip, look_once, target_named
-from lab.vision.truth import labelled_tags, rotation_series
+from lab.vision.stills import SeedSet, Studio, error_of, look_once, target_named
+from lab.vision.truth import labelled_tags
 from mkdaemon.errors import ConfigError
 from mkdaemon.vision.pose.pose import turn
 
@@ -49,15 +48,9 @@ def test_the_share_of_a_target_in_view_counts_its_corners():
     assert shares == [1.0, 0.5, 0.0]
 
 
-def test_a_mirrored_pose_counts_as_flip_and_a_turned_one_as_wrong_only():
-    position = np.array([0.0, 0.0, 3.0])
-    true = turn(np.diag([1.0, -1.0, -1.0]), np.radians([15.0, 0, 0]))
-    mirrored = turn(np.diag([1.0, -1.0, -1.0]), np.radians([-15.0, 0, 0]))
-    yawed = turn(true, np.radians(20.0) * true[:, 2])
-    assert is_flip(mirrored, position, true)
-    assert not is_flip(true, position, true)
-    assert not is_flip(yawed, position, true)
-    assert error_of(yawed, position, true, position).is_wrong
+def test_a_pose_off_by_six_centimetres_or_turned_is_wrong():
+    true, position = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 3.0])
+    assert error_of(turn(true, np.radians([0, 0, 20.0])), position, true, position).is_wrong
     assert error_of(true, position + np.array([0, 0, 0.06]), true, position).is_wrong
     assert error_of(true, position, true, position).distance == 0.0
 
@@ -65,7 +58,7 @@ def test_a_mirrored_pose_counts_as_flip_and_a_turned_one_as_wrong_only():
 def test_an_unknown_case_names_the_known_ones():
     with pytest.raises(ConfigError, match="flights"):
         run_case("flight", True, SeedSet.DEVELOPMENT)
-    assert {"rates", "cold", "accuracy", "view_angle", "conditions", "flights", "false_positives", "nees"} <= set(CASES)
+    assert {"cold", "accuracy", "view_angle", "conditions", "flights", "hardships", "false_positives"} <= set(CASES)
 
 
 def test_photographs_case_prints_one_object_on_its_last_line(capsys, shared):
@@ -80,28 +73,3 @@ def test_photographs_of_real_tags(shared):
     assert labelled["labels"] == 47
     assert labelled["found"] >= 45
     assert labelled["corners_within_half_px"] >= 40  # the labels are without edge refinement, the corners are not
-    series = rotation_series(shared / "images" / "rotation")
-    assert series["images"] == 7
-    assert series["one_sense"]
-    # The tag turns about the camera's vertical axis, to the camera's right with rising nominal angle.
-    assert series["axis_cam"][1] < -0.9
-    assert series["step_error_sd_deg"] <= 1.4
-    assert series["largest_step_error_deg"] < 2.5
-    # Fits that take the published camera as exact are worse: its ratio of focal lengths contradicts the images.
-    assert series["exact_camera"]["step_error_sd_deg"] > series["step_error_sd_deg"]
-
-
-def test_a_film_shows_its_images_with_their_attitude_only_while_it_plays():
-    frames = list(fly(target_named("nested"), 5, seconds=0.2, troubled=False))
-    film = Film(frames, 200.0)
-    said = []
-    film.say = said.append
-    assert film.read(0.01) is None
-    film.playing.set()
-    shots = [film.read(1.0) for _ in range(8)]
-    order = [0, 1, 2, 3, 4, 5, 4, 3]
-    assert all(shot is not None and shot.pixels is frames[k].image.pixels for shot, k in zip(shots, order, strict=True))
-    assert [sample.time for sample in said] == [shot.arrived for shot in shots if shot is not None]
-    film.playing.clear()
-    assert film.read(0.01) is None
-    assert film.shown == 8
