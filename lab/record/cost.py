@@ -25,14 +25,13 @@ SETTLE: Final = 3.0
 LINK: Final = "rates = {debug = 50, attitude = 20}\necho_hz = 5\n"
 """As much as a FlightCtrl's line carries beside setpoints at 50 Hz."""
 OFF: Final = "[record]\nenabled = false\n"
-JSON: Final = "[record]\njson_for_viewers = true\n"
 CAMERA: Final = '[[cameras]]\nsource = "folder:{folder}/images"\nloop = true\nfps = 10.0\ntargets = ["{target}"]\n'
 IMAGES: Final = 10
 """Of the folder that the camera plays, 640x480 each."""
 
 
 async def measure(seconds: float, turns: int) -> dict[str, Any]:
-    """Fly by sticks at 50 Hz for so long, in turns without, with, and with JSON for viewers; and beside a camera.
+    """Fly by sticks at 50 Hz for so long, in turns without and with, and beside a camera.
 
     Args:
         seconds: each time.
@@ -40,7 +39,7 @@ async def measure(seconds: float, turns: int) -> dict[str, Any]:
     """
     found: dict[str, list[dict[str, float]]] = {}
     for turn in range(turns):
-        variants = {"off": OFF, "on": "", "json": JSON, "camera_off": CAMERA + OFF, "camera_on": CAMERA}
+        variants = {"off": OFF, "on": "", "camera_off": CAMERA + OFF, "camera_on": CAMERA}
         for name, section in variants.items():
             found.setdefault(name, []).append(await _fly(section, seconds, seed=turn))
     figures: dict[str, Any] = {}

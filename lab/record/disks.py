@@ -1,13 +1,11 @@
-"""Disks that are full or gone under a daemon that flies, and one that is slow: the file stays readable."""
+"""Disks that are full or gone under a daemon that flies: the file stays readable."""
 
 from __future__ import annotations
 
 import asyncio
-import random
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
@@ -16,26 +14,12 @@ from typing import Any, Final
 from lab.rigs.flown import flown, observed
 from lab.rigs.waiting import following, wait_until
 from mkdaemon.client import Vehicle
-from mkdaemon.clock import Clock
 from mkdaemon.errors import MkError
-from mkdaemon.record.entry import TimeBase
-from mkdaemon.record.folder import RawFile, RecordingFolder, RoomLimits
-from mkdaemon.record.layout import Session
-from mkdaemon.record.queue import EntryQueue
 from mkdaemon.record.reader import Recording
-from mkdaemon.record.recorder import RETRY, Recorder, RecorderThread
-from mkdaemon.record.tap import Tap
+from mkdaemon.record.recorder import RETRY
 
 SMALL: Final = "4m"
 """Size of the disk that is filled."""
-SLOW_QUEUE: Final = 2_000_000
-"""What may wait for the slow disk [bytes]."""
-SLOW_RATE: Final = 1500
-"""Entries a second that come."""
-SLOW_ENTRY: Final = 150
-"""Their size [bytes]."""
-SLOW_BYTES: Final = 100_000
-"""What the slow disk takes a second; half of what comes."""
 WATCH: Final = 4.0
 """How long the daemon is watched with a disk that fails [s]."""
 
@@ -90,57 +74,6 @@ async def fill_disk(seed: int) -> dict[str, Any]:
                 "state_with_room_again": after["state"],
                 "lost": after["lost"],
             }
-
-
-def slow_disk(seconds: float) -> dict[str, Any]:
-    """Write to a disk that takes less than comes, for so long; then let it take what waits.
-
-    Args:
-        seconds: of entries.
-    """
-    queue, clock = EntryQueue(SLOW_QUEUE), Clock()
-    base = TimeBase.of(clock.stamp())
-    tap = Tap(queue, clock, "lab", base)
-    first_loss: float | None = None
-    with tempfile.TemporaryDirectory() as name:
-        limits = RoomLimits(10**9, 3600.0, 10**9, 1, may_delete=False)
-        session = Session.begin("blackbox", "lab", base)
-        folder = RecordingFolder(Path(name), "lab", limits)
-        thread = RecorderThread(Recorder(queue, folder, session, open_file=_SlowFile))
-        thread.start()
-        began, number = time.monotonic(), 0
-        fullest = 0
-        while (passed := time.monotonic() - began) < seconds:
-            while number < passed * SLOW_RATE:
-                tap.sample("raw/rx", random.Random(number).randbytes(SLOW_ENTRY), "", None)
-                number += 1
-            fullest = max(fullest, queue.size)
-            if queue.lost and first_loss is None:
-                first_loss = passed
-            time.sleep(0.005)
-        thread.stop(60.0)
-        recording = [Recording(path) for path in sorted(Path(name).glob("*.mcap"))]
-        written = sum(sum(1 for _ in one.entries()) for one in recording)
-        last = max((entry.sequence for one in recording for entry in one.entries()), default=0)
-        gaps = sum(one.report.lost for one in recording) + number - last
-    return {
-        "put": number,
-        "written": written,
-        "lost": queue.lost,
-        "missing_by_number": gaps,
-        "full_share_at_most": fullest / queue.capacity,
-        "first_loss_s": first_loss,
-        "readable": written > 0 and written + queue.lost == number and gaps == queue.lost,
-    }
-
-
-class _SlowFile(RawFile):
-    """A file on a disk that takes `SLOW_BYTES` a second."""
-
-    def write(self, data: bytes, /) -> None:
-        """Append it, slowly."""
-        time.sleep(len(data) / SLOW_BYTES)
-        super().write(data)
 
 
 async def remove_folder(seed: int) -> dict[str, Any]:

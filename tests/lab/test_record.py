@@ -4,17 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from lab.record import writing
 from lab.record.kills import ALLOWED, is_kept, sum_up
 
 LEFT = {"entries": 10, "age": 0.5, "missing": 0, "gaps": 0, "unreadable": 0}
-
-
-def test_figures_of_writing_are_those_of_the_same_entries_every_time():
-    figures = writing.measure(300)
-    assert figures["entries"] == 300
-    assert all(figures[name] > 0 for name in ("tap_us", "write_us", "write_json_us", "plain_mcap_us", "read_us"))
-    assert figures["bytes_per_entry"] < figures["bytes_per_entry_json"]
 
 
 @pytest.mark.parametrize(
