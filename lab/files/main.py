@@ -16,7 +16,6 @@ from cyclopts import Parameter
 
 from lab.campaign import First
 from lab.files.commands import READERS, Reader
-from lab.files.foreign import run_foreign
 from lab.files.mutations import LONG, REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind, originals
 from lab.files.running import MOST_CPU, MOST_MEMORY, PATIENCE, Ended, prepare, run_forked
@@ -122,9 +121,6 @@ def main(
     *,
     seeds: Annotated[Count, Parameter(help="Spoilt files for each command.")] = 30,
     first: First = 0,
-    foreign: Annotated[
-        bool, Parameter(negative=(), help="In place of these, files as other programs write them: nothing is lost.")
-    ] = False,
     as_json: AsJson = False,
 ) -> int:
     """Give hostile files to every command that reads one; exit code 1 if one of them breaks a limit.
@@ -132,9 +128,6 @@ def main(
     No traceback, an exit code of ours, a word about what is wrong, at most 5 s of processor time and 300 MB, and
     nothing that a terminal acts on. With 30 seeds it takes about fifteen minutes.
     """
-    if foreign:
-        read = run_foreign(range(first, first + seeds))
-        return show([{"what": "foreign files"} | read | {"holds": not read["wrong"]}], ("what",), as_json=as_json)
     prepare()
     os.environ["MK_CONNECT"] = "tcp/127.0.0.1:9"
     wrong: list[dict[str, Any]] = []

@@ -30,8 +30,6 @@ KEYS: Final = (
     *("mk/mk1/\x1b[2J", "replay/mk1/state/attitude", "mk/a b/state/position", "mk/mk1/state/position\n"),
 )
 NUMBERS: Final = ("", "a", "-1", "1.5", "9" * 30, "9" * 400, "9" * 5000, str(1 << 63), str(-(1 << 63)), "nan", "\u0663")
-_MANY: Final = 65_534
-"""Channels of a file, as many as there are numbers."""
 
 
 def spoil_recording(chance: random.Random, content: bytes) -> bytes:
@@ -210,30 +208,12 @@ def _order(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
 
 
 def _chunks(chance: random.Random, parts: list[Record | ScannedChunk]) -> bytes:
-    """Giants: very many channels, a chunk of very many messages, a chunk of nothing but zeros, chunks in chunks."""
+    """Giants: a chunk of nothing but zeros, chunks in chunks, chunks that overlap."""
     heads = [part for part in parts if isinstance(part, Record)]
     first = next(part for part in parts if isinstance(part, ScannedChunk))
     inside = list(records_in(first.content()))
     channels = [one for one in inside if one.opcode == Opcode.CHANNEL]
-    return _file(heads) + chance.choice((_many_channels, _many_messages, _zeros, _nested, _overlapping))(channels)
-
-
-def _many_channels(channels: list[Record]) -> bytes:
-    channel = read_channel(channels[0].content)
-    assert channel is not None
-    made = []
-    for number in range(_MANY):
-        metadata = {**channel.metadata, "key": f"mk/mk1/state/a{number}"}
-        made.append(Record(Opcode.CHANNEL, packed(records.Channel(number, f"a{number}", "", metadata, 0))[9:]))
-        made.append(Record(Opcode.MESSAGE, _MESSAGE.pack(number, 0, 1 << 60, 1 << 60)))
-    return rebuilt(made)
-
-
-def _many_messages(channels: list[Record]) -> bytes:
-    number = int.from_bytes(channels[0].content[:2], "little")
-    message = Record(Opcode.MESSAGE, _MESSAGE.pack(number, 0, 1 << 60, 1 << 60))
-    chunk = rebuilt([*channels, *[message] * 1_000_000])
-    return chunk * 5
+    return _file(heads) + chance.choice((_zeros, _nested, _overlapping))(channels)
 
 
 def _zeros(channels: list[Record]) -> bytes:
@@ -259,15 +239,14 @@ def _overlapping(channels: list[Record]) -> bytes:
     return bytes(made)
 
 
-def rewritten(content: bytes, more: int = 0, **how: Any) -> tuple[bytes, int]:
-    """A recording written again by the writer of the MCAP project, and how many messages are in it.
+def rewritten(content: bytes, **how: Any) -> bytes:
+    """A recording written again by the writer of the MCAP project.
 
     Args:
         content: the recording.
-        more: messages of a channel of another program to add.
         how: arguments of the writer.
     """
-    schemas, channels, count = dict[int, int](), dict[int, int](), 0
+    schemas, channels = dict[int, int](), dict[int, int]()
     out = io.BytesIO()
     writer = Writer(out, **how)
     writer.start()
@@ -285,9 +264,5 @@ def rewritten(content: bytes, more: int = 0, **how: Any) -> tuple[bytes, int]:
             case records.Message():
                 number = channels[record.channel_id]
                 writer.add_message(number, record.log_time, record.data, record.publish_time, record.sequence)
-                count += 1
-    other = writer.register_channel("/rosout", "json", 0) if more else 0
-    for _ in range(more):
-        writer.add_message(other, 1, b"{}", 1)
     writer.finish()  # type: ignore[no-untyped-call]
-    return out.getvalue(), count + more
+    return out.getvalue()

@@ -8,13 +8,11 @@ import pytest
 import structlog
 
 from lab.files.commands import READERS
-from lab.files.foreign import run_foreign
 from lab.files.main import faults_of, good_files
 from lab.files.mutations import REPEATED, SPECIAL, spoil
 from lab.files.originals import Kind
 from lab.files.running import APPS, MOST_CPU, Ended
 from mkdaemon.cli.program import run
-from mkdaemon.telemetry.mission import Mission
 
 OUTSIDE = ("--connect", "play", "run", "doctor", "shutter", "camera")
 """Commands that meet the bus or the machine: only the campaign has a process for each."""
@@ -82,12 +80,3 @@ def test_what_is_wrong_is_seen():
     assert faults_of(Ended(70, 0.1, 0.1, 1, "", 'Traceback\n File "/a/src/b.py", line 3\nValueError: c')) == [
         "traceback: ValueError: c at b.py:3"
     ]
-
-
-def test_files_of_other_programs_are_read_whole_or_refused(monkeypatch):
-    found = run_foreign(range(12))
-    assert found["wrong"] == [] and found["files"] == 132
-    assert {end.split()[1] for end in found["ends"]} == {"read", "refused"}
-    # A reader that loses something is found.
-    monkeypatch.setattr("lab.files.foreign.read_mission", lambda path, **_: Mission(points=()))
-    assert any(one["file"] in (".kml", ".waypoints", ".wpl") for one in run_foreign(range(3))["wrong"])

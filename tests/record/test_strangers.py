@@ -156,7 +156,7 @@ def source(tmp_path: Path) -> Path:
 def written_again(source: Path, **how: Any) -> Path:
     """A recording as the writer of the MCAP project has it."""
     target = source.with_name("b.mcap")
-    target.write_bytes(rewritten(source.read_bytes(), **how)[0])
+    target.write_bytes(rewritten(source.read_bytes(), **how))
     return target
 
 
