@@ -54,11 +54,10 @@ def _wrong(results: Results) -> Rows:
     """Poses and wrong ones of each campaign, its first seed, and of all together."""
     sums = [0, 0]
     for name in COUNTED:
-        case = results[name]
-        rows = [case["whole"]] if "whole" in case else list(_counts(case))
-        counts = (sum(row.get("published", row.get("posed")) for row in rows), sum(row["wrong"] for row in rows))
+        rows = list(_counts(results[name]))
+        counts = [sum(row[key] for row in rows) for key in ("posed", "wrong")]
         sums = [whole + count for whole, count in zip(sums, counts, strict=True)]
-        yield f"`{name}`", f"{case['base']:,}", f"{counts[0]:,}", str(counts[1])
+        yield f"`{name}`", f"{results[name]['base']:,}", f"{counts[0]:,}", str(counts[1])
     yield "all", "", f"{sums[0]:,}", str(sums[1])
 
 
@@ -113,8 +112,7 @@ def _figures(row: Row) -> str:
 
 def _leaving(results: Results) -> Rows:
     for words, part in _named(results["leaving"]):
-        counts = (f"{part['images']:,}", f"{part['published']:,}", str(part["wrong"]), str(part["faults"]))
-        yield words, *counts, *map(_share, part["posed_by_way_out"].values())
+        yield words, f"{part['images']:,}", *(f"{part[name]:,}" for name in ("posed", "wrong", "faults"))
 
 
 _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
@@ -130,10 +128,7 @@ _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
     "hardships": ("hardship|with attitude|without", partial(_flown, campaign="hardships")),
     "adverse": ("hardship|with attitude|without", partial(_flown, campaign="adverse")),
     "decks": ("attitude, target|with attitude", partial(_flown, campaign="decks")),
-    "leaving": (
-        "target, shutter|images|published|wrong|faults|at 35 % of the way out|75 %|100 %|125 %",
-        _leaving,
-    ),
+    "leaving": ("target, shutter|images|posed|wrong|exceptions", _leaving),
     "flights": ("target|with attitude|without", partial(_flown, campaign="flights")),
 }
 """The columns of each table, and its rows."""

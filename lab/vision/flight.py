@@ -186,7 +186,6 @@ def fly(
     seconds: float = 8.0,
     fps: float = 30.0,
     intrinsics: Intrinsics = VGA,
-    lens: Intrinsics | None = None,
     troubled: bool = True,
     near: float = 0.35,
     far: float = 4.5,
@@ -202,7 +201,6 @@ def fly(
         seconds: how long.
         fps: images a second.
         intrinsics: what the estimator believes; gives the image size.
-        lens: what the camera really is; the same when absent.
         near: least height [m].
         far: greatest height [m].
         deck: how the target lies.
@@ -225,7 +223,7 @@ def fly(
         for start, end, name, drawn, shutter in plan:
             if start <= t < end:
                 trouble, conditions, exposure = name, drawn, shutter
-        view, _ = path.view(t, lens or intrinsics, exposure)
+        view, _ = path.view(t, intrinsics, exposure)
         shaking = device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3)
         view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=device.vibration_hz)
         rotation, position = cam_from_target(placed, view)

@@ -5,16 +5,15 @@ Sequences of four images: the target anywhere in view, then its middle on the wa
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import chain, cycle
-from typing import Any, Final, NamedTuple
+from itertools import cycle
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from lab.vision.flight import GROUNDS, LOOKING_DOWN, VGA
-from lab.vision.looks import look
+from lab.vision.looks import Look, figures, look
 from lab.vision.parts import Case, Part, in_parts
 from lab.vision.stills import SeedSet, Still, ground_of, look_along, target_named
 from mkdaemon.frames import euler_from_rotation
@@ -40,37 +39,6 @@ ROLLING: Final = VGA.model_copy(update={"line_time": 30e-6})
 CAMERAS: Final = {"global": VGA, "rolling": ROLLING}
 
 
-class Left(NamedTuple):
-    """What became of an image.
-
-    Attributes:
-        way: share of the way out.
-        is_posed: a pose was published.
-        wrong: where it was wrong, and by how much; empty where it was right.
-        fault: an exception and its place; empty for none.
-    """
-
-    way: float
-    is_posed: bool = False
-    wrong: str = ""
-    fault: str = ""
-
-
-def summary(left: Sequence[Left]) -> dict[str, Any]:
-    """The figures."""
-    images, posed = Counter(one.way for one in left), Counter(one.way for one in left if one.is_posed)
-    wrong, faults = ([words for one in left if (words := getattr(one, of))] for of in ("wrong", "fault"))
-    return {
-        "images": len(left),
-        "published": posed.total(),
-        "wrong": len(wrong),
-        "first_wrong": wrong[:10],
-        "faults": len(faults),
-        "first_faults": faults[:5],
-        "posed_by_way_out": {str(way): round(posed[way] / n, 3) for way, n in sorted(images.items())},
-    }
-
-
 def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     each = 400 if quick else 12_500
     kinds = [(name, camera) for name in ("nested", "single") for camera in CAMERAS]
@@ -81,26 +49,26 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
     ]
 
 
-def _leave(name: str, camera: str, count: int, seed: int, part: int) -> list[Left]:
-    """So many images of a target leaving, every second sequence without an attitude."""
-    target, left = target_named(name), list[Left]()
+def _leave(name: str, camera: str, count: int, seed: int, part: int) -> tuple[list[Look], list[str]]:
+    """Looks at a target leaving, every second sequence without an attitude; places of exceptions and wrong poses."""
+    target, looks, places = target_named(name), list[Look](), list[str]()
     tracker = Tracker(TagMap((target,)), CAMERAS[camera], LOOKING_DOWN)
-    for k, (way, still) in enumerate(ways_out(name, camera, count, seed, part)):
-        has_attitude = k // len(WAY_OUT) % 2 == 0
+    for k, still in enumerate(ways_out(name, camera, count, seed, part)):
+        attitude = still.attitude if k // len(WAY_OUT) % 2 == 0 else None
         place = f"{name} {camera} seed {seed} part {part} image {k}"
         try:
-            found = tracker.update(still.image, still.attitude if has_attitude else None).pose_of(target.name)
+            found = tracker.update(still.image, attitude).pose_of(target.name)
         except Exception as fault:  # noqa: BLE001 - what faults is what this campaign counts
-            left.append(Left(way, fault=f"{place}: {fault!r}"))
+            places.append(f"{place}: {fault!r}")
             continue
-        seen = look(still, found)
-        wrong = f"{place}: {seen.off:.3f} m, {seen.turned:.1f} degrees" if seen.wrong else ""
-        left.append(Left(way, seen.posed, wrong))
-    return left
+        looks.append(look(still, found))
+        if looks[-1].wrong:
+            places.append(f"{place}: {looks[-1].off:.3f} m, {looks[-1].turned:.1f} degrees")
+    return looks, places
 
 
-def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[tuple[float, Still]]:
-    """Images of sequences, each with its share of the way out."""
+def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterator[Still]:
+    """Images of sequences."""
     rng = np.random.default_rng([seed, 0x1EA7E, part])
     intrinsics, placed = CAMERAS[camera], SceneTarget.of(target_named(name), Platform())
     scenes = cycle(
@@ -132,17 +100,18 @@ def ways_out(name: str, camera: str, count: int, seed: int, part: int) -> Iterat
             rpy = np.array(euler_from_rotation(axes @ LOOKING_DOWN.flu_from_cam.T)) + noise
             sample = AttitudeSample(time, *(float(angle) for angle in rpy))
             image = CameraImage(scene.render(view), time, time, first + k, "bench", "driver")
-            yield way, Still(image, AttitudeHistory([sample]), rotation, position)
+            yield Still(image, AttitudeHistory([sample]), rotation, position)
         time += PAUSE
 
 
-def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[Sequence[Left]]) -> dict[str, Any]:
-    out: dict[str, Any] = {"range_m": [NEAR_M, FAR_M], "tilt_deg": [0, round(float(np.degrees(MOST_TILT)))]}
+def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[tuple[list[Look], list[str]]]) -> dict[str, Any]:
+    rows: dict[str, Any] = {}
     for name, camera in dict.fromkeys(part.args[:2] for part in parts):
-        mine = [left for part, left in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
-        out[f"{name}_{camera}"] = summary(list(chain.from_iterable(mine)))
-    out["whole"] = summary(list(chain.from_iterable(found)))
-    return out
+        mine = [pair for part, pair in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
+        images = sum(part.images for part in parts if part.args[:2] == (name, camera))
+        looks, places = ([one for pair in mine for one in pair[k]] for k in (0, 1))
+        rows[f"{name}_{camera}"] = figures(looks) | {"faults": images - len(looks), "first_places": places[:10]}
+    return rows
 
 
 LEAVING: Final = Case(_plan, _sum_up)

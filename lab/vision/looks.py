@@ -13,7 +13,6 @@ from lab.vision.flight import LOOKING_DOWN, FlightFrame
 from lab.vision.parts import Part
 from lab.vision.stills import WRONG_DEG, WRONG_M, error_of
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.pose.pose import with_floor
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from mkdaemon.vision.track.follower import TargetPose
 from mkdaemon.vision.track.tracker import Tracker
@@ -48,10 +47,8 @@ class Look:
         wrong: beyond 5 cm and 1 % of the distance, or 5 degrees.
         off: distance of the position from the truth [m].
         turned: angle from the truth [deg].
-        farther: measured distance over the true one, less 1.
         nees: of the measurement, per degree of freedom, without the calibration floor, as the lens is known exactly
             here.
-        nees_published: of the published covariance, which has that floor in it.
     """
 
     distance: float
@@ -59,9 +56,7 @@ class Look:
     wrong: bool = False
     off: float = np.nan
     turned: float = np.nan
-    farther: float = np.nan
     nees: float = np.nan
-    nees_published: float = np.nan
 
 
 def look(shown: Shown, found: TargetPose | None) -> Look:
@@ -72,12 +67,9 @@ def look(shown: Shown, found: TargetPose | None) -> Look:
     pose = found.pose
     error = error_of(pose.rotation, pose.position, shown.rotation, shown.position)
     vector = np.array([*error.xyz, *error.rpy])
-    nees, published = (
-        float(vector @ np.linalg.solve(covariance, vector)) / 6 for covariance in (pose.covariance, with_floor(pose))
-    )
+    nees = float(vector @ np.linalg.solve(pose.covariance, vector)) / 6
     wrong = error.distance > max(WRONG_M, SHARE_M * distance) or error.angle_deg > WRONG_DEG
-    farther = float(np.linalg.norm(pose.position)) / distance - 1.0
-    return Look(distance, True, wrong, error.distance, error.angle_deg, farther, nees, published)
+    return Look(distance, True, wrong, error.distance, error.angle_deg, nees)
 
 
 def eyes(target: Target, lens: Intrinsics) -> dict[str, Program]:
@@ -115,17 +107,15 @@ def figures(looks: Sequence[Look]) -> dict[str, Any]:
     posed = [one for one in looks if one.posed]
     row: dict[str, Any] = {"images": len(looks), "posed": len(posed), "wrong": sum(one.wrong for one in posed)}
     if posed:
-        off, turned = ([getattr(one, name) for one in posed] for name in ("off", "turned"))
+        off, turned, nees = ([getattr(one, name) for one in posed] for name in ("off", "turned", "nees"))
         row |= {
             "median_cm": round(100 * float(np.median(off)), 3),
             "median_deg": round(float(np.median(turned)), 3),
             "largest_cm": round(100 * max(off), 2),
             "largest_deg": round(max(turned), 2),
-            "range_bias_percent": round(100 * float(np.median([one.farther for one in posed])), 3),
+            "nees_mean": round(float(np.mean(nees)), 2),
+            "nees_median": round(float(np.median(nees)), 2),
         }
-        nees = np.array([(one.nees, one.nees_published) for one in posed])
-        row["nees_mean"], row["nees_published_mean"] = (round(float(mean), 2) for mean in nees.mean(axis=0))
-        row["nees_median"] = round(float(np.median(nees[:, 0])), 2)
     return row
 
 

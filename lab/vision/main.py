@@ -58,7 +58,7 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
         jobs: processes; the figures do not depend on it.
 
     Returns:
-        Its figures, the first seed it may draw from, how long it took, and the time of one core it took an image.
+        Its figures, the first seed it may draw from, and how long it took.
 
     Raises:
         ConfigError: there is no such case.
@@ -68,14 +68,15 @@ def run_case(name: str, quick: bool, seeds: SeedSet, jobs: int = 1) -> dict[str,
     if case is None:
         msg = f"lab vision has no case '{name}': use one of {', '.join(CASES)}"
         raise ConfigError(msg)
-    start, used = time.perf_counter(), _cpu_time()
+    start = time.perf_counter()
     parts = case.plan(quick, seeds)
     figures = case.sum_up(quick, parts, run_parts(name, parts, jobs))
-    timing = {"seconds": round(time.perf_counter() - start, 1), "jobs": min(jobs, len(parts))}
-    if len(parts) > 1:
-        images = sum(part.images for part in parts)
-        timing["core_ms_per_image"] = round(1000.0 * (_cpu_time() - used) / images, 1)
-    return {"base": seeds.base, **figures, **timing}
+    return {
+        "base": seeds.base,
+        **figures,
+        "seconds": round(time.perf_counter() - start, 1),
+        "jobs": min(jobs, len(parts)),
+    }
 
 
 def put_into(file: Path, found: dict[str, Any]) -> None:
@@ -95,11 +96,6 @@ def put_into(file: Path, found: dict[str, Any]) -> None:
     except (OSError, TypeError, ValueError) as error:
         msg = f"--into {file}: {error}; give a file that --into has written, or a new one"
         raise ConfigError(msg) from None
-
-
-def _cpu_time() -> float:
-    """Time this process and its ended children have had a core [s]; unlike the clock it hardly depends on the load."""
-    return sum(os.times()[:4])
 
 
 def main(

@@ -36,8 +36,6 @@ from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker, VisionResult
-from mksim.scene.motion import Platform
-from mksim.scene.scene import Scene, SceneTarget
 
 FPS: Final = 30
 FLIGHT, EACH, LEFT, FREE = 60, 6, 80, 24
@@ -80,7 +78,7 @@ class Setting:
         target, which, seconds = target_named(self.target), str(self.which), self.images / FPS
         match self.scene:
             case "leaving":
-                yield from (still for _, still in ways_out(self.target, which, self.images, self.seed, 0))
+                yield from ways_out(self.target, which, self.images, self.seed, 0)
             case "free":
                 yield from self._grounds()
             case "far":
@@ -106,11 +104,7 @@ class Setting:
 
     def _grounds(self) -> Iterator[Still]:
         """A ground without a target, in every light."""
-        rng = np.random.default_rng([self.seed, 0xFA15E, self.part])
-        anchor = SceneTarget.of(target_named("single"), Platform())
-        scene = Scene([anchor], ground=GROUNDS[self.part], seed=self.seed + self.part, fine=False)
-        for k in range(self.images):
-            pixels = scene.render(tagfree.view(rng), tagfree.conditions(rng))
+        for k, (_, pixels) in enumerate(tagfree.grounds(self.seed, self.part, self.images)):
             image = CameraImage(pixels, (k + 0.5) / FPS, (k + 0.5) / FPS, k, "bench", "driver")
             yield Still(image, AttitudeHistory([]), np.eye(3), np.full(3, np.nan))
 

@@ -123,8 +123,6 @@ class Studio:
         conditions: LightConditions | None = None,
         *,
         off: float = 0.12,
-        lens: Intrinsics | None = None,
-        attitude_noise_deg: float = 0.5,
     ) -> Still:
         """One view from a drawn direction.
 
@@ -133,20 +131,18 @@ class Studio:
             tilt: between the line of sight and the target's normal [rad].
             conditions: light, lens, sensor.
             off: how far the target may be from the middle of the image, in tangents of the view angle.
-            lens: what the camera really is; its intrinsics when absent.
-            attitude_noise_deg: error of the reported roll and pitch, standard deviation [deg].
         """
         rng = self.rng
         around, roll = rng.uniform(0, 2 * np.pi, 2)
         side = np.array([np.cos(around), np.sin(around), 0.0])
         position = distance * (np.sin(tilt) * side + np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
         enu_from_cam = look_along(-position, float(roll), rng.uniform(-off, off, 2))
-        view = CameraView(lens or self.intrinsics, enu_from_cam, position)
+        view = CameraView(self.intrinsics, enu_from_cam, position)
         scene = self._scenes[self._count % len(self._scenes)]
         self._count += 1
         pixels = scene.render(view, conditions)
         rotation, seen = cam_from_target(self._placed, view)
-        noise = np.radians(attitude_noise_deg) * np.array([*rng.standard_normal(2), 0.0])
+        noise = np.radians(0.5) * np.array([*rng.standard_normal(2), 0.0])
         rpy = np.array(euler_from_rotation(enu_from_cam @ LOOKING_DOWN.flu_from_cam.T)) + noise
         sample = AttitudeSample(0.0, *(float(a) for a in rpy))
         image = CameraImage(pixels, 0.0, 0.0, self._count, "bench", "driver")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,25 +36,29 @@ def _plan(quick: bool, seeds: SeedSet) -> list[Part]:
 
 def _tag_free(seed: int, part: int, count: int) -> tuple[Counter[str], int]:
     """Images by kind, and tags found in them by any search."""
-    rng = np.random.default_rng([seed, 0xFA15E, part])
-    anchor = SceneTarget.of(target_named("single"), Platform())
-    kind = GROUNDS[part % len(GROUNDS)]
-    scene = Scene([anchor], ground=kind, seed=seed + part, fine=False)
-    photographs = _photographs()
     detector = Detector({"tag36h11": WHITELIST})
     images, false = Counter[str](), 0
-    for k in range(count):
-        if photographs and k % PHOTOGRAPH_EVERY == 0:
-            pixels, name = _cutting(rng, photographs), "photograph"
-        else:
-            pixels, name = scene.render(view(rng), conditions(rng)), kind
+    for name, pixels in grounds(seed, part, count, _photographs()):
         images[name] += 1
         false += sum(len(detector.search(pixels, *look)) for look in (*FIRST, *looks_of(*pixels.shape[::-1])))
         false += len(detector.search_all(pixels))
     return images, false
 
 
-def view(rng: np.random.Generator) -> CameraView:
+def grounds(seed: int, part: int, count: int, photographs: Sequence[Grey] = ()) -> Iterator[tuple[str, Grey]]:
+    """Images of a ground without a target in every light, and parts of photographs between them, each with its kind."""
+    rng = np.random.default_rng([seed, 0xFA15E, part])
+    anchor = SceneTarget.of(target_named("single"), Platform())
+    kind = GROUNDS[part % len(GROUNDS)]
+    scene = Scene([anchor], ground=kind, seed=seed + part, fine=False)
+    for k in range(count):
+        if photographs and k % PHOTOGRAPH_EVERY == 0:
+            yield "photograph", _cutting(rng, photographs)
+        else:
+            yield kind, scene.render(_view(rng), _conditions(rng))
+
+
+def _view(rng: np.random.Generator) -> CameraView:
     """From 0.5 to 12 m over the ground, tilted, sometimes moving."""
     tilt = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3) + np.array([0, 0, float(rng.uniform(0, 6.28))]))[0]
     position = np.array([*rng.uniform(-4, 4, 2), float(rng.uniform(0.5, 12.0))])
@@ -69,7 +73,7 @@ def view(rng: np.random.Generator) -> CameraView:
     )
 
 
-def conditions(rng: np.random.Generator) -> LightConditions:
+def _conditions(rng: np.random.Generator) -> LightConditions:
     """Light, lens and sensor of a bad day; shadow and glare fall on the ground near the middle."""
     where = rng.uniform(-1.0, 1.0, (2, 2))
     shaded, shines, blurs, graded, coded = rng.uniform(size=5) < (0.35, 0.25, 0.1, 0.15, 0.15)

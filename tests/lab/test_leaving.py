@@ -5,23 +5,22 @@ from __future__ import annotations
 import pytest
 
 from lab.vision import leaving, looks
-from lab.vision.leaving import WAY_OUT, summary
+from lab.vision.leaving import LEAVING, WAY_OUT
+from lab.vision.parts import Part
 from mkdaemon.vision.track.tracker import Tracker
 
 
-def test_a_target_goes_over_the_border_and_is_posed_while_it_is_in_view() -> None:
-    figures = summary(leaving._leave("nested", "global", 8, 3, 0))
-    assert (figures["images"], figures["faults"]) == (8, 0)
-    posed = figures["posed_by_way_out"]
-    assert list(posed) == [str(way) for way in WAY_OUT]
-    assert posed[str(WAY_OUT[0])] >= posed[str(WAY_OUT[-1])]
+def left(name, camera, count):
+    part = Part(leaving._leave, (name, camera, count, 3, 0), count)
+    return LEAVING.sum_up(True, [part], [part.run()])[f"{name}_{camera}"]
 
 
-def test_what_is_wrong_is_counted_with_its_place(monkeypatch) -> None:
+def test_a_target_goes_over_the_border_and_what_is_wrong_is_counted_with_its_place(monkeypatch) -> None:
     monkeypatch.setattr(looks, "WRONG_DEG", -1.0)
-    whole = summary(leaving._leave("nested", "global", 4, 3, 0))
-    assert whole["wrong"] == whole["published"] > 0
-    assert whole["first_wrong"][0].startswith("nested global seed 3 part 0 image 0: 0.0")
+    whole = left("nested", "global", 8)
+    assert (whole["images"], whole["faults"]) == (8, 0)
+    assert 0 < whole["wrong"] == whole["posed"] < 8
+    assert whole["first_places"][0].startswith("nested global seed 3 part 0 image 0: 0.0")
 
 
 @pytest.mark.parametrize("camera", leaving.CAMERAS)
@@ -30,6 +29,6 @@ def test_a_fault_is_counted_with_its_place_and_the_next_image_is_looked_at(monke
         raise IndexError("of nothing")
 
     monkeypatch.setattr(Tracker, "update", fails)
-    whole = summary(leaving._leave("single", camera, 4, 3, 0))
-    assert whole["faults"] == whole["images"] == len(WAY_OUT)
-    assert "seed 3 part 0 image 0: IndexError('of nothing')" in whole["first_faults"][0]
+    whole = left("single", camera, 4)
+    assert (whole["faults"], whole["images"]) == (len(WAY_OUT), 0)
+    assert "seed 3 part 0 image 0: IndexError('of nothing')" in whole["first_places"][0]
