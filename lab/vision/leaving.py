@@ -109,7 +109,8 @@ def _sum_up(_quick: bool, parts: Sequence[Part], found: Sequence[tuple[list[Look
     for name, camera in dict.fromkeys(part.args[:2] for part in parts):
         mine = [pair for part, pair in zip(parts, found, strict=True) if part.args[:2] == (name, camera)]
         images = sum(part.images for part in parts if part.args[:2] == (name, camera))
-        looks, places = ([one for pair in mine for one in pair[k]] for k in (0, 1))
+        looks = [one for seen, _ in mine for one in seen]
+        places = [one for _, noted in mine for one in noted]
         rows[f"{name}_{camera}"] = figures(looks) | {"faults": images - len(looks), "first_places": places[:10]}
     return rows
 
