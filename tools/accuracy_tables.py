@@ -47,7 +47,7 @@ def _all(values: list[float], digits: int) -> str:
 
 
 def _first(row: Row) -> str:
-    return " / ".join(_share(row[key]) for key in ("decoded", "posed", "posed_without_attitude"))
+    return " / ".join(_share(row[key]) for key in ("posed", "posed_without_attitude"))
 
 
 def _wrong(results: Results) -> Rows:
@@ -83,9 +83,8 @@ def _cold(results: Results) -> Rows:
 
 def _steep(results: Results) -> Rows:
     for centre, edge in zip(results["view_angle"]["centre"], results["view_angle"]["edge"], strict=True):
-        cells = (f"{_share(row['decoded'])} / {_share(row['posed'])}" for row in (centre, edge))
-        whole, wrong = f"{edge['posed_whole']} of {edge['whole']}", centre["wrong"] + edge["wrong"]
-        yield f"{centre['angle_deg']} deg", *cells, whole, str(wrong)
+        wrong = centre["wrong"] + edge["wrong"]
+        yield f"{centre['angle_deg']} deg", _share(centre["posed"]), _share(edge["posed"]), str(wrong)
 
 
 def _stills(results: Results) -> Rows:
@@ -122,8 +121,8 @@ _SHOWN: Final[Mapping[str, tuple[str, Callable[[Results], Rows]]]] = {
         _distances,
     ),
     "cold": ("distance|nested|single|wrong", _cold),
-    "steep": ("angle|in the middle|near the edge of the image|whole tags there, posed|wrong", _steep),
-    "stills": ("condition|decoded|posed with attitude|without|wrong", _stills),
+    "steep": ("angle|in the middle|near the edge of the image|wrong", _steep),
+    "stills": ("condition|posed with attitude|without|wrong", _stills),
     "cameras": ("camera|with attitude, to 4 m|4-8 m|without, to 4 m|4-8 m", partial(_flown, campaign="real")),
     "hardships": ("hardship|with attitude|without", partial(_flown, campaign="hardships")),
     "adverse": ("hardship|with attitude|without", partial(_flown, campaign="adverse")),

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
-from lab.vision.flight import VGA, share_in_view
+from lab.vision.flight import VGA
 from lab.vision.looks import Look, look
 from lab.vision.parts import Case, Part
-from lab.vision.stills import SeedSet, Still, Studio, error_of, look_once, search_in_turn, target_named
+from lab.vision.stills import SeedSet, Still, Studio, error_of, look_once, target_named
 from lab.vision.troubles import band, patches, shadow
-from mkdaemon.vision.tags.detector import Detector
-from mkdaemon.vision.tags.tagmap import TagMap, Target, covered_cells
+from mkdaemon.vision.tags.tagmap import Target
 from mksim.scene.light import Glare, LightConditions
 
 FOOT = 0.3048
@@ -37,57 +36,30 @@ def _plan_cold(quick: bool, seeds: SeedSet) -> list[Part]:
 
 
 def _cold_row(name: str, distance: float, count: int, seed: int, part: int) -> dict[str, Any]:
-    """Share of single images in which a target is decoded, and posed, at one distance."""
+    """Share of single images in which a target is posed, at one distance."""
     target = target_named(name)
     studio = Studio(target, seed, fine=False, part=part)
     off = 0.05 if distance < 0.2 else 0.12
     stills = (studio.shoot(distance, float(studio.rng.uniform(0, 0.7)), off=off) for _ in range(count))
-    return {"distance": distance, **_shares(_asked(target, stills))}
+    return {"distance": distance, **_shares(target, stills)}
 
 
 def _sum_up_rows(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    return {"images_each": parts[0].images, **_by_first_argument(parts, rows)}
-
-
-def _by_first_argument(parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    grouped: dict[str, Any] = {}
+    grouped: dict[str, Any] = {"images_each": parts[0].images}
     for part, row in zip(parts, rows, strict=True):
         grouped.setdefault(part.args[0], []).append(row)
     return grouped
 
 
-def _asked(target: Target, stills: Iterable[Still], *, blind: bool = True) -> list[_Seen]:
-    """Look at each image with attitude and, unless told otherwise, without."""
-    tags = TagMap((target,))
-    detector = Detector(tags.whitelist, covered=covered_cells(tags))
-    return [
-        _Seen(
-            still,
-            bool(search_in_turn(detector, still.image.pixels)),
-            [
-                look(still, look_once(still, target, VGA, with_attitude=known).pose_of(target.name))
-                for known in ((True, False) if blind else (True,))
-            ],
-        )
-        for still in stills
-    ]
-
-
-class _Seen(NamedTuple):
-    """An image, whether a tag is decoded in it, and what was made of it with attitude and without."""
-
-    still: Still
-    decoded: bool
-    looks: list[Look]
-
-
-def _shares(seen: Sequence[_Seen]) -> dict[str, Any]:
-    """How often a target was decoded and posed, and how often it was wrong."""
-    names = ("posed", "posed_without_attitude")[: len(seen[0].looks)]
-    counts = {name: sum(one.looks[which].posed for one in seen) for which, name in enumerate(names)}
-    counts = {"decoded": sum(one.decoded for one in seen)} | counts
-    wrong = sum(look.wrong for one in seen for look in one.looks)
-    return {**{name: count / len(seen) for name, count in counts.items()}, "wrong": wrong}
+def _shares(target: Target, stills: Iterable[Still], *, blind: bool = True) -> dict[str, Any]:
+    """How often a target is posed in single images, with attitude and, where asked, without, and how often wrongly."""
+    names = {"posed": True, "posed_without_attitude": False} if blind else {"posed": True}
+    looks: dict[str, list[Look]] = {name: [] for name in names}
+    for still in stills:
+        for name, known in names.items():
+            looks[name].append(look(still, look_once(still, target, VGA, with_attitude=known).pose_of(target.name)))
+    shares = {name: sum(one.posed for one in some) / len(some) for name, some in looks.items()}
+    return shares | {"wrong": sum(one.wrong for some in looks.values() for one in some)}
 
 
 def _plan_accuracy(quick: bool, seeds: SeedSet) -> list[Part]:
@@ -136,14 +108,11 @@ def _plan_view_angle(quick: bool, seeds: SeedSet) -> list[Part]:
 
 
 def _view_row(place: str, degrees: int, count: int, seed: int, part: int) -> dict[str, Any]:
-    """Share of images posed at one steep view from 2 m, and of those that show the whole tag."""
+    """Share of images posed at one steep view from 2 m."""
     target = target_named("single")
     studio = Studio(target, seed, fine=False, part=part)
     stills = (studio.shoot(2.0, float(np.radians(degrees)), off=PLACES[place]) for _ in range(count))
-    seen = _asked(target, stills, blind=False)
-    whole = [one for one in seen if share_in_view(target, one.still.rotation, one.still.position, VGA) == 1.0]
-    posed_whole = sum(one.looks[0].posed for one in whole)
-    return {"angle_deg": degrees, **_shares(seen), "whole": len(whole), "posed_whole": posed_whole}
+    return {"angle_deg": degrees, **_shares(target, stills, blind=False)}
 
 
 def draws(side: float) -> dict[str, Callable[[np.random.Generator], LightConditions]]:
@@ -181,7 +150,7 @@ def _condition_row(name: str, count: int, seed: int, part: int) -> dict[str, Any
         studio.shoot(float(rng.uniform(0.5, 2.0)), float(rng.uniform(0, 0.7)), draw(rng), off=0.08)
         for _ in range(count)
     )
-    return {"condition": name, **_shares(_asked(target, stills))}
+    return {"condition": name, **_shares(target, stills)}
 
 
 def _sum_up_conditions(_quick: bool, parts: Sequence[Part], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -203,7 +172,7 @@ def _list(values: Any) -> list[float]:
 
 
 COLD: Final = Case(_plan_cold, _sum_up_rows)
-"""Share of single images in which a target is decoded, and posed, by distance."""
+"""Share of single images in which a target is posed, by distance."""
 ACCURACY: Final = Case(_plan_accuracy, _sum_up_accuracy)
 """Mean and deviation of position and angles, by distance."""
 VIEW_ANGLE: Final = Case(_plan_view_angle, _sum_up_rows)
