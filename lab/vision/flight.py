@@ -27,6 +27,8 @@ VGA = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, 
 """The camera of every measurement unless said: 56 x 44 degrees."""
 LOOKING_DOWN = Mounting(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
 """It is under the vehicle, and its image has the nose at the top."""
+FPS = 30.0
+"""Images a second of every flight."""
 SHAKE_DEG = 0.7
 """Change of each attitude axis between two images at 30 fps, standard deviation [deg]."""
 SHAKE_TIME = 0.05
@@ -69,9 +71,6 @@ IDEAL = Device()
 class Weather(Protocol):
     """What changes light and lens from image to image."""
 
-    def exposed(self, view: CameraView) -> CameraView:
-        """The view with the shutter time of this image."""
-
     def conditions(self, view: CameraView, fair: LightConditions) -> LightConditions:
         """Conditions of the image of `view`, from those of the camera in fair weather."""
 
@@ -88,7 +87,6 @@ class FlightFrame:
         attitude: what the vehicle reported by then and shortly after.
         rotation: camera from target `(3, 3)`.
         position: of the target `(3,)` [m; RDF].
-        trouble: what was wrong with the image; empty when nothing.
         in_view: share of the largest tag's corners inside the image.
     """
 
@@ -96,7 +94,6 @@ class FlightFrame:
     attitude: AttitudeHistory
     rotation: Array
     position: Array
-    trouble: str
     in_view: float
 
 
@@ -140,7 +137,7 @@ def make_path(rng: np.random.Generator, seconds: float, near: float, far: float,
     """Draw a way; see `Device` for the response."""
     count = int(seconds * 200) + 8
     keep = np.exp(-0.005 / SHAKE_TIME)
-    step = 1 / 30
+    step = 1 / FPS
     # Ornstein-Uhlenbeck noise whose change over one image has the wanted deviation.
     sd = np.radians(SHAKE_DEG) / np.sqrt(2 * (1 - np.exp(-step / SHAKE_TIME)))
     shaken = np.zeros((count, 3))
@@ -184,7 +181,6 @@ def fly(
     seed: int,
     *,
     seconds: float = 8.0,
-    fps: float = 30.0,
     intrinsics: Intrinsics = VGA,
     troubled: bool = True,
     near: float = 0.35,
@@ -199,7 +195,6 @@ def fly(
         target: what lies on the ground.
         seed: draws path, ground, troubles and noise.
         seconds: how long.
-        fps: images a second.
         intrinsics: what the estimator believes; gives the image size.
         near: least height [m].
         far: greatest height [m].
@@ -217,25 +212,24 @@ def fly(
     scene = Scene([placed], ground=GROUNDS[seed % 4], seed=seed, fine=False)
     attitude = _reported_attitude(rng, path, seconds, intrinsics)
     plan = plan_troubles(rng, seconds, target.tags[0].size) if troubled else []
-    for k in range(int(seconds * fps)):
-        t = (k + 0.5) / fps
-        trouble, conditions, exposure = "", device.conditions, device.exposure_time
-        for start, end, name, drawn, shutter in plan:
+    for k in range(int(seconds * FPS)):
+        t = (k + 0.5) / FPS
+        conditions, exposure = device.conditions, device.exposure_time
+        for start, end, drawn, shutter in plan:
             if start <= t < end:
-                trouble, conditions, exposure = name, drawn, shutter
+                conditions, exposure = drawn, shutter
         view, _ = path.view(t, intrinsics, exposure)
         shaking = device.vibration * rng.standard_normal(3) if device.vibration > 0.0 else np.zeros(3)
         view = replace(view, line_time=device.line_time, vibration_cam=shaking, vibration_hz=device.vibration_hz)
         rotation, position = cam_from_target(placed, view)
         if weather is not None:
-            view = weather.exposed(view)
             conditions = weather.conditions(view, conditions)
         pixels = scene.render(view, conditions)
         if weather is not None:
             weather.image_seen(pixels)
         image = CameraImage(pixels, t, t, k, "bench", "driver")
         share = share_in_view(target, rotation, position, intrinsics)
-        yield FlightFrame(image, attitude, rotation, position, trouble, share)
+        yield FlightFrame(image, attitude, rotation, position, share)
 
 
 def _reported_attitude(

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from lab.vision.adverse import TRIALS
 from lab.vision.decks import LIES
-from lab.vision.flight import VGA, FlightFrame, fly
+from lab.vision.flight import FPS, VGA, FlightFrame, fly
 from lab.vision.looks import Look, eyes, figures, look_at, summed
 from lab.vision.parts import Case, Part
 from lab.vision.real import DEVICES
@@ -24,7 +24,6 @@ from mkdaemon.vision.track.attitude import AttitudeHistory
 
 NEAR_M, FAR_M, MIDDLE_M = 0.35, 8.0, 4.0
 """Heights of the flights behind cameras, and the distance that divides their figures."""
-FPS: Final = 30
 WEATHER: Final = SKIES | TRIALS
 
 

@@ -23,7 +23,7 @@ from lab.tables import show
 from lab.vision import tagfree
 from lab.vision.cases import draws
 from lab.vision.decks import LIES
-from lab.vision.flight import GROUNDS, LOOKING_DOWN, FlightFrame, fly
+from lab.vision.flight import FPS, GROUNDS, LOOKING_DOWN, FlightFrame, fly
 from lab.vision.flights import frames_of, lens_of
 from lab.vision.leaving import CAMERAS, ways_out
 from lab.vision.looks import look
@@ -37,7 +37,6 @@ from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker, VisionResult
 
-FPS: Final = 30
 FLIGHT, EACH, LEFT, FREE = 60, 6, 80, 24
 """Images of a flight, of a kind of stills, of a kind of leaving target, and of a ground without a target."""
 FAR_FLIGHT_M: Final = (3.0, 9.0)

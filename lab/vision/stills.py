@@ -98,16 +98,12 @@ class Studio:
     Args:
         target: what is photographed.
         seed: of grounds, places and noise.
-        intrinsics: what the estimator believes.
         fine: spend up to five million samples a print.
         part: other places and noise on the same grounds.
     """
 
-    def __init__(
-        self, target: Target, seed: int, *, intrinsics: Intrinsics = VGA, fine: bool = True, part: int = 0
-    ) -> None:
+    def __init__(self, target: Target, seed: int, *, fine: bool = True, part: int = 0) -> None:
         self.target = target
-        self.intrinsics = intrinsics
         self._placed = SceneTarget.of(target, Platform())
         noise = seed + 1000 * part
         self._scenes = [
@@ -137,7 +133,7 @@ class Studio:
         side = np.array([np.cos(around), np.sin(around), 0.0])
         position = distance * (np.sin(tilt) * side + np.cos(tilt) * np.array([0.0, 0.0, 1.0]))
         enu_from_cam = look_along(-position, float(roll), rng.uniform(-off, off, 2))
-        view = CameraView(self.intrinsics, enu_from_cam, position)
+        view = CameraView(VGA, enu_from_cam, position)
         scene = self._scenes[self._count % len(self._scenes)]
         self._count += 1
         pixels = scene.render(view, conditions)

@@ -14,8 +14,8 @@ Array = npt.NDArray[np.float64]
 TROUBLES = ("band", "patches", "glare", "shadow", "defocus", "motion", "dim")
 
 
-Plan = list[tuple[float, float, str, LightConditions, float]]
-"""Begin and end [s], name, conditions and exposure time [s] of troubles."""
+Plan = list[tuple[float, float, LightConditions, float]]
+"""Begin and end [s], conditions and exposure time [s] of troubles."""
 
 
 def plan_troubles(rng: np.random.Generator, seconds: float, side: float) -> Plan:
@@ -24,9 +24,7 @@ def plan_troubles(rng: np.random.Generator, seconds: float, side: float) -> Plan
     start = float(rng.uniform(0.5, 1.2))
     while start < seconds:
         end = start + float(rng.uniform(0.5, 1.5))
-        name = str(rng.choice(TROUBLES))
-        conditions, exposure = _trouble(name, rng, side)
-        plan.append((start, end, name, conditions, exposure))
+        plan.append((start, end, *_trouble(str(rng.choice(TROUBLES)), rng, side)))
         start = end + float(rng.uniform(0.2, 1.0))
     return plan
 

@@ -166,10 +166,6 @@ class SkyWeather:
         self._gamma = sky.device.conditions.processing.gamma
         self._auto = AutoExposure(AutoSettings()) if sky.automatic else None
 
-    def exposed(self, view: CameraView) -> CameraView:
-        """The view as it is: the hardships leave the shutter alone."""
-        return view
-
     def conditions(self, view: CameraView, fair: LightConditions) -> LightConditions:
         """Of the image of `view`."""
         found = self._change(view, fair)
