@@ -35,7 +35,6 @@ CAMPAIGNS: Final = (
     CommandEntry("paths", "lab.paths:main", "Figures of eight over surveyed tags: how far the aircraft is from them."),
     CommandEntry("survey", "lab.survey:main", "Maps of tags: how far each is off, and who is named."),
     CommandEntry("hil", "lab.hil.main:main", "Genuine firmware flies the same scenes as the simulated boards."),
-    CommandEntry("flight", "lab.flight:main", "The simulated flight against the plant's figures."),
     CommandEntry("record", "lab.record.main:main", "Recording: what it costs, kills, disks that fail."),
     CommandEntry("gateways", "lab.gateways:main", "Gateways: what they add in time, and what they cost."),
     CommandEntry("view", "lab.view:main", "The page of `mkctl view`: what it costs the daemon."),

@@ -10,11 +10,8 @@ from lab.places import ROOT
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
 from mkdaemon.config.vision import VisionSection
-from mkdaemon.control.actions import ReleaseAircraft
 from mkdaemon.control.events import PoseSeen
-from mkdaemon.control.regulator.autopilot import Goal
 from mkdaemon.telemetry.base import Telemetry
-from mkdaemon.telemetry.setpoint import LandSetpoint, Setpoint
 from mkdaemon.telemetry.vision import VisionPose
 from mkdaemon.vision.camera.image import CameraImage
 from mkdaemon.vision.pipeline import CameraPipeline
@@ -78,19 +75,3 @@ class RenderedRig(CoreRig):
         super()._hear(pitch, roll, yaw, at)
         self._attitudes.append(AttitudeSample(at, roll, pitch, yaw))
         del self._attitudes[:-HISTORY]
-
-
-class RenderedLandingRig(RenderedRig):
-    """A landing from rendered images; over when the core lets go of the aircraft."""
-
-    def _setpoint(self, goal: Goal, at: float) -> Setpoint:
-        """What the client streams."""
-        if at < self._flight.land_at:
-            return super()._setpoint(goal, at)
-        return LandSetpoint(epoch=self._epoch, sequence=self._sequence, ttl=0.3)
-
-    def _is_over(self, at: float) -> bool:
-        """Whether the core let go: the landing is done where the aircraft stands then."""
-        is_released = any(isinstance(action, ReleaseAircraft) for _, action in self.actions[-3:])
-        self.record.stands = is_released and self._world.truth.on_ground
-        return is_released

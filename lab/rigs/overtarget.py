@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,7 +64,6 @@ class Seen:
         captures: when the images were taken in which a target was found [s; monotonic].
         deliveries: how much later the camera had delivered each of them [s].
         frames: every stick frame that rests on an image.
-        eyes: what the camera said of itself, on every change.
         failsafes: what the ladder did.
     """
 
@@ -73,7 +72,6 @@ class Seen:
     phases: list[str] = field(default_factory=list)
     failsafes: list[str] = field(default_factory=list)
     captures: list[float] = field(default_factory=list)
-    eyes: list[str] = field(default_factory=list)
     deliveries: list[float] = field(default_factory=list)
     frames: list[Made] = field(default_factory=list)
     last: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -89,8 +87,6 @@ class Seen:
                 self.latencies.append(float(fields["latency"]))
                 self.deliveries.append(float(fields["delivered"]))
                 self.captures.append(at)
-            case "vision/down/stats" if self.eyes[-1:] != [fields["state"]]:
-                self.eyes.append(fields["state"])
             case "control/estimate" if (output := self.last.get("control/output")) is not None:
                 made = float(output["stamp"]["monotonic"])
                 self.frames.append(Made(output["frame"], at - float(fields["image_age"]), made))
@@ -124,7 +120,6 @@ class Setting:
         wind: none, indoor, light or moderate.
         latency_ms: from the middle of the exposure until the camera delivers the image [ms].
         jitter_ms: standard deviation of that [ms].
-        program: what Python runs in place of the daemon's own program.
         is_tapped: what the daemon writes is noted with its times.
         pilot: what he does when he is asked to begin: `supervise` hovers by hand, `start` starts the motors alone.
         board: whose port it is, `nc` or `fc`; behind a NaviCtrl 0.24 there are 40 stick frames a second at most.
@@ -135,7 +130,6 @@ class Setting:
     seed: int = 1
     latency_ms: float = 60.0
     jitter_ms: float = 5.0
-    program: Sequence[str] = PROGRAM
     is_tapped: bool = False
     board: str = "nc"
     pilot: str = "supervise"
@@ -203,11 +197,11 @@ async def over_target(setting: Setting) -> AsyncIterator[Hover]:
         await simulator.first_line()  # it serves
         tap = await stack.enter_async_context(tapped(where)) if setting.is_tapped else None
         _name_port(config, f"tcp:{where}" if tap is None else tap.port)
-        daemon = await start_daemon(config, endpoint, setting.program)
+        daemon = await start_daemon(config, endpoint)
         stack.callback(lambda: sys.stderr.write(daemon.errors))
         stack.push_async_callback(daemon.end, signal.SIGINT)
         client = await stack.enter_async_context(connected(endpoint, VEHICLE, patience=START))
-        keys = ("sim/truth", "vision/down/pose", "vision/down/stats", "control/*", "event/failsafe")
+        keys = ("sim/truth", "vision/down/pose", "control/*", "event/failsafe")
         await stack.enter_async_context(following(client, seen.take, *keys))
         await wait_for_control(client)
         await wait_for(lambda: "sim/truth" in seen.last)
