@@ -23,13 +23,12 @@ from typing import Final
 import zenoh
 
 from lab.attack.floods import daemon_on_tcp
-from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD
+from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD, TROUBLE
 from lab.campaign import Row
 from lab.rigs.cockpit import Boards
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, DaemonProcess, Sticks
-from lab.rigs.troubled import TROUBLE
 from lab.rigs.waiting import following, wait_until
 from lab.stories.kill import steering
 from mkdaemon import guard

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 from typing import Final
 
-from lab.rigs.troubled import TROUBLE
-
+TROUBLE: Final = signal.SIGUSR2
+"""What the lab tells a daemon by; SIGUSR1 is the daemon's own (see `mkdaemon.cli.mkdaemon.run.RELOAD`)."""
 HOLD: Final = 3.0
 """How long the C call takes [s]."""
 _RUN: Final = """

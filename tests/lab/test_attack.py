@@ -8,10 +8,9 @@ import pytest
 
 from lab.attack import deaths, quiet
 from lab.attack.floods import breaks_limit
-from lab.attack.programs import HELD_DAEMON
+from lab.attack.programs import HELD_DAEMON, TROUBLE
 from lab.cases import silence_log
 from lab.rigs.cockpit import Boards
-from lab.rigs.troubled import TROUBLE
 from mkdaemon.cli.mkdaemon.run import RELOAD
 
 RIDE = {"gap_p99": 0.03, "kept": True, "neutral": None, "released": 0.1, "memory_mb": 100.0, "log": 90.0}
