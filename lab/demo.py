@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
 from pydantic import BaseModel
 
 from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
@@ -53,16 +52,12 @@ class Watch:
         poses: exposures that gave a pose [s].
         frames: arrivals of any frame of the board [s].
         looks: time, whether it is in the air, whether a tag is wholly in view.
-        farthest: distance from the target in the air [m].
-        reason: of the first release.
     """
 
     attitudes: list[float] = field(default_factory=list)
     poses: list[float] = field(default_factory=list)
     frames: list[float] = field(default_factory=list)
     looks: list[tuple[float, bool, bool]] = field(default_factory=list)
-    farthest: float = 0.0
-    reason: str = ""
 
     def attach(self, rehearsal: Rehearsal) -> None:
         """Follow a flight that has not begun."""
@@ -78,8 +73,6 @@ class Watch:
                 self.poses.append(value.stamp.monotonic)
             elif isinstance(value, RawFrame) and suffix == "raw/rx":
                 self.frames.append(value.stamp.monotonic)
-            elif isinstance(value, ControlStatus) and value.phase.value == "releasing" and not self.reason:
-                self.reason = value.reason
 
         def look(now: float) -> None:
             if self.looks and now - self.looks[-1][0] < LOOK:
@@ -92,8 +85,6 @@ class Watch:
                 inside = (pixels > EDGE).all() and (pixels < (width - 1 - EDGE, height - 1 - EDGE)).all()
                 is_seen |= bool(inside and is_in_front.all())
             self.looks.append((now, truth.airborne, is_seen))
-            if truth.airborne:
-                self.farthest = max(self.farthest, float(np.hypot(*(truth.position_enu - pad.position_enu)[:2])))
 
         rehearsal.bus.followers.append(take)
         rehearsal.watch_world(look)
@@ -127,19 +118,16 @@ def fly(flight: Row) -> Row:
         an attitude (`attitude_hole`), without a pose while a tag was wholly in view (`pose_hole`), and without any
         frame because the radio lost every packet (`silence`); its length [s].
     """
-    silence_log()
     watch = Watch()
 
-    async def rehearsed() -> Any:
-        aircraft = simulated_aircraft(flight["seed"], flight["wind"], flight["fps"], flight["loss"])
-        rehearsal = demonstration(aircraft, lambda moment, status: None)
+    def prepare(follow: Watcher) -> Rehearsal:
+        rehearsal = demonstration(simulated_aircraft(**flight), follow)
         watch.attach(rehearsal)
-        record = await rehearsal.fly()
-        return record, rehearsal.world.truth.on_ground
+        return rehearsal
 
-    record, stands = run_virtually(rehearsed(), 0.0)
+    record, row = flown(prepare, STRAYED)
     ends = record.parts.get("after", math.inf)
-    return landing_of(record, watch.reason, stands=stands, is_lost=watch.farthest > STRAYED) | {
+    return row | {
         "attitude_hole": round(watch.hole(watch.attitudes, ends, in_view=False), 2),
         "pose_hole": round(watch.hole(watch.poses, ends, in_view=True), 2),
         "silence": round(watch.hole(watch.frames, ends, in_view=False), 2),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import random
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -128,15 +127,4 @@ def sum_up(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             "goal": "none",
             "holds": not violations,
         },
-        "faults_drawn": dict(Counter(name for row in rows for name in row.get("faults", ()))) | {"holds": True},
-        "faults_reasons": dict(Counter(_kind(row["why"]) for row in rows)) | {"holds": True},
-        "faults_cost_s": {
-            "mean": round(sum(row.get("processor_s", 0.0) for row in rows) / len(rows), 2),
-            "holds": True,
-        },
     }
-
-
-def _kind(why: str) -> str:
-    """A reason without its numbers."""
-    return re.sub(r"[0-9.]+", "#", why)

@@ -119,7 +119,6 @@ class Outcome:
     stood: bool = False
     aside: float = math.inf
     refused: str = ""
-    phases: list[Phase] = field(default_factory=list)
     violations: Counter[str] = field(default_factory=Counter)
     frames: int = 0
 
@@ -241,7 +240,6 @@ class FaultRig(CoreRig):
                     case ReleaseAircraft():
                         self._released(action, at)
                     case ReportMode():
-                        self.outcome.phases.append(action.after)
                         if action.after is Phase.FLYING:
                             self.outcome.engaged, self._autopilot = True, None
                     case _:

@@ -21,7 +21,7 @@
 #include "sim_elf.h"
 #include "sim_io.h"
 
-enum { ANALOG = 8, MOTORS = 12, CHANNELS = 16, QUEUE = 1 << 16, FRAMES = 1 << 10, FRAME = 48, HELD = 16 };
+enum { ANALOG = 8, MOTORS = 12, CHANNELS = 16, QUEUE = 1 << 16 };
 
 static const int MILLIVOLTS_PER_STEP = 5; /* supply and reference 5.115 V: 5 mV a step of the converter */
 static const int SUPPLY_MV = 5115;
@@ -30,7 +30,6 @@ static const int NEUTRAL_TICKS = 466, TICK_CYCLES = 64; /* a channel at rest, an
 static const double DEAF_S = 0.022;     /* how often a receiver without transmitter is looked at */
 static const double MOTOR_HOLD_S = 0.3; /* a motor controller stops so long after its last set point */
 static const int FIRST_MOTOR = 0x52;    /* I2C address of the first controller */
-static const int COPY_CYCLES = 30;      /* from the flag of the receive buffer to a whole frame and its length in it */
 static const int BAROMETER = 3;         /* its channel: the firmware shifts it with an analog output */
 static const double BAROMETER_SHIFT = -52.0; /* steps of the converter a step of that output */
 
@@ -54,20 +53,6 @@ struct motor {
     uint64_t at;
 };
 
-/* A frame in the firmware's receive buffer; laid out as `_Taken` of chip.py. */
-struct taken {
-    double at;      /* when the buffer had it whole [s] */
-    double done;    /* when the main loop had handled it [s] */
-    int32_t length; /* with its carriage return */
-    uint8_t frame[FRAME]; /* as received */
-    uint8_t held[HELD];   /* external control once it was handled */
-};
-
-/* Where the firmware's memory holds what it received. */
-struct watch {
-    int flag, length, buffer, held; /* addresses: 1 while a frame waits, its length, its bytes, external control */
-};
-
 struct board {
     avr_t *avr;
     double end; /* where the last run was to end [cycle] */
@@ -76,11 +61,6 @@ struct board {
     uint64_t random;
     /* to the board */
     avr_irq_t *serial_in;
-    struct watch watch;
-    uint8_t waits;
-    avr_cycle_count_t copy_at;
-    struct taken taken[FRAMES];
-    unsigned taken_head, taken_tail;
     /* from it */
     uint8_t outbox[QUEUE];
     uint64_t out_at[QUEUE];
@@ -133,40 +113,6 @@ int board_read(struct board *b, uint8_t *bytes, double *times, int most) {
         times[count] = b->out_at[b->out_tail % QUEUE] / (double)b->avr->frequency;
         bytes[count++] = b->outbox[b->out_tail++ % QUEUE];
     }
-    return count;
-}
-
-/* Keep every frame that the receive buffer takes from now on. */
-void board_watch(struct board *b, int flag, int length, int buffer, int held) {
-    b->watch = (struct watch){flag, length, buffer, held};
-}
-
-/* Follow the flag of the receive buffer. The interrupt sets it before the length, so the frame is copied a little later,
-   when the length is written and the main loop has not yet decoded the frame in place. */
-static void follow_buffer(struct board *b) {
-    const uint8_t *data = b->avr->data;
-    struct taken *t = &b->taken[b->taken_head % FRAMES];
-    double now = b->avr->cycle / (double)b->avr->frequency;
-    if (data[b->watch.flag] && !b->waits) {
-        t->at = now;
-        t->length = 0;
-        b->copy_at = b->avr->cycle + COPY_CYCLES;
-    } else if (b->waits && !data[b->watch.flag]) {
-        memcpy(t->held, data + b->watch.held, HELD);
-        t->done = now;
-        b->taken_head++;
-    } else if (b->copy_at && b->avr->cycle >= b->copy_at) {
-        t->length = data[b->watch.length];
-        memcpy(t->frame, data + b->watch.buffer, t->length < FRAME ? t->length : FRAME);
-        b->copy_at = 0;
-    }
-    b->waits = data[b->watch.flag];
-}
-
-/* Frames that were handled until now; returns how many. */
-int board_taken(struct board *b, struct taken *frames, int most) {
-    int count = 0;
-    while (count < most && b->taken_tail != b->taken_head) frames[count++] = b->taken[b->taken_tail++ % FRAMES];
     return count;
 }
 
@@ -386,7 +332,6 @@ int board_run(struct board *b, double seconds) {
     while (avr->cycle < b->end) {
         int state = avr_run(avr);
         if (state == cpu_Done || state == cpu_Crashed) return state;
-        if (b->watch.flag && (b->copy_at || avr->data[b->watch.flag] != b->waits)) follow_buffer(b);
     }
     /* simavr 1.6 counts two stop bits where the firmware asks for one */
     if (b->uart->cycles_per_byte % 11 == 0) b->uart->cycles_per_byte = b->uart->cycles_per_byte / 11 * 10;

@@ -362,7 +362,7 @@ def main(arguments: list[str]) -> int:
             print(f"built: {', '.join(names)}. Fly it: python -m lab hil --firmware {names[0]}")
         if navictrl:
             name = build_navictrl(Path(navictrl))
-            print(f"built: {name}. Run it: python -m lab hil --case navictrl")
+            print(f"built: {name}. Fly it: python -m lab hil --case pair")
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

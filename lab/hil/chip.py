@@ -17,9 +17,6 @@ from mkdaemon.errors import ConfigError
 from mkdaemon.protocol.settings import Layout, ParameterSet, known_revisions, layout_of, poti_reference
 
 READ_AT_ONCE: Final = 4096
-TAKEN_AT_ONCE: Final = 64
-BUFFER: Final = ("NeuerDatensatzEmpfangen", "AnzahlEmpfangsBytes", "RxdBuffer")
-"""The firmware's variables of its receive buffer: a frame waits, its length, its bytes (uart.c)."""
 SHIFT_OUTPUT: Final = 0x47
 """OCR0A, the output that shifts the barometer's amplifier, in the memory of each processor (ATmega data sheets)."""
 Held = tuple[int, int, int, int, bool]
@@ -38,25 +35,6 @@ class Lines(ctypes.Structure):
         ("is_receiving", ctypes.c_int32),
         ("motors", ctypes.c_int32),
         ("shift_address", ctypes.c_int32),
-    )
-
-
-class Taken(ctypes.Structure):
-    """A frame that the firmware had in its receive buffer; see `struct taken` of board.c.
-
-    Attributes:
-        at: when the buffer had it whole [s].
-        done: when the main loop had handled it, and the buffer was free again [s].
-        length: of what is kept of it in `frame`.
-        held: the firmware's variable of external control at `done`.
-    """
-
-    _fields_ = (
-        ("at", ctypes.c_double),
-        ("done", ctypes.c_double),
-        ("length", ctypes.c_int32),
-        ("frame", ctypes.c_uint8 * 48),
-        ("held", ctypes.c_uint8 * 16),
     )
 
 
@@ -123,7 +101,6 @@ class Chip:
             raise ConfigError(f"{firmware.elf}: not a program of an {firmware.mcu}")
         self._bytes = ctypes.create_string_buffer(READ_AT_ONCE)
         self._times = (ctypes.c_double * READ_AT_ONCE)()
-        self._taken = (Taken * TAKEN_AT_ONCE)()
         self.lines: Lines = self._library.board_lines(self._board).contents
         self.lines.motors = 4
         self.lines.shift_address = SHIFT_OUTPUT
@@ -159,19 +136,6 @@ class Chip:
         """Bytes that left its serial output: the time of the last bit [s], and the byte."""
         count = self._library.board_read(self._board, self._bytes, self._times, READ_AT_ONCE)
         return list(zip(self._times[:count], self._bytes.raw[:count], strict=True))
-
-    def watch_frames(self) -> None:
-        """Keep every frame that the firmware receives from now on, for `taken`."""
-        symbols = self.firmware.symbols
-        names = (*BUFFER, control_of(self.firmware).symbol)
-        self._library.board_watch(self._board, *(symbols[name] for name in names))
-
-    def taken(self) -> list[Taken]:
-        """Frames that the main loop has handled since the last call; call it at least once a second."""
-        found = []
-        while count := self._library.board_taken(self._board, self._taken, TAKEN_AT_ONCE):
-            found += [Taken.from_buffer_copy(each) for each in self._taken[:count]]
-        return found
 
     def connect(self, exchange: int) -> None:
         """Connect a board to its SPI bus: the address of a function that answers a byte at a time [s] with another."""
@@ -222,8 +186,6 @@ def _load() -> ctypes.CDLL:
         "peek": (number, board, number, text, number),
         "poke": (number, board, number, text, number),
         "connect": (number, board, pointer),
-        "watch": (number, board, *(number,) * 4),
-        "taken": (number, board, pointer, number),
         "eeprom": (number, board, text, number),
         "reset": (number, board),
     }

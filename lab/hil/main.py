@@ -8,8 +8,8 @@ from itertools import product
 from typing import Final, Literal
 
 from lab.campaign import Campaign, First, Jobs, Kept, Row
-from lab.hil import endings, generations, navicase, navipairs, rooms, scenes, triggers
-from lab.hil.build import built, names
+from lab.hil import endings, pair, rooms, scenes, triggers
+from lab.hil.build import built, built_navictrl, names
 from lab.hil.flights import SIMULATED, setting_of
 from lab.hil.processes import be_quiet
 from lab.hil.scenes import LINES
@@ -20,6 +20,8 @@ RUNS: Final = 10
 """Flights of each board by each line, and flights in which every trigger fires."""
 FIRST_SEED: Final = 81_000_000
 """Of reported figures; what is tuned uses seeds below 10000."""
+ALONE: Final = ("triggers", "pair")
+"""Cases of genuine boards on a cable alone."""
 LONGEST: Final = 1200.0
 """Processor time after which a flight has failed [s]."""
 
@@ -54,6 +56,8 @@ def fly(work: Work) -> Row:
             return endings.fly(setting(loss=work.loss, tilt_deg=work.tilt))
         case "triggers":
             return {"stories": triggers.fire(work.board, work.seed)}
+        case "pair":
+            return pair.fly(work.board, work.seed)
         case _:
             return rooms.fly(work.case, setting(fps=rooms.FPS, wind=WindClass.LIGHT))
 
@@ -61,7 +65,7 @@ def fly(work: Work) -> Row:
 def main(
     *,
     firmware: str = "",
-    case: Literal["scenes", "flights", "room", "paths", "triggers", "control", "navictrl", "pair"] = "scenes",
+    case: Literal["scenes", "flights", "room", "paths", "triggers", "pair"] = "scenes",
     line: Literal["both", "cable", "radio"] = "both",
     boards: Literal["both", "genuine", "simulated"] = "both",
     runs: int = RUNS,
@@ -79,28 +83,23 @@ def main(
 
     Args:
         firmware: Name of one that was built; the first by default.
-        case: The scenes; flights, how each ended and what became of every frame; from pad to pad through a room of
-            surveyed tags, or figures of eight over them; what happens when something fails,
-            judged by the firmware's memory; how long it holds stick frames; a genuine NaviCtrl and the simulator's,
-            side by side (`make hil NAVICTRL=<folder>`); or a genuine pair of both boards.
+        case: The scenes; flights, and how each ended; from pad to pad through a room of
+            surveyed tags, or figures of eight over them; what happens when something fails, judged by the firmware's
+            memory; or flights behind a genuine NaviCtrl (`make hil NAVICTRL=<folder>`).
         line: To the boards.
         boards: Genuine, simulated, or both side by side.
-        runs: Flights of each board by each line; of a pair; silences of `control`.
+        runs: Flights of each board by each line.
         loss: Of `flights`: share of the radio's packets that are lost, each way, for example 0.05.
         tilt: Of `flights`: of the pad, 0 to 20 degrees.
     """
-    if case == "navictrl":
-        return navicase.show(first, jobs, as_json=as_json)
-    genuine, seeds = built(firmware or next(iter(names()), "FlightCtrl")).name, range(first, first + runs)
     if case == "pair":
-        return navipairs.show(genuine, seeds, jobs, as_json=as_json)
-    if case == "control":
-        return generations.show([genuine] if firmware else names(), runs, as_json=as_json)
+        built_navictrl()  # says what to build, before anything is flown
+    genuine, seeds = built(firmware or next(iter(names()), "FlightCtrl")).name, range(first, first + runs)
     flown = {"both": (genuine, SIMULATED), "genuine": (genuine,), "simulated": (SIMULATED,)}[boards]
     lines = LINES if line == "both" else (line,)
-    if case == "triggers":
+    if case in ALONE:
         flown, lines = (genuine,), ("cable",)
     asked = [Work(case, board, by, seed, loss, tilt) for seed in seeds for board, by in product(flown, lines)]
-    rows = Campaign(f"hil {case}", fly, lambda work: work.key, limit=LONGEST).rows(asked, jobs, results)
-    show = {"scenes": scenes.show, "flights": endings.show, "triggers": triggers.show}.get(case, rooms.show)
-    return show(rows, as_json=as_json)
+    campaign = Campaign(f"hil {case}", fly, lambda work: work.key, limit=LONGEST, is_alone=case == "pair")
+    shows = {"scenes": scenes.show, "flights": endings.show, "triggers": triggers.show, "pair": pair.show}
+    return shows.get(case, rooms.show)(campaign.rows(asked, jobs, results), as_json=as_json)

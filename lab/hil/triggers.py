@@ -22,7 +22,7 @@ from lab.campaign import Row, carried_out
 from lab.control.corerig import pose_of
 from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
-from lab.hil.client import Client
+from lab.hil.chip import Held
 from lab.hil.flights import Setting, config_of
 from lab.hil.processes import in_a_copy
 from lab.hil.world import GenuineWorld
@@ -35,6 +35,8 @@ from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFram
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import WindClass
 from mksim.physics.hand_flight import HandFlight
+from mksim.programs.virtualdaemon import VirtualDaemon
+from mksim.programs.virtualports import Cable, LocalBus
 
 CLIENT: Final = "lab"
 HEIGHT: Final = 1.5
@@ -46,14 +48,35 @@ NOISE: Final = 0.006
 """Of a pose, each axis [m]."""
 STREAM: Final = 0.02
 """Between two setpoints [s]."""
+LOOK: Final = 0.004
+"""Between two looks at what is waited for [s]."""
 LONGEST: Final = 40.0
 """Longest wait for anything [s]."""
 
 
-class Flight(Client):
+class CutCable:
+    """The aircraft behind a cable whose daemon may fall silent."""
+
+    def __init__(self, aircraft: GenuineAircraft) -> None:
+        self.aircraft, self.now = aircraft, aircraft.now
+        self.is_cut = self.is_deaf = False
+
+    def write(self, data: bytes, at: float) -> None:
+        """Bytes of the daemon."""
+        if not self.is_cut:
+            self.aircraft.write(data, at)
+
+    def advance(self, to: float) -> list[tuple[float, bytes]]:
+        """Run on."""
+        said, self.now = self.aircraft.advance(to), to
+        return [] if self.is_deaf else said
+
+
+class Flight:
     """A client that holds over the target, its daemon, guard, and the aircraft.
 
     Attributes:
+        held: what the firmware held from a time on [s].
         phases: of authority, each with its first moment [s].
         status: newest of the daemon.
         is_streaming: the client streams.
@@ -63,16 +86,32 @@ class Flight(Client):
     def __init__(self, firmware: str, seed: int) -> None:
         setting = Setting(firmware, seed)
         aircraft = GenuineAircraft(built(firmware), config_of(setting), voltage=setting.voltage)
-        now = asyncio.get_running_loop().time
-        self.guard = VirtualGuard(lambda data: aircraft.write(data, max(now(), aircraft.now)))
-        super().__init__(aircraft, lambda: aircraft.world.held, self.guard)
+        self.loop, self.cable, self.bus = asyncio.get_running_loop(), CutCable(aircraft), LocalBus()
+        self.guard = VirtualGuard(lambda data: aircraft.write(data, max(self.loop.time(), aircraft.now)))
+        self.daemon = VirtualDaemon(self.bus, Cable(self.cable, self._moved).open, guard=self.guard)
+        self.wiring = self.daemon.wiring
         self.world, self._rng = aircraft.world, random.Random(f"{seed} poses")
+        self.held: list[tuple[float, Held]] = []
         self.phases: list[tuple[float, Phase]] = []
         self.status: ControlStatus | None = None
         self.is_streaming = self.is_seeing = True
         self.seen_at = self.streamed_at = 0.0
         self.bus.followers.append(self._value_published)
         self.wanted: tuple[type[Setpoint], dict[str, Any]] = (TakeOffSetpoint, {"height": HEIGHT})
+
+    def _moved(self, now: float) -> None:
+        held = self.world.held
+        if not self.held or self.held[-1][1] != held:
+            self.held.append((now, held))
+
+    async def until(self, claim: Callable[[], bool], within: float) -> float | None:
+        """Wait for a claim; how long that took [s], None where it never held."""
+        began = self.loop.time()
+        while not claim():
+            if self.loop.time() - began > within:
+                return None
+            await asyncio.sleep(LOOK)
+        return self.loop.time() - began
 
     def _value_published(self, suffix: str, value: object) -> None:
         if isinstance(value, ControlStatus):
@@ -86,9 +125,13 @@ class Flight(Client):
         self.daemon.start()
         self._jobs = [asyncio.create_task(self._see())]
         # the pilot's throttle is still at its lowest then
-        await self.until(
-            lambda: self.is_line_known and bool(self.wiring.facts.motors_running(self.loop.time())), LONGEST
-        )
+        link, facts = self.wiring.link, self.wiring.facts
+
+        def is_ready() -> bool:
+            is_known = link.is_up and link.dialect.extern_control is not None
+            return is_known and bool(facts.motors_running(self.loop.time()))
+
+        await self.until(is_ready, LONGEST)
         await self.bus.take_lease(CLIENT)
         self._jobs.append(asyncio.create_task(self._stream()))
         if await self.until(lambda: self.status is not None and self.status.is_done, LONGEST) is None:

@@ -1,25 +1,23 @@
-"""A genuine NaviCtrl in the proving ground, without its firmware: frames, sources, comparison, what it says.
+"""A genuine NaviCtrl in the proving ground, without its firmware: sources, its GPS receiver, what it says.
 
 The firmware is the user's (docs/lab/genuine-navictrl.md), so nothing here runs one.
 """
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from lab.hil import build as building
+from lab.hil import pair
 from lab.hil.build import files_of, narrowed, release_of
 from lab.hil.build import main as make
 from lab.hil.main import main
-from lab.hil.naviboard import NaviLines, Word, packet, report
-from lab.hil.navicase import agree, differences, unknown
-from lab.hil.naviscript import Answers, frame, point
+from lab.hil.naviboard import NaviLines, report
 from mkdaemon.errors import ConfigError
-from mkdaemon.protocol.framing import FrameDecoder
-from mkdaemon.protocol.messages import WriteWaypoint024
 from mksim.physics.sensors import GpsReport
 
 STUB = Path(building.__file__).with_name("navictrl.c")
@@ -28,7 +26,7 @@ STUB = Path(building.__file__).with_name("navictrl.c")
 def test_without_a_navictrl_it_says_what_to_fetch_and_to_run(tmp_path, monkeypatch):
     monkeypatch.setattr(building, "NAVICTRL", tmp_path)
     with pytest.raises(ConfigError, match=r"zakwiggy/navictrl(.|\n)*make hil NAVICTRL="):
-        main(case="navictrl")
+        main(case="pair")
 
 
 def test_make_says_how_it_is_called_and_names_a_folder_without_sources(tmp_path, capsys):
@@ -76,14 +74,6 @@ def test_the_stub_and_python_lay_the_boards_edge_out_alike():
     assert re.findall(r"int16_t (\w+)", found.group(1)) == [name for name, _ in NaviLines._fields_]
 
 
-def test_a_packet_of_the_flightctrl():
-    made = packet(Word.STICK, (-15, 20, -14, 21, 3599), (-127, 1, 2, 3))
-    assert (len(made), made[:3]) == (34, bytes((0xAA, 0x83, 11)))
-    assert made[3:7] == bytes.fromhex("f1ff1400")
-    assert made[21:25] == bytes((0x81, 1, 2, 3))
-    assert made[-1] == sum(made[:-1]) & 0xFF
-
-
 def test_a_report_of_the_gps_receiver():
     fix = GpsReport(532301089, -74590625, 42.5, (1.0, -2.0, 0.5), 9, True, 0.2, 3)
     said = report(fix)
@@ -103,36 +93,10 @@ def test_a_report_of_the_gps_receiver():
     assert lengths == [(0x06, 52), (0x02, 28), (0x12, 36)]
 
 
-def answers(*frames, text=b"", held=""):
-    decoder = FrameDecoder()
-    return Answers([(at, found) for at, raw in frames for found in decoder.feed(raw)], text, held)
-
-
-def test_what_two_boards_do_otherwise_is_named():
-    read = frame("X", bytes((3, 2)) + point(2, north=20))
-    other = frame("X", bytes((3, 2)) + point(2, north=20, kind=255))
-    assert list(differences(answers((0.01, read)), answers((0.012, read)))) == []
-    assert list(differences(answers((0.01, read)), answers((0.02, other), text=b"init"))) == [
-        "first reply after 10.0 ms, simulated 20.0",
-        "nX.type 0, simulated 255",
-        "text none, simulated 'init'",
-    ]
-    assert list(differences(answers(held="a"), answers((0.1, read), held="b"))) == [
-        "nX: 0 frames, simulated 1",
-        "the FlightCtrl holds a, simulated b",
-    ]
-    assert WriteWaypoint024.decode(point(2, kind=255)).index == 2
-
-
-def step(what, ended, figure=None):
-    return {"what": what, "ended": ended, "figure": figure}
-
-
-def test_known_differences_are_no_faults_and_steps_agree_by_their_end_and_time():
-    assert unknown(["nD.analog[4] [0], simulated [245]", "nX.type 1, simulated 0"]) == ["nX.type 1, simulated 0"]
-    dead_man = step("dead-man", "yes", 2.0)
-    others = [("yes", 2.4), ("yes", 2.6), ("never", 2.0), ("yes", None)]
-    assert [agree(dead_man, step("dead-man", *other)) for other in others] == [True, False, False, False]
-    late = [("NaviCtrl after it", 0.077), ("NaviCtrl after it", 0.09), ("label", 0.077)]
-    found = [agree(step(what, "accepted", 0.013), step(what, "accepted", figure)) for what, figure in late]
-    assert found == [True, False, False]
+def test_a_flight_of_the_pair_that_is_lost_fails(capsys):
+    row = {"seed": 7, "hold_cm": 3.5, "lost": [], "warnings": []}
+    assert pair.show([row], as_json=True) == 0
+    assert pair.show([row, row | {"lost": ["it did not land"]}], as_json=True) == 1
+    assert pair.show([{"seed": 7, "ending": "failed", "why": "no memory"}], as_json=True) == 1
+    shown = capsys.readouterr().out.splitlines()
+    assert json.loads(shown[0])["rows"] == [{"seed": 7, "hold_cm": 3.5, "lost": [], "holds": True}]
