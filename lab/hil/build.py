@@ -23,7 +23,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from lab.places import ROOT
 from mkdaemon.errors import ConfigError
@@ -256,7 +256,7 @@ def run_tool(command: list[str], what: str, *, check: bool = True) -> str:
 
 
 NAVICTRL: Final = OUTPUT / "navictrl"
-"""One folder a firmware: `navictrl.so`, `navictrl.json`."""
+"""One folder a firmware, with its `navictrl.so`."""
 NAVICTRL_URL: Final = "https://github.com/zakwiggy/navictrl (NaviCtrl 0.24b, a public fork)"
 INCLUDES: Final = (".", "libstr91x/include", "usbinc", "usblibrary/inc")
 LEFT_OUT: Final = {"ramfunc.c", "syscalls.c", "usb_desc.c", "usb_endp.c", "usb_istr.c", "usb_prop.c", "usb_pwr.c"}
@@ -269,21 +269,14 @@ FLAGS: Final = (
 """The language is that of its compiler of 2010; the last but two calls the board in every basic block."""
 
 
-class NaviFirmware(NamedTuple):
-    """A NaviCtrl's firmware that was built: the library of the board, and its release, for example `0.24b`."""
-
-    library: Path
-    release: str
-
-
-def built_navictrl() -> NaviFirmware:
-    """The NaviCtrl that `make hil` built; the first by name where there are several.
+def built_navictrl() -> Path:
+    """The library of the NaviCtrl that `make hil` built; the first by name where there are several.
 
     Raises:
         ConfigError: there is none; says what to fetch and run.
     """
-    for path in sorted(NAVICTRL.glob("*/navictrl.json")):
-        return NaviFirmware(path.with_name("navictrl.so"), json.loads(path.read_text())["release"])
+    for path in sorted(NAVICTRL.glob("*/navictrl.so")):
+        return path
     raise ConfigError(
         f"no NaviCtrl is built. Fetch its sources, for example {NAVICTRL_URL}, then run: "
         "make hil NAVICTRL=<folder of the sources>"
@@ -296,7 +289,9 @@ def build_navictrl(sources: Path) -> str:
     Raises:
         ConfigError: something is missing, or does not compile; says what.
     """
-    release, name = release_of(sources), sources.resolve().name
+    if not ((sources / "main.h").exists() and (sources / "makefile").exists()):
+        raise ConfigError(f"{sources}: no sources of a NaviCtrl; fetch for example {NAVICTRL_URL}")
+    name = sources.resolve().name
     folder = NAVICTRL / name
     work = folder / "sources"
     shutil.rmtree(folder, ignore_errors=True)
@@ -306,29 +301,12 @@ def build_navictrl(sources: Path) -> str:
     includes = [f"-I{work / folder}" for folder in INCLUDES]
     compiled = [(path, FLAGS) for path in files_of(work)]
     for path, flags in (*compiled, (ROOT / "lab" / "hil" / "navictrl.c", ("-O2", "-fPIC", "-Wall"))):
-        what = f"NaviCtrl {release} (0.24b is known to build): {path.name}"
-        run_tool(["gcc", "-c", *flags, *includes, str(path), "-o", str(work / f"{path.stem}.o")], what)
+        command = ["gcc", "-c", *flags, *includes, str(path), "-o", str(work / f"{path.stem}.o")]
+        run_tool(command, f"NaviCtrl {name} (0.24b is known to build): {path.name}")
     objects = sorted(str(path) for path in work.glob("*.o"))
     library = str(folder / "navictrl.so")
     run_tool(["gcc", "-shared", "-Wl,-Bsymbolic", "-o", library, *objects, "-lm"], f"NaviCtrl {name}")
-    (folder / "navictrl.json").write_text(json.dumps({"release": release}))
     return name
-
-
-def release_of(sources: Path) -> str:
-    """Release of a NaviCtrl's sources, for example `0.24b`.
-
-    Raises:
-        ConfigError: they are none.
-    """
-    header = sources / "main.h"
-    text = header.read_text(encoding="latin1") if header.exists() else ""
-    found = [re.search(rf"define\s+VERSION_{key}\s+(\d+)", text) for key in ("MAJOR", "MINOR", "PATCH")]
-    numbers = [int(one.group(1)) for one in found if one]
-    if len(numbers) < len(found) or not (sources / "makefile").exists():
-        raise ConfigError(f"{sources}: no sources of a NaviCtrl; fetch for example {NAVICTRL_URL}")
-    major, minor, patch = numbers
-    return f"{major}.{minor:02d}{chr(ord('a') + patch)}"
 
 
 def files_of(sources: Path) -> list[Path]:

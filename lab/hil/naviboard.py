@@ -12,11 +12,11 @@ import math
 import struct
 from collections.abc import Iterable
 from enum import IntEnum
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from lab.hil.build import NaviFirmware
 from mkdaemon.errors import ConfigError
 from mksim.boards.line import HOST_CHAR
 from mksim.physics.sensors import GpsReport
@@ -47,12 +47,11 @@ class NaviBoard:
     A process has at most one: the firmware keeps its state in its own variables.
 
     Attributes:
-        firmware: that runs.
         lines: what its compass measures.
     """
 
-    def __init__(self, firmware: NaviFirmware) -> None:
-        """Power it up.
+    def __init__(self, firmware: Path) -> None:
+        """Power it up, with its library; see `built_navictrl`.
 
         Raises:
             ConfigError: this process has run one already.
@@ -97,8 +96,8 @@ class NaviBoard:
         return int(ctypes.cast(self._library.navi_exchange, ctypes.c_void_p).value or 0)
 
 
-def _load(firmware: NaviFirmware) -> ctypes.CDLL:
-    library = ctypes.CDLL(str(firmware.library))
+def _load(firmware: Path) -> ctypes.CDLL:
+    library = ctypes.CDLL(str(firmware))
     types = {
         "time": (ctypes.c_double,),
         "lines": (ctypes.POINTER(NaviLines),),

@@ -14,7 +14,7 @@ from typing import Any, Final
 from lab import tables
 from lab.campaign import Row
 from lab.hil.aircraft import GenuineAircraft
-from lab.hil.build import Firmware, NaviFirmware, built, built_navictrl
+from lab.hil.build import Firmware, built, built_navictrl
 from lab.hil.flights import Leg, SceneFlight, Setting, config_of
 from lab.hil.naviboard import NaviBoard, Socket, Surroundings
 from lab.hil.world import GenuineWorld
@@ -64,14 +64,14 @@ class NaviPair(GenuineAircraft):
     world: PairWorld
     _world_class = PairWorld
 
-    def __init__(self, flight: Firmware, navi: NaviFirmware, config: SimConfig, **more: Any) -> None:
+    def __init__(self, flight: Firmware, config: SimConfig, **more: Any) -> None:
         """Switch both boards on; `more` is start, ground and voltage, see `GenuineAircraft`.
 
         Raises:
-            ConfigError: this process has run a NaviCtrl already.
+            ConfigError: no NaviCtrl is built, or this process has run one already.
         """
         super().__init__(flight, config, has_compass=False, **more)
-        self.world.join(NaviBoard(navi))
+        self.world.join(NaviBoard(built_navictrl()))
 
     def _receive(self, arrivals: Iterable[tuple[float, int]]) -> None:
         navi = self.world.navi
@@ -94,7 +94,7 @@ def fly(firmware: str, seed: int) -> Row:
         config = config_of(setting).model_copy(update={"pilot_wait": START})
         start, ground = StartState(yaw=setting.yaw), deck_of(config.scene.platform)
         more: Row = {"start": start, "ground": ground, "voltage": VOLTAGE}
-        pair = NaviPair(built(firmware), built_navictrl(), config, **more)
+        pair = NaviPair(built(firmware), config, **more)
         await asyncio.sleep(BOOTED)
         pair.advance(BOOTED)
         flight = SceneFlight(config, pair, (LEG,))

@@ -13,7 +13,7 @@ import pytest
 
 from lab.hil import build as building
 from lab.hil import pair
-from lab.hil.build import files_of, narrowed, release_of
+from lab.hil.build import files_of, narrowed
 from lab.hil.build import main as make
 from lab.hil.main import main
 from lab.hil.naviboard import NaviLines, report
@@ -38,24 +38,17 @@ def test_make_says_how_it_is_called_and_names_a_folder_without_sources(tmp_path,
 
 @pytest.fixture
 def sources(tmp_path):
-    (tmp_path / "main.h").write_text("#define VERSION_MAJOR\t2\n#define VERSION_MINOR 4\n#define VERSION_PATCH 2\n")
+    (tmp_path / "main.h").touch()
     (tmp_path / "makefile").write_text(
         "SRCARM = ./lib/src/x.c\nSRCARM += main.c\nSRCARM += ramfunc.c\nSRCARM += gps.c\n"
     )
     return tmp_path
 
 
-def test_a_release_is_read_from_the_sources_and_what_is_none_is_named(sources):
-    assert release_of(sources) == "2.04c"
-    (sources / "main.h").write_text("#define VERSION_MAJOR 2\n")
-    with pytest.raises(ConfigError, match="no sources of a NaviCtrl"):
-        release_of(sources)
-
-
 def test_what_does_not_compile_is_named_with_the_release_that_does(sources, monkeypatch):
     monkeypatch.setattr(building, "NAVICTRL", sources / "build")
     (sources / "main.c").write_text("#error of another time\n")
-    with pytest.raises(ConfigError, match=r"NaviCtrl 2\.04c \(0\.24b is known to build\): main\.c") as raised:
+    with pytest.raises(ConfigError, match=r"NaviCtrl .* \(0\.24b is known to build\): main\.c") as raised:
         building.build_navictrl(sources)
     assert "of another time" in str(raised.value)
 
