@@ -9,25 +9,42 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from lab.campaign import Row
-from lab.hil.scenes import compared
+from lab.hil.flights import SIMULATED
+from lab.hil.scenes import FIGURES, GOALS, HOLD, LINES, MEANS, by_line
 from lab.hil.triggers import by_story, story_figures
 from tools.markdown import table
 
+OF: Final = {0.5: "median", 0.9: "p90", 1.0: "worst"}
 SHOWN: Final[Mapping[str, str]] = {"told": "warned"}
 """Figures of the triggers whose names in the results the page does not use."""
 
 
 def _scenes(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:
     """Genuine and simulated boards side by side, by each line; a figure that misses a goal is bold."""
-    found = compared(rows["hil scenes"])
-    columns = [name for name in found[0] if name not in ("figure", "missed", "holds")]
-    yield from table(
-        ("median / p90 / worst", *columns),
-        [
-            (row["figure"], *(f"**{row[name]}**" if name in row["missed"] else row[name] for name in columns))
-            for row in found
-        ],
-    )
+    found = by_line(rows["hil scenes"])
+    names = [f"{board if board == SIMULATED else 'genuine'} by {line}" for board, line in found]
+
+    def cells(part: Row) -> Iterator[str]:
+        yield str(part["flights"])
+        for key in FIGURES:
+            shown = " / ".join(f"{value:.2f}" for value in part.get(key, {}).values())
+            mean = f", mean {part[f'{key}_mean']:.2f}" if key in MEANS and shown else ""
+            yield f"**{shown}{mean}**" if key in part["missed"] and shown else shown + mean
+        lost = str(part["flights"] - part["finished"])
+        yield lost if lost == "0" else f"**{lost}**"
+
+    figures = ("flights", *FIGURES.values(), "lost, or scene not flown")
+    columns = [list(cells(part)) for part in found.values()]
+    goals = [["10", *(_goal(key, line) for key in FIGURES), "0"] for line in LINES]
+    head = ("median / p90 / worst", *names, *(f"goal by {line}" for line in LINES))
+    yield from table(head, zip(figures, *columns, *goals, strict=True))
+
+
+def _goal(key: str, line: str) -> str:
+    if key in MEANS:
+        return "mean {:g} to {:g}".format(*MEANS[key])
+    share, most = (GOALS | {"hold_cm": HOLD[line]})[key]
+    return f"{OF[share]} {most:g}"
 
 
 def _triggers(rows: Mapping[str, Sequence[Row]]) -> Iterator[str]:

@@ -1,16 +1,15 @@
-"""`python -m lab hil --case scenes`: every scene of the table, the goal of every figure, boards side by side."""
+"""`python -m lab hil --case scenes`: every scene of the table, and the goal of every figure."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from lab import tables
-from lab.campaign import Row, carried_out
+from lab.campaign import Ending, Row, carried_out, summed_up
 from lab.hil.flights import PAD_STARTS, SIMULATED, STEP, Leg, SceneFlight, Setting, aircraft_of, config_of
 from mkdaemon.virtualtime import run_virtually
 from mksim.config import WindClass
@@ -39,75 +38,37 @@ LEGS: Final = (
 move, and a landing on it."""
 
 
-class Goal(NamedTuple):
-    """What a figure has to reach.
-
-    Attributes:
-        most: largest value that holds [unit of the figure].
-        of: which of the flights' values is judged: `median`, `p90` or `worst`, or the `mean`.
-        line: by which line it is asked for; both if empty.
-        least: smallest value that holds.
-    """
-
-    most: float
-    of: str = "median"
-    line: str = ""
-    least: float = -math.inf
-
-    def words(self, line: str) -> str:
-        """The goal by a line, as a table shows it; empty where it is not asked for."""
-        if self.line not in ("", line):
-            return ""
-        least = "" if math.isinf(self.least) else f"{self.least:g} to "
-        return f"{self.of} {least}{self.most:g}"
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One row of the table.
-
-    Attributes:
-        key: of the figure in a flight.
-        about: in words, with its unit.
-        goals: of it.
-        digits: behind the point.
-    """
-
-    key: str
-    about: str
-    goals: tuple[Goal, ...]
-    digits: int = 1
-
-    def goal_words(self, line: str) -> str:
-        """Its goals by a line."""
-        return "; ".join(words for goal in self.goals if (words := goal.words(line)))
-
-    def shown(self, found: Mapping[str, float]) -> str:
-        """Median / 90th percentile / worst of all flights, and their mean where that is judged."""
-        words = " / ".join(f"{found[of]:.{self.digits}f}" for of in ("median", "p90", "worst"))
-        has_mean = any(goal.of == "mean" for goal in self.goals)
-        return f"{words}, mean {found['mean']:.{self.digits}f}" if has_mean else words
-
-
-FIGURES: Final = (
-    Figure(
-        "hold_cm",
-        "hold, indoor air [cm]",
-        (Goal(3.2, line="cable"), Goal(4.5, "worst", "cable"), Goal(4.5, line="radio")),
-    ),
-    Figure("light_cm", "hold, light wind [cm]", (Goal(8.0),)),
-    Figure("moderate_cm", "hold, moderate wind [cm]", (Goal(14.0),)),
-    Figure("step_t90", "step of 1 m, nine tenths after [s]", (Goal(1.7),), 2),
-    Figure("step_over_percent", "its overshoot [%]", (Goal(10.0, "p90"),)),
-    Figure("touch_cm", "landing in light wind, from the middle [cm]", (Goal(6.0, "p90"),)),
-    Figure("moving_touch_cm", "landing on a pad that moves at 0.5 m/s, from its middle [cm]", (Goal(9.0, "p90"),)),
-    Figure("nees_level", "NEES of the place", (Goal(1.5, "mean", least=0.7),), 2),
-    Figure("nees_height", "NEES of the height", (Goal(1.5, "mean", least=0.7),), 2),
-    Figure("filter_off_ms", "stick filter, off by [ms]", (Goal(10.0, "worst"),), 0),
-    Figure("false_warnings", "false warnings", (Goal(0.0, "worst"),), 0),
-    Figure("unanswered_nat", "evidence of no answer to the sticks, of 4 [nat]", (Goal(2.0, "worst"),), 2),
-)
-"""In the order of the table."""
+FIGURES: Final = {
+    "hold_cm": "hold, indoor air [cm]",
+    "light_cm": "hold, light wind [cm]",
+    "moderate_cm": "hold, moderate wind [cm]",
+    "step_t90": "step of 1 m, nine tenths after [s]",
+    "step_over_percent": "its overshoot [%]",
+    "touch_cm": "landing in light wind, from the middle [cm]",
+    "moving_touch_cm": "landing on a pad that moves at 0.5 m/s, from its middle [cm]",
+    "nees_level": "NEES of the place",
+    "nees_height": "NEES of the height",
+    "filter_off_ms": "stick filter, off by [ms]",
+    "false_warnings": "false warnings",
+    "unanswered_nat": "evidence of no answer to the sticks, of 4 [nat]",
+}
+"""Figures of a flight, in the order of the table."""
+MEANS: Final = {"nees_level": (0.7, 1.5), "nees_height": (0.7, 1.5)}
+"""Least and most of the mean of these."""
+GOALS: Final = {
+    "light_cm": (0.5, 8.0),
+    "moderate_cm": (0.5, 14.0),
+    "step_t90": (0.5, 1.7),
+    "step_over_percent": (0.9, 10.0),
+    "touch_cm": (0.9, 6.0),
+    "moving_touch_cm": (0.9, 9.0),
+    "filter_off_ms": (1.0, 10.0),
+    "false_warnings": (1.0, 0.0),
+    "unanswered_nat": (1.0, 2.0),
+}
+"""Which share of the flights does not exceed what."""
+HOLD: Final = {"cable": (0.5, 3.2), "radio": (0.5, 4.5)}
+"""The same of the hold in indoor air, by line."""
 
 
 def fly(setting: Setting) -> Row:
@@ -122,73 +83,37 @@ def fly(setting: Setting) -> Row:
     return run_virtually(found())
 
 
-def summary(line: str, flights: Sequence[Row]) -> dict[str, Any]:
-    """Median, 90th percentile, worst and mean of every figure, what was lost, and which goals are missed.
-
-    Args:
-        line: by which they were flown.
-        flights: rows of the results; see `lab.hil.flights.figures`. All warnings are false, for nothing is wrong, but
-            those of a radio that loses frames.
-    """
-    found, missed = dict[str, dict[str, float]](), list[str]()
-    for figure in FIGURES:
-        values = [_value(figure.key, line, flight) for flight in flights]
-        measured = [value for value in values if value is not None]
-        without = sum(value is None and not one["lost"] for value, one in zip(values, flights, strict=True))
-        if without:
-            missed.append(f"{figure.key}: not measured in {without} of {len(flights)} flights")
-        if measured:
-            median, p90, worst = (float(one) for one in np.percentile(measured, (50, 90, 100)))
-            part = {"median": median, "p90": p90, "worst": worst, "mean": float(np.mean(measured))}
-            found[figure.key] = part
-            goals = [goal for goal in figure.goals if not goal.least <= part[goal.of] <= goal.most]
-            missed += [f"{figure.key}: {words}" for goal in goals if (words := goal.words(line))]
-    lost = [f"{flight['seed']}: {why}" for flight in flights for why in flight["lost"]]
-    return {"flights": len(flights), "lost": lost, "figures": found, "missed": missed}
-
-
-def _value(key: str, line: str, flight: Row) -> float | None:
-    if key != "false_warnings":
-        return flight.get(key)
-    return sum(line != "radio" or DEGRADED not in text for text in flight["warnings"])
-
-
-def compared(rows: Sequence[Row]) -> list[Row]:
-    """Every figure of genuine and simulated boards by each line, side by side.
+def summary(line: str, flights: Sequence[Row]) -> Row:
+    """What flights by one line say together; see `lab.campaign.summed_up`.
 
     Returns:
-        Of each figure a row: the boards' columns, the goals by each line, which columns `missed` one, and `holds`.
+        How they ended and their figures; the means of `MEANS`; which figures `missed` a goal; `holds`: none, and all
+        finished. All warnings are false, for nothing is wrong, but those of a radio that loses frames.
     """
-    found = carried_out(rows)
-    boards = sorted({row["board"] for row in found}, key=lambda board: board == SIMULATED)
-    columns = {
-        f"{board if board == SIMULATED else 'genuine'} by {line}": (line, summary(line, part))
-        for line in LINES
-        for board in boards
-        if (part := [row for row in found if (row["board"], row["line"]) == (board, line)])
-    }
-    shown: list[Row] = [{"figure": "flights"} | {name: str(part["flights"]) for name, (_, part) in columns.items()}]
-    shown[0] |= {f"goal by {line}": "10" for line in LINES} | {"missed": []}
-    for figure in FIGURES:
-        goals = {f"goal by {line}": figure.goal_words(line) for line in LINES}
-        parts = {name: part["figures"].get(figure.key) for name, (_, part) in columns.items()}
-        cells = {name: figure.shown(part) if part else "" for name, part in parts.items()}
-        missed = [
-            name
-            for name, (_, part) in columns.items()
-            if any(one.startswith(f"{figure.key}:") for one in part["missed"])
-        ]
-        shown.append({"figure": figure.about} | cells | goals | {"missed": missed})
-    lost = {name: part["lost"] for name, (_, part) in columns.items()}
-    shown.append({"figure": "lost, or scene not flown"} | {name: str(len(why)) for name, why in lost.items()})
-    shown[-1] |= {f"goal by {line}": "0" for line in LINES} | {"missed": [name for name in lost if lost[name]]}
-    return [row | {"holds": not row["missed"]} for row in shown]
+    flown = []
+    for row in flights:
+        false = sum(line != "radio" or DEGRADED not in text for text in row["warnings"])
+        end = {"ending": Ending.LOST if row["lost"] else Ending.FINISHED, "why": "; ".join(row["lost"])}
+        flown.append(row | end | {"false_warnings": false})
+    found, goals = summed_up(flown, *FIGURES), GOALS | {"hold_cm": HOLD[line]}
+    means = {key: float(np.mean([row.get(key, math.nan) for row in flown])) for key in MEANS}
+    missed = [key for key, (share, most) in goals.items() if not found.get(key, {}).get(str(share), math.inf) <= most]
+    missed += [key for key, (least, most) in MEANS.items() if not least <= means[key] <= most]
+    figures = {f"{key}_mean": value for key, value in means.items()}
+    return found | figures | {"missed": missed, "holds": found["holds"] and not missed}
+
+
+def by_line(rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
+    """The summary of every board, genuine ones first, by each line."""
+    parts: dict[tuple[str, str], list[Row]] = {}
+    for row in sorted(carried_out(rows), key=lambda row: (LINES.index(row["line"]), row["board"] == SIMULATED)):
+        parts.setdefault((row["board"], row["line"]), []).append(row)
+    return {(board, line): summary(line, part) for (board, line), part in parts.items()}
 
 
 def show(rows: Sequence[Row], *, as_json: bool) -> int:
-    """Print every figure of the boards side by side; exit code 1 where a goal is missed, or a flight not flown."""
-    shown = compared(rows)
-    lost = [f"{row['board']} {row['seed']}: {'; '.join(row.get('lost', [row.get('why')]))}" for row in rows]
-    unflown = len(rows) - len(carried_out(rows))
-    shown.append({"figure": "not flown", "flights": unflown, "holds": not unflown})
-    return tables.show(shown, ("figure",), as_json=as_json, lost=[why for why in lost if not why.endswith(": ")])
+    """Print the figures of every board and line; exit code 1 where a goal is missed, or a flight not flown."""
+    shown: list[Row] = [{"board": board, "line": line} | found for (board, line), found in by_line(rows).items()]
+    unflown = [f"{row['board']} {row['seed']}: {row['why']}" for row in rows if row.get("ending") == Ending.FAILED]
+    shown.append({"board": "not flown", "line": "", "unfinished": unflown, "holds": not unflown})
+    return tables.show(shown, ("board", "line"), as_json=as_json)

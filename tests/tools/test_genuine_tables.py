@@ -34,10 +34,10 @@ def test_genuine_and_simulated_boards_stand_side_by_side_and_misses_are_bold(tre
     assert page.startswith("By hand.\n")
     assert "was here" not in page
     assert "| median / p90 / worst | genuine by cable | simulated by cable | goal by cable | goal by radio |" in page
-    assert "| hold, indoor air [cm] | 2.0 / 2.0 / 2.0 | 3.0 / 3.0 / 3.0 | median 3.2; worst 4.5 | median 4.5 |" in page
-    assert "| hold, light wind [cm] | **9.0 / 9.0 / 9.0** |  | median 8 | median 8 |" in page
+    assert "| hold, indoor air [cm] | 2.00 / 2.00 / 2.00 | 3.00 / 3.00 / 3.00 | median 3.2 | median 4.5 |" in page
+    assert "| hold, light wind [cm] | **9.00 / 9.00 / 9.00** |  | median 8 | median 8 |" in page
     assert "| lost, or scene not flown | 0 | **1** | 0 | 0 |" in page
-    assert "| false warnings | **2 / 2 / 2** | 0 / 0 / 0 |" in page, "a cable loses nothing: degraded is false there"
+    assert "| false warnings | **2.00 / 2.00 / 2.00** | 0.00 / 0.00 / 0.00 |" in page, "a cable loses nothing"
     assert page == PLACE.sub(lambda place: place.group(), page)
 
 
