@@ -1,4 +1,4 @@
-"""A flight through the flight core to which things happen: client, line, camera, boards, computer and air fail.
+"""A flight through the flight core to which things happen: client, line, camera, computer and air fail.
 
 Everything the core hands to the line is checked against the rules of docs/safety.md, "The output limiter", by a
 second implementation that shares no code with it.
@@ -15,18 +15,17 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from lab.control.corerig import CLIENT, SECRET, CoreRig, link_state, pose_of
+from lab.control.corerig import CLIENT, SECRET, CoreRig, pose_of
 from lab.control.flights import Flight
 from lab.control.rig import CONTROL_PERIOD
 from mkdaemon.control.actions import ReleaseAircraft, ReportMode, SendSticks
 from mkdaemon.control.activeset import Gate, GateKind, KnownSet
 from mkdaemon.control.estimator.values import TargetView
-from mkdaemon.control.events import LeaseAsked, LinkVerdict, PoseSeen, Released, SetpointAccepted
+from mkdaemon.control.events import LeaseAsked, PoseSeen, Released, SetpointAccepted
 from mkdaemon.control.limiter import StickCounts
 from mkdaemon.control.modes import IN_FLIGHT
 from mkdaemon.telemetry.command import LeaseRequest
 from mkdaemon.telemetry.control import Phase, ReleaseOutcome
-from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.setpoint import LandSetpoint, PositionSetpoint, Setpoint, SetpointFrame
 
 LAND_AT: Final = 13.0
@@ -155,17 +154,6 @@ class FaultRig(CoreRig):
         """Begin a fault of the simulated aircraft."""
         self._world.faults.start(name, duration=seconds, **values)
 
-    def take(self, holder: str, at: float, *, force: bool = False) -> str:
-        """Let a client ask for the lease; empty, or why it was refused."""
-        request = LeaseRequest(action="take", holder=holder, force=force)
-        found = KnownSet(Gate(GateKind.CHANNEL))
-        reply = self.core.feed(LeaseAsked(request, SECRET, found), at)
-        if reply.refusal is not None:
-            return reply.refusal.token
-        assert reply.lease is not None
-        self._epoch, self._sequence = reply.lease.epoch, 0
-        return ""
-
     # -- the flight -----------------------------------------------------------------------------------------------
 
     def fly_with(self, faults: Callable[[FaultRig], None]) -> Outcome:
@@ -192,8 +180,12 @@ class FaultRig(CoreRig):
         """The client streams at 50 Hz, as well as it can."""
         trouble = self.trouble
         self._at(at + CONTROL_PERIOD, self._stream)
-        if not self._epoch and self.take(CLIENT, at):
-            return
+        if not self._epoch:
+            known = KnownSet(Gate(GateKind.CHANNEL))
+            granted = self.core.feed(LeaseAsked(LeaseRequest(action="take", holder=CLIENT), SECRET, known), at).lease
+            if granted is None:
+                return
+            self._epoch = granted.epoch
         if at < trouble.client_silent:
             return
         until, most = trouble.client_late
@@ -291,10 +283,6 @@ class FaultRig(CoreRig):
     def _hear(self, pitch: float, roll: float, yaw: float, at: float) -> None:
         if at >= self.trouble.telemetry_silent:
             super()._hear(pitch, roll, yaw, at)
-
-    def set_link(self, condition: LinkCondition, at: float, openings: int = 1) -> None:
-        """Change the verdict on the line."""
-        self.core.feed(LinkVerdict(link_state(condition, openings, at)), 0.0)
 
     # -- the rules ------------------------------------------------------------------------------------------------
 

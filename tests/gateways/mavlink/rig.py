@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 from pymavlink.dialects.v20 import all as mavlink
 
-from lab.control.boardfaults import NORMAL
 from mkdaemon.gateways.boardset import STORED
 from mkdaemon.gateways.mavlink.framing import Encoder
 from mkdaemon.gateways.mavlink.gateway import MavlinkGateway, Options
@@ -24,11 +23,11 @@ from mkdaemon.telemetry.navi import ControlNavi, NaviStage
 from mkdaemon.telemetry.preflight import PreflightReport
 from mkdaemon.telemetry.procedure import ProcedureProgress
 from mkdaemon.telemetry.settings import SettingsBackup, SettingsRestoration, StoredSet
-from mkdaemon.telemetry.state import Flight
+from mkdaemon.telemetry.state import Flight, GpsMode
 from mkdaemon.virtualtime import run_virtually
 from tests import samples
 from tests.client.sessionlease import SessionLease
-from tests.values import LEVEL, STAMP, made
+from tests.values import LEVEL, made
 
 EPOCH = 7
 GROUND_STATION = (255, 190)
@@ -54,8 +53,9 @@ POSE = samples.pose(
 
 def flight(**changes):
     """What the boards say of a flight; in the air, steered by the pilot."""
-    flags = NORMAL | {"stamp": STAMP, "source": "nc/osd", "error": "", "flying_time": 20.0}
-    return Flight(**flags | changes)
+    known = {"motors_running": True, "is_flying": True, "battery_low": False, "altitude_control": False}
+    more = {"gps_mode": GpsMode.FREE, "source": "nc/osd", "flying_time": 20.0, "waypoint_index": 0, "waypoint_count": 0}
+    return made(Flight, **known | more | changes)
 
 
 def status(phase=Phase.FREE, *, epoch=None, **changes):
