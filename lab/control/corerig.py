@@ -33,8 +33,6 @@ from mkdaemon.telemetry.link import LinkCondition, LinkState
 from mkdaemon.telemetry.setpoint import PositionSetpoint, Setpoint, SetpointFrame, TakeOffSetpoint
 from mkdaemon.telemetry.state import Attitude
 from mkdaemon.telemetry.vision import VisionPose
-from mksim.physics.hand_flight import HandFlight
-from mksim.physics.world import StickInput
 
 CLIENT: Final = "lab"
 SECRET: Final = "of the lab"
@@ -145,31 +143,6 @@ class CoreRig(Rig):
             frame=SetpointFrame.PAD,
             yaw=goal.yaw,
         )
-
-
-class HandoverRig(CoreRig):
-    """A flight that a pilot hands over: he hovers by hand until the core flies."""
-
-    handover = 3.0
-
-    def __init__(self, flight: Flight) -> None:
-        super().__init__(flight)
-        self._world.pilot.program = HandFlight(height=flight.start, flying=True)
-
-    def _show_pilot(self, view: TargetView, at: float) -> None:
-        """The pilot sees the aircraft itself."""
-
-    def _keep(self, goal: Goal, at: float) -> None:
-        """Only the core's own flight counts."""
-        if self.core.phase in IN_FLIGHT:
-            super()._keep(goal, at)
-
-    def _sticks(self) -> StickInput:
-        """What the FlightCtrl gets: the pilot's sticks, or ours."""
-        if self.core.phase in IN_FLIGHT:
-            return super()._sticks()
-        pilot = self._world.pilot
-        return StickInput(pilot.pitch, pilot.roll, pilot.yaw, pilot.gas + 127.0, motors_running=True)
 
 
 class TakeOffRig(CoreRig):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from cyclopts import Parameter
 
-from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, quantile
-from lab.control.cases import CASES, REPORTING
+from lab.campaign import Campaign, Ending, First, Jobs, Kept, Row, summed_up
+from lab.control.cases import CASES, REPORTING, Case
 from lab.control.faultflights import run_faults
 from lab.control.triggers import run_triggers
 from lab.tables import show
@@ -19,11 +18,11 @@ from mkdaemon.cli.arguments import AsJson
 from mkdaemon.errors import ConfigError
 
 VIRTUAL: Final = {"faults": run_faults, "triggers": run_triggers}
-"""Campaigns in virtual time that sum up in their own way."""
+"""Campaigns that sum up in their own way."""
 ALL: Final = (*CASES, *VIRTUAL)
 """What can be asked for."""
-BY_P90: Final = ("_p90_cm", "_sink", "_overshoot_percent")
-"""Figures whose 90th percentile is judged; of the others the median."""
+ABOUT: Final = ("case", "seed", "ending", "why", "processor_s")
+"""What a row has beside its figures."""
 WORST: Final = 3.0
 """A worst beyond so many times the goal fails a case, whatever else it reached."""
 
@@ -39,7 +38,7 @@ def main(
 ) -> int:
     """Fly the cases. All of them take about an hour of one core.
 
-    Every figure comes with median, 90th percentile, worst, count and the number of aircraft lost.
+    Every figure comes with its median, nine tenths and the largest.
 
     Raises:
         ConfigError: there is no such case.
@@ -53,65 +52,33 @@ def main(
     return show([{"figure": key} | figure for key, figure in found.items()], ("figure",), as_json=as_json)
 
 
-def run_case(
-    name: str, runs: int | None, first_seed: int, jobs: int, results: Path | None = None
-) -> dict[str, dict[str, Any]]:
-    """Fly a case; figures by key."""
-    case = CASES[name]
-    asked = [(name, first_seed + k) for k in range(runs or case.flights)]
-    rows = FLIGHTS.rows(asked, jobs, results)
-    lost = [row["why"] for row in rows if row["ending"] != Ending.FINISHED]
-    keys = dict.fromkeys(key for row in rows for key in row.get("figures", ()))
-    return {key: sum_up(key, [_value(row, key) for row in rows], lost, case.goals) for key in keys}
+def run_case(name: str, runs: int | None, first_seed: int, jobs: int, results: Path | None = None) -> dict[str, Row]:
+    """Fly a case; its summary under its name."""
+    asked = [(name, first_seed + k) for k in range(runs or CASES[name].flights)]
+    return {name: sum_up(CASES[name], FLIGHTS.rows(asked, jobs, results))}
 
 
 def measure(job: tuple[str, int]) -> Row:
-    """Fly one flight of a case; its figures without those that are none, how it ended, and why it was lost."""
+    """Fly one flight of a case: how it ended and why, and its figures; `HELD` did not do what it was flown for."""
     name, seed = job
     case = CASES[name]
     record = case.rig(case.flight(seed)).fly()
-    figures = {key: value for key, value in case.measure(record).items() if not math.isnan(value)}
-    return {"ending": Ending.LOST if record.lost else Ending.FINISHED, "why": record.lost, "figures": figures}
+    row = {"why": ""} | case.measure(record)
+    if record.lost:
+        return row | {"ending": Ending.LOST, "why": record.lost}
+    return row | {"ending": Ending.HELD if row["why"] else Ending.FINISHED}
 
 
 FLIGHTS: Final = Campaign("control", measure, lambda job: {"case": job[0], "seed": job[1]})
 
 
-def _value(row: Mapping[str, Any], key: str) -> float:
-    """A figure of a row: infinite for what never happened, not a number where there is none."""
-    value = row.get("figures", {}).get(key, math.nan)
-    return math.inf if value is None else float(value)
-
-
-def sum_up(key: str, values: list[float], lost: list[str], goals: dict[str, float]) -> dict[str, Any]:
-    """One figure of many flights; a lost aircraft breaks the goal of every other one.
-
-    A value that is infinite, of what never happened, counts as the worst there is; it is shown as None.
-    """
-    known = sorted(value for value in values if not math.isnan(value))
-    share = key.endswith("_percent") and not key.startswith("step")
-    figure: dict[str, Any] = {
-        "median": _shown(quantile(known, 0.5)),
-        "p90": _shown(quantile(known, 0.9)),
-        "worst": _shown(quantile(known, 1.0)),
-        "never": sum(map(math.isinf, known)),
-        "count": len(values),
-        "lost": len(lost),
-    }
-    if share:
-        figure["mean"] = _shown(sum(known) / len(known))
-    goal = goals.get(key)
-    judged = figure["mean"] if share else figure["p90" if key.endswith(BY_P90) else "median"]
-    figure["goal"] = goal
-    if goal is None:
-        figure["holds"] = True
-    elif share:
-        figure["holds"] = judged >= goal if key.endswith("success_percent") else judged <= goal
-    else:
-        is_near = judged is not None and judged <= goal and known[-1] <= WORST * goal
-        figure["holds"] = is_near and not lost
-    return figure
-
-
-def _shown(value: float) -> float | None:
-    return round(value, 2) if math.isfinite(value) else None
+def sum_up(case: Case, rows: Sequence[Row]) -> Row:
+    """What the flights of a case say together; a lost aircraft breaks it, and a worst far beyond a goal."""
+    found = summed_up(rows, *dict.fromkeys(key for row in rows for key in row if key not in ABOUT))
+    near = all(
+        found[key][str(share)] <= most and found[key]["1.0"] <= WORST * most if found.get(key) else False
+        for key, (share, most) in case.goals.items()
+    )
+    ends = [row["ending"] for row in rows]
+    flown = set(ends) <= {Ending.FINISHED, Ending.HELD} and ends.count(Ending.FINISHED) >= case.finishing * len(rows)
+    return found | {"goals": dict(case.goals), "holds": near and flown}
