@@ -102,10 +102,10 @@ def _row(end: str, line: VirtualLine, **found: bool) -> Row:
 
     Args:
         end: `verified`, or the name of the failure.
-        line: how many requests were sent on it, and the virtual time that it took.
+        line: how many requests were sent on it.
         found: it claimed what the board does not hold; the live parameter set is not what it was (backups).
     """
-    return judged(LIMITS, end=end, asked=line.traffic.asked, seconds=line.now, **found)
+    return judged(LIMITS, end=end, asked=line.traffic.asked, **found)
 
 
 def _drive(
@@ -133,8 +133,6 @@ FIGURES: Final[Mapping[str, Figure]] = {
     "ends": lambda found: dict(Counter(one["end"] for one in found).most_common()),
     "claims_wrongly": total("claims_wrongly"),
     "live_set_changed": total("is_changed"),
-    "asked": total("asked"),
-    "hours_on_a_real_line": lambda found: round(sum(one["seconds"] for one in found) / 3600, 2),
 }
 BACKUPS: Final[Mapping[str, Callable[[int], Row]]] = {
     "backups, 0.3 % of bytes harmed": partial(run_backup, noise=FAIR, patience=SHORT_PATIENCE),

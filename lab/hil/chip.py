@@ -45,20 +45,18 @@ class Control(NamedTuple):
         symbol: name of the variable.
         pitch: byte of the pitch command; roll and yaw follow it, and the throttle follows them.
         config: byte whose lowest bit says that it is valid.
-        size: of the variable [byte].
         throttle: format of the throttle; unsigned where older firmware takes counts of its own stick, 0 to 255.
     """
 
     symbol: str
     pitch: int
     config: int
-    size: int
     throttle: str
 
 
 GENERATIONS: Final = (
-    Control("ExternalControl", pitch=0, config=5, size=7, throttle="b"),
-    Control("ExternControl", pitch=3, config=10, size=11, throttle="B"),
+    Control("ExternalControl", pitch=0, config=5, throttle="b"),
+    Control("ExternControl", pitch=3, config=10, throttle="B"),
 )
 """Seven bytes since 0.90, and eleven with two digital inputs and a height before."""
 

@@ -23,7 +23,6 @@ from lab.hil.aircraft import GenuineAircraft
 from lab.hil.build import built
 from lab.hil.processes import in_a_copy
 from lab.vision.lens import drawn_lens
-from mkdaemon.control.estimator.model import STICK_FILTER
 from mkdaemon.telemetry.control import ControlEstimate, ControlStatus
 from mkdaemon.telemetry.event import LogEvent
 from mksim.config import BatteryConfig, FlightConfig, PilotPlan, SimConfig, WindClass
@@ -50,10 +49,9 @@ class Flown:
 
     Attributes:
         truth: time [s], true position in the frame of the target (3) [m], 1 on the ground.
-        estimates: of every estimate: time [s], position (3) [m], standard deviations (3) [m], stick filter [s].
+        estimates: of every estimate: time [s], position (3) [m], standard deviations (3) [m].
         warnings: of the daemon, with their times [s].
         parts: begin of each [s].
-        unanswered: largest evidence that the aircraft does not answer its sticks [nat].
         end: why the flight ended.
         crashed: why the aircraft broke; empty while whole.
         motors_run: whether the board turned the motors at the end.
@@ -63,7 +61,6 @@ class Flown:
     estimates: list[tuple[float, ...]] = field(default_factory=list)
     warnings: list[tuple[float, str]] = field(default_factory=list)
     parts: dict[str, float] = field(default_factory=dict)
-    unanswered: float = -math.inf
     end: str = ""
     crashed: str = ""
     motors_run: bool = False
@@ -84,7 +81,7 @@ def figures(flown: Flown) -> Row:
     A part that was not flown has no figures. `lost` says why an aircraft was lost, or did not do what it was to do.
     """
     parts, began = flown.parts, flown.began
-    found: Row = {"lost": _lost(flown), "unanswered_nat": round(flown.unanswered, 3)}
+    found: Row = {"lost": _lost(flown)}
     found["warnings"] = [text for at, text in flown.warnings if at >= parts.get("take-off", 0.0)]
     for part, end in (("hold", "light"), ("light", "follow"), ("moderate", "")):
         rows = flown.rows(began(part) + SETTLED, began(end))
@@ -121,8 +118,8 @@ def _lost(flown: Flown) -> list[str]:
 
 
 def _honesty(flown: Flown) -> Row:
-    """Normalised squared error of the estimated place, per axis, and what it says of the stick filter."""
-    truth, estimates = flown.rows(), np.array(flown.estimates).reshape(-1, 8)
+    """Normalised squared error of the estimated place, per axis."""
+    truth, estimates = flown.rows(), np.array(flown.estimates).reshape(-1, 7)
     flies = estimates[(estimates[:, 0] >= flown.began("hold")) & (estimates[:, 0] < flown.began("land"))]
     if not len(flies):
         return {}
@@ -131,7 +128,6 @@ def _honesty(flown: Flown) -> Row:
     return {
         "nees_level": float(ratio[:, :2].mean()),
         "nees_height": float(ratio[:, 2].mean()),
-        "filter_off_ms": 1000 * abs(float(flies[-1, 7]) - STICK_FILTER),
     }
 
 
@@ -283,7 +279,6 @@ class SceneFlight(Rehearsal):
         for name, found in copies.items():
             self.found["lost"] += [f"{name}: {why}" for why in found.pop("lost")]
             self.found["warnings"] += found.pop("warnings", [])
-            found["unanswered_nat"] = max(self.found["unanswered_nat"], found.get("unanswered_nat", -math.inf))
             self.found |= found
 
     async def _fly_copy(self, parts: Sequence[FlightPart]) -> Row:
@@ -312,12 +307,9 @@ class SceneFlight(Rehearsal):
         pad = self._scene.platform.pose_at(now)
         x, y, z = (float(part) for part in pad.enu_from_body.T @ (truth.position_enu - pad.position_enu))
         flown.truth.append((now, x, y, z, float(truth.on_ground)))
-        flown.unanswered = max(flown.unanswered, self._wiring.core.answer.evidence)
 
     def _value_published(self, suffix: str, value: BaseModel) -> None:
         if isinstance(value, ControlEstimate):
-            self.flown.estimates.append(
-                (value.stamp.monotonic, *value.position, *value.position_sd, value.stick_filter)
-            )
+            self.flown.estimates.append((value.stamp.monotonic, *value.position, *value.position_sd))
         elif isinstance(value, LogEvent) and value.level != "info":
             self.flown.warnings.append((value.stamp.monotonic, value.text))

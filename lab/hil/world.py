@@ -100,11 +100,6 @@ class GenuineWorld(World):
         """External control as the firmware holds it."""
         return self.chip.held(self._layout)
 
-    @property
-    def control_size(self) -> int:
-        """Of external control in the firmware's memory [byte]."""
-        return self._layout.size
-
     def _fly(self, sticks: StickInput) -> None:
         """Let the firmware fly one step; the sticks it flies by are in its own memory."""
         self._transmit()

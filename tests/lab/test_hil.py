@@ -99,9 +99,9 @@ def flown(**more):
     """A flight that holds 3 cm beside its goal, and lands on the pad that moves, 2 cm from the middle."""
     truth = [(t / 100, 0.03, 0.0, 2.0, 0.0) for t in range(2000)]
     truth += [(20 + t / 100, 0.02, 0.0, 0.1, float(t > 50)) for t in range(100)]
-    estimates = [(t / 50, 0.05, 0.0, 2.0, 0.02, 0.02, 0.02, 0.078) for t in range(50, 1000)]
+    estimates = [(t / 50, 0.05, 0.0, 2.0, 0.02, 0.02, 0.02) for t in range(50, 1000)]
     parts = {"take-off": 0.0, "hold": 1.0, "light": 8.0, "follow": 14.0, "land": 20.0}
-    return Flown(truth, estimates, [], parts, 0.01, "landed on pad", "", **more)
+    return Flown(truth, estimates, [], parts, "landed on pad", "", **more)
 
 
 def test_figures_of_a_flight():
@@ -110,8 +110,7 @@ def test_figures_of_a_flight():
     assert found["hold_cm"] == found["light_cm"] == pytest.approx(3.0)
     assert found["moving_touch_cm"] == pytest.approx(2.0)
     assert found["nees_level"] == pytest.approx(0.5)
-    assert found["filter_off_ms"] == pytest.approx(0.0, abs=0.01)
-    assert (found["warnings"], found["unanswered_nat"]) == ([], 0.01)
+    assert found["warnings"] == []
     assert "step_t90" not in found
 
 
