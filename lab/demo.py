@@ -195,8 +195,6 @@ def main(
     seeds: int = 200,
     first: First = 1,
     loss: tuple[float, ...] = (),
-    wind: str = "light",
-    fps: float = 15.0,
     jobs: Jobs = 2,
     results: Kept = None,
     as_json: AsJson = False,
@@ -206,12 +204,10 @@ def main(
     Args:
         seeds: flights under each radio.
         loss: shares of radio packets lost each way, one campaign for each; the radio's own (1 %) where none is given.
-        wind: none, indoor, light or moderate.
-        fps: images a second.
     """
     shares = loss or (None,)
     asked = [
-        {"seed": seed, "loss": share, "wind": wind, "fps": fps}
+        {"seed": seed, "loss": share, "wind": "light", "fps": 15.0}
         for seed in range(first, first + seeds)
         for share in shares
     ]
