@@ -7,22 +7,25 @@ reads, and how a dataclass is made (mypy finds who writes to a frozen one).
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-_COMPARED: Final[dict[type[ast.cmpop], tuple[tuple[str, type[ast.cmpop]], ...]]] = {
-    ast.Lt: (("boundary", ast.LtE), ("compare", ast.GtE)),
-    ast.LtE: (("boundary", ast.Lt), ("compare", ast.Gt)),
-    ast.Gt: (("boundary", ast.GtE), ("compare", ast.LtE)),
-    ast.GtE: (("boundary", ast.Gt), ("compare", ast.Lt)),
-    ast.Eq: (("compare", ast.NotEq),),
-    ast.NotEq: (("compare", ast.Eq),),
-    ast.Is: (("compare", ast.IsNot),),
-    ast.IsNot: (("compare", ast.Is),),
-    ast.In: (("compare", ast.NotIn),),
-    ast.NotIn: (("compare", ast.In),),
+_COMPARED: Final[dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]]] = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
 }
+"""The boundary, where there is one, and the opposite."""
 _CALCULATED: Final[dict[type[ast.operator], type[ast.operator]]] = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
@@ -48,7 +51,8 @@ _EMPTY: Final = {
 }
 """What a function with this annotation returns in place of its value; `not` negates it."""
 _LOGS: Final = frozenset({"log", "_log", "logger", "_logger"})
-_FUNCTIONS: Final = ast.FunctionDef | ast.AsyncFunctionDef
+_UNREAD: Final = frozenset({"annotation", "returns", "type_comment", "type_params"})
+"""Fields that only a type checker reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,38 +87,35 @@ class Mutant:
         return f"{self.path}:{self.line}:{self.column}:{self.operator}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Change:
-    """A node in a field of its parent (at `index` of a list), and what takes its place; None removes it."""
+class _Spot(NamedTuple):
+    """A field of a node; of a list in it the item of this number."""
 
-    mutant: Mutant
     parent: ast.AST
     field: str
-    index: int | None
-    new: object
+    number: int | None = None
 
-    def make(self) -> object:
-        """Change the tree and return what stood there."""
-        if self.index is None:
-            old: object = getattr(self.parent, self.field)
-            setattr(self.parent, self.field, self.new)
-            return old
-        nodes = getattr(self.parent, self.field)
-        old = nodes[self.index]
-        if self.new is None:
-            del nodes[self.index]
+    @contextmanager
+    def holding(self, new: object) -> Iterator[None]:
+        """Put something there while the context lasts; None removes an item."""
+        before = getattr(self.parent, self.field)
+        if self.number is None:
+            setattr(self.parent, self.field, new)
         else:
-            nodes[self.index] = self.new
-        return old
+            items = [new] if new is not None else []
+            setattr(self.parent, self.field, [*before[: self.number], *items, *before[self.number + 1 :]])
+        try:
+            yield
+        finally:
+            setattr(self.parent, self.field, before)
 
-    def undo(self, old: object) -> None:
-        """Change it back."""
-        if self.index is None:
-            setattr(self.parent, self.field, old)
-        elif self.new is None:
-            getattr(self.parent, self.field).insert(self.index, old)
-        else:
-            getattr(self.parent, self.field)[self.index] = old
+
+class _Place(NamedTuple):
+    """What surrounds a node: qualified name, whether it is in a function, its statement's line, what is returned."""
+
+    scope: str = ""
+    in_function: bool = False
+    statement: int = 0
+    returns: str = ""
 
 
 class Module:
@@ -136,11 +137,11 @@ class Module:
             for node in self._tree.body
         )
         finder = _Finder(path)
-        finder.enter(self._tree)
-        self._changes = {change.mutant.id: change for change in finder.changes}
+        finder.enter(self._tree, _Place())
+        self._changes = {mutant.id: (spot, new) for mutant, spot, new in finder.changes}
         assert len(self._changes) == len(finder.changes), f"{path}: two mutants with one id"
-        ordered = sorted(self._changes.values(), key=lambda change: (change.mutant.line, change.mutant.column))
-        self.mutants = {change.mutant.id: change.mutant for change in ordered}
+        mutants = sorted((mutant for mutant, *_ in finder.changes), key=lambda mutant: (mutant.line, mutant.column))
+        self.mutants = {mutant.id: mutant for mutant in mutants}
 
     @classmethod
     def read(cls, root: Path, path: str) -> Module:
@@ -149,157 +150,119 @@ class Module:
 
     def with_mutant(self, mutant_id: str) -> str:
         """Return the source with one mutant in it, without its comments."""
-        change = self._changes[mutant_id]
-        old = change.make()
-        try:
+        spot, new = self._changes[mutant_id]
+        with spot.holding(new):
             return ast.unparse(ast.fix_missing_locations(self._tree))
-        finally:
-            change.undo(old)
 
 
 class _Finder:
-    """Walks through a tree and collects its changes."""
+    """Walks through a tree and collects its changes: the mutant, where it is, and what takes the place of the node."""
 
     def __init__(self, path: str) -> None:
-        self.changes: list[_Change] = []
+        self.changes: list[tuple[Mutant, _Spot, object]] = []
         self._path = path
-        self._scopes: list[str] = []
-        self._functions = 0
-        self._statement: ast.stmt | None = None
-        self._returns = ""
 
-    def enter(self, node: ast.AST) -> None:
-        """Look at everything below a node."""
-        for field, value in ast.iter_fields(node):
-            if field in {"annotation", "returns", "type_comment", "type_params"}:
+    def enter(self, parent: ast.AST, around: _Place) -> None:
+        """Look at everything below a node; decorators, bases and default values belong to what surrounds it."""
+        inside = around
+        match parent:
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+                inside = around._replace(scope=f"{around.scope}.{parent.name}".lstrip("."))
+                if not isinstance(parent, ast.ClassDef):
+                    returns = ast.unparse(parent.returns) if parent.returns else ""
+                    inside = inside._replace(in_function=True, returns=returns)
+            case ast.Lambda():
+                around = inside = around._replace(in_function=True)
+        for field, value in ast.iter_fields(parent):
+            if field in _UNREAD:
                 continue
-            if isinstance(value, list):
-                for index, item in enumerate(value):
-                    if isinstance(item, ast.AST):
-                        self._look(node, field, index, item)
-            elif isinstance(value, ast.AST):
-                self._look(node, field, None, value)
+            for number, node in enumerate(value if isinstance(value, list) else [value]):
+                if isinstance(node, ast.AST) and not isinstance(node, ast.JoinedStr) and not _is_left_alone(node):
+                    spot = _Spot(parent, field, number if isinstance(value, list) else None)
+                    self._look(spot, node, inside if field == "body" else around)
 
-    def _look(self, parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
-        if isinstance(node, ast.JoinedStr) or _is_left_alone(node):
-            return
-        if isinstance(node, _FUNCTIONS | ast.ClassDef):
-            self._enter_scope(node)
-            return
-        before = self._statement
-        if isinstance(node, ast.stmt):
-            self._statement = node
-            self._statements(parent, field, index, node)
-        elif isinstance(node, ast.expr):
-            self._expressions(parent, field, index, node)
-        elif isinstance(node, ast.keyword) and node.arg is not None and index is not None:
-            self._add("keyword", node, parent, field, index, None, show=node)
-        deeper = isinstance(node, ast.Lambda)
-        self._functions += deeper
-        self.enter(node)
-        self._functions -= deeper
-        self._statement = before
+    def _look(self, spot: _Spot, node: ast.AST, place: _Place) -> None:
+        match node:
+            case ast.stmt():
+                place = place._replace(statement=node.lineno)
+                self._statements(spot, node, place)
+            case ast.expr():
+                self._expressions(spot, node, place)
+            case ast.keyword(arg=str()):
+                callee, was = ast.unparse(spot.parent).partition("(")[0], _shown(node)
+                self._add("keyword", node, place, spot, None, (f"{callee}(.., {was})", f"{callee}(..)"))
+        self.enter(node, place)
 
-    def _enter_scope(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) -> None:
-        """Decorators, bases and default values belong to what surrounds it."""
-        outer, returned = self._statement, self._returns
-        self._statement = node
-        is_function = not isinstance(node, ast.ClassDef)
-        for field, value in ast.iter_fields(node):
-            if field != "body" and field != "returns":
-                for index, item in enumerate(value if isinstance(value, list) else [value]):
-                    if isinstance(item, ast.AST):
-                        self._look(node, field, index if isinstance(value, list) else None, item)
-        self._scopes.append(node.name)
-        self._functions += is_function
-        if not isinstance(node, ast.ClassDef):
-            self._returns = ast.unparse(node.returns) if node.returns else ""
-        for index, statement in enumerate(node.body):
-            self._look(node, "body", index, statement)
-        self._functions -= is_function
-        self._scopes.pop()
-        self._statement, self._returns = outer, returned
-
-    def _statements(self, parent: ast.AST, field: str, index: int | None, node: ast.stmt) -> None:
+    def _statements(self, spot: _Spot, node: ast.stmt, place: _Place) -> None:
         match node:
             case ast.Return(value=ast.expr() as value):
-                if new := self._other_value(value):
-                    self._add("return", node, node, "value", None, new, show=node)
+                if new := _other_value(value, place.returns):
+                    self._add("return", node, place, _Spot(node, "value"), new, node)
             case ast.AugAssign(op=op) if type(op) in _CALCULATED:
-                self._add("arithmetic", node, node, "op", None, _CALCULATED[type(op)](), show=node)
+                self._add("arithmetic", node, place, _Spot(node, "op"), _CALCULATED[type(op)](), node)
             case ast.If(test=test) | ast.While(test=test):
-                self._negate(node, "test", test)
-        if index is not None and _is_removable(node, self._functions > 0):
-            passing = ast.copy_location(ast.Pass(), node)
-            self._add("removed", node, parent, field, index, passing, show=node)
+                self._negate(_Spot(node, "test"), test, place)
+        if spot.number is not None and _is_removable(node, place.in_function):
+            self._add("removed", node, place, spot, ast.Pass(), (_shown(node), "pass"))
 
-    def _other_value(self, value: ast.expr) -> ast.expr | None:
-        """What is returned instead; None where nothing else fits the annotation."""
-        kinds = self._returns.replace('"', "").split(" | ")
-        new: ast.expr | None
-        if "None" in kinds:
-            new = None if _is_none(value) else ast.Constant(None)
-        else:
-            empty = _EMPTY.get(kinds[0].partition("[")[0], "")
-            if empty == "not":
-                new = None if isinstance(value, ast.Constant) else _negated(value)
-            else:
-                new = ast.parse(empty, mode="eval").body if empty and ast.unparse(value) != empty else None
-        return None if new is None else ast.copy_location(new, value)
-
-    def _expressions(self, parent: ast.AST, field: str, index: int | None, node: ast.expr) -> None:
+    def _expressions(self, spot: _Spot, node: ast.expr, place: _Place) -> None:
         match node:
             case ast.Compare(ops=ops, comparators=comparators):
                 for number, (op, right) in enumerate(zip(ops, comparators, strict=True)):
-                    for name, other in _COMPARED[type(op)]:
-                        self._add(name, right, node, "ops", number, other(), show=node)
+                    others = _COMPARED[type(op)]
+                    for name, other in zip(("boundary", "compare")[-len(others) :], others, strict=True):
+                        self._add(name, right, place, _Spot(node, "ops", number), other(), node)
             case ast.BinOp(op=op, right=right) if type(op) in _CALCULATED and not _is_text(node):
-                self._add("arithmetic", right, node, "op", None, _CALCULATED[type(op)](), show=node)
+                self._add("arithmetic", right, place, _Spot(node, "op"), _CALCULATED[type(op)](), node)
             case ast.BoolOp(op=op, values=values):
                 other_op = ast.Or() if isinstance(op, ast.And) else ast.And()
-                self._add("boolean", values[1], node, "op", None, other_op, show=node)
+                self._add("boolean", values[1], place, _Spot(node, "op"), other_op, node)
             case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
-                self._add("unary", node, parent, field, index, operand, show=node)
+                self._add("unary", node, place, spot, operand, (_shown(node), _shown(operand)))
             case ast.IfExp(test=test):
-                self._negate(node, "test", test)
+                self._negate(_Spot(node, "test"), test, place)
             case ast.Name(id=name, ctx=ast.Load()) if name in _SWAPPED:
-                self._add("swapped", node, parent, field, index, ast.Name(_SWAPPED[name], ast.Load()), show=parent)
+                self._add("swapped", node, place, spot, ast.Name(_SWAPPED[name], ast.Load()), spot.parent)
             case ast.Constant(value=bool() | int() | float() as value):
-                self._add("constant", node, parent, field, index, ast.Constant(_another(value)), show=parent)
-        if isinstance(parent, ast.comprehension) and field == "ifs":
-            self._negate(parent, field, node, index)
+                self._add("constant", node, place, spot, ast.Constant(_another(value)), spot.parent)
+        if isinstance(spot.parent, ast.comprehension) and spot.field == "ifs":
+            self._negate(spot, node, place)
 
-    def _negate(self, parent: ast.AST, field: str, test: ast.expr, index: int | None = None) -> None:
+    def _negate(self, spot: _Spot, test: ast.expr, place: _Place) -> None:
         """A condition, where not a change of the comparison says the same."""
         is_covered = isinstance(test, ast.Constant) or (isinstance(test, ast.Compare) and len(test.ops) == 1)
         if not is_covered and not (isinstance(test, ast.UnaryOp) and isinstance(test.op, ast.Not)):
-            self._add("negated", test, parent, field, index, _negated(test), show=test)
+            self._add("negated", test, place, spot, _negated(test), (_shown(test), _shown(_negated(test))))
 
     def _add(
-        self, operator: str, at: ast.AST, parent: ast.AST, field: str, index: int | None, new: object, *, show: ast.AST
+        self,
+        operator: str,
+        at: ast.stmt | ast.expr | ast.keyword,
+        place: _Place,
+        spot: _Spot,
+        new: ast.AST | None,
+        show: ast.AST | tuple[str, str],
     ) -> None:
-        """Keep a change; `at` has its place, `show` what a reader sees of it."""
-        if isinstance(new, ast.AST) and isinstance(at, ast.stmt | ast.expr | ast.keyword):
+        """Keep a change; `at` has its line and column, `show` what a reader sees of it, or both as words."""
+        if new is not None:
             ast.copy_location(new, at)
-        assert isinstance(at, ast.stmt | ast.expr | ast.keyword)
-        assert self._statement is not None
-        place = (at.lineno, at.col_offset)
-        draft = _Change(self._describe(operator, place, "", ""), parent, field, index, new)
-        was = _shown(show)
-        old = draft.make()
-        becomes = "pass" if operator == "removed" else _shown(_negated(show) if operator == "negated" else show)
-        if operator == "unary":
-            becomes = _shown(new)
-        if operator == "keyword":
-            callee = ast.unparse(parent).partition("(")[0]
-            was, becomes = f"{callee}(.., {was})", f"{callee}(..)"
-        draft.undo(old)
-        self.changes.append(_Change(self._describe(operator, place, was, becomes), parent, field, index, new))
+        if isinstance(show, ast.AST):
+            was = _shown(show)
+            with spot.holding(new):
+                show = (was, _shown(show))
+        where = (at.lineno, at.col_offset, operator, place.scope, place.statement, not place.in_function)
+        self.changes.append((Mutant(self._path, *where, *show), spot, new))
 
-    def _describe(self, operator: str, place: tuple[int, int], was: str, becomes: str) -> Mutant:
-        assert self._statement is not None
-        scope, statement = ".".join(self._scopes), self._statement.lineno
-        return Mutant(self._path, *place, operator, scope, statement, not self._functions, was, becomes)
+
+def _other_value(value: ast.expr, returns: str) -> ast.expr | None:
+    """What is returned instead; None where nothing else fits the annotation."""
+    kinds = returns.replace('"', "").split(" | ")
+    if "None" in kinds:
+        return None if isinstance(value, ast.Constant) and value.value is None else ast.Constant(None)
+    empty = _EMPTY.get(kinds[0].partition("[")[0], "")
+    if empty == "not":
+        return None if isinstance(value, ast.Constant) else _negated(value)
+    return ast.parse(empty, mode="eval").body if empty and ast.unparse(value) != empty else None
 
 
 def _is_left_alone(node: ast.AST) -> bool:
@@ -337,12 +300,7 @@ def _is_text(node: ast.BinOp) -> bool:
     )
 
 
-def _is_none(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value is None
-
-
-def _negated(node: ast.AST) -> ast.expr:
-    assert isinstance(node, ast.expr)
+def _negated(node: ast.expr) -> ast.expr:
     return ast.copy_location(ast.UnaryOp(ast.Not(), node), node)
 
 
