@@ -26,15 +26,8 @@ GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
-    "docs/figures/first_flight.svg": "tools.page_screens:status_picture",
-    "docs/figures/phases.svg": "tools.phases_picture:phases_picture",
-    "docs/figures/recording.svg": "tools.page_screens:recording_picture",
-    "docs/figures/settings.svg": "tools.page_screens:settings_picture",
-    "docs/figures/simulator.svg": "tools.page_screens:faults_picture",
     "docs/figures/teleop_mapping.svg": "tools.teleop_pictures:mapping_picture",
     "docs/figures/teleop_screen.svg": "tools.teleop_pictures:screen_picture",
-    "docs/figures/top.svg": "tools.top_picture:top_picture",
-    "docs/figures/troubles.svg": "tools.page_screens:trouble_picture",
     "docs/library-reference.md": "tools.library_page:library_page",
 }
 """Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
@@ -46,7 +39,6 @@ FILLED: Final[Mapping[str, Filled]] = {
     "docs/lab/accuracy.md": Filled("tools.accuracy_tables", "docs/results/vision.json"),
     "docs/lab/genuine-triggers.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
     "docs/lab/genuine.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
-    "docs/lab/mutants.md": Filled("tools.mutants_tables", "docs/results/mutants.json"),
     "docs/lab/scale.md": Filled("tools.fleet_tables", "docs/results/fleet.json"),
     "docs/modes.md": Filled("tools.modes_page"),
     "docs/protocol.md": Filled("tools.protocol_page"),

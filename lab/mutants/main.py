@@ -85,7 +85,8 @@ def main(
         for survivor in unexplained:
             print("{id} {scope}: {was} -> {becomes}".format(**survivor))
         shares = "{killed} of {mutants} killed ({timeouts} by time), {equivalent} equivalent: {share:.1%}"
-        print(shares.format(**summary))
+        for name, counts in {**summary["subjects"], "all": summary}.items():
+            print(f"{name}: {shares.format(**counts)}")
         print(f"{len(unexplained)} of {len(summary['survivors'])} survivors without a reason")
     return 1 if unexplained else 0
 

@@ -27,7 +27,7 @@ from mkdaemon.telemetry.state import Position
 from tests import samples
 from tests.gateways.mavlink.rig import ATTITUDE, beat, virtually
 from tests.gateways.ros2.bagtypes import BagTypes, Node
-from tools.top_picture import KNOWN
+from tests.reading.knownflight import KNOWN
 
 COUNT = 200
 WIDE = samples.setup().model_copy(update={"lens": samples.setup().lens.model_copy(update={"width": 1 << 64})})

@@ -14,8 +14,8 @@ from mkdaemon.telemetry.control import CauseKind, Phase
 from mkdaemon.telemetry.link import LinkCondition
 from mkdaemon.telemetry.record import RecorderState, RecordStatus
 from mkdaemon.telemetry.vision import Alarm, EyeState
+from tests.reading.knownflight import KNOWN
 from tests.values import made
-from tools.top_picture import KNOWN
 
 AT = KNOWN["health"].stamp
 """When the values were published."""

@@ -15,8 +15,8 @@ from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import PoseRefused
 from tests import samples
 from tests.reading import events
+from tests.reading.knownflight import KNOWN
 from tests.reading.situations import AT, LINK, Situation
-from tools.top_picture import KNOWN
 
 NOW = 1000.0
 

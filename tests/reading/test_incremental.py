@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
 from mkdaemon.reading.known import Grounds, Knowledge, LastValues
+from tests.reading.knownflight import KNOWN
 from tests.reading.situations import SITUATIONS
-from tools.top_picture import KNOWN
 
 VALUES = sorted(
     {(key, value.model_dump_json()): (key, value) for one in SITUATIONS for key, value in one.values.items()}.items()

@@ -9,6 +9,7 @@ from mkdaemon.bus.keys import KEYS
 from mkdaemon.cli.program import run
 from mkdaemon.protocol.sources import Source
 from mkdaemon.protocol.wire import MESSAGES, Board
+from mkdaemon.telemetry.control import Phase
 from tests.places import CAPTURES, ROOT
 from tools import docs
 from tools.coverage_table import coverage, shown_releases
@@ -39,7 +40,7 @@ def test_generated_pages_are_up_to_date():
 
 
 def test_pages_are_written_and_then_agree(capsys, monkeypatch, tmp_path):
-    some = {name: GENERATED[name] for name in ("docs/library-reference.md", "docs/figures/phases.svg")}
+    some = {name: GENERATED[name] for name in ("docs/library-reference.md", "configs/zenoh/daemon-tls.json5")}
     monkeypatch.setattr(docs, "GENERATED", some)
     (tmp_path / "docs").mkdir()
     assert run(app, ["--check", "--root", str(tmp_path)]) == 1
@@ -59,10 +60,14 @@ def test_a_how_to_page_shows_a_picture_with_words_for_it(page):
     assert all((ROOT / "docs" / picture).stat().st_size > 0 for _, picture in shown)
 
 
-def test_every_drawn_picture_is_shown_on_a_page():
-    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md"))
-    drawn = [name.removeprefix("docs/") for name in GENERATED if name.endswith(".svg")]
-    assert [name for name in drawn if f"({name})" not in pages] == []
+def test_every_picture_is_shown_on_a_page():
+    pages = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")))
+    assert [file.name for file in (ROOT / "docs" / "figures").iterdir() if f"figures/{file.name})" not in pages] == []
+
+
+def test_the_picture_of_the_modes_has_every_phase():
+    picture = (ROOT / "docs" / "figures" / "phases.svg").read_text(encoding="utf-8")
+    assert [phase for phase in Phase if f">{phase.value}<" not in picture] == []
 
 
 def test_a_tree_without_docs_is_refused(capsys, tmp_path):

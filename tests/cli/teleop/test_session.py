@@ -21,8 +21,8 @@ from mkdaemon.errors import CommandRejectedError, ConfigError
 from mkdaemon.telemetry.control import ControlOutput, ControlStatus, Phase
 from mkdaemon.virtualtime import run_virtually
 from tests.cli.teleop.rig import FakeDaemon
+from tests.reading.knownflight import KNOWN
 from tests.values import made
-from tools.top_picture import KNOWN
 
 HELD = CommandRejectedError("lease_held", "somebody flies.", "wait")
 

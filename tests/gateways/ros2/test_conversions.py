@@ -21,7 +21,7 @@ from mkdaemon.vision.camera.imagecodec import encode_jpeg
 from tests import samples
 from tests.gateways.ros2.bagtypes import BagTypes, scene, through_cdr
 from tests.reading import events
-from tools.top_picture import KNOWN
+from tests.reading.knownflight import KNOWN
 
 SECONDS = (1_700_000_100, 500_000_000)
 """Stamp of a sample, and nanoseconds of it."""

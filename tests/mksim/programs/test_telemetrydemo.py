@@ -16,7 +16,7 @@ from mkdaemon.cli.mkdaemon.app import app
 from mkdaemon.cli.program import run
 from mkdaemon.client import Sample
 from mksim.programs.telemetrydemo import ENOUGH, DemoTally, progress_line, render_summary, summarise
-from tools.top_picture import KNOWN
+from tests.reading.knownflight import KNOWN
 
 
 @pytest.mark.flight

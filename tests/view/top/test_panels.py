@@ -22,8 +22,8 @@ from mkdaemon.view.top.panels import (
     clipped,
     horizon,
 )
+from tests.reading.knownflight import KNOWN
 from tests.values import made
-from tools.top_picture import KNOWN
 
 NOW = 1000.0
 STAMP = KNOWN["health"].stamp
