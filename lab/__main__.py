@@ -12,7 +12,7 @@ from mkdaemon.cli.listing import CommandEntry
 from mkdaemon.cli.program import build, main
 
 CAMPAIGNS: Final = (
-    CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second, against pymavlink."),
+    CommandEntry("protocol", "lab.protocol:main", "Decoding: frames a second."),
     CommandEntry("link", "lab.link.main:main", "The link under load: losses, latencies, recovery."),
     CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
