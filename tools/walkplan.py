@@ -7,7 +7,7 @@ meets no line of its page is an error: the page has changed.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
@@ -48,23 +48,10 @@ class Manner:
 
 @dataclass(frozen=True)
 class Page:
-    """A page, and how it is followed.
+    """How a page is followed: the manners of its lines, and what must run before, which its sentences say."""
 
-    Attributes:
-        path: relative to the root of the tree.
-        section: its heading, where only that part is followed.
-        before: what its sentences, not its blocks, say must run.
-        stands_for: what of the world another thing stands for here.
-        manners: of its lines.
-        answers: lines whose answer is a separate block of the page, and how that begins.
-    """
-
-    path: str
-    section: str = ""
+    manners: tuple[Manner, ...]
     before: tuple[Manner, ...] = ()
-    stands_for: str = ""
-    manners: tuple[Manner, ...] = ()
-    answers: Mapping[str, str] = field(default_factory=dict)
 
 
 SIMULATOR: Final = r'\{"port": "(?P<port>/dev/pts/\d+)"'
@@ -72,19 +59,17 @@ DAEMON: Final = "up: both directions proven"
 NO_DISPLAY: Final = "its page is served; no browser looks at it here (`make check-view` does)"
 NO_AIRCRAFT: Final = "it needs the radio or the USB adapter of a real aircraft"
 
-README: Final = Page(
-    "README.md",
-    section="Two commands",
-    manners=(
-        Manner("make demo", patience=1800.0),
-        Manner("make test", shows=r"\d+ passed", patience=7200.0),
-    ),
-    answers={"make demo": "┏━"},
-)
+STAND_IN: Final = "the simulated aircraft, whose pilot does nothing, stands for a real one with its transmitter"
 
-TUTORIALS: Final = (
-    Page(
-        "docs/quickstart.md",
+PAGES: Final[Mapping[str, Page]] = {
+    "README.md": Page(
+        manners=(
+            Manner("make demo", shows="landed on the target, motors off", patience=1800.0),
+            Manner("make test", shows=r"\d+ passed", patience=7200.0),
+            Manner("uav.fly(", Kind.LEFT_OUT, why="docs/library.md has such a program, with what it needs"),
+        ),
+    ),
+    "docs/quickstart.md": Page(
         manners=(
             Manner("make demo", shows="landed on the target, motors off", patience=1800.0),
             Manner(".venv/bin/mkdaemon sim", Kind.STAYS, SIMULATOR),
@@ -103,8 +88,7 @@ TUTORIALS: Final = (
             Manner("import msgpack, zenoh", Kind.ENTERED, r"position_enu"),
         ),
     ),
-    Page(
-        "docs/first-flight.md",
+    "docs/first-flight.md": Page(
         manners=(
             Manner("mkdaemon sim", Kind.STAYS, SIMULATOR),
             Manner("mkdaemon run", Kind.STAYS, DAEMON),
@@ -112,10 +96,12 @@ TUTORIALS: Final = (
             Manner("mkctl status", Kind.REPEATED, r"link tests +\d\d+ of \d+ answered(.|\n)*camera down +\d+ images/s"),
         ),
     ),
-    Page(
-        "docs/first-aircraft.md",
-        before=(Manner(".venv/bin/mkdaemon sim --config configs/sim.toml --pilot nothing", Kind.STAYS, SIMULATOR),),
-        stands_for="the simulated aircraft, and its pilot who does nothing, for a real one with its transmitter",
+    "docs/first-aircraft.md": Page(
+        before=(
+            Manner(
+                ".venv/bin/mkdaemon sim --config configs/sim.toml --pilot nothing", Kind.STAYS, SIMULATOR, why=STAND_IN
+            ),
+        ),
         manners=(
             Manner(".venv/bin/mkdaemon doctor", codes=(0, 1, 2, 3), shows="serial"),
             Manner(".venv/bin/mkdaemon run", Kind.STAYS, DAEMON),
@@ -126,16 +112,14 @@ TUTORIALS: Final = (
             Manner(".venv/bin/mkctl linktest", codes=(0, 1), shows="GOOD|USABLE|POOR", patience=400.0),
         ),
     ),
-    Page(
-        "docs/record-and-look.md",
+    "docs/record-and-look.md": Page(
         manners=(
             Manner("mkctl view", Kind.INTERRUPTED, r"http://", why=NO_DISPLAY),
             Manner("mkctl log report room.mcap", Kind.LEFT_OUT, why="the recording of the tests has no second source"),
             Manner("mkctl log mark", Kind.LEFT_OUT, why="nothing flies on this page; docs/first-flight.md has it"),
         ),
     ),
-    Page(
-        "docs/library.md",
+    "docs/library.md": Page(
         before=(Manner(". .venv/bin/activate"),),
         manners=(
             Manner("mkdaemon sim", Kind.STAYS, SIMULATOR),
@@ -146,4 +130,5 @@ TUTORIALS: Final = (
             Manner("decode_capture", shows=r"(?m)^\[\("),
         ),
     ),
-)
+}
+"""By their paths from the root of the tree: a newcomer begins with the first."""

@@ -10,9 +10,8 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from tools.walkplan import Kind, Manner
 
@@ -36,20 +35,17 @@ _ADOPTED: Final = ("export ", ". ", "cd ")
 _ENDED: Final = (0, 128 + signal.SIGINT, -signal.SIGINT)
 
 
-@dataclass(frozen=True)
-class Printed:
+class Typed(NamedTuple):
     """What a line came to.
 
     Attributes:
         text: standard output and standard error, as they came.
         code: exit code; None for what still runs.
-        seconds: how long it took.
         wrong: what is wrong with it, as a sentence; empty for nothing.
     """
 
     text: str
     code: int | None
-    seconds: float
     wrong: str = ""
 
 
@@ -83,18 +79,10 @@ def leave_network() -> bool:
 
 
 class Program:
-    """What a line has started, with its terminal."""
+    """What a line has started, with its terminal: where, in which environment, and a file for what it prints."""
 
     def __init__(self, script: str, folder: Path, environment: Mapping[str, str], output: Path) -> None:
-        """Start it.
-
-        Args:
-            script: what a shell reads.
-            folder: where.
-            environment: its own.
-            output: a file for what it prints.
-        """
-        self._output, self._begin = output, time.monotonic()
+        self._output = output
         with output.open("wb") as printed:
             self._process = subprocess.Popen(
                 ["bash", "-c", script],
@@ -106,46 +94,38 @@ class Program:
                 start_new_session=True,
             )
 
-    def wait_until_shown(self, manner: Manner) -> Printed:
+    def wait_until_shown(self, manner: Manner) -> Typed:
         """Wait until it has printed what its manner says, or for some time where that says nothing."""
         ends = time.monotonic() + (manner.patience if manner.shows else SETTLING)
         while not (manner.shows and re.search(manner.shows, self._read())):
-            if self._process.poll() is not None:
-                return self._printed(f"ended by itself with exit code {self._process.returncode}")
+            if (code := self._process.poll()) is not None:
+                return Typed(self._read(), code, f"ended by itself with exit code {code}")
             if time.monotonic() > ends:
-                return self._printed(f"did not show {manner.shows}" if manner.shows else "")
+                return Typed(self._read(), None, f"did not show {manner.shows}" if manner.shows else "")
             time.sleep(LOOK)
-        return self._printed()
+        return Typed(self._read(), None)
 
-    def finish(self, within: float, key: str = "") -> Printed:
+    def finish(self, within: float, key: str = "") -> Typed:
         """Wait until it ends, by itself or because a key is pressed; it is killed where it does not in time.
 
         Args:
             within: longest time [s].
             key: `Ctrl-C` or `Enter`; empty for none.
         """
-        assert self._process.stdin is not None
-        wrong = ""
-        if key and self._process.poll() is not None:
-            wrong = f"had ended by itself, with exit code {self._process.returncode}"
+        wrong, code = "", self._process.poll()
+        if key and code is not None:
+            wrong = f"had ended by itself, with exit code {code}"
         elif key == "Ctrl-C":
             self._process.send_signal(signal.SIGINT)
-        elif key == "Enter":
-            self._process.stdin.write(b"\n")
-            self._process.stdin.flush()
         try:
-            self._process.wait(within)
+            self._process.communicate(b"\n" if key == "Enter" else None, timeout=within)
             if key and not wrong and self._process.returncode not in _ENDED:
                 wrong = f"ended with exit code {self._process.returncode} after {key}"
         except subprocess.TimeoutExpired:
             os.killpg(self._process.pid, signal.SIGKILL)  # and everything in its terminal
             self._process.wait()
             wrong = f"did not end within {within:g} s"
-        self._process.stdin.close()
-        return self._printed(wrong)
-
-    def _printed(self, wrong: str = "") -> Printed:
-        return Printed(self._read(), self._process.poll(), time.monotonic() - self._begin, wrong)
+        return Typed(self._read(), self._process.returncode, wrong)
 
     def _read(self) -> str:
         return self._output.read_text(encoding="utf-8", errors="replace")
@@ -166,7 +146,7 @@ class Terminals:
         self._running: dict[str, Program] = {}
         self._count = 0
 
-    def type(self, line: str, manner: Manner) -> Printed:
+    def type(self, line: str, manner: Manner) -> Typed:
         """Type a line, and wait as long as its manner says."""
         if manner.kind is Kind.REPEATED:
             return self._repeat(line, manner)
@@ -182,7 +162,7 @@ class Terminals:
             return program.finish(ENDING, "Enter" if manner.kind is Kind.ENTERED else "Ctrl-C")
         return seen
 
-    def interrupt(self, words: str) -> Printed:
+    def interrupt(self, words: str) -> Typed:
         """Press Ctrl-C where a program runs on, and wait for its end.
 
         Args:
@@ -190,10 +170,10 @@ class Terminals:
         """
         line = next((line for line in self._running if words in line), None)
         if line is None:
-            return Printed("", None, 0.0, f"{words} does not run")
+            return Typed("", None, f"{words} does not run")
         return self._running.pop(line).finish(ENDING, "Ctrl-C")
 
-    def close(self) -> dict[str, Printed]:
+    def close(self) -> dict[str, Typed]:
         """Press Ctrl-C wherever something runs on, the last first; what it came to, by line."""
         return {line: self.interrupt(line) for line in reversed(list(self._running))}
 
@@ -201,7 +181,7 @@ class Terminals:
         self._count += 1
         return Program(script, self._folder, self._environment, self._outputs / str(self._count))
 
-    def _complete(self, line: str, manner: Manner) -> Printed:
+    def _complete(self, line: str, manner: Manner) -> Typed:
         if not line.startswith(_ADOPTED):
             return self._started(line).finish(manner.patience)
         marker = self._outputs / "environment"
@@ -212,12 +192,12 @@ class Terminals:
             self._folder = Path(self._environment["PWD"])
         return done
 
-    def _repeat(self, line: str, manner: Manner) -> Printed:
+    def _repeat(self, line: str, manner: Manner) -> Typed:
         ends = time.monotonic() + manner.patience
         while True:
             done = self._complete(line, manner)
             if done.wrong or re.search(manner.shows, done.text):
                 return done
             if time.monotonic() > ends:
-                return replace(done, wrong=f"never showed {manner.shows}")
+                return done._replace(wrong=f"never showed {manner.shows}")
             time.sleep(AGAIN)
