@@ -8,8 +8,8 @@ import logging
 import math
 import os
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Final, Protocol
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
 
 import structlog
 from cyclopts import Parameter
@@ -23,14 +23,6 @@ Figure = Callable[[Sequence[Row]], Any]
 """One figure of the results of a group."""
 SHOWN: Final = 200
 """Characters of a wrong result that the progress shows."""
-
-
-class Judged(Protocol):
-    """What became of a flight: a dataclass. Else it is a row; see `judged`."""
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether it breaks a limit."""
 
 
 def judged(limits: Mapping[str, float | str], **found: Any) -> Row:
@@ -55,8 +47,8 @@ class Flight:
     Attributes:
         what: is done to it.
         boards: which aircraft.
-        fly: flies with a seed, as a function or a coroutine, and returns a `Judged`, or a row with
-            `is_wrong`, or a list of them; made of functions of modules, so that another process finds it.
+        fly: flies with a seed, as a function or a coroutine, and returns a row with `is_wrong` (see `judged`), or a
+            list of them; made of functions of modules, so that another process finds it.
         seed: of everything random.
     """
 
@@ -106,15 +98,11 @@ def fly(asked: Asked) -> Row:
     found = asked.flight.fly(asked.flight.seed)
     if inspect.iscoroutine(found):
         found = asyncio.run(_in_time(found, asked.longest))
-    every = [one if isinstance(one, dict) else _row(one) for one in (found if isinstance(found, list) else [found])]
+    every = found if isinstance(found, list) else [found]
     wrong = [one for one in every if one["is_wrong"]]
     why = str(wrong[0])[:SHOWN] if wrong else ""
     load = round(os.getloadavg()[0], 1)
     return {"ending": Ending.WRONG if wrong else Ending.FINISHED, "why": why, "load": load, "found": every}
-
-
-def _row(one: Any) -> Row:
-    return one if isinstance(one, dict) else asdict(one) | {"is_wrong": one.is_wrong}
 
 
 async def _in_time(flight: Coroutine[Any, Any, Any], longest: float) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from dataclasses import dataclass
 from functools import partial
 
 import pytest
@@ -14,14 +13,8 @@ from lab.cases import Case, Flight, carry_out, judged, largest, part, percentile
 from mkdaemon.errors import ConfigError
 
 
-@dataclass(frozen=True)
-class Found:
-    took: float | None
-    is_wrong: bool = False
-
-
 def take(wrong, seed):
-    return [Found(0.1 * seed), Found(None, is_wrong=seed in wrong)]
+    return [judged({}, took=0.1 * seed), {"took": None, "is_wrong": seed in wrong}]
 
 
 async def fail(longest, seed):
