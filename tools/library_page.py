@@ -8,9 +8,13 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import docstring_parser
+from docstring_parser import DocstringStyle
 
 import mkdaemon.client as library
 from mkdaemon import errors
@@ -36,8 +40,7 @@ _ERRORS = (
     "ConfigError",
     "ProtocolError",
 )
-_SECTION = re.compile(r"^(Args|Returns|Raises|Attributes):$")
-_ITEM = re.compile(r"^(\*?\w+): (.*)$")
+_SECTIONS = {"param": "Args", "returns": "Returns", "raises": "Raises", "attribute": "Attributes"}
 
 
 def library_page(_: Path) -> str:
@@ -144,37 +147,18 @@ def _arguments(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
 
 def _docstring(text: str) -> str:
     """A Google docstring as Markdown: its sections become lists."""
-    lines: list[str] = []
-    paragraph: list[str] = []
+    found = docstring_parser.parse(text, DocstringStyle.GOOGLE)
+    parts = [_in_a_line(paragraph) for paragraph in (found.description or "").split("\n\n")]
+    for kind, entries in groupby(found.meta, key=lambda entry: entry.args[0]):
+        named = [(f"`{entry.args[1]}`: " if entry.args[1:] else "", entry.description or "") for entry in entries]
+        parts += [f"{_SECTIONS[kind]}:", "\n".join(f"* {name}{_in_a_line(words)}" for name, words in named)]
+    return "\n\n".join(parts) + "\n"
 
-    def flush() -> None:
-        if paragraph:
-            lines.append(" ".join(paragraph))
-            paragraph.clear()
 
-    in_section = False
-    for raw in [*text.splitlines(), ""]:
-        line = raw.strip()
-        if (section := _SECTION.match(line)) is not None:
-            flush()
-            in_section = True
-            lines += ["", f"{section[1]}:", ""]
-        elif not line:
-            flush()
-            lines.append("")
-        elif in_section and raw.startswith("    ") and not raw.startswith("     "):
-            flush()
-            item = _ITEM.match(line)
-            paragraph.append(f"* `{item[1]}`: {item[2]}" if item else f"* {line}")
-        else:
-            paragraph.append(line)
-    return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).strip() + "\n"
+def _in_a_line(text: str) -> str:
+    return " ".join(text.split())
 
 
 def _syntax(thing: Any) -> Any:
     """The syntax tree of a class or function."""
     return ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
-
-
-if __name__ == "__main__":
-    sys.stdout.write(library_page(Path()))

@@ -11,7 +11,7 @@ import pytest
 from lab.mutants.main import Tree, choose, draw
 from lab.mutants.operators import Module, Mutant
 from lab.mutants.plugin import Measured
-from lab.mutants.results import read_reasons, sum_up
+from lab.mutants.results import read_reasons
 from mkdaemon.errors import ConfigError
 from tests.places import ROOT
 
@@ -218,11 +218,6 @@ def test_tests_that_tell_most_in_the_least_time_come_first_within_a_budget(tmp_p
     measured["tests/test_c.py::elsewhere"] = Measured(seconds=0.0, taken=0.0, lines={"src/a.py": [4]}, fails=False)
     tree = Tree(tmp_path, {"src/a.py": Module("src/a.py", "a < b")}, measured)
     assert choose(tree, MUTANT, budget) == [f"tests/{test}" for test in tests]
-
-
-def test_a_timeout_counts_as_killed():
-    summary = sum_up([MUTANT], {MUTANT.id: {"outcome": "timeout", "by": "", "seconds": 9.0}}, [])
-    assert (summary["killed"], summary["timeouts"], summary["share"]) == (1, 1, 1.0)
 
 
 def test_a_reason_with_an_unknown_word_is_refused(tmp_path):
