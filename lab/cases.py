@@ -9,6 +9,7 @@ import math
 import os
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, Final
 
 import structlog
@@ -77,27 +78,17 @@ class Case:
     holds: Callable[[str, Sequence[Row]], bool] = lambda boards, found: not any(one["is_wrong"] for one in found)
 
 
-@dataclass(frozen=True, slots=True)
-class Asked:
-    """A flight of a case."""
-
-    case: str
-    flight: Flight
-    longest: float
-
-    @property
-    def key(self) -> Row:
-        """What it is kept under."""
-        flight = self.flight
-        return {"case": self.case, "what": flight.what, "boards": flight.boards, "seed": flight.seed}
+def key_of(case: str, flight: Flight) -> Row:
+    """What a flight of a case is kept under."""
+    return {"case": case, "what": flight.what, "boards": flight.boards, "seed": flight.seed}
 
 
-def fly(asked: Asked) -> Row:
-    """Fly once; the row has all that was found."""
+def fly(longest: float, flight: Flight) -> Row:
+    """Fly once, for so long at most [s]; the row has all that was found."""
     silence_log()
-    found = asked.flight.fly(asked.flight.seed)
+    found = flight.fly(flight.seed)
     if inspect.iscoroutine(found):
-        found = asyncio.run(_in_time(found, asked.longest))
+        found = asyncio.run(_in_time(found, longest))
     every = found if isinstance(found, list) else [found]
     wrong = [one for one in every if one["is_wrong"]]
     why = str(wrong[0])[:SHOWN] if wrong else ""
@@ -145,9 +136,8 @@ def carry_out(
     for name in cases if chosen is None else (chosen,):
         case = cases[name]
         flights = [one for one in case.flights(runs, first) if only in f"{one.what}, {one.boards}"]
-        asked = [Asked(name, flight, case.longest) for flight in flights]
-        flown = Campaign(campaign, fly, lambda one: one.key).rows(asked, 1 if case.is_alone else jobs)
-        rows += groups(case, flown)
+        flying = Campaign(campaign, partial(fly, case.longest), partial(key_of, name))
+        rows += groups(case, flying.rows(flights, 1 if case.is_alone else jobs))
     return show(rows, ("case", "what", "boards", "runs"), as_json=as_json)
 
 
