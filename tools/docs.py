@@ -26,8 +26,6 @@ GENERATED: Final[Mapping[str, str]] = {
     "src/mkdaemon/client/verbcalls.py": "tools.client_sources:verb_calls",
     "configs/zenoh/client-tls.json5": "tools.zenoh_samples:client",
     "configs/zenoh/daemon-tls.json5": "tools.zenoh_samples:daemon",
-    "docs/figures/teleop_mapping.svg": "tools.teleop_pictures:mapping_picture",
-    "docs/figures/teleop_screen.svg": "tools.teleop_pictures:screen_picture",
     "docs/library-reference.md": "tools.library_page:library_page",
 }
 """Page or source, relative to the root of the source tree, and the function that makes it, imported when needed."""
