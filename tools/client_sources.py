@@ -46,18 +46,9 @@ def _source(about: str, table: str, imports: Sequence[str], models: Iterable[typ
         *body,
     ]
     text = "\n".join(lines) + "\n"
-    for words in (["check", "--fix", "--quiet", "--select", "I,F401"], ["format", "--quiet"]):
-        command = [
-            sys.executable,
-            "-m",
-            "ruff",
-            *words,
-            "--line-length",
-            str(_WIDTH),
-            "--stdin-filename",
-            "src/a.py",
-            "-",
-        ]
+    for words in ("check --fix --quiet --select I,F401", "format --quiet"):
+        options = [*words.split(), f"--line-length={_WIDTH}", "--stdin-filename=src/a.py", "-"]
+        command = [sys.executable, "-m", "ruff", *options]
         text = subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
     return text
 
@@ -294,14 +285,15 @@ def _wrapped(text: str, indent: int, *, hanging: int = 0, width: int = _WIDTH) -
 def _models_of(model: type[BaseModel]) -> Iterator[type]:
     for name, info in model.model_fields.items():
         if name not in _FILLED_IN:
-            yield from _models_in(info.annotation)
+            yield from models_in(info.annotation)
 
 
-def _models_in(annotation: Any) -> Iterator[type]:
+def models_in(annotation: Any) -> Iterator[type[BaseModel | Enum]]:
+    """Return the models and enumerations in a type."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel | Enum):
         yield annotation
     for part in typing.get_args(annotation):
-        yield from _models_in(part)
+        yield from models_in(part)
 
 
 def _spell(annotation: Any) -> str:

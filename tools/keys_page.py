@@ -21,6 +21,7 @@ from mkdaemon.telemetry.base import Command
 from mkdaemon.telemetry.command import CommandResult, RatesRequest
 from mkdaemon.telemetry.control import LeaseState
 from mkdaemon.telemetry.refusals import Token
+from tools.client_sources import models_in
 from tools.markdown import table
 
 
@@ -103,19 +104,9 @@ def _plain(value: object) -> str:
     return words.get(value, f"`{value}`") if isinstance(value, str | bool | None) else f"{value}"
 
 
-def _leaves(model: type[BaseModel]) -> Iterator[type]:
+def _leaves(model: type[BaseModel]) -> Iterator[type[BaseModel | Enum]]:
     for info in model.model_fields.values():
-        yield from _parts(info.annotation)
-
-
-def _parts(annotation: Any) -> Iterator[type]:
-    if get_origin(annotation) is None:
-        if isinstance(annotation, type):
-            yield annotation
-        return
-    if get_origin(annotation) is not Literal:
-        for arg in get_args(annotation):
-            yield from _parts(arg)
+        yield from models_in(info.annotation)
 
 
 _SAYS: Final = {
