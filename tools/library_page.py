@@ -18,11 +18,9 @@ from docstring_parser import DocstringStyle
 
 import mkdaemon.client as library
 from mkdaemon import errors
-from mkdaemon.bus.keys import KEYS, Use
 from mkdaemon.client import verbcalls
 from mkdaemon.client.asking import Asking
 from mkdaemon.client.keytree import KeyTree
-from tools.markdown import table
 
 _HEAD = """# Reference of the Python library
 
@@ -48,7 +46,7 @@ def library_page(_: Path) -> str:
     parts = [_HEAD, *_functions(library)]
     first = ["Vehicle", "Stream", "LastValue", "Lease"]
     parts.extend(_class(library.Vehicle))
-    parts.extend(_streams())
+    parts.append(_STREAMS)
     parts.extend(part for name in first[1:] for part in _class(getattr(library, name)))
     for name, cls in _services().items():
         parts.extend(_class(cls, title=f"uav.{name}"))
@@ -59,6 +57,11 @@ def library_page(_: Path) -> str:
     return re.sub(r"\n{3,}", "\n\n", "\n".join(parts)).rstrip() + "\n"
 
 
+_STREAMS = """## Streams
+
+Every key that carries values is a `Stream`: `state/attitude` is `uav.state.attitude`, `vision/<camera>/pose` is
+`uav.vision(camera).pose`. [keys.md](keys.md) lists the keys with the fields of their values.
+"""
 _ERROR_HEAD = "## Errors\n\nAll of them are in `mkdaemon.errors`.\n"
 
 
@@ -79,18 +82,6 @@ def _services() -> dict[str, type]:
             if not name.startswith("_"):
                 found.setdefault(name, module[kind])
     return found
-
-
-def _streams() -> Iterator[str]:
-    """The streams of a vehicle, from the table of keys."""
-    yield "## Streams\n\nEvery key that carries values is a `Stream`; docs/keys.md lists the fields.\n"
-    rows = []
-    for spec in KEYS:
-        if spec.use in {Use.PUBLISHED, Use.CLIENT} and spec.carries is not None:
-            call = re.sub(r"/(<\w+>)/(<\w+>)", r"(\1, \2)", spec.suffix)
-            call = re.sub(r"/(<\w+>)", r"(\1)", call).replace("/", ".").replace("<", "").replace(">", "")
-            rows.append((f"`uav.{call}`", f"`{spec.carries.__name__}`", spec.when, spec.about))
-    yield "\n".join(table(("stream", "value", "when", "what"), rows)) + "\n"
 
 
 def _class(cls: type, level: int = 2, title: str = "") -> Iterator[str]:

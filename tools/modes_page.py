@@ -56,14 +56,9 @@ def _hands(_: None) -> Iterator[str]:
 
 
 def _admission(is_wanted: Callable[[AdmissionRow], bool], _: None) -> Iterator[str]:
-    """A table of rows, and below it what to do about each refusal; in one table the lines were 400 characters long."""
-    rows = [row for row in ADMISSION if is_wanted(row)]
+    rows = (row for row in ADMISSION if is_wanted(row))
     head = ("check", "applies to", "fails if", "action", "refusal")
-    yield from table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _refusals(row)) for row in rows))
-    tokens = dict.fromkeys(token for row in rows for token in row.tokens if row.rule is not Rule.WAITS)
-    if tokens:
-        yield ""
-        yield from table(("refusal", "what to do"), ((f"`{token.value}`", token.fix) for token in tokens))
+    return table(head, ((row.name, _concerns(row), row.stands, row.rule.value, _refusals(row)) for row in rows))
 
 
 def _is_of_flight(row: AdmissionRow) -> bool:
