@@ -1,7 +1,8 @@
-"""The chain of causes of a flight without a pose: as data, in the status, and in the reason of the release."""
+"""A target out of sight: what the aircraft does, and the causes as data, in the status and in the release."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,6 +11,7 @@ import pytest
 from lab.control.camera import CameraModel
 from lab.control.corerig import stamp
 from lab.control.flights import Flight
+from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, Warn
 from mkdaemon.control.causes import ATTITUDE_OVERDUE, causes
 from mkdaemon.control.events import SightRefused
@@ -17,7 +19,7 @@ from mkdaemon.control.vehicle import VehicleMemory
 from mkdaemon.telemetry.control import Cause, CauseKind, trouble_words
 from mkdaemon.telemetry.vision import PoseRefusal, PoseRefused
 from mksim.config import WindClass
-from tests.control.coreflights import Told
+from tests.control.coreflights import UntilReleased
 from tests.values import made
 
 GONE = 3.5
@@ -69,7 +71,7 @@ def test_the_line_begins_with_the_effect_and_ends_with_the_time_left():
     assert trouble_words((), None) == ""
 
 
-class Refused(Told):
+class Refused(UntilReleased):
     """The target stays in the image, and every pose is refused."""
 
     def _control(self, at):
@@ -81,13 +83,19 @@ class Refused(Told):
 @pytest.fixture(scope="module")
 def flown():
     camera = CameraModel(gone=((GONE, 99.0),))
-    rig = Refused(replace(Flight(seed=1, wind=WindClass.INDOOR, seconds=8.0, start=1.9), camera=camera))
-    rig.fly()
+    rig = Refused(replace(Flight(seed=4, wind=WindClass.INDOOR, seconds=8.0), camera=camera))
+    rig.record = rig.fly()
     return rig
 
 
-def test_the_release_names_its_causes(flown):
-    _, release = flown.first(ReleaseAircraft)
+def test_it_searches_from_above_then_is_released_with_its_causes(flown):
+    places = list(zip(flown.record.times, flown.record.positions, strict=True))
+    before, after = next(place for at, place in places if at >= GONE), places[-1][1]
+    assert after[2] > before[2] + 0.4
+    # Without images only the model tells where it is, to 1.7 m after 3 s.
+    assert math.hypot(*after[:2]) < max(flown.estimates[-1].position_sd[:2]), "it stays over the target"
+    released, release = flown.first(ReleaseAircraft)
+    assert released == pytest.approx(GONE + AutopilotConfig().exit_after, abs=0.3)
     assert release.reason.startswith("no image of pad for 3.0 s; tag in view, ")
     assert "poses refused off_course" in release.reason
 

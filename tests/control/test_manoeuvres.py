@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,20 +9,16 @@ import pytest
 
 from lab.control.camera import CameraModel
 from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft, ReportMode
-from mkdaemon.control.events import AbortAsked
-from mkdaemon.telemetry.command import AbortRequest
-from mkdaemon.telemetry.control import Phase
+from mkdaemon.control.actions import PublishError, PublishStatus, ReleaseAircraft
 from mkdaemon.telemetry.setpoint import (
     HoldSetpoint,
-    LandSetpoint,
     PositionSetpoint,
     SetpointFrame,
     StickSetpoint,
     TakeOffSetpoint,
 )
 from mksim.config import WindClass
-from tests.control.coreflights import Plan, UntilReleased
+from tests.control.coreflights import Plan
 from tests.control.events import pilot
 from tests.control.flying import Flying
 
@@ -113,73 +108,3 @@ def test_a_hold_after_flying_by_stick_is_where_the_aircraft_is_then(held):
     assert moved > 0.2, "the sticks moved it"
     assert np.abs(second - second[0]).max() < 1e-9
     assert np.linalg.norm(second[0, :2] - first[:2]) > 0.8 * moved, "it does not fly back"
-
-
-def test_an_aborted_landing_holds_where_the_aircraft_is_then():
-    over = (0.0, PositionSetpoint, {"position": (0.5, 0.3, 2.0), "frame": SetpointFrame.PAD})
-    rig = Plan(replace(CALM, seconds=9.0), over, (4.0, *hold()[1:]), (4.5, LandSetpoint, {}), abort_at=7.5)
-    record = rig.fly()
-    assert record.lost == ""
-    assert rig.core.phase is Phase.ABORTED
-    held, before = np.array(rig.goals(4.2, 4.5)[-1]), place(record, 7.5)
-    assert np.linalg.norm(before - held) > 0.4, "it had come nearer to the target"
-    assert max(np.linalg.norm(goal - before) for goal in np.array(rig.goals(7.7, 9.0))) < 0.35
-
-
-class AbortedLow(UntilReleased, Plan):
-    """Somebody asks for an abort as soon as the landing has committed."""
-
-    def _control(self, at):
-        landing = getattr(self.core._flown.current, "landing", None)
-        if landing is not None and landing.phase.value == "commit" and self.core.phase is Phase.FLYING:
-            self.abort_at = at
-        super()._control(at)
-
-
-def test_a_landing_below_its_last_decision_is_not_aborted():
-    rig = AbortedLow(replace(CALM, seconds=14.0, land_at=2.5), hold(), (2.5, LandSetpoint, {}))
-    record = rig.fly()
-    assert rig.first(ReportMode, after=Phase.ABORTED)
-    assert rig.first(ReleaseAircraft)[1].reason == "landed on pad"
-    assert record.touch_error < 0.2
-
-
-ABORTED, RESUMED = 3.4, 5.8
-"""A flight to a place is aborted, and its client goes on; then it is aborted again [s]."""
-
-
-@pytest.fixture(scope="module")
-def aborted():
-    """Setpoints that name no abort, one that never was, the abort, and still that one after another; nobody changes it.
-
-    With it comes its record.
-    """
-    over, away = ({"position": at, "frame": SetpointFrame.PAD} for at in ((0.0, 0.0, 2.0), (-0.6, 0.4, 2.0)))
-    named = ((0.0, over), (3.0, away), (5.4, away | {"after_abort": 2}), (RESUMED, away | {"after_abort": 1}))
-    rig = Plan(replace(CALM, seconds=7.0), *((at, PositionSetpoint, fields) for at, fields in named), abort_at=ABORTED)
-    rig._at(6.2, lambda at: rig.core.feed(AbortAsked(AbortRequest(reason="again")), at))
-    record = rig.fly()
-    assert record.lost == ""
-    return rig, record
-
-
-def test_an_abort_holds_the_place_and_keeps_the_lease(aborted):
-    rig, record = aborted
-    assert math.hypot(*place(record, RESUMED)[:2]) < 0.4
-    _, shown = rig.of(PublishStatus, end=RESUMED)[-1]
-    assert (shown.phase, shown.reason) == (Phase.ABORTED, "aborted: the operator saw something")
-
-
-def test_an_abort_is_ended_by_setpoints_that_name_it_and_by_no_others(aborted):
-    rig, _ = aborted
-    first, _ = rig.first(PublishStatus, phase=Phase.ABORTED)
-    resumed, status = rig.first(PublishStatus, first, phase=Phase.FLYING)
-    assert (first, resumed) == pytest.approx((ABORTED, RESUMED), abs=0.03)
-    assert {action.manoeuvre for at, action in rig.of(PublishStatus, first, resumed) if at > first} == {"hold"}
-    assert (status.manoeuvre, status.aborts) == ("position", 1)
-
-
-def test_a_second_abort_is_not_ended_by_the_number_of_the_first(aborted):
-    rig, _ = aborted
-    changes = [action.after for _, action in rig.of(ReportMode)]
-    assert changes[-3:] == [Phase.ABORTED, Phase.FLYING, Phase.ABORTED]

@@ -17,20 +17,13 @@ AT_HEIGHT = 11.0
 
 
 @pytest.mark.parametrize(
-    ("fault", "at", "words"),
-    [
-        ("mirrored", 0.0, "it does not tilt as the boards do"),
-        ("silent", AT_HEIGHT, "the last report is"),
-        ("late_unsaid", AT_HEIGHT, "it does not tilt as the boards do"),
-        ("mirrored_place", AT_HEIGHT, "it does not move as the aircraft tilts"),
-        ("off", AT_HEIGHT, "they jumped"),
-    ],
+    ("fault", "words"),
+    [("silent", "the last report is"), ("mirrored_place", "it does not move as the aircraft tilts")],
 )
-def test_a_source_that_is_wrong_is_named_and_the_aircraft_stays_whole_and_near(fault, at, words):
-    row = fly(Flight(seed=1, wind="light", fault=fault, at=at))
+def test_a_source_that_is_wrong_is_named_and_the_aircraft_stays_whole_and_near(fault, words):
+    row = fly(Flight(seed=1, wind="light", fault=fault, at=AT_HEIGHT))
     assert (row["ending"], row["why"]) == ("finished", "")
     assert words in row["words"]
     assert row["farthest"] < VOLUME
-    if at > 0.0:
-        assert math.isfinite(row["named"])
-        assert row["released"]
+    assert math.isfinite(row["named"])
+    assert row["released"]

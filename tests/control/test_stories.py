@@ -450,10 +450,14 @@ def test_after_an_abort_while_the_sticks_had_no_answer_the_resumed_position_is_f
     story.streams(PositionSetpoint, 0.2, **place)
     gate(story, is_open=True)
     story.streams(PositionSetpoint, 1.0, **place)
-    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
+    story.streams(PositionSetpoint, 0.1, after_abort=2, **place)
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold"), "there was no second abort"
     story.streams(PositionSetpoint, 0.5, after_abort=story.status.aborts, **place)
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "position")
     assert story.of(PublishError)[-1].value.goal == (1.0, 0.0, 2.0)
+    story.abort()
+    story.streams(PositionSetpoint, 0.1, after_abort=1, **place)
+    assert story.core.phase is Phase.ABORTED, "the number of the first does not end the second"
 
 
 @pytest.mark.parametrize("how", ["the sticks act again", "the abort is over"])

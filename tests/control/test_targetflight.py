@@ -10,7 +10,6 @@ import pytest
 
 from lab.control.camera import CameraModel, rotation_of
 from lab.control.flights import Flight
-from lab.control.rig import Rig, believed_model
 from mkdaemon.config.autopilot import AutopilotConfig
 from mkdaemon.control.actions import (
     PublishError,
@@ -28,7 +27,6 @@ from mkdaemon.control.sight import velocity_between
 from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.setpoint import LandSetpoint, SetpointFrame, VelocitySetpoint
 from mksim.config import WindClass
-from mksim.physics.attitude_loop import EASY, AttitudeGains
 from tests.control.coreflights import Plan, Told, UntilReleased
 
 CFG = AutopilotConfig()
@@ -65,35 +63,28 @@ def test_no_flight_begins_before_images_have_agreed_for_a_while(held):
     assert not rig.of(SendSticks, end=began)
 
 
-def test_a_target_out_of_sight_is_searched_for_from_above_then_the_aircraft_is_released():
-    gone = 3.5
-    rig = UntilReleased(replace(CALM, camera=CameraModel(gone=((gone, 99.0),))))
-    record = rig.fly()
-    released, release = rig.first(ReleaseAircraft)
-    assert released == pytest.approx(gone + CFG.exit_after, abs=0.3)
-    assert "no image of pad" in release.reason
-    place = dict(zip(record.times, record.positions, strict=True))
-    before, after = place[min(place, key=lambda at: abs(at - gone))], record.positions[-1]
-    assert after[2] > before[2] + 0.4
-    # Without images only the model tells where it is, to 1.7 m after 3 s.
-    assert np.hypot(*after[:2]) < max(rig.estimates[-1].position_sd[:2]), "it stays over the target"
-
-
 LANDS = 4.0
 """When the client asks to land [s]."""
 
 
 class Lands(UntilReleased, Plan):
-    """From then on the client asks to land; keeps what was true when it was said to be down."""
+    """From then on the client asks to land; keeps what was true when it was said to be down.
+
+    Attributes:
+        is_aborted: somebody asks for an abort as soon as the landing has committed.
+    """
 
     stood: bool | None = None
+    is_aborted = False
 
     def __init__(self, flight):
         super().__init__(flight, (LANDS, LandSetpoint, {}))
 
     def _control(self, at):
-        super()._control(at)
         landing = getattr(self.core._flown.current, "landing", None)
+        if landing is not None and landing.phase is LandingPhase.COMMIT and self.is_aborted:
+            self.abort_at, self.is_aborted = at, False
+        super()._control(at)
         if landing is not None and landing.phase is LandingPhase.DOWN and self.stood is None:
             self.stood = self._world.truth.on_ground
 
@@ -120,23 +111,26 @@ def test_a_landing_ends_on_the_target_with_a_release_that_is_no_failsafe(landed)
     assert not rig.of(ReportFailsafe)
 
 
-def land_in_wind(gone):
+def land_in_wind(gone, *, is_aborted=False):
     """A landing in light wind during which the target goes out of sight [s]; and its record."""
     camera = CameraModel(gone=((gone, 99.0),))
     rig = Lands(Flight(seed=5, wind=WindClass.LIGHT, seconds=15.0, land_at=LANDS, camera=camera))
+    rig.is_aborted = is_aborted
     return rig, rig.fly()
 
 
 @pytest.fixture(scope="module")
 def blind_at_its_end():
-    """A landing whose last images come 26 cm above the target; nobody changes it."""
-    return land_in_wind(10.3)
+    """A landing whose last images come 26 cm above the target, aborted after its last decision; nobody changes it."""
+    return land_in_wind(10.3, is_aborted=True)
 
 
 @pytest.mark.parametrize("flight", ["landed", "blind_at_its_end"])
 def test_the_estimate_ends_where_the_feet_stand(flight, request):
     rig, record = request.getfixturevalue(flight)
+    assert rig.stood is True, "it is not called down in the air"
     assert record.touch_error < 0.2
+    assert record.touch_sink < 0.6
     last_at, last = rig.of(PublishEstimate)[-1]
     assert last_at < rig.first(ReleaseAircraft)[0] - 0.3
     assert rig.of(PublishError)[-1][0] <= last_at
@@ -144,11 +138,10 @@ def test_the_estimate_ends_where_the_feet_stand(flight, request):
     assert last.value.velocity[2] > -1.0
 
 
-def test_a_landing_without_images_at_its_end_is_not_called_down_in_the_air(blind_at_its_end):
-    rig, record = blind_at_its_end
-    assert rig.stood is True
-    assert record.touch_error < 0.2
-    assert record.touch_sink < 0.6
+def test_an_abort_after_the_last_decision_changes_nothing(blind_at_its_end):
+    rig, _ = blind_at_its_end
+    assert rig.first(ReportMode, after=Phase.ABORTED)
+    assert rig.first(ReleaseAircraft)[1].reason == "landed on pad"
 
 
 def test_a_descent_without_images_before_the_commit_rises_then_is_released_and_never_down():
@@ -159,22 +152,6 @@ def test_a_descent_without_images_before_the_commit_rises_then_is_released_and_n
     assert released_at == pytest.approx(gone + CFG.exit_after, abs=0.2)
     assert "no image of pad" in release.reason
     assert min(counts.throttle for counts in rig.counts(gone + 1.2, released_at)) > -30
-
-
-class ByFewImages(Lands):
-    """From shortly before the landing on an image comes twice a second."""
-
-    def _expose(self, at):
-        if at >= LANDS - 1.0:
-            self._flight = replace(self._flight, camera=replace(self._flight.camera, rate=2.0))
-        super()._expose(at)
-
-
-def test_a_landing_by_two_images_a_second_comes_down():
-    """It climbed to 1.6 m between two images, and hung there for ever."""
-    rig = ByFewImages(replace(CALM, land_at=LANDS, seconds=45.0))
-    assert rig.fly().lost == ""
-    assert rig.stood is True
 
 
 def test_a_velocity_is_flown_in_its_frame_and_then_turns():
@@ -189,16 +166,6 @@ def test_a_velocity_is_flown_in_its_frame_and_then_turns():
     assert z == pytest.approx(0.0, abs=0.1)
     assert rig.estimates[-1].yaw - rig.estimates[-101].yaw == pytest.approx(0.15 * 2.0, abs=0.12)
     assert math.hypot(*(record.positions[-1] - record.positions[end])[:2]) < 0.35, "on the spot"
-
-
-@pytest.mark.parametrize("gain", [0.67, 1.49])
-def test_an_aircraft_whose_sticks_ask_for_another_tilt_than_its_model_says_is_held(gain):
-    true = believed_model(AttitudeGains.from_parameters(**EASY))
-    model = replace(true, rad_per_count=true.rad_per_count / gain)
-    rig = Rig(Flight(seed=506, wind=WindClass.LIGHT, seconds=9.0, model=model))
-    record = rig.fly()
-    assert record.lost == ""
-    assert math.hypot(*record.errors[-1][:2]) < 0.5
 
 
 def test_two_views_whose_tilts_disagree_by_half_a_radian_give_the_speed_of_the_aircraft():
