@@ -7,22 +7,17 @@ from dataclasses import replace
 import pytest
 
 from lab.control.corerig import stamp
-from lab.control.flights import Flight
-from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, ReportFailsafe, ReportMode, Warn
+from mkdaemon.control.actions import Warn
 from mkdaemon.control.activeset import UNREAD
 from mkdaemon.control.events import StateValue
 from mkdaemon.control.flightwatch import LASTING, BatteryWatch
 from mkdaemon.control.vehicle import VehicleMemory
-from mkdaemon.telemetry.control import Phase
 from mkdaemon.telemetry.state import Battery
-from mksim.config import WindClass
 from tests.control.admission.situations import situation_of
-from tests.control.coreflights import UntilReleased
 from tests.control.events import PERIOD, Driver, flight
 
 LOW_CELL = 3.2
 SET = replace(UNREAD, name="Easy", low_cell=LOW_CELL)
-CALM = Flight(seed=4, wind=WindClass.INDOOR, seconds=20.0)
 
 
 def battery(voltage, *, is_low=False, at=0.0):
@@ -100,41 +95,6 @@ def test_a_low_battery_of_an_earlier_flight_does_not_end_the_next_one():
         drive.run(PERIOD)
         drive.release_ends()
         drive.run(2 * LASTING)
-
-
-class RunsEmpty(UntilReleased):
-    """The simulated battery loses voltage in flight; the board's alarm is at 12.8 V."""
-
-    drop_at = 3.0
-
-    def __init__(self, flight):
-        super().__init__(flight)
-        self._at(0.1, self._tell)
-        self._at(self.drop_at, lambda at: self._world.faults.start("battery_drop", volts=4.5))
-
-    def _tell(self, at):
-        """Five times a second."""
-        self._at(at + 0.2, self._tell)
-        voltage = self._world.sensors.battery_voltage
-        self.core.feed(StateValue(battery(voltage, is_low=voltage < 12.8, at=at)), at)
-
-
-def test_over_its_target_it_lands_there_whatever_is_streamed():
-    rig = RunsEmpty(CALM)
-    record = rig.fly()
-    assert record.lost == ""
-    began, landing = rig.first(ReportMode, after=Phase.LANDING)
-    assert began == pytest.approx(RunsEmpty.drop_at + LASTING, abs=0.4)
-    assert landing.reason.endswith("It lands on the target.")
-    [(_, failsafe)] = rig.of(ReportFailsafe)
-    assert (failsafe.action, failsafe.reason) == ("land", landing.reason)
-    [(warned, _)] = rig.of(Warn)
-    assert warned == pytest.approx(RunsEmpty.drop_at, abs=0.4)
-    [(released, release)] = rig.of(ReleaseAircraft)
-    assert release.reason == "landed on pad"
-    place = next(place for at, place in zip(record.times, record.positions, strict=True) if at >= released - 0.1)
-    assert place == pytest.approx([0.0, 0.0, 0.1], abs=0.1)
-    assert any("pulls the throttle down" in a.hands for _, a in rig.of(PublishStatus))
 
 
 @pytest.mark.parametrize(("voltage", "cells"), [(0.0, None), (0.5, 1), (4.2, 1), (4.4, 2), (16.8, 4), (17.3, 5)])

@@ -18,7 +18,7 @@ from mkdaemon.control.actions import (
 from mkdaemon.control.estimator.values import GAS_CENTRE
 from mkdaemon.control.events import AbortAsked, FlightctrlReported, MotorsReported, PoseSeen, StateValue
 from mkdaemon.control.flightwatch import LASTING
-from mkdaemon.control.manoeuvres import land
+from mkdaemon.control.manoeuvres import land, take_off
 from mkdaemon.control.manoeuvres.manoeuvre import level_at
 from mkdaemon.control.sight import FORGOTTEN
 from mkdaemon.telemetry.command import AbortRequest
@@ -350,8 +350,10 @@ def test_a_take_off_waits_on_the_ground_for_no_image_and_follows_no_target_aside
     assert story.of(PublishEstimate)[-1].value.target == "pad"
 
 
-def climbing():
+@pytest.fixture
+def climbing(monkeypatch):
     """A take-off to 1 m that stays at 0.6 m, and how long it may climb [s]."""
+    monkeypatch.setattr(take_off, "LONGEST_ARRIVAL", 2.0)
     story = Story()
     story.tell(MotorsReported(True))
     story.streams(TakeOffSetpoint, 1.5, height=1.0)
@@ -359,12 +361,12 @@ def climbing():
         story.see(height)
         story.streams(TakeOffSetpoint, PERIOD, height=1.0)
     story.height = 0.6
-    return story, 15.0 + 2.0 * 1.0 / SOON.autopilot.max_climb
+    return story, 2.0 + 2.0 * 1.0 / SOON.autopilot.max_climb
 
 
-def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
+def test_a_climb_that_does_not_arrive_is_aborted_and_holds(climbing):
     """Wind, late images or the pilot's throttle kept a take-off in `climbs` for ever."""
-    story, longest = climbing()
+    story, longest = climbing
     story.streams(TakeOffSetpoint, longest - 0.5, height=1.0)
     assert (story.core.phase, story.status.stage) == (Phase.FLYING, "climbs")
     story.streams(TakeOffSetpoint, 1.0, height=1.0)
@@ -376,8 +378,8 @@ def test_a_climb_that_does_not_arrive_is_aborted_and_holds():
     assert (story.core.phase, story.status.manoeuvre) == (Phase.FLYING, "land")
 
 
-def test_a_stage_that_a_stall_made_late_is_not_aborted_too():
-    story, longest = climbing()
+def test_a_stage_that_a_stall_made_late_is_not_aborted_too(climbing):
+    story, longest = climbing
     story.streams(TakeOffSetpoint, longest - 0.5, height=1.0)
     story.now += 2.0
     story.run(0.1)
@@ -391,15 +393,15 @@ def test_a_landing_whose_stages_alternate_ends_as_a_whole(is_low, ends_in, monke
 
     By an image a second it approached, searched and descended in turn, each for less than it may.
     """
-    monkeypatch.setattr(land, "LONGEST_WAIT", 4.0)  # a minute in flight
-    story = holding()
+    monkeypatch.setattr(land, "LONGEST_WAIT", 1.0)  # a minute in flight
+    story = holding(0.8)
     if is_low:
         story.streams_low(LASTING + 0.3)
         assert story.core.phase is Phase.LANDING
-    story.height, began, longest = None, story.now, 12.0 + 4.0 + 2.0 / 0.28
+    story.height, began, longest = None, story.now, 12.0 + 1.0 + 0.8 / 0.28
     kind = HoldSetpoint if is_low else LandSetpoint
     for _ in range(round(longest / 1.5) + 2):
-        story.see(2.0)
+        story.see(0.8)
         story.streams(kind, 1.5)
         if story.core.phase not in (Phase.FLYING, Phase.LANDING):
             break
@@ -458,6 +460,17 @@ def test_after_an_abort_while_the_sticks_had_no_answer_the_resumed_position_is_f
     story.abort()
     story.streams(PositionSetpoint, 0.1, after_abort=1, **place)
     assert story.core.phase is Phase.ABORTED, "the number of the first does not end the second"
+
+
+def test_an_aborted_flight_stays_aborted_over_a_shut_gate():
+    story = holding()
+    story.abort()
+    for is_open in (False, True):
+        before = len(story.of(SendSticks))
+        gate(story, is_open=is_open)
+        story.streams(LandSetpoint, 0.3)
+        assert is_open or {frame.wanted for frame in story.of(SendSticks)[before + 1 :]} == {story.level}
+    assert (story.core.phase, story.status.manoeuvre) == (Phase.ABORTED, "hold")
 
 
 @pytest.mark.parametrize("how", ["the sticks act again", "the abort is over"])

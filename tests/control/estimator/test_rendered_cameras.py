@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -39,27 +38,21 @@ LATE = {"down": 4, "forward": 9}
 """Steps from an exposure to its pose: the forward camera's arrive behind later ones of the other."""
 
 
-@lru_cache(maxsize=1)
-def scene() -> Scene:
-    return Scene([SceneTarget.of(shipped("nested"), Platform())], ground=asphalt(), seed=3, fine=False)
-
-
-def pipeline(camera: str, offset: float) -> CameraPipeline:
-    """The eyes of one camera, whose file says that its lens sits `offset` [m] to the left of where it is."""
-    x, y, z = MOUNTS[camera].position_flu
-    mount = MOUNTS[camera].model_copy(update={"position_flu": (x, y + offset, z)})
-    cfg = CameraSection(name=camera, source="zenoh:images", calibration=LENS, targets=(PAD,), mount=mount)
+def pipeline(camera: str) -> CameraPipeline:
+    """The eyes of one camera."""
+    cfg = CameraSection(name=camera, source="zenoh:images", calibration=LENS, targets=(PAD,), mount=MOUNTS[camera])
     return CameraPipeline(cfg, VisionSection(), Clock())
 
 
-def fly(offsets: dict[str, float]) -> tuple[npt.NDArray[np.float64], Estimator, dict[str, int]]:
+def fly() -> tuple[npt.NDArray[np.float64], Estimator, dict[str, int]]:
     """Errors of the estimate (n, 3) [m], the estimator, and how many poses each camera gave in 1.1 s."""
-    eyes = {camera: pipeline(camera, offset) for camera, offset in offsets.items()}
+    eyes = {camera: pipeline(camera) for camera in MOUNTS}
+    scene = Scene([SceneTarget.of(shipped("nested"), Platform())], ground=asphalt(), seed=3, fine=False)
     intrinsics = load_camera(LENS).intrinsics
     plant, estimator = Plant(yaw=0.0), None
     attitudes: list[AttitudeSample] = []
     pending: list[tuple[int, VisionPose]] = []
-    errors, posed = [], dict.fromkeys(offsets, 0)
+    errors, posed = [], dict.fromkeys(MOUNTS, 0)
     for k in range(round(1.1 / STEP)):
         tilt_x, tilt_y = plant.axes[:, T]
         attitude = rotation_from_euler(-tilt_y, tilt_x, 0.0)
@@ -70,7 +63,7 @@ def fly(offsets: dict[str, float]) -> tuple[npt.NDArray[np.float64], Estimator, 
             if k % 8 == list(MOUNTS).index(camera):
                 mount = MOUNTS[camera]
                 lens = place + attitude @ np.array(mount.position_flu)
-                pixels = scene().render(CameraView(intrinsics, attitude @ mount_rotation(mount), lens))
+                pixels = scene.render(CameraView(intrinsics, attitude @ mount_rotation(mount), lens))
                 image = CameraImage(pixels, plant.now, plant.now, k, camera, "header")
                 values = [value for _, value in eye.process(image, AttitudeHistory(tuple(attitudes)))]
                 poses = [(k + LATE[camera], value) for value in values if isinstance(value, VisionPose)]
@@ -92,22 +85,9 @@ def fly(offsets: dict[str, float]) -> tuple[npt.NDArray[np.float64], Estimator, 
     return np.array(errors), estimator, posed
 
 
-def rms(errors: npt.NDArray[np.float64]) -> float:
-    return float(np.sqrt((errors**2).mean()))
-
-
 def test_both_cameras_give_one_estimate_of_the_vehicle() -> None:
-    alone, single, _ = fly({"down": 0.0})
-    both, estimator, posed = fly({"down": 0.0, "forward": 0.0})
+    errors, estimator, posed = fly()
     assert min(posed.values()) >= 8
     assert estimator.contradicting == ()
     assert estimator.rejected == 0
-    assert max(rms(both), rms(alone)) < 0.003
-    assert estimator.motion_covariance[2, 0] < single.motion_covariance[2, 0]
-
-
-def test_a_forward_camera_whose_lens_sits_elsewhere_is_left_out() -> None:
-    errors, estimator, posed = fly({"down": 0.0, "forward": 0.3})
-    assert posed["forward"] >= 8
-    assert estimator.contradicting == ("forward",)
-    assert rms(errors) < 0.01
+    assert np.sqrt((errors**2).mean()) < 0.003
