@@ -16,7 +16,7 @@ from mkdaemon.control.actions import PublishStatus, ReleaseAircraft, Warn
 from mkdaemon.control.causes import ATTITUDE_OVERDUE, causes
 from mkdaemon.control.events import SightRefused
 from mkdaemon.control.vehicle import VehicleMemory
-from mkdaemon.telemetry.control import Cause, CauseKind, trouble_words
+from mkdaemon.telemetry.control import CauseKind
 from mkdaemon.telemetry.vision import PoseRefusal, PoseRefused
 from mksim.config import WindClass
 from tests.control.coreflights import UntilReleased
@@ -56,19 +56,6 @@ def test_a_target_whose_tags_are_not_decoded_is_not_said_to_be_in_view():
 def test_an_attitude_that_is_overdue_is_a_cause(age, kind):
     found = [each.kind for each in causes(VehicleMemory(), pose_age=1.0, attitude_age=age, now=10.0)]
     assert found == [CauseKind.NO_POSE, *([] if kind is None else [kind])]
-
-
-@pytest.mark.parametrize("kind", CauseKind)
-def test_every_cause_is_one_clause(kind):
-    text = Cause.of(kind, seconds=1.5, count=3, of=9, detail="off_course").text
-    assert text
-    assert "{" not in text
-
-
-def test_the_line_begins_with_the_effect_and_ends_with_the_time_left():
-    chain = (Cause.of(CauseKind.NO_POSE, seconds=1.7), Cause.of(CauseKind.NO_ATTITUDE, seconds=2.0))
-    assert trouble_words(chain, 1.3) == "NO POSE FOR 1.7 S, releases in 1.3 s: attitude silent 2.0 s"
-    assert trouble_words((), None) == ""
 
 
 class Refused(UntilReleased):

@@ -40,10 +40,12 @@ def takeoff(height=1.2):
     return (0.0, TakeOffSetpoint, {"height": height})
 
 
-def test_it_takes_off_from_a_target_it_hardly_sees_and_holds_over_its_middle():
-    rig = Plan(GROUND, takeoff(), motors=True)
+def test_it_takes_off_by_late_images_of_a_target_it_hardly_sees_and_holds_over_its_middle():
+    late = CameraModel(latency=0.25, jitter=0.04, rate=15.0)
+    rig = Plan(replace(GROUND, camera=late, seconds=11.0), takeoff(), motors=True)
     record = rig.fly()
     assert record.lost == ""
+    assert max(place[2] for place in record.positions) < 1.5, "it does not pass its height"
     assert record.positions[-1] == pytest.approx([0.0, 0.0, 1.2], abs=0.15)
     stages = [stage for manoeuvre, stage, _ in statuses(rig) if manoeuvre == "takeoff"]
     assert stages == ["idle: the pilot raises his throttle", "throttle rises", "climbs", "at height"]

@@ -83,8 +83,8 @@ def test_an_image_right_after_a_frame_waits_until_the_boards_can_take_the_next()
 
 
 def test_setpoints_bring_no_frame_forward_there():
-    _, seldom, _ = over_target(seconds=1.0, setpoint_every=0.1)
-    _, often, _ = over_target(seconds=1.0, setpoint_every=0.005)
+    _, seldom, _ = over_target(seconds=0.5, setpoint_every=0.1)
+    _, often, _ = over_target(seconds=0.5, setpoint_every=0.005)
     assert len(often) == pytest.approx(len(seldom), abs=3)
 
 

@@ -21,7 +21,6 @@ from mkdaemon.telemetry.setpoint import (
     PathSetpoint,
     PositionSetpoint,
     Setpoint,
-    SetpointFrame,
     StickSetpoint,
     TakeOffSetpoint,
     VelocitySetpoint,
@@ -50,17 +49,6 @@ def example(kind, **change):
 def test_every_kind_has_a_key_of_its_own_and_an_example():
     assert set(EXAMPLES) == set(SETPOINTS)
     assert len({kind.suffix for kind in SETPOINTS}) == len(SETPOINTS)
-
-
-@pytest.mark.parametrize("kind", SETPOINTS)
-def test_every_kind_is_read_as_it_comes_from_the_bus(kind):
-    assert example(kind).epoch == 100
-
-
-def test_frames_are_words_and_vectors_are_tuples():
-    assert example(VelocitySetpoint).frame is SetpointFrame.PAD
-    assert example(PositionSetpoint).position == (1.0, 2.0, 3.0)
-    assert example(PositionSetpoint).yaw is None
 
 
 @pytest.mark.parametrize(

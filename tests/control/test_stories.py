@@ -235,7 +235,7 @@ def test_no_flight_by_the_target_begins_with_an_aircraft_that_does_not_fly(kind,
     height, said = GROUNDED[case]
     story = Story(height)
     story.see(height)
-    for _ in range(16):
+    for _ in range(12):
         if said is not None:
             story.tell(MotorsReported(said.get("motors_running", True)))
             story.tell(StateValue(flight(**said)))

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import pytest
 
 from mkdaemon.control.admission.beginnings import (
-    BY_HAND,
-    BY_TARGET,
-    MANOEUVRES,
-    Beginning,
     BoardRequest,
     Concern,
     ListUpload,
@@ -21,7 +15,6 @@ from mkdaemon.control.admission.beginnings import (
     TakeLease,
 )
 from mkdaemon.telemetry.danger import Confirm, Danger
-from mkdaemon.telemetry.setpoint import SETPOINTS
 
 EACH = {
     Concern.LEASE: TakeLease(),
@@ -34,11 +27,6 @@ EACH = {
 }
 
 
-def test_every_kind_of_beginning_is_one_and_names_its_concern():
-    assert {type(beginning) for beginning in EACH.values()} == set(get_args(Beginning))
-    assert {concern: beginning.concern for concern, beginning in EACH.items()} == {each: each for each in EACH}
-
-
 @pytest.mark.parametrize("beginning", EACH.values(), ids=lambda beginning: type(beginning).__name__)
 def test_who_says_nothing_asks_for_everything_that_is_looked_at(beginning):
     assert beginning.is_early is False
@@ -48,12 +36,6 @@ def test_who_says_nothing_asks_for_everything_that_is_looked_at(beginning):
     )}  # fmt: skip
     assert not any(is_set.values())
     assert getattr(beginning, "deaf_time", 0.0) == 0.0
-
-
-def test_manoeuvres_are_by_hand_or_by_the_target_and_each_has_its_setpoint():
-    assert {concern.value for concern in MANOEUVRES} == {each.suffix.removeprefix("setpoint/") for each in SETPOINTS}
-    assert [concern for concern in Concern if concern.is_by_target] == [c for c in MANOEUVRES if c not in BY_HAND]
-    assert set(MANOEUVRES) == {*BY_HAND, *BY_TARGET}
 
 
 DANGER = Danger(effect="it turns", confirm=Confirm.IN_FLIGHT)

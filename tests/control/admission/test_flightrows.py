@@ -9,8 +9,7 @@ import pytest
 from mkdaemon.config.control import ControlConfig, LeaseConfig
 from mkdaemon.control.activeset import UNREAD, Gate, GateKind
 from mkdaemon.control.admission.beginnings import Concern, NewManoeuvre, TakeLease
-from mkdaemon.control.admission.flightrows import MOST_LOSS
-from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusal, refusals, waits_for
+from mkdaemon.control.admission.rows import ROWS, findings, is_ready, refusals, waits_for
 from mkdaemon.control.estimator.model import Gap, ModelUnknown
 from mkdaemon.control.motionmatch import Match
 from mkdaemon.telemetry.control import ControlLine
@@ -19,8 +18,6 @@ from mkdaemon.telemetry.preflight import Blocks, CheckState
 from mkdaemon.telemetry.refusals import Token, refuse
 from mkdaemon.telemetry.state import GpsMode
 from mkdaemon.telemetry.vision import Alarm, EyeState
-from mksim.config import ChannelConfig, RadioKind
-from mksim.radio import Air
 from tests.control.admission.situations import GOOD, SET, SHARED, battery, eyes, flags, health, heights, reception, sees
 from tests.control.events import link_state
 
@@ -116,10 +113,6 @@ def finding(known, name):
     return next(found for found in findings(known) if found.name == name)
 
 
-def test_all_is_well():
-    assert {each.state for each in findings(GOOD)} == {CheckState.PASSED}
-
-
 @pytest.mark.parametrize(("name", "token", "change"), FOUND)
 def test_what_stands_is_refused_with_a_reason_and_a_remedy_and_what_nobody_can_tell_prevents_nothing(
     name, token, change
@@ -150,16 +143,6 @@ def test_who_flies_by_heights_that_the_barometer_contradicts_flies_on_and_may_la
         assert not [*refusals(NewManoeuvre(wanted), replace(GOOD, eyes=(wrong,), flown=Concern.POSITION))]
 
 
-@pytest.mark.parametrize("concern", [Concern.HOLD, Concern.POSITION, Concern.VELOCITY, Concern.LAND, Concern.TAKE_OFF])
-def test_without_an_answer_to_the_sticks_a_flight_by_the_target_waits_and_is_not_refused(concern):
-    shut = replace(GOOD, **sees(height=0.1), unanswered="the board reports the gate shut")
-    assert waits_for(NewManoeuvre(concern), shut) == (
-        "waiting for an answer to the sticks: the board reports the gate shut"
-    )
-    for flown in (None, Concern.HOLD):
-        assert refusal(NewManoeuvre(concern), replace(shut, flown=flown)) is None
-
-
 @pytest.mark.parametrize(
     ("change", "is_asked_again"),
     [
@@ -181,17 +164,3 @@ def test_a_flight_that_goes_on_when_the_aircraft_answers_again_waits_for_less_th
     now = replace(GOOD, **change)
     assert waits_for(NewManoeuvre(Concern.POSITION), now)
     assert bool(waits_for(NewManoeuvre(Concern.POSITION, is_resumed=True), now)) is is_asked_again
-
-
-@pytest.mark.parametrize(("loss", "least", "most"), [(0.10, 0.0, 0.02), (0.15, 0.0, 0.08), (0.25, 0.3, 0.6)])
-def test_a_radio_that_loses_15_percent_each_way_is_admitted_and_one_of_25_often_refused(loss, least, most):
-    """On the ground: link tests five times a second, nine frames of the boards between two."""
-    up, down = (Air(ChannelConfig(kind=RadioKind.XBEE, loss=loss), way) for way in ("up", "down"))
-    lost = []
-    for number in range(20_000):
-        at = number / 5
-        for _ in range(9):
-            down.carry(20, at, at)
-        lost.append(up.carry(10, at, at) is None or down.carry(10, at, at) is None)
-    windows = [100.0 * sum(lost[begin : begin + 50]) / 50 for begin in range(0, len(lost) - 50, 10)]
-    assert least <= sum(share > MOST_LOSS for share in windows) / len(windows) <= most

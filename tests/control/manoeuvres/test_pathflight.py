@@ -167,7 +167,7 @@ ACCELERATION = 0.9
 BOUND = 1.02 * ACCELERATION
 
 
-@settings(max_examples=25)
+@settings(max_examples=8)
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.3, 1.0, 1.0]), st.floats(0.005, 0.05)), min_size=5, max_size=60))
 def test_the_clock_never_jumps_never_runs_back_and_brakes_gently(asked):
     curve = PathCurve.of(CIRCLE)
@@ -186,7 +186,7 @@ def test_the_clock_never_jumps_never_runs_back_and_brakes_gently(asked):
         assert course.velocity == pytest.approx(place.velocity[0, :3] * clock.rate)
 
 
-@settings(max_examples=25)
+@settings(max_examples=8)
 @given(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0]))
 def test_what_is_seen_ahead_is_what_comes(share, wanted):
     """The jumps add up to the accelerations, and the gains to the velocities, that the clock then has.
