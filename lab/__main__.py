@@ -17,13 +17,13 @@ CAMPAIGNS: Final = (
     CommandEntry("linktest", "lab.linktest:main", "Whether `mkctl linktest` finds what was put into a line."),
     CommandEntry("vision", "lab.vision.main:main", "Detection: rate, accuracy, latency."),
     CommandEntry("paired", "lab.vision.paired:main", "Images of every kind, a row each, to compare two trees."),
-    CommandEntry("stories", "lab.stories.main:main", "Lost clients, pulled cables, swaps: the safety stories."),
-    CommandEntry("teleop", "lab.teleop.main:main", "An operator's hands: pads lost in flight, a stick's way."),
+    CommandEntry(
+        "stories", "lab.stories.main:main", "Lost clients and pads, cut lines, standstills: the safety stories."
+    ),
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
-    CommandEntry("attack", "lab.attack.main:main", "Killed, frozen and flooded in flight; the guard killed."),
+    CommandEntry("attack", "lab.attack.main:main", "Killed, frozen, ended and flooded in flight; the guard killed."),
     CommandEntry("fuzz", "lab.fuzz.main:main", "Nonsense for a running daemon, its bus, and the flight core."),
     CommandEntry("fleet", "lab.fleet.main:main", "Many aircraft on a router: a link that is cut; what each costs."),
-    CommandEntry("stalled", "lab.stalled:main", "A serial server that stands still: old stick frames it gathers."),
     CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),
     CommandEntry("kills", "lab.kills:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),

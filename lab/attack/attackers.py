@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
 import os
 import signal
 import socket
@@ -18,6 +20,8 @@ import zenoh
 
 from mkdaemon.bus.keys import Use, roots
 from mkdaemon.bus.session import session_config
+from mkdaemon.client import connect
+from mkdaemon.client.session import FlightSession
 
 BEGINS: Final = "begins"
 """First line on standard output: everything is loaded and connected."""
@@ -31,6 +35,8 @@ STRANGER: Final = {"transport/shared_memory/enabled": True}
 """Settings of Zenoh's that a program of a stranger's has: those of its own."""
 STEADY_RATE: Final = 17_600.0
 """Setpoints a second of each attacker that limits itself [Hz]."""
+LINGER: Final = 60.0
+"""How long a holder lives on in silence [s]."""
 SLEEPERS: Final = 8
 """Subscribers that one process stops with it."""
 
@@ -61,6 +67,8 @@ class Flood(StrEnum):
     BLOCKED = "unknown verbs, standard error that nobody reads"
     STOPPED = "stopped subscribers"
     """Subscribers of everything that are stopped by a signal of their own: they vanish without a word."""
+    HOLDER = "the holder of the lease"
+    """It flies, tilts, and puts setpoints, as many as go; then it says when the last one was, and falls silent."""
 
 
 def main() -> None:
@@ -73,6 +81,8 @@ def main() -> None:
         time.sleep(seconds)
         print(len(sockets), flush=True)
         return
+    if kind is Flood.HOLDER:
+        asyncio.run(_hold(endpoint, vehicle, seconds))
     session = zenoh.open(session_config("client", connect=[endpoint], more=STRANGER))
     if kind is Flood.STOPPED:
         sessions = [session, *(zenoh.open(session_config("client", connect=[endpoint])) for _ in range(SLEEPERS - 1))]
@@ -93,6 +103,21 @@ def main() -> None:
     with suppress(BrokenPipeError):
         print(round(count / seconds), flush=True)
     os._exit(0)  # what was not read must not hold up the end
+
+
+async def _hold(endpoint: str, vehicle: str, seconds: float) -> None:
+    """Flood as the holder, without a look at what the daemon says; whoever started it ends it."""
+    tilted = {"pitch": 40.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
+    session = FlightSession(silence=math.inf)
+    async with connect(vehicle, endpoint) as uav, uav.lease(session, holder="flood") as lease:
+        await lease.stick(throttle=0.0, seconds=0.2)
+        await lease.stick(throttle=0.0, pitch=tilted["pitch"], seconds=0.5)
+        print(BEGINS, flush=True)
+        end = time.monotonic() + seconds
+        while (now := time.monotonic()) < end:
+            lease.put("stick", tilted)
+        print(now, flush=True)
+        await asyncio.sleep(LINGER)
 
 
 def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:

@@ -1,4 +1,4 @@
-"""Floods and clients that vanish: the pilot flies on, and whoever wants to release can.
+"""Floods and clients that vanish: the pilot flies on, and whoever wants to release can; or the holder itself floods.
 
 The boards hang on a TCP port: what a pseudo terminal carries waits for a worker of the kernel, for 0.35 s beside a
 flood on two cores, and that would be measured in the place of the daemon (docs/lab/attacks.md).
@@ -17,30 +17,25 @@ from typing import Final
 from lab.attack.attackers import Flood
 from lab.attack.programs import DEAF_DAEMON
 from lab.campaign import Row
-from lab.cases import percentile
+from lab.cases import judged, percentile
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
-from lab.rigs.processes import VEHICLE, Program, Sticks
-from lab.rigs.waiting import wait_until
-from lab.stories.kill import steering
+from lab.rigs.processes import VEHICLE, ObservedSimulation, Program, Sticks
+from lab.rigs.waiting import PATIENCE, wait_until
+from lab.stories.cable import steering
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
 from mkdaemon.daemon.priority import favour_loop, favour_threads
 
-GAP_LIMIT: Final = 0.06
-"""Between two stick frames, 99th percentile [s]."""
-MEMORY_LIMIT_MB: Final = 150.0
-LOG_LIMIT: Final = 10_000.0
-"""What the daemon writes to standard error [bytes/s]."""
-RELEASE_LIMIT: Final = 2.5
-"""From `mkctl release` to a FlightCtrl that holds nothing [s]: 1 s for the bus, then the Unix socket."""
-NEUTRAL_LIMIT: Final = 0.35
-"""From the pilot's last setpoint to level sticks [s]: 0.3 s, and what the daemon and the line take."""
-LADDER_LIMIT: Final = 1.1
-"""From there to a FlightCtrl that holds nothing [s]: 1 s, and the same."""
+LIMITS: Final = {"gap_p99": 0.06, "lost": 0, "memory_mb": 150.0, "log": 10_000.0, "released": 2.5}
+"""Of a flight under attack, see `ride`; a release takes 1 s for the bus, then goes by the Unix socket."""
+DEADLY: Final = {"neutral": 0.35, "released": 1.1}
+"""From the last setpoint of a pilot or a holder [s]: 0.3 and 1 s, and what the daemon and the line take."""
 ATTACKERS: Final = 2
 SECONDS: Final = 5.0
 """How long an attack lasts [s]."""
+CALM: Final = 1.5
+"""Nothing is held for so long after a release [s]."""
 
 
 @asynccontextmanager
@@ -58,10 +53,10 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Row:
 
     Returns:
         `rates` that the attackers reached [1/s]; `gap_p99` and `gap_max` between two stick frames on the wire [s];
-        `kept`, the FlightCtrl was under control from beginning to end; `neutral`, from the pilot's last setpoint to
+        `lost`, the FlightCtrl was not under control from beginning to end; `neutral`, from the pilot's last setpoint to
         level sticks [s], None where he flies on until the release; `released`, from `mkctl release` or his last
         setpoint to a FlightCtrl that holds nothing [s]; `memory_mb`, most that the daemon held at any time [MiB];
-        `log`, what it wrote to standard error [bytes/s]; `is_wrong`, it breaks a limit.
+        `log`, what it wrote to standard error [bytes/s].
 
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
@@ -83,20 +78,32 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Row:
             times = [at for at, data in simulation.heard if steering(data)]
             log = (len(daemon.errors) - written) / (time.monotonic() - began)
             memory = daemon.most_resident_mb()
-            neutral, released = await (_die if dies else _release)(pilot, attacked)
+            if dies:
+                await pilot.stop()
+                neutral, released = await let_go(simulation, pilot.puts[-1])
+            else:
+                neutral, released = None, await _release(pilot, attacked)
         rates = [(await one.output())[1].strip() for one in attackers]
     gaps = sorted(after - before for before, after in pairwise(times)) or [SECONDS]
-    row = {"rates": rates, "gap_p99": percentile(gaps, 0.99), "gap_max": gaps[-1], "kept": is_kept}
-    row |= {"neutral": neutral, "released": released, "memory_mb": round(memory, 1), "log": round(log)}
-    return row | {"is_wrong": breaks_limit(row)}
+    found = {"rates": rates, "gap_p99": percentile(gaps, 0.99), "gap_max": gaps[-1], "lost": not is_kept}
+    found |= {"neutral": neutral, "released": released, "memory_mb": round(memory, 1), "log": round(log)}
+    return judged(LIMITS | (DEADLY if dies else {}), **found)
 
 
-def breaks_limit(row: Row) -> bool:
-    """Whether a flight under attack breaks a limit; see `ride`."""
-    is_slow = row["gap_p99"] > GAP_LIMIT or row["released"] > RELEASE_LIMIT
-    if row["neutral"] is not None:
-        is_slow |= row["neutral"] > NEUTRAL_LIMIT or row["released"] > LADDER_LIMIT
-    return bool(is_slow or not row["kept"] or row["memory_mb"] > MEMORY_LIMIT_MB or row["log"] > LOG_LIMIT)
+async def let_go(simulation: ObservedSimulation, since: float) -> tuple[float, float]:
+    """When tilted sticks were held last, and when anything was, from a time on [s; monotonic].
+
+    Raises:
+        TimeoutError: the aircraft was never released.
+    """
+    tilted = held = since
+    while (now := time.monotonic()) < held + CALM:
+        tilted = now if simulation.sticks is Sticks.STEERED else tilted
+        held = now if simulation.sticks is not Sticks.NOTHING else held
+        if now > since + PATIENCE:
+            raise TimeoutError("the aircraft was never released")
+        await asyncio.sleep(0.002)
+    return round(tilted - since, 3), round(held - since, 3)
 
 
 @asynccontextmanager
@@ -116,7 +123,7 @@ async def _attacked(kind: Flood, endpoint: str) -> AsyncIterator[list[Program]]:
             one.send_signal(signal.SIGKILL)
 
 
-async def _release(pilot: Pilot, attacked: Flown) -> tuple[None, float]:
+async def _release(pilot: Pilot, attacked: Flown) -> float:
     """Release as a user would; returns how long that took [s]."""
     called = time.monotonic()
     connection = Connection(vehicle=VEHICLE, connect=attacked.daemon.endpoint, json=True)
@@ -125,14 +132,31 @@ async def _release(pilot: Pilot, attacked: Flown) -> tuple[None, float]:
     released = time.monotonic() - called
     await pilot.stop()
     await asking
-    return None, round(released, 3)
+    return round(released, 3)
 
 
-async def _die(pilot: Pilot, attacked: Flown) -> tuple[float, float]:
-    """Let the pilot fall silent; returns when the sticks were level and when the aircraft was released [s]."""
-    await pilot.stop()
-    died = pilot.puts[-1]
-    await wait_until(lambda: attacked.simulation.sticks is not Sticks.STEERED)
-    neutral = time.monotonic() - died
-    await wait_until(lambda: attacked.simulation.sticks is Sticks.NOTHING)
-    return round(neutral, 3), round(time.monotonic() - died, 3)
+async def flood_and_end(is_killed: bool, seed: int) -> Row:
+    """Let the holder of the lease flood with tilted sticks, as many as go, and kill it or let it fall silent.
+
+    Returns:
+        `neutral` and `released`, from its last put until no tilted sticks were held, and until nothing was [s].
+
+    Raises:
+        TimeoutError: the flight did not begin, or the aircraft was never released.
+    """
+    async with daemon_on_tcp(seed, keeps=False) as attacked:
+        words = ("-m", "lab.attack.attackers", Flood.HOLDER.value, attacked.daemon.endpoint, VEHICLE, str(SECONDS))
+        holder = await Program.start(*words)
+        try:
+            if not await holder.first_line():
+                raise TimeoutError("the flood did not begin")
+            if is_killed:
+                await asyncio.sleep(SECONDS - 1.0)
+                holder.send_signal(signal.SIGKILL)
+                last = time.monotonic()
+            else:
+                last = float(await holder.first_line())
+            neutral, released = await let_go(attacked.simulation, last)
+        finally:
+            await holder.end(signal.SIGKILL)
+    return judged(DEADLY, neutral=neutral, released=released)

@@ -1,4 +1,4 @@
-"""`python -m lab attack`: the daemon killed, frozen and flooded in flight, its guard killed, and a guard that is quiet.
+"""`python -m lab attack`: the daemon killed, frozen, ended and flooded in flight, and its guard killed.
 
 Judged by what the simulated FlightCtrl holds and by the bytes on its line.
 """
@@ -10,19 +10,15 @@ from functools import partial
 from typing import Any, Final
 
 from lab.attack.attackers import Flood
-from lab.attack.backlog import ENDS, RATES, flood_and_end
 from lab.attack.deaths import BOARDS, Death, attack, kill_guard
-from lab.attack.floods import ride
-from lab.attack.quiet import fly_quietly
+from lab.attack.floods import flood_and_end, ride
 from lab.cases import Case, Flight, command, each, largest, part, total
-from lab.rigs.cockpit import Boards
 
 RUNS: Final = 10
 ON_TCP: Final = "FC 2.08 on TCP"
-QUIET_BOARDS: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"), Boards("2.12a", "0.24"))
 DEADLY: Final = (Flood.SETPOINTS, Flood.STEADY)
 """Floods under which the pilot also dies."""
-FLOODS: Final = (*((kind, False) for kind in Flood), *((kind, True) for kind in DEADLY))
+FLOODS: Final = (*((kind, False) for kind in Flood if kind is not Flood.HOLDER), *((kind, True) for kind in DEADLY))
 
 
 def _flights(*rows: tuple[str, str, Callable[[int], Any]]) -> Callable[[int | None, int], list[Flight]]:
@@ -50,7 +46,7 @@ CASES: Final[Mapping[str, Case]] = {
         ),
         {
             "rates": each("rates"),
-            "kept": total("kept"),
+            "lost": total("lost"),
             **_most("gap_p99", "gap_max", "neutral", "released", "memory_mb", "log"),
         },
         is_alone=True,
@@ -58,22 +54,16 @@ CASES: Final[Mapping[str, Case]] = {
     "backlog": Case(
         _flights(
             *(
-                (f"the holder floods {rate:g}/s, {end}", ON_TCP, partial(flood_and_end, rate, end))
-                for rate in RATES
-                for end in ENDS
+                (f"the holder floods, {'killed' if is_killed else 'silent'}", ON_TCP, partial(flood_and_end, is_killed))
+                for is_killed in (True, False)
             )
         ),
-        {**_most("neutral", "released"), "rates": each("rate")},
+        _most("neutral", "released"),
         is_alone=True,
     ),
     "guard": Case(
         _flights(("guard killed", ON_TCP, kill_guard)),
-        {"noticed_median": part("noticed", 0.5), **_most("noticed"), "kept": total("kept")},
-    ),
-    "quiet": Case(
-        _flights(*(("none: the guard is quiet", on.name, partial(fly_quietly, on)) for on in QUIET_BOARDS)),
-        {name: total(name) for name in ("hours", "faults")},
-        longest=36000.0,
+        {"noticed_median": part("noticed", 0.5), **_most("noticed"), "lost": total("lost")},
     ),
 }
 

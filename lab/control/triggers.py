@@ -28,7 +28,7 @@ ELSEWHERE: Final = {
     "the aircraft does not follow its sticks": "lab.hil.triggers",
     "a landing waits": "lab.fuzz.core",
     "a take-off does not reach its height": "lab.fuzz.core",
-    "a gamepad is lost": "lab.teleop.losses",
+    "a gamepad is lost": "lab.stories.hands",
 }
 """Rows of that table whose times another campaign measures, and its module."""
 

@@ -78,6 +78,10 @@ class ObservedSimulation(Simulation):
             self.to_host += _frames(self._out, b"".join(piece for _, piece in said))
         return said
 
+    def written(self, since: int = 0) -> bytes:
+        """What the host wrote, from a piece of `heard` on."""
+        return b"".join(data for _, data in self.heard[since:])
+
     @property
     def is_controlled(self) -> bool:
         """Whether the FlightCtrl holds a valid external control command."""

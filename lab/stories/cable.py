@@ -1,7 +1,6 @@
 """The cable is pulled while a client flies and plugged in again, or the board reboots: telemetry back, sticks free.
 
-In virtual time, with a client that notices nothing and goes on streaming. The same over a real pseudo terminal, with a
-daemon process whose descriptors and memory are watched, is in `lab/stories/plug.py`.
+In virtual time, with a client that notices nothing and goes on streaming.
 """
 
 from __future__ import annotations
@@ -57,6 +56,18 @@ def first_words(written: bytes) -> str:
             return item.id
         return "release" if not any(item.payload[:4]) and getattr(message, "config", 0) == 0 else "sticks"
     return "nothing"
+
+
+def last_words(written: bytes) -> str:
+    """What bytes end with, as `first_words` says it."""
+    frames = [item for item in FrameDecoder().feed(written) if isinstance(item, Frame)]
+    return first_words(frames[-1].raw) if frames else "nothing"
+
+
+def steering(written: bytes) -> int:
+    """External control frames among these bytes that are no release."""
+    frames = [item for item in FrameDecoder().feed(written) if isinstance(item, Frame) and item.id == "b"]
+    return sum(first_words(frame.raw) != "release" for frame in frames)
 
 
 @in_virtual_time

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from lab.rigs.boardport import ADAPTER_TIME, LineFault
+from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
-from lab.stories.cable import Cut, first_words, pull_cable
-from lab.stories.faults import FAULTS, judge_fault
-from lab.stories.kill import last_words, steering
+from lab.stories.cable import Cut, first_words, last_words, pull_cable, steering
 from mkdaemon.protocol.messages import ExternControlV1, ExternControlV2, ExternControlV3, VersionRequest
 
 TILT = ExternControlV2(pitch=20, roll=0, yaw=0, throttle=0, frame=3, config=1).to_frame()
@@ -38,10 +36,3 @@ def test_first_and_last_words_of_other_bytes():
     assert last_words(FREE + version) == "v"
     assert first_words(b"") == last_words(b"") == "nothing"
     assert steering(FREE + TILT + version + TILT) == 2
-
-
-def test_every_named_fault_has_its_word():
-    assert set(FAULTS) == set(LineFault) - {LineFault.NONE}
-    found = judge_fault(Boards("2.12a"), LineFault.ONE_WAY, 0, ADAPTER_TIME)
-    assert not found["is_wrong"], found
-    assert found["verdict"] > 0

@@ -25,6 +25,8 @@ from mkdaemon.client.leasekeeper import LeaseKeeper
 from mkdaemon.link.session.traffic import Purpose
 from mkdaemon.telemetry.control import Phase
 
+HANDS: Final = 10
+"""Losses between two discoveries of the boards."""
 WATCH: Final = 2.5
 """How long each loss is watched [s]."""
 TOKEN_LEASE: Final = 2.0
