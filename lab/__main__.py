@@ -23,7 +23,7 @@ CAMPAIGNS: Final = (
     CommandEntry("procedures", "lab.procedures:main", "Uploads and backups over a line that loses bytes."),
     CommandEntry("attack", "lab.attack.main:main", "Killed, frozen, ended and flooded in flight; the guard killed."),
     CommandEntry("fuzz", "lab.fuzz.main:main", "Nonsense for a running daemon, its bus, and the flight core."),
-    CommandEntry("fleet", "lab.fleet.main:main", "Many aircraft on a router: a link that is cut; what each costs."),
+    CommandEntry("fleet", "lab.fleet:main", "Three aircraft on a router; the link of one is cut in flight."),
     CommandEntry("files", "lab.files.main:main", "Hostile files, given to every command that reads one."),
     CommandEntry("kills", "lab.kills:main", "kill -9 of mkctl and of the daemon during backups and restores."),
     CommandEntry("control", "lab.control.main:main", "Hover, steps and landings of estimator and autopilot."),

@@ -37,7 +37,6 @@ FILLED: Final[Mapping[str, Filled]] = {
     "docs/lab/accuracy.md": Filled("tools.accuracy_tables", "docs/results/vision.json"),
     "docs/lab/genuine-triggers.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
     "docs/lab/genuine.md": Filled("tools.genuine_tables", "docs/results/genuine.jsonl"),
-    "docs/lab/scale.md": Filled("tools.fleet_tables", "docs/results/fleet.json"),
     "docs/modes.md": Filled("tools.modes_page"),
     "docs/protocol.md": Filled("tools.protocol_page"),
     "docs/troubles.md": Filled("tools.message_tables"),

@@ -1,7 +1,8 @@
-"""The other side of each gateway, asking for everything at full rate, and noting when attitudes come through.
+"""The other side of each gateway, asking for everything at full rate, and noting how late attitudes come; and the bus.
 
-Each is a process of its own, `python -m lab.rigs.gatewaypeers NAME PORT VEHICLE`, that waits for its gateway, meets it
-again when it comes again, and tells what came when its standard input ends.
+Each is a process of its own, `python -m lab.rigs.gatewaypeers NAME PORT VEHICLE ENDPOINT`, that waits for its gateway,
+meets it again when it comes again, and says what came when it gets SIGTERM. It goes before ordinary programs, so it
+does not wait for the renderer: that is when a ground station on a computer of its own has a value.
 """
 
 from __future__ import annotations
@@ -9,24 +10,22 @@ from __future__ import annotations
 import gc
 import json
 import os
+import signal
 import socket
 import struct
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, field
+from threading import Thread
 from typing import Any, Final
-
-from lab.rigs.stamped import Arrivals, be_instrument, go_first, go_ordinary, receive, stamp_arrivals
 
 WHOLE_BOOT: Final = 1 << 32
 """`time_boot_ms` begins again after so many."""
 MESSAGE: Final = 1
 """First byte of Foxglove's message with data; its channel's subscription and its log time follow."""
-SHARPNESS: Final = 10_000
-"""A wall time is known again to so many nanoseconds: ROS has its seconds and nanoseconds rounded apart."""
 ATTITUDE: Final = 30
 """Number of that message of MAVLink; its payload begins with `time_boot_ms`."""
 _HEADER: Final = 10
@@ -39,22 +38,62 @@ NEW: Final = 2.0
 """A gateway that was silent for so long is another one, and is asked again [s]."""
 
 
+@dataclass(slots=True)
+class Arrivals:
+    """What came.
+
+    Attributes:
+        late: of each attitude, when it came [s; Unix time] and how long after its stamp [s].
+        counts: messages of every kind, by the second in which they came.
+    """
+
+    late: list[tuple[float, float]] = field(default_factory=list)
+    counts: Counter[int] = field(default_factory=Counter)
+
+    def came(self, late: float | None = None) -> None:
+        """Note a message; with how late it is [s], where it is an attitude."""
+        now = time.time()
+        self.counts[int(now)] += 1
+        if late is not None:
+            self.late.append((now, late))
+
+    @classmethod
+    def of(cls, text: str) -> Arrivals:
+        """Those that a peer printed."""
+        late, counts = json.loads(text)
+        return cls([(at, age) for at, age in late], Counter(dict(counts)))
+
+
 @dataclass(frozen=True, slots=True)
 class Peer:
     """Who looks through a gateway.
 
     Attributes:
         options: of the gateway's command, by a port that is free.
-        look: looks for ever through the gateway at that port of this machine.
-        number: tells which attitude one is, by the daemon's monotonic and wall time of it [s].
+        look: looks for ever through the gateway at that port of this machine, or at the bus, by vehicle and endpoint.
     """
 
     options: Callable[[int], Sequence[str]]
-    look: Callable[[int, str, Arrivals], None]
-    number: Callable[[float, float], int]
+    look: Callable[[int, str, str, Arrivals], None]
 
 
-def _ground_station(port: int, _: str, arrivals: Arrivals) -> None:
+def _client(_: int, vehicle: str, endpoint: str, arrivals: Arrivals) -> None:
+    """A client of the bus: what every gateway is as well."""
+    import msgpack
+    import zenoh
+
+    from mkdaemon.bus.session import session_config
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        now = time.time()
+        arrivals.came(now - msgpack.unpackb(bytes(sample.payload))["stamp"]["wall"])
+
+    with zenoh.open(session_config("client", connect=[endpoint])) as session:
+        session.declare_subscriber(f"mk/{vehicle}/state/attitude", zenoh.handlers.Callback(on_sample, indirect=False))
+        time.sleep(3600.0)
+
+
+def _ground_station(port: int, _: str, __: str, arrivals: Arrivals) -> None:
     """A ground station over UDP that asks for every message as often as it can come."""
     from pymavlink.dialects.v20 import all as mavlink
 
@@ -65,7 +104,6 @@ def _ground_station(port: int, _: str, arrivals: Arrivals) -> None:
     where = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     where.connect(("127.0.0.1", port))
     where.settimeout(LOOK)
-    stamp_arrivals(where)
     beaten = heard = 0.0
     while True:
         now = time.monotonic()
@@ -73,8 +111,8 @@ def _ground_station(port: int, _: str, arrivals: Arrivals) -> None:
             if now - beaten >= BEAT:
                 beaten = now
                 where.send(encoder.encode(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3), 0.0))
-            data, at = receive(where)
-            arrivals.came(at, _boot_ms_of(data))
+            data = where.recv(1 << 16)
+            arrivals.came(_late_of(data, time.monotonic()))
             if now - heard > NEW:
                 for number in IDS:  # the fastest: 2 ms
                     asked = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 2000, *[0] * 5)
@@ -82,65 +120,48 @@ def _ground_station(port: int, _: str, arrivals: Arrivals) -> None:
             heard = now
 
 
-def _boot_ms_of(frame: bytes) -> int | None:
-    """Which attitude a frame of MAVLink 2 is; None for another message."""
+def _late_of(frame: bytes, now: float) -> float | None:
+    """How late an attitude in a frame of MAVLink 2 is, by its whole milliseconds [s]; None for another message."""
     if int.from_bytes(frame[7:_HEADER], "little") != ATTITUDE:
         return None
-    return int.from_bytes(frame[_HEADER : _HEADER + min(4, frame[1])], "little")
+    boot = int.from_bytes(frame[_HEADER : _HEADER + min(4, frame[1])], "little")
+    return ((1000 * now - boot) % WHOLE_BOOT - 0.5) / 1000
 
 
-def _viewer(port: int, _: str, arrivals: Arrivals) -> None:
+def _viewer(port: int, _: str, __: str, arrivals: Arrivals) -> None:
     """A viewer of every channel of the Foxglove gateway."""
+    from websockets.exceptions import WebSocketException
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
     while True:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port)) as where:
-            stamp_arrivals(where)
-            _view(where, port, arrivals)
+        topics, asked = dict[int, str](), list[dict[str, int]]()
+        with (
+            suppress(OSError, WebSocketException),
+            connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None) as where,
+        ):
+            while True:
+                try:
+                    data = where.recv(timeout=LOOK)
+                except TimeoutError:  # asked at once the SDK, which knows its channels later, answers nothing
+                    if asked:
+                        where.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+                    asked = []
+                    continue
+                if isinstance(data, bytes):
+                    number, log_time = struct.unpack_from("<IQ", data, 1) if data[0] == MESSAGE else (-1, 0)
+                    is_attitude = topics.get(number) == "/state/attitude"
+                    arrivals.came(time.time() - log_time / 1e9 if is_attitude else None)
+                elif (said := json.loads(data))["op"] == "advertise":
+                    topics.update((channel["id"], channel["topic"]) for channel in said["channels"])
+                    asked += [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
         time.sleep(LOOK)
 
 
-def _view(where: socket.socket, port: int, arrivals: Arrivals) -> None:
-    """View until the gateway ends."""
-    import websockets
-    from websockets.client import ClientProtocol
-    from websockets.frames import Frame, Opcode
-    from websockets.uri import parse_uri
-
-    subprotocol = websockets.Subprotocol("foxglove.sdk.v1")
-    protocol = ClientProtocol(parse_uri(f"ws://127.0.0.1:{port}"), subprotocols=[subprotocol], max_size=None)
-    protocol.send_request(protocol.connect())
-    where.settimeout(LOOK)
-    topics, asked, advertised = dict[int, str](), list[dict[str, int]](), 0.0
-    while True:
-        if asked and time.monotonic() - advertised > LOOK:  # at once is too soon for the SDK, which knows it later
-            protocol.send_text(json.dumps({"op": "subscribe", "subscriptions": asked}).encode())
-            asked = []
-        for piece in protocol.data_to_send():
-            where.sendall(piece)
-        try:
-            data, at = receive(where)
-        except TimeoutError:
-            continue
-        if not data:
-            return
-        protocol.receive_data(data)
-        for event in protocol.events_received():
-            if not isinstance(event, Frame):
-                continue  # it has accepted
-            if event.opcode is Opcode.BINARY and event.data[0] == MESSAGE:
-                number, log_time = struct.unpack_from("<IQ", event.data, 1)
-                is_attitude = topics.get(number) == "/state/attitude"
-                arrivals.came(at, round(log_time / SHARPNESS) if is_attitude else None)
-            elif event.opcode is Opcode.TEXT and (said := json.loads(bytes(event.data)))["op"] == "advertise":
-                topics.update((channel["id"], channel["topic"]) for channel in said["channels"])
-                asked += [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
-                advertised = time.monotonic()
-
-
-def _node(_: int, vehicle: str, arrivals: Arrivals) -> None:
+def _node(_: int, vehicle: str, __: str, arrivals: Arrivals) -> None:
     """A node of rclpy that subscribes to every topic whose type is installed.
 
-    Times are those of the thread of Fast DDS that took a message from its socket, which go before others; rclpy hands
-    it on later, from an ordinary thread.
+    Times are those of the thread of Fast DDS that took a message from its socket; rclpy hands it on later.
     """
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -155,11 +176,9 @@ def _node(_: int, vehicle: str, arrivals: Arrivals) -> None:
     node, executor = Node("watcher", context=context), SingleThreadedExecutor(context=context)
 
     def arrived(name: str, message: Any, info: Any) -> None:
-        number = None
-        if name == "imu":
-            stamp = message.header.stamp
-            number = round((stamp.sec * 1_000_000_000 + stamp.nanosec) / SHARPNESS)
-        arrivals.came(info["received_timestamp"], number)
+        stamp = message.header.stamp if name == "imu" else None
+        late = None if stamp is None else info["received_timestamp"] / 1e9 - stamp.sec - stamp.nanosec / 1e9
+        arrivals.came(late)
 
     def hearing(name: str) -> Callable[[Any, Any], None]:
         return lambda message, info: arrived(name, message, info)
@@ -169,23 +188,15 @@ def _node(_: int, vehicle: str, arrivals: Arrivals) -> None:
             topic = name.format(camera="down")
             where = topic if topic.startswith("/") else f"/{vehicle}/{topic}"
             node.create_subscription(type_of(kind), where, hearing(name), qos_profile_sensor_data)
-    go_ordinary()
     executor.add_node(node)
     executor.spin()
 
 
-def _boot_ms(monotonic: float, _: float) -> int:
-    return int(monotonic * 1000) % WHOLE_BOOT
-
-
-def _wall(_: float, wall: float) -> int:
-    return round(wall * 1e9 / SHARPNESS)
-
-
+BUS: Final = "bus"
 PEERS: Final = {
-    "mavlink": Peer(lambda port: ("--link", f"udpin:127.0.0.1:{port}"), _ground_station, _boot_ms),
-    "foxglove": Peer(lambda port: ("--port", str(port)), _viewer, _wall),
-    "ros2": Peer(lambda port: (), _node, _wall),
+    "mavlink": Peer(lambda port: ("--link", f"udpin:127.0.0.1:{port}"), _ground_station),
+    "foxglove": Peer(lambda port: ("--port", str(port)), _viewer),
+    "ros2": Peer(lambda port: (), _node),
 }
 """The gateways that can be measured; a further one is one line here and its peer."""
 
@@ -200,8 +211,19 @@ def own_domain() -> None:
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
 
 
-if __name__ == "__main__":
+def main(name: str, port: int, vehicle: str, endpoint: str) -> None:
+    """Look until SIGTERM, then print what came."""
     gc.disable()
-    go_first()
-    found = Arrivals()
-    be_instrument(partial(PEERS[sys.argv[1]].look, int(sys.argv[2]), sys.argv[3], found), found.as_fields)
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+    found, look = Arrivals(), _client if name == BUS else PEERS[name].look
+    Thread(target=look, args=(port, vehicle, endpoint, found), daemon=True).start()
+    print("ready", flush=True)
+    signal.sigwait({signal.SIGTERM})
+    print(json.dumps([found.late, list(found.counts.items())]), flush=True)
+    os._exit(0)  # the thread still works, and a node of ROS takes seconds to leave
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), sys.argv[3], sys.argv[4])

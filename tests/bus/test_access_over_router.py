@@ -15,9 +15,9 @@ from threading import Thread
 import pytest
 import zenoh
 
-from lab.fleet.members import ROUTER
 from lab.rigs.live import VEHICLE, live_daemon
 from lab.rigs.processes import MKCTL, Program
+from lab.rigs.router import ROUTER
 from lab.rigs.waiting import PATIENCE, wait_for
 from lab.rigs.walk import blocks_of
 from mkdaemon.bus.endpoint import reserved_endpoint

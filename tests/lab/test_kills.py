@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from lab.kills import kill_daemons, kill_mkctls
+from lab.kills import kill
 
 pytestmark = pytest.mark.flight
 
 
-@pytest.mark.parametrize(
-    ("kill", "verb"), [(kill_mkctls, "backup"), (kill_daemons, "restore")], ids=["mkctl", "daemon"]
-)
-async def test_a_kill_during_a_procedure_leaves_the_live_set_as_it_was(kill, verb):
-    [found] = await kill(verb, 1, 7)
-    assert not found["is_wrong"]
+@pytest.mark.parametrize(("victim", "verb"), [("mkctl", "backup"), ("daemon", "restore")])
+async def test_a_kill_during_a_procedure_leaves_the_live_set_as_it_was(victim, verb):
+    assert not (await kill(victim, verb, 7))["is_wrong"]

@@ -1,27 +1,35 @@
-"""`python -m lab fleet --case cut`: three aircraft, each in a network of its own; the link of one is lossy, and is cut.
+"""`python -m lab fleet`: three aircraft on a router; the link of one, which a client flies, is cut and comes back.
 
-Ground: a Zenoh router, `mkctl log record`, the fleet view, and a client that flies the second aircraft by sticks. Every
-process reads the same monotonic clock, so times of the recordings and of the ground compare.
+Simulators, daemons, router, `mkctl log record` and `mkctl` are processes; this one has the fleet view and the pilot,
+and carries what the second daemon and the router exchange. Every process reads the same monotonic clock, so times of
+the recordings and of the ground compare.
 """
 
 from __future__ import annotations
 
 import asyncio
 import signal
+import sys
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+from cyclopts import Parameter
 
 from lab.campaign import Row
-from lab.fleet.members import RECEIVING, ROUTER, Aircraft, Member, say
-from lab.fleet.network import DELAY, LOSS, Place, RadioLink
-from lab.rigs.processes import MKCTL, START, wait_for_control
+from lab.cases import silence_log
+from lab.rigs.processes import MKCTL, PROGRAM, START, Program, wait_for_control
+from lab.rigs.router import ROUTER
 from lab.rigs.waiting import running, wait_until
+from lab.tables import show
+from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.bus.names import ROOT
+from mkdaemon.cli.arguments import AsJson, Length
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.client.fleet import Fleet
 from mkdaemon.errors import MkError
@@ -55,7 +63,8 @@ def claims(found: Mapping[str, Any]) -> dict[str, bool]:
     Args:
         found: times from the cut, or from the link's return [s], None for never: `told_stale`, `told_gone` and
             `told_back` by the fleet view, `fresh` telemetry, `leased_again`, `client_told` that its lease is lost,
-            `last_setpoint` that reached the aircraft, and `released`, on its wire, from that setpoint on. `others`,
+            `last_setpoint` that reached the aircraft, and `released`, on its wire, from that setpoint on;
+            `flown_late`, stick frames after that release, though late setpoints arrive when the link is back. `others`,
             what the view said of them, `others_gap`, longest time without a value of theirs [s], `others_lost`, values.
             `refusals`, rows of what was asked while it was cut off. `aboard`, values in the black box in the cut, and
             `aboard_gap`; `ground_gap` of the same key on the ground, and `ground_lost`. `cut_for` [s]; `exit_codes` of
@@ -70,6 +79,7 @@ def claims(found: Mapping[str, Any]) -> dict[str, bool]:
         "the others are untouched": untouched,
         "commands refuse clearly": bool(found["refusals"]) and all(map(is_clear, found["refusals"])),
         "the daemon releases": found["released"] is not None and least <= found["released"] <= most,
+        "nothing is flown late": found["flown_late"] == 0,
         "its client is told": found["client_told"] is not None,
         "telemetry heals": _within(found["fresh"], HEALED) and _within(found["told_back"], HEALED),
         "the lease can be taken again": found["leased_again"] is not None,
@@ -167,9 +177,9 @@ class Watcher:
 
 
 CUT: Final = "mk2"
-"""The one with the radio link."""
-ENDPOINT: Final = "tcp/127.0.0.1:7447"
-"""Of the router, for what is on the ground; in an aircraft's network, of its daemon."""
+"""The one whose link is cut."""
+DELAY: Final = 0.03
+"""Of its link, each way [s]."""
 BEFORE: Final = 5.0
 """All is well for so long before the flight [s]."""
 FLOWN: Final = 2.0
@@ -182,60 +192,98 @@ MOMENTS: Final = (0.2, 4.0)
 """When an aircraft that is cut off is asked [s after the cut]: before the router has noticed, and later."""
 
 
+class RadioLink:
+    """Carries bytes to the router, later; while it is cut nothing passes, and neither end is told.
+
+    Attributes:
+        is_whole: cleared while it is cut. What was under way arrives late, as over any link that sends again.
+    """
+
+    def __init__(self, router: str) -> None:
+        self.is_whole = asyncio.Event()
+        self.is_whole.set()
+        self._router = router
+
+    async def carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Carry one connection until an end closes it."""
+        host, _, port = self._router.removeprefix("tcp/").partition(":")
+        onward, back = await asyncio.open_connection(host, int(port))
+        await asyncio.gather(self._pass_on(reader, back), self._pass_on(onward, writer))
+
+    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with suppress(ConnectionError):
+            while chunk := await reader.read(1 << 16):
+                await asyncio.sleep(DELAY)
+                await self.is_whole.wait()
+                writer.write(chunk)
+                await writer.drain()
+        await self.is_whole.wait()
+        writer.close()
+
+
 @asynccontextmanager
-async def fleet(folder: Path) -> AsyncIterator[tuple[dict[str, Aircraft], RadioLink]]:
-    """Three aircraft and a router while the context lasts; this process stands on the ground."""
+async def fleet(folder: Path, endpoint: str) -> AsyncIterator[tuple[dict[str, Program], RadioLink]]:
+    """Three daemons before simulated boards, and a router at an endpoint, while the context lasts."""
     async with AsyncExitStack() as stack:
-        places: dict[str, Place] = {}
-        for number, name in enumerate(NAMES, 1):
-            places[name] = Place(number, is_radio=name == CUT)
-            stack.callback(places[name].close)
-        router = await Member.start(*ROUTER, "tcp/0.0.0.0:7447", threads=RECEIVING)
+        router = await Program.start(*ROUTER, endpoint, threads="(rx: (worker_threads: 32))")  # docs/operations.md
         stack.push_async_callback(router.end)
         await router.first_line()
-        aircraft: dict[str, Aircraft] = {}
-        for name, place in places.items():
-            aircraft[name] = await Aircraft.start(
-                name, folder / name, 4001, router=f"tcp/{place.ground}:7447", listen=[ENDPOINT], prefix=place.prefix
+        radio = RadioLink(endpoint)
+        relay = await asyncio.start_server(radio.carry, "127.0.0.1", 0)
+        stack.callback(relay.close)
+        far = f"tcp/127.0.0.1:{relay.sockets[0].getsockname()[1]}"
+        daemons: dict[str, Program] = {}
+        for name in NAMES:
+            boards = stack.enter_context(reserved_endpoint()).removeprefix("tcp/")
+            (place := folder / name).mkdir()
+            (place / "sim.toml").write_text("[sim]\nconnect = []\n", encoding="utf-8")
+            (place / "daemon.toml").write_text(
+                f'[vehicle]\nname = "{name}"\nstate_folder = "{place}/state"\n[link]\nport = "tcp:{boards}"\n'
+                f'[bus]\nlisten = []\nconnect = ["{far if name == CUT else endpoint}"]\n',
+                encoding="utf-8",
             )
-            stack.push_async_callback(aircraft[name].end)
-        radio = places[CUT].radio
-        assert radio is not None
-        yield aircraft, radio
+            sim = ("sim", "--config", f"{place}/sim.toml", "--pilot", "nothing", "--vehicle", name, "--listen", boards)
+            simulator = await Program.start(*PROGRAM, *sim)
+            stack.push_async_callback(simulator.end, signal.SIGINT)
+            await simulator.first_line()
+            daemons[name] = await Program.start(*PROGRAM, "run", "--config", f"{place}/daemon.toml", "--log", "warning")
+            stack.push_async_callback(daemons[name].end)
+        yield daemons, radio
 
 
 async def cut(folder: Path, seconds: float) -> Row:
     """Cut the link of one aircraft for some time [s], and look: what was seen, see `claims`, and `claims` of it.
 
     Raises:
-        ConfigError: network namespaces or devices are not permitted here.
         TimeoutError: the fleet did not come up.
     """
-    async with fleet(folder) as (aircraft, radio), connect(CUT, ENDPOINT) as client:
-        recorder = await Member.start(
-            *MKCTL, "log", "record", "--folder", str(folder / "ground"), "--connect", ENDPOINT
-        )
-        watcher = Watcher(client)
-        say("the router and three aircraft are started")
-        try:
-            async with running(watcher.run()):
-                await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
-                await wait_for_control(client, START)
-                found, begin, end = await _through_the_cut(client, watcher, radio, seconds)
-        finally:
-            say("ending")
-            await recorder.end(signal.SIGINT)
-        exit_codes = [await one.end() for one in aircraft.values()]
-    found |= {"loss": LOSS, "delay": DELAY, "exit_codes": exit_codes}
-    found |= _black_box(aircraft[CUT].recordings, begin, end) | _ground(sorted((folder / "ground").glob("*.mcap")))
-    return found | {"claims": claims(found), "holds": all(claims(found).values())}
+    with reserved_endpoint() as endpoint:
+        async with fleet(folder, endpoint) as (daemons, radio), connect(CUT, endpoint) as client:
+            words = ("log", "record", "--folder", str(folder / "ground"), "--connect", endpoint)
+            recorder = await Program.start(*MKCTL, *words)
+            watcher = Watcher(client)
+            try:
+                async with running(watcher.run()):
+                    await wait_until(lambda: all(watcher.state(name) == "here" for name in NAMES), START)
+                    await wait_for_control(client, START)
+                    found, begin, end = await _through_the_cut(client, endpoint, watcher, radio, seconds)
+            finally:
+                await recorder.end(signal.SIGINT)
+            found["exit_codes"] = [await one.end() for one in daemons.values()]
+    found |= _black_box(sorted((folder / CUT).glob("state/**/*.mcap")), begin, end)
+    found |= _ground(sorted((folder / "ground").glob("*.mcap")))
+    return found | {"claims": claims(found)}
+
+
+def _say(words: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')} {words}", file=sys.stderr, flush=True)
 
 
 async def _through_the_cut(
-    client: Vehicle, watcher: Watcher, radio: RadioLink, seconds: float
+    client: Vehicle, endpoint: str, watcher: Watcher, radio: RadioLink, seconds: float
 ) -> tuple[Row, float, float]:
     """Before, while and after: what was seen, when the link was cut and when it came back [s; monotonic]."""
-    say("all are here")
+    _say("all are here")
     await asyncio.sleep(BEFORE)
     engaged = asyncio.Event()
     flying = asyncio.create_task(_fly(client, engaged), name="pilot")
@@ -245,22 +293,19 @@ async def _through_the_cut(
     except TimeoutError:
         flying.cancel()
         raise
-    say(f"a client flies {CUT}")
     await asyncio.sleep(FLOWN)
-    radio.is_cut = True
+    radio.is_whole.clear()
     begin = time.monotonic()
-    say(f"the link of {CUT} is cut")
-    asking = asyncio.create_task(_ask(client, begin), name="asking")
+    _say(f"the link of {CUT} is cut")
+    asking = asyncio.create_task(_ask(client, endpoint, begin), name="asking")
     await asyncio.sleep(seconds)
     refusals = await asking
-    radio.is_cut = False
+    radio.is_whole.set()
     end = time.monotonic()
-    say("it is back")
+    _say("it is back")
     with suppress(TimeoutError):
         await wait_until(lambda: watcher.times[CUT][-1] > end and watcher.state(CUT) == "here", PATIENCE)
-    say(f"{CUT} is {watcher.state(CUT)}")
     lost_at, words = await flying
-    say(f"its client: {words}")
     leased_again = await _take_again(client, end)
     await asyncio.sleep(AFTER)
     others = [name for name in NAMES if name != CUT]
@@ -292,7 +337,7 @@ async def _fly(client: Vehicle, engaged: asyncio.Event) -> tuple[float, str]:
         except MkError as error:
             if engaged.is_set():
                 return time.monotonic(), str(error)
-            say(f"{CUT} is not flown: {error}")
+            _say(f"{CUT} is not flown: {error}")
         await asyncio.sleep(1.0)
 
 
@@ -306,7 +351,7 @@ async def _take_again(client: Vehicle, since: float) -> float | None:
     return None
 
 
-async def _ask(client: Vehicle, begin: float) -> list[Row]:
+async def _ask(client: Vehicle, endpoint: str, begin: float) -> list[Row]:
     """Ask the aircraft that is cut off: from a program, and by `mkctl`."""
     first, later = MOMENTS
     await asyncio.sleep(max(begin + first - time.monotonic(), 0.0))
@@ -315,7 +360,7 @@ async def _ask(client: Vehicle, begin: float) -> list[Row]:
     found: list[Row] = list(await asyncio.gather(*asked))
     await asyncio.sleep(max(begin + later - time.monotonic(), 0.0))
     for word in ("status", "preflight"):
-        words = ("--vehicle", CUT, "--connect", ENDPOINT, word)
+        words = ("--vehicle", CUT, "--connect", endpoint, word)
         found.append(await _asked(f"mkctl --vehicle {CUT} {word}", _answered_by_mkctl(words), is_program=True))
     return found
 
@@ -335,14 +380,14 @@ async def _answered(call: Coroutine[Any, Any, Any]) -> tuple[str, bool]:
 
 
 async def _answered_by_mkctl(words: Sequence[str]) -> tuple[str, bool]:
-    asked = await Member.start(*MKCTL, *words)
+    asked = await Program.start(*MKCTL, *words)
     code, said = await asked.output()
     return (said + asked.errors).strip(), code != 0
 
 
 def _black_box(files: list[Path], begin: float, end: float) -> Row:
     """What the aircraft recorded itself: its values through the gap, setpoints that came, the release on its wire."""
-    values, setpoints, releases, reasons = list[float](), list[float](), list[float](), list[str]()
+    values, setpoints, releases, flown, reasons = *(list[float]() for _ in range(4)), list[str]()
     for entry in (entry for path in files for entry in Recording(path).entries()):
         if entry.kind is EntryKind.SAMPLE and entry.suffix == WATCHED:
             values.append(entry.received)
@@ -350,6 +395,8 @@ def _black_box(files: list[Path], begin: float, end: float) -> Row:
             setpoints.append(entry.received)
         elif entry.kind is EntryKind.PORT_WRITTEN and entry.issuer == "release" and entry.received > begin:
             releases.append(entry.received)
+        elif entry.kind is EntryKind.PORT_WRITTEN and entry.issuer == "setpoint":
+            flown.append(entry.received)
         elif entry.suffix == "event/failsafe" and entry.kind is EntryKind.SAMPLE and begin < entry.received < end:
             event = unpacked(entry.payload)
             reasons += [str(event.get("reason"))] if event.get("action") == "release" else []
@@ -359,6 +406,7 @@ def _black_box(files: list[Path], begin: float, end: float) -> Row:
         "aboard_gap": longest_gap(values, begin, end),
         "last_setpoint": None if last is None else last - begin,
         "released": None if last is None else next((at - last for at in releases if at > last), None),
+        "flown_late": sum(at > releases[0] for at in flown) if releases else 0,
         "reason": reasons[0] if reasons else "",
     }
 
@@ -373,3 +421,24 @@ def _ground(files: list[Path]) -> Row:
         for key, lost in summary.missed.items():
             found["ground_lost" if key.startswith(f"{ROOT}/{CUT}/") else "others_lost"] += lost
     return found
+
+
+def main(
+    *,
+    seconds: Annotated[Length, Parameter(help="Length of the cut [s].")] = 12.0,
+    as_json: AsJson = False,
+) -> int:
+    """Cut the link of one aircraft of three, two minutes; exit code 1 where a claim of docs/lab/scale.md does not hold.
+
+    Raises:
+        MkError: the machine is too busy for it.
+    """
+    silence_log()
+    with tempfile.TemporaryDirectory() as name:
+        try:
+            row = asyncio.run(cut(Path(name), seconds))
+        except TimeoutError:
+            why = "the aircraft did not come up, or were not flown, in time: this machine is busy"
+            raise MkError(why) from None
+    shown = [{"what": claim, "holds": so} for claim, so in row["claims"].items()]
+    return show(shown, ("what",), as_json=as_json, found=row)

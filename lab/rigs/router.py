@@ -1,4 +1,4 @@
-"""`python -m lab.fleet.router [--config FILE] ENDPOINT...`: a Zenoh router, as `zenohd` is one, until SIGTERM."""
+"""`python -m lab.rigs.router [--config FILE] ENDPOINT...`: a Zenoh router, as `zenohd` is one, until SIGTERM."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import asyncio
 import signal
 import sys
 from pathlib import Path
+from typing import Final
 
 from mkdaemon.bus.session import close_session, open_session, session_config
+
+ROUTER: Final = ("-m", "lab.rigs.router")
+"""What Python runs to be one."""
 
 
 async def serve(endpoints: list[str], zenoh_file: Path | None = None) -> None:

@@ -1,1 +1,0 @@
-"""Many aircraft on Zenoh routers: a link that is cut, and what each aircraft costs."""
