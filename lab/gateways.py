@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from lab.rigs.gatewaypeers import BUS, PEERS, Arrivals, own_domain
+from lab.rigs.gatewaypeers import BUS, LOOKS, Arrivals, options_of, own_domain
 from lab.rigs.gatewayprocess import gateway_process
 from lab.rigs.overtarget import VEHICLE, Hover, Setting, favour, hovering
 from lab.rigs.processes import Program
@@ -74,10 +74,11 @@ def main(*, case: str | None = None, seconds: float = 7.0, rounds: int = 4, as_j
     Raises:
         ConfigError: there is no such gateway.
     """
-    if case is not None and case not in PEERS:
-        raise ConfigError(f"--case {case}: there is {', '.join(PEERS)}")
+    gateways = tuple(name for name in LOOKS if name != BUS)
+    if case is not None and case not in gateways:
+        raise ConfigError(f"--case {case}: there is {', '.join(gateways)}")
     own_domain()
-    found = asyncio.run(measure(tuple(PEERS) if case is None else (case,), seconds, rounds))
+    found = asyncio.run(measure(gateways if case is None else (case,), seconds, rounds))
     return show(found, ("case",), as_json=as_json)
 
 
@@ -107,7 +108,7 @@ async def _parts(hover: Hover, ports: Mapping[str, int], seconds: float, rounds:
     before = await _share(hover.daemon.cpu_s, seconds)
     for _ in range(rounds):
         for name, port in ports.items():
-            async with gateway_process(name, hover.endpoint, VEHICLE, *PEERS[name].options(port)) as gateway:
+            async with gateway_process(name, hover.endpoint, VEHICLE, *options_of(name, port)) as gateway:
                 await asyncio.sleep(SETTLING)
                 used, start = gateway.cpu_s(), time.time()
                 daemon = await _share(hover.daemon.cpu_s, seconds)

@@ -6,22 +6,31 @@ single conversation went (`lab.link.fates`). Losses and latencies found have to 
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple, cast
+from unittest.mock import Mock
 
 from cyclopts import Parameter
+from pydantic import BaseModel
 
-from lab.link.cases import FULL, RADIO, Case
-from lab.link.fates import Fate
-from lab.rigs.measuredlink import measure_link
+from lab.link.cases import FULL, RADIO, Case, configurations, running_link, steer_steadily
+from lab.link.fates import Fate, Tracer
+from lab.rigs.grounded import GroundedAircraft
+from lab.rigs.waiting import in_virtual_time
 from lab.tables import show
 from mkdaemon.cli.arguments import AsJson
 from mkdaemon.client.linktest.advice import judge
 from mkdaemon.client.linktest.measures import LoadRun, measure
-from mkdaemon.client.linktest.probes import TIMEOUT, ProbeKind
+from mkdaemon.client.linktest.probes import PATTERNS, TIMEOUT, Ledger, ProbeKind
+from mkdaemon.clock import Clock
+from mkdaemon.daemon.sink import BusSink
 from mkdaemon.errors import ConfigError
+from mkdaemon.telemetry.link import LinkHealth
+from mkdaemon.telemetry.traffic import FrameSample
 from mkdaemon.view.linkpicture import link_picture
 from mksim.config import ChannelConfig, RadioKind
+from mksim.physics.world import World
 from mksim.radio import BITS_PER_BYTE
 
 LIMIT: Final = 0.10
@@ -65,6 +74,57 @@ def main(
         raise ConfigError(f"no line {line!r}: choose from {', '.join(_LINES)}")
     rows = [{"line": name} | found_and_put_in(name, seconds) for name in ([line] if line else _LINES)]
     return show(rows, ("line",), as_json=as_json)
+
+
+class MeasuredLink(NamedTuple):
+    """What was found, and what happened.
+
+    Attributes:
+        run: as `mkctl linktest` has it.
+        echoes: what became of every link test.
+        sticks: what became of every stick frame.
+    """
+
+    run: LoadRun
+    echoes: list[Fate]
+    sticks: list[Fate]
+
+
+class _LedgerBus:
+    """A bus on which only the ledger listens."""
+
+    def __init__(self) -> None:
+        self.ledger: Ledger | None = None
+        self._keys = tuple(pattern.replace("/*/", "/") for pattern in PATTERNS)
+
+    def publish(self, suffix: str, value: BaseModel, *, schema: type[BaseModel] | None = None) -> None:
+        """Hand a frame to the ledger, if it follows such."""
+        if self.ledger is not None and suffix == "link/health":
+            self.ledger.take_replaced(cast("LinkHealth", value).stick_frames.replaced)
+        direction, _, rest = suffix.partition("/")
+        key = f"{direction}/{rest.rpartition('/')[2]}"
+        if self.ledger is not None and (suffix in self._keys or key in self._keys):
+            self.ledger.take(suffix, cast("FrameSample", value))
+
+
+@in_virtual_time
+async def measure_link(case: Case, seconds: float) -> MeasuredLink:
+    """Measure the line of a case for so long [s]."""
+    sim, options = configurations(case)
+    loop = asyncio.get_running_loop()
+    tracer, bus, nobody = Tracer(sim, cast("World", GroundedAircraft())), _LedgerBus(), Mock()
+    sink = BusSink(cast("Any", bus), nobody.feed, nobody, nobody, nobody, Clock(monotonic=loop.time))
+    async with running_link(case, tracer, options, cast("Any", sink)) as running:
+        began, bus.ledger = loop.time(), Ledger()
+        await steer_steadily(running.link, case, seconds)
+        ended = loop.time()
+        bus.ledger.end()
+        await asyncio.sleep(0.5)
+    return MeasuredLink(
+        LoadRun(case.name, case.name, case.setpoint_hz, tuple(bus.ledger.probes())),
+        [fate for fate in tracer.echoes if began <= fate.asked < ended],
+        [fate for fate in tracer.sticks if began <= fate.asked < ended],
+    )
 
 
 def case_of(name: str, *, full: bool = False) -> Case:

@@ -105,7 +105,7 @@ def _row(end: str, line: VirtualLine, **found: bool) -> Row:
         line: how many requests were sent on it.
         found: it claimed what the board does not hold; the live parameter set is not what it was (backups).
     """
-    return judged(LIMITS, end=end, asked=line.traffic.asked, **found)
+    return judged(LIMITS, end=end, asked=line.asked, **found)
 
 
 def _drive(

@@ -64,7 +64,6 @@ class Flood(StrEnum):
     LONG = "900 kB queries"
     """For schemas and last values, as many as go, no answer read."""
     SILENT = "silent connections"
-    BLOCKED = "unknown verbs, standard error that nobody reads"
     STOPPED = "stopped subscribers"
     """Subscribers of everything that are stopped by a signal of their own: they vanish without a word."""
     HOLDER = "the holder of the lease"

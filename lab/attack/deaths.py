@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from lab.attack.floods import daemon_on_tcp
-from lab.attack.programs import BLOCKED_DAEMON, HELD_DAEMON, HOLD, TROUBLE
 from lab.campaign import Row
 from lab.cases import judged
 from lab.rigs.cockpit import Boards
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import START, Sticks, daemon_process
+from lab.rigs.troubled import HOLD, TROUBLE, Trouble
 from lab.rigs.waiting import following, wait_until
 from lab.stories.cable import first_words, last_words, steering
 from mkdaemon import guard
@@ -69,7 +69,7 @@ _SIGNALS: Final = {
     Death.TERMINATED: signal.SIGTERM,
     Death.INTERRUPTED: signal.SIGINT,
 }
-_PROGRAMS: Final = {Death.HELD: ("-c", HELD_DAEMON), Death.BLOCKED: ("-c", BLOCKED_DAEMON)}
+_TROUBLES: Final = {Death.HELD: Trouble.HELD, Death.BLOCKED: Trouble.BLOCKED}
 BOARDS: Final = tuple(Boards(fc, nc) for nc in (None, "0.24") for fc in ("early", "2.08", "2.12a"))
 
 
@@ -95,8 +95,9 @@ async def attack(boards: Boards, kind: Death, seed: int) -> Row:
     rng = random.Random(f"{seed} {boards.name} {kind.value}")
     simulation = observed(seed, boards.fc, boards.nc, keeps=True)
     simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start
+    program = ("-m", "lab.rigs.troubled", _TROUBLES[kind].value) if kind in _TROUBLES else None
     async with (
-        flown(simulation, on_tcp=seed % 2 == 0, program=_PROGRAMS.get(kind), log="info") as one,
+        flown(simulation, on_tcp=seed % 2 == 0, program=program, log="info") as one,
         Pilot(one.client, "pilot") as pilot,
     ):
         await pilot.engage(lambda: simulation.is_controlled)

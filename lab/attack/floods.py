@@ -9,13 +9,12 @@ from __future__ import annotations
 import asyncio
 import signal
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from itertools import pairwise
 from typing import Final
 
 from lab.attack.attackers import Flood
-from lab.attack.programs import DEAF_DAEMON
 from lab.campaign import Row
 from lab.cases import judged, percentile
 from lab.rigs.flown import Flown, flown, observed
@@ -39,12 +38,12 @@ CALM: Final = 1.5
 
 
 @asynccontextmanager
-async def daemon_on_tcp(seed: int, *, program: Sequence[str] | None = None, keeps: bool = True) -> AsyncIterator[Flown]:
-    """Run a daemon, or `program` in its place, before a FlightCtrl 2.08 on TCP while the context lasts."""
+async def daemon_on_tcp(seed: int, *, keeps: bool = True) -> AsyncIterator[Flown]:
+    """Run a daemon before a FlightCtrl 2.08 on TCP while the context lasts."""
     favour_loop()  # who judges must not be starved by the machine's other programs
     simulation = observed(seed, "2.08", keeps=keeps)
     simulation.is_frozen = True  # until the daemon is there: on a busy machine the boards would cost it its start
-    async with flown(simulation, on_tcp=True, program=program) as attacked:
+    async with flown(simulation, on_tcp=True) as attacked:
         yield attacked
 
 
@@ -61,8 +60,7 @@ async def ride(kind: Flood, seed: int, *, dies: bool = False) -> Row:
     Raises:
         TimeoutError: the flight did not begin, or the aircraft was never released.
     """
-    program = ("-c", DEAF_DAEMON) if kind is Flood.BLOCKED else None
-    async with daemon_on_tcp(seed, program=program) as attacked, Pilot(attacked.client, "pilot") as pilot:
+    async with daemon_on_tcp(seed) as attacked, Pilot(attacked.client, "pilot") as pilot:
         simulation, daemon = attacked.simulation, attacked.daemon
         await pilot.engage(lambda: simulation.is_controlled)
         pilot.sticks |= {"pitch": 40.0}

@@ -16,7 +16,7 @@ import struct
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from threading import Thread
@@ -62,19 +62,6 @@ class Arrivals:
         """Those that a peer printed."""
         late, counts = json.loads(text)
         return cls([(at, age) for at, age in late], Counter(dict(counts)))
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """Who looks through a gateway.
-
-    Attributes:
-        options: of the gateway's command, by a port that is free.
-        look: looks for ever through the gateway at that port of this machine, or at the bus, by vehicle and endpoint.
-    """
-
-    options: Callable[[int], Sequence[str]]
-    look: Callable[[int, str, str, Arrivals], None]
 
 
 def _client(_: int, vehicle: str, endpoint: str, arrivals: Arrivals) -> None:
@@ -193,12 +180,13 @@ def _node(_: int, vehicle: str, __: str, arrivals: Arrivals) -> None:
 
 
 BUS: Final = "bus"
-PEERS: Final = {
-    "mavlink": Peer(lambda port: ("--link", f"udpin:127.0.0.1:{port}"), _ground_station),
-    "foxglove": Peer(lambda port: ("--port", str(port)), _viewer),
-    "ros2": Peer(lambda port: (), _node),
-}
-"""The gateways that can be measured; a further one is one line here and its peer."""
+LOOKS: Final = {BUS: _client, "mavlink": _ground_station, "foxglove": _viewer, "ros2": _node}
+"""Looks for ever through the gateway at a port of this machine, or at the bus, by vehicle and endpoint."""
+
+
+def options_of(gateway: str, port: int) -> tuple[str, ...]:
+    """Of a gateway's command, to be found at a port that is free."""
+    return {"mavlink": ("--link", f"udpin:127.0.0.1:{port}"), "foxglove": ("--port", str(port))}.get(gateway, ())
 
 
 def own_domain() -> None:
@@ -217,8 +205,8 @@ def main(name: str, port: int, vehicle: str, endpoint: str) -> None:
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
-    found, look = Arrivals(), _client if name == BUS else PEERS[name].look
-    Thread(target=look, args=(port, vehicle, endpoint, found), daemon=True).start()
+    found = Arrivals()
+    Thread(target=LOOKS[name], args=(port, vehicle, endpoint, found), daemon=True).start()
     print("ready", flush=True)
     signal.sigwait({signal.SIGTERM})
     print(json.dumps([found.late, list(found.counts.items())]), flush=True)

@@ -120,7 +120,7 @@ class Program:
         self._reading = asyncio.create_task(self._read(), name="stderr")
 
     @classmethod
-    async def start(cls, *words: str, prefix: Sequence[str] = (), threads: str = "", is_read: bool = True) -> Self:
+    async def start(cls, *words: str, threads: str = "", is_read: bool = True) -> Self:
         """Start it.
 
         Args:
@@ -128,7 +128,8 @@ class Program:
         """
         more = {"ZENOH_RUNTIME": threads} if threads else {}
         process = await asyncio.create_subprocess_exec(
-            *(*prefix, sys.executable, *words),
+            sys.executable,
+            *words,
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE if is_read else asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,

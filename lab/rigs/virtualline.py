@@ -59,25 +59,15 @@ class Noise:
     repeated: float = 0.0
 
 
-@dataclass(slots=True)
-class Traffic:
-    """Counts of one conversation.
+class VirtualLine:
+    """One host, one port, one board (which may stand for those behind it).
 
     Attributes:
-        lost: bytes that vanished.
-        damaged: bytes that became others.
+        asked: requests that were sent.
+        now: virtual time [s].
     """
 
-    asked: int = 0
-    answered: int = 0
-    lost: int = 0
-    damaged: int = 0
-
-
-class VirtualLine:
-    """One host, one port, one board (which may stand for those behind it)."""
-
-    def __init__(self, board: VirtualBoard, noise: Noise, rng: random.Random, *, start: float = 0.0) -> None:
+    def __init__(self, board: VirtualBoard, noise: Noise, rng: random.Random) -> None:
         self._board = board
         self._noise = noise
         self._rng = rng
@@ -85,10 +75,9 @@ class VirtualLine:
         self._messages = MessageDecoder()
         self._arriving: deque[tuple[float, int]] = deque()
         self._last_frame = bytearray()
-        self._held_until = start
+        self._held_until = 0.0
         self._after_error = True
-        self.now = start
-        self.traffic = Traffic()
+        self.now, self.asked = 0.0, 0
 
     def run(self, procedure: Procedure[_Result]) -> _Result:
         """Drive a procedure to its end.
@@ -109,12 +98,11 @@ class VirtualLine:
                 self._wait(self.now + step.seconds, None)
 
     def _exchange(self, step: Ask) -> WireMessage | None:
-        self.traffic.asked += 1
+        self.asked += 1
         raw = step.message.to_frame(step.board)
         self._send(b"\r\r" + raw if self._after_error else raw)
         answer = self._wait(self.now + step.timeout, step)
         self._after_error = answer is None
-        self.traffic.answered += answer is not None
         self._wait(self.now + IDLE_GAP, None)
         return answer
 
@@ -173,9 +161,7 @@ class VirtualLine:
         """One byte after the line: itself, another, or nothing."""
         chance = self._rng.random()
         if chance < self._noise.lost:
-            self.traffic.lost += 1
             return ()
         if chance < self._noise.lost + self._noise.damaged:
-            self.traffic.damaged += 1
             return ((byte + self._rng.randrange(1, 256)) & 0xFF,)
         return (byte,)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import signal
 
-from lab.attack.programs import HELD_DAEMON, TROUBLE
 from lab.cases import silence_log
 from lab.rigs.cockpit import Boards
+from lab.rigs.troubled import TROUBLE
 from lab.stories import quiet
 from mkdaemon.cli.mkdaemon.run import RELOAD
 
 
 def test_the_signal_of_the_lab_is_none_that_the_daemon_takes_for_itself():
     assert TROUBLE not in {RELOAD, signal.SIGINT, signal.SIGTERM}
-    compile(HELD_DAEMON, "held", "exec")
-    assert f"signal.signal({int(TROUBLE)}," in HELD_DAEMON
 
 
 def test_the_guard_is_quiet_in_a_flight_with_faults(monkeypatch):

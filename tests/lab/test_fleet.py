@@ -23,7 +23,7 @@ def test_a_gap_counts_from_the_edges(times, gap):
 
 
 def refusal(took, words=REFUSED, **more):
-    return {"asked": "status", "took": took, "words": words, "is_refused": True, "is_program": False} | more
+    return {"asked": "status", "took": took, "words": words, "is_refused": True} | more
 
 
 RIGHT = {
@@ -36,7 +36,7 @@ RIGHT = {
     "others": ["here"],
     "others_gap": 0.2,
     "others_lost": 0,
-    "refusals": [refusal(1.7), refusal(9.0, is_program=True)],
+    "refusals": [refusal(1.7), refusal(9.0)],
     "last_setpoint": 0.03,
     "released": 1.0,
     "flown_late": 0,
@@ -59,7 +59,7 @@ RIGHT = {
         {"others_gap": 2.5},
         {"others_lost": 1},
         {"refusals": []},
-        {"refusals": [refusal(9.0)]},
+        {"refusals": [refusal(16.0)]},
         {"refusals": [refusal(1.0, "no daemon")]},
         {"refusals": [refusal(1.0, f"{REFUSED}\nmore")]},
         {"refusals": [refusal(1.0, is_refused=False)]},

@@ -6,8 +6,7 @@ import pytest
 
 from lab.link.cases import FULL, Case
 from lab.link.fates import Fate
-from lab.linktest import LIMIT, case_of, configured, happened
-from lab.rigs.measuredlink import measure_link
+from lab.linktest import LIMIT, case_of, configured, happened, measure_link
 from mkdaemon.client.linktest.advice import judge
 from mkdaemon.client.linktest.measures import measure
 from mkdaemon.client.linktest.probes import ProbeKind
