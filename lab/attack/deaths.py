@@ -26,9 +26,9 @@ from lab.rigs.cockpit import Boards
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import START, Sticks, daemon_process
+from lab.rigs.sticks import first_words, last_words, steering
 from lab.rigs.troubled import HOLD, TROUBLE, Trouble
 from lab.rigs.waiting import following, wait_until
-from lab.stories.cable import first_words, last_words, steering
 from mkdaemon import guard
 from mkdaemon.daemon.priority import favour_loop, favour_threads
 from mkdaemon.telemetry.refusals import Token

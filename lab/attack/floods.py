@@ -20,8 +20,8 @@ from lab.cases import judged, percentile
 from lab.rigs.flown import Flown, flown, observed
 from lab.rigs.pilot import Pilot
 from lab.rigs.processes import VEHICLE, ObservedSimulation, Program, Sticks
+from lab.rigs.sticks import steering
 from lab.rigs.waiting import PATIENCE, wait_until
-from lab.stories.cable import steering
 from mkdaemon.cli.mkctl.connection import Connection
 from mkdaemon.cli.mkctl.release import release
 from mkdaemon.daemon.priority import favour_loop, favour_threads

@@ -23,6 +23,10 @@ ENGAGE_WAIT: Final = 4.0
 """A stream that lives is obeyed within this time [s]; the daemon wants one second of it first."""
 
 
+PERIOD: Final = 0.02
+"""Between two setpoints [s]."""
+
+
 class NotObeyedError(Exception):
     """A flight that was to be disturbed never began: nothing is known of what comes after."""
 
@@ -35,7 +39,7 @@ class Pilot:
         puts: when it put its setpoints [s; monotonic].
     """
 
-    def __init__(self, client: Vehicle, name: str, rate: float = 50.0) -> None:
+    def __init__(self, client: Vehicle, name: str) -> None:
         self.name = name
         self.sticks = {"pitch": 0.0, "roll": 0.0, "yaw": 0.0, "throttle": 0.0}
         self.epoch = 0
@@ -45,7 +49,6 @@ class Pilot:
         # Rogue on purpose: it listens to nobody, and streams on under a lease that it has lost.
         self.session = FlightSession(silence=math.inf)
         self._sender: SetpointSender | None = None
-        self._period = 1.0 / rate
         self._task: asyncio.Task[None] | None = None
 
     async def take(self, *, force: bool = False) -> bool:
@@ -113,5 +116,5 @@ class Pilot:
                     setpoint = self.session.stream("stick", self.sticks, loop.time())
                     assert setpoint is not None
                     self._sender.send(setpoint)
-                due = max(due + self._period, loop.time())
+                due = max(due + PERIOD, loop.time())
                 await asyncio.sleep(due - loop.time())

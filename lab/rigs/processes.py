@@ -21,7 +21,6 @@ from lab.rigs.waiting import PATIENCE
 from mkdaemon.bus.endpoint import reserved_endpoint
 from mkdaemon.client import Vehicle, connect
 from mkdaemon.errors import MkError
-from mkdaemon.protocol.framing import Frame, FrameDecoder
 from mksim.config import SimConfig
 from mksim.simulation import Simulation
 
@@ -43,14 +42,12 @@ class Sticks(Enum):
 
 
 class ObservedSimulation(Simulation):
-    """The simulated aircraft, counting what crosses its line and keeping what the host wrote.
+    """The simulated aircraft, keeping what the host wrote.
 
     Attributes:
-        is_frozen: it stands still and says nothing, so that what is under way can arrive and be counted.
+        is_frozen: it stands still and says nothing.
         keeps: whether writes are kept in `heard`.
         heard: what the host wrote, each piece with its time [s; monotonic].
-        from_host: frames the host wrote.
-        to_host: frames the board wrote.
     """
 
     def __init__(self, config: SimConfig, *, keeps: bool = True) -> None:
@@ -58,12 +55,9 @@ class ObservedSimulation(Simulation):
         self.is_frozen = False
         self.keeps = keeps
         self.heard: list[tuple[float, bytes]] = []
-        self.from_host = self.to_host = 0
-        self._in, self._out = FrameDecoder(), FrameDecoder()
 
     def write(self, data: bytes, at: float) -> None:
         """Send bytes to the board; see `Simulation.write`."""
-        self.from_host += _frames(self._in, data)
         if self.keeps:
             self.heard.append((time.monotonic(), data))
         if not self.is_frozen:
@@ -71,12 +65,7 @@ class ObservedSimulation(Simulation):
 
     def advance(self, to: float) -> list[tuple[float, bytes]]:
         """Run on; see `Simulation.advance`."""
-        if self.is_frozen:
-            return []
-        said = super().advance(to)
-        if said:
-            self.to_host += _frames(self._out, b"".join(piece for _, piece in said))
-        return said
+        return [] if self.is_frozen else super().advance(to)
 
     def written(self, since: int = 0) -> bytes:
         """What the host wrote, from a piece of `heard` on."""
@@ -95,10 +84,6 @@ class ObservedSimulation(Simulation):
         if not external.is_valid:
             return Sticks.NOTHING
         return Sticks.LEVEL if (held.pitch, held.roll, held.yaw) == (0, 0, 0) else Sticks.STEERED
-
-
-def _frames(decoder: FrameDecoder, data: bytes) -> int:
-    return sum(isinstance(item, Frame) for item in decoder.feed(data))
 
 
 def cpu_of(process: int) -> float:

@@ -18,6 +18,7 @@ from lab.campaign import Row
 from lab.cases import judged
 from lab.rigs.boardport import TICK_TIME
 from lab.rigs.cockpit import Boards, Cockpit, Held, cockpit
+from lab.rigs.virtualguard import VirtualGuard
 from lab.rigs.waiting import in_virtual_time, running
 from lab.stories.standstills import Streamer
 from mkdaemon.errors import CommandRejectedError, LinkError
@@ -174,11 +175,11 @@ async def fly_session(
     """Discover the boards once, then lose one client after another; bytes are carried every `tick` [s].
 
     Returns:
-        Of each its `death`, and what `measure_loss` finds.
+        Of each its `death`, what `measure_loss` finds, and `guard_wrote`, how often the guard has written anything.
     """
-    losses = []
+    losses, guard = [], VirtualGuard()
     async with (
-        cockpit(boards, seed, link_class=link_class, tick=tick) as flown,
+        cockpit(boards, seed, link_class=link_class, tick=tick, guard=guard) as flown,
         running(_poll(flown, random.Random(f"{seed} poll"))),
     ):
         for number in range(deaths):
@@ -186,8 +187,11 @@ async def fly_session(
             death = ways[(seed * SESSION + number) % len(ways)]
             client = DyingClient(flown, rng, f"client{number}")
             await _take_turn(client, death, watched)
-            losses.append({"death": death} | measure_loss(flown, client.last_usable))
+            loss = measure_loss(flown, client.last_usable)
+            limits = LIMITS | {"guard_wrote": 0}  # the daemon lives, and does all of it
+            losses.append(judged(limits, **loss | {"death": death, "guard_wrote": len(guard.written)}))
             flown.forget()
+        guard.stop()
     return losses
 
 

@@ -1,6 +1,6 @@
 """`python -m lab stories`: the safety stories about link and release, run a thousand times against simulated boards.
 
-Everything in virtual time is seeded and the same on every machine; `soak` runs processes.
+In virtual time, seeded, the same on every machine.
 """
 
 from __future__ import annotations
@@ -11,19 +11,14 @@ from typing import Final
 
 from lab.cases import Case, Flight, command, largest, part, sessions, total
 from lab.rigs.cockpit import Boards
-from lab.stories.cable import pull_cable
 from lab.stories.deaths import SESSION, fly_session
 from lab.stories.hands import HANDS, Way, lose_hands
-from lab.stories.quiet import fly_quietly
-from lab.stories.soak import soak
 from lab.stories.standstills import Stopped, stand_still
 
 DIRECT: Final = (Boards("early"), Boards("2.08"), Boards("2.12a"))
 """One FlightCtrl of each dead-man generation."""
 BEHIND: Final = (Boards("early", "0.24"), Boards("2.08", "0.24"), Boards("2.12a", "0.24"), Boards("2.14", "2.14"))
 """The same behind a NaviCtrl that passes stick frames on, and the newest pair."""
-CYCLES: Final = 20
-"""Interruptions of the line a session."""
 RUNS: Final = 50
 """Of boards or daemons that begin anew."""
 STOPS: Final = (1.0, 3.0, 10.0)
@@ -49,14 +44,6 @@ def _hands(runs: int | None, first: int) -> Flights:
     ]
 
 
-def _cuts(runs: int | None, first: int) -> Flights:
-    return [
-        Flight("cable pulled or board rebooted", boards.name, partial(pull_cable, boards, cycles=size), seed)
-        for boards in (*DIRECT, BEHIND[2])
-        for seed, size in enumerate(sessions(runs or 200, CYCLES), first - 1)
-    ]
-
-
 def _freezes(runs: int | None, first: int) -> Flights:
     return [
         Flight(f"{who} for {seconds:g} s", boards.name, partial(stand_still, boards, who, seconds, runs or RUNS), first)
@@ -69,26 +56,13 @@ def _freezes(runs: int | None, first: int) -> Flights:
 CASES: Final = {
     "deaths": Case(
         _deaths, {"wire_p999": part("wire", 0.999), "wire": largest("wire"), "released": largest("released"),
-                  "relapses": total("relapses")}
+                  "relapses": total("relapses"), "guard_wrote": total("guard_wrote")}
     ),
     "hands": Case(
         _hands, {"wire": largest("wire"), "released": largest("released"), "relapses": total("relapses"),
                  "foreign": total("foreign")}
     ),
-    "cable": Case(_cuts, {"back": largest("back"), "steered": total("steered"), "obeyed": largest("obeyed")}),
     "freeze": Case(_freezes, {"tilted": total("tilted"), "cleared": largest("cleared")}),
-    "quiet": Case(
-        lambda runs, first: [
-            Flight("the guard is quiet", boards.name, partial(fly_quietly, boards), seed)
-            for boards in (*DIRECT, BEHIND[2])
-            for seed in range(first, first + (runs or 10))
-        ],
-        {name: total(name) for name in ("hours", "faults", "written")},
-    ),
-    "soak": Case(
-        lambda runs, first: [Flight("full load, seconds", BEHIND[2].name, partial(soak, runs or 1200), first)],
-        {name: largest(name) for name in ("board_sent", "daemon_sent", "sticks", "cpu_percent")}, longest=36000.0,
-    ),
 }  # fmt: skip
 
 main: Final = command(
@@ -96,7 +70,6 @@ main: Final = command(
     CASES,
     """Run the safety stories and measure them; exit code 1 if a limit is broken.
 
-    The soak runs processes in real time for twenty minutes, the others run in virtual time. All of them take hours:
-    `--case` runs one, `--runs` shortens it.
+    All of them take hours: `--case` runs one, `--runs` shortens it.
     """,
 )

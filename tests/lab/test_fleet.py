@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from lab.fleet import claims, longest_gap
+from lab.fleet import is_clear, longest_gap
 from mkdaemon.bus.session import check_endpoint
 from mkdaemon.config.root import Config
 from tests.places import ROOT
@@ -22,65 +22,18 @@ def test_a_gap_counts_from_the_edges(times, gap):
     assert longest_gap(times, 0.0, 10.0) == gap
 
 
-def refusal(took, words=REFUSED, **more):
-    return {"asked": "status", "took": took, "words": words, "is_refused": True} | more
-
-
-RIGHT = {
-    "cut_for": 12.0,
-    "told_stale": 3.1,
-    "told_gone": 2.1,
-    "told_back": 1.7,
-    "fresh": 1.8,
-    "leased_again": 2.5,
-    "others": ["here"],
-    "others_gap": 0.2,
-    "others_lost": 0,
-    "refusals": [refusal(1.7), refusal(9.0)],
-    "last_setpoint": 0.03,
-    "released": 1.0,
-    "flown_late": 0,
-    "client_told": 3.0,
-    "aboard_gap": 0.2,
-    "aboard": 80,
-    "ground_gap": 12.9,
-    "ground_lost": 700,
-    "exit_codes": [0, 0, 0],
-}
-"""What a right cut shows."""
-
-
 @pytest.mark.parametrize(
-    "wrong",
+    ("took", "words", "is_refused", "clear"),
     [
-        {"told_stale": None, "told_gone": 5.0},
-        {"told_gone": None},
-        {"others": ["here", "stale"]},
-        {"others_gap": 2.5},
-        {"others_lost": 1},
-        {"refusals": []},
-        {"refusals": [refusal(16.0)]},
-        {"refusals": [refusal(1.0, "no daemon")]},
-        {"refusals": [refusal(1.0, f"{REFUSED}\nmore")]},
-        {"refusals": [refusal(1.0, is_refused=False)]},
-        {"released": None},
-        {"released": 0.4},
-        {"released": 2.5},
-        {"flown_late": 1},
-        {"client_told": None},
-        {"fresh": 30.0},
-        {"told_back": None},
-        {"leased_again": None},
-        {"aboard": 0},
-        {"aboard_gap": 12.0},
-        {"ground_gap": 3.0},
-        {"ground_lost": 0},
-        {"exit_codes": [0, -9, 0]},
+        (9.0, REFUSED, True, True),
+        (16.0, REFUSED, True, False),
+        (1.0, "no daemon", True, False),
+        (1.0, f"{REFUSED}\nmore", True, False),
+        (1.0, REFUSED, False, False),
     ],
 )
-def test_whatever_a_cut_must_show_and_does_not_is_no_success(wrong):
-    assert all(claims(RIGHT).values())
-    assert not all(claims(RIGHT | wrong).values())
+def test_a_refusal_is_clear_in_time_and_in_one_line(took, words, is_refused, clear):
+    assert is_clear({"took": took, "words": words, "is_refused": is_refused}) is clear
 
 
 def test_the_files_on_the_page_about_fleets_are_right_configurations():
