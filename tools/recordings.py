@@ -61,8 +61,8 @@ async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDa
     vehicle = {"name": "t", "state_folder": folder}
     cfg = Config.model_validate({"vehicle": vehicle, "link": link, "bus": {"listen": ()}})
     daemon = RecordedDaemon(cfg, boards.make(seed), seed=seed)
-    tasks, client = daemon.start(), daemon.client
-    await daemon.until(lambda: daemon.can_fly)
+    client = daemon.client
+    await daemon.begin()
     await client.take_lease()
     await client.stream(StickSetpoint, 1.1, pitch=0, roll=0, yaw=0, throttle=-1)
     await client.stream(StickSetpoint, 0.4, pitch=12, roll=-7, yaw=0, throttle=-1)
@@ -80,7 +80,7 @@ async def _fly(name: str, boards: Boards, seed: int, folder: Path) -> RecordedDa
             await asyncio.sleep(0.5)
             daemon.socket.is_present = True
     await asyncio.sleep(0.5)
-    await daemon.stop(tasks)
+    await daemon.stop()
     return daemon
 
 

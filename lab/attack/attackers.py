@@ -33,8 +33,6 @@ SILENT: Final = 1500
 """Connections that say nothing."""
 STRANGER: Final = {"transport/shared_memory/enabled": True}
 """Settings of Zenoh's that a program of a stranger's has: those of its own."""
-STEADY_RATE: Final = 17_600.0
-"""Setpoints a second of each attacker that limits itself [Hz]."""
 LINGER: Final = 60.0
 """How long a holder lives on in silence [s]."""
 SLEEPERS: Final = 8
@@ -48,8 +46,6 @@ class Flood(StrEnum):
     """Setpoints without a lease, as many as go: in batches, dropped where they do not go at once, real-time."""
     READ = "setpoints beside a reader"
     """The same, while a session of the attacker's own subscribes to everything: then they leave the attacker."""
-    STEADY = "17,600 setpoints a second"
-    """The same at a rate."""
     BIG = "10 MB setpoints"
     COMMANDS = "commands"
     """`do/lease`, answers read."""
@@ -121,7 +117,7 @@ async def _hold(endpoint: str, vehicle: str, seconds: float) -> None:
 
 def _striker(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
     """What attacks once, and returns how often it did."""
-    if kind in (Flood.SETPOINTS, Flood.READ, Flood.STEADY, Flood.BIG):
+    if kind in (Flood.SETPOINTS, Flood.READ, Flood.BIG):
         return _setpoints(kind, session, vehicle)
     lease, nothing = ("do/lease", msgpack.packb({"action": "show"})), ("do/nothing", b"")
     asked = cycle(
@@ -158,7 +154,7 @@ def _read(reply: zenoh.Reply) -> None:
 
 
 def _setpoints(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[], int]:
-    """What puts a setpoint; with a rate, as many as are due."""
+    """What puts a setpoint."""
     publisher = session.declare_publisher(
         f"mk/{vehicle}/setpoint/stick",
         congestion_control=zenoh.CongestionControl.BLOCK if kind is Flood.BIG else zenoh.CongestionControl.DROP,
@@ -166,18 +162,11 @@ def _setpoints(kind: Flood, session: zenoh.Session, vehicle: str) -> Callable[[]
     )
     sticks = {"pitch": 40.0, "roll": 40.0, "yaw": 0.0, "throttle": 0.0, "epoch": 1, "sequence": 1, "ttl": 0.3}
     payload = bytes(BIG) if kind is Flood.BIG else msgpack.packb(sticks)
-    proof, began, count = bytes(32), time.monotonic(), 0
+    proof = bytes(32)
 
     def put() -> int:
-        nonlocal count
-        due = 1
-        if kind is Flood.STEADY:
-            time.sleep(0.001)
-            due = int((time.monotonic() - began) * STEADY_RATE) - count
-        for _ in range(due):
-            publisher.put(payload, attachment=proof)
-        count += due
-        return due
+        publisher.put(payload, attachment=proof)
+        return 1
 
     return put
 

@@ -16,9 +16,8 @@ from lab.cases import Case, Flight, command, each, largest, part, total
 
 RUNS: Final = 10
 ON_TCP: Final = "FC 2.08 on TCP"
-DEADLY: Final = (Flood.SETPOINTS, Flood.STEADY)
-"""Floods under which the pilot also dies."""
-FLOODS: Final = (*((kind, False) for kind in Flood if kind is not Flood.HOLDER), *((kind, True) for kind in DEADLY))
+FLOODS: Final = (*((kind, False) for kind in Flood if kind is not Flood.HOLDER), (Flood.SETPOINTS, True))
+"""And whether the pilot dies under it."""
 
 
 def _flights(*rows: tuple[str, str, Callable[[int], Any]]) -> Callable[[int | None, int], list[Flight]]:

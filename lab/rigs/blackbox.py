@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +11,7 @@ import msgpack
 from pydantic import BaseModel
 
 from lab.rigs.boardport import TICK_TIME, Socket
+from lab.rigs.waiting import wait_until
 from mkdaemon.bus.codec import encode, encoding_of
 from mkdaemon.clock import Clock
 from mkdaemon.config.root import Config
@@ -97,8 +98,15 @@ class ClientSide(LocalBus):
         super().deliver(kind, at, payload, proof)
 
 
-class RecordedDaemon:
-    """A daemon in the time of the running loop."""
+class RecordedDaemon(VirtualDaemon):
+    """A daemon in the time of the running loop.
+
+    Attributes:
+        cfg: all of its configuration.
+        client: its bus.
+        socket: the cable to its boards.
+        tape: what is recorded.
+    """
 
     def __init__(
         self,
@@ -116,51 +124,35 @@ class RecordedDaemon:
             tick: how often bytes are carried [s].
             age: the boards have been powered up for so long [s].
         """
-        self.cfg, self.clock = cfg, virtual_clock()
-        self.tape = Tape(cfg.vehicle.name, self.clock)
+        clock = virtual_clock()
+        self.cfg, self.tape = cfg, Tape(cfg.vehicle.name, clock)
         self.client = ClientSide(self.tape.tap)
         self.socket = Socket(make, seed=seed, tick=tick, age=age)
-        self.daemon = VirtualDaemon(
+        super().__init__(
             self.client,
             self.socket.open,
             config=cfg,
-            clock=self.clock,
+            clock=clock,
             eyes=lambda feed: make_eyes(feed, self),
             recorder=self.tape.tap,
             journal=cfg.vehicle.state_folder or Path(),
         )
-        self.wiring = self.daemon.wiring
 
-    async def until(self, claim: Callable[[], bool], within: float = 20.0) -> None:
-        """Wait for a claim.
+    async def begin(self) -> None:
+        """Start everything; returns when a lease would be granted.
 
         Raises:
-            TimeoutError: it did not hold in time.
+            TimeoutError: it would not be in time.
         """
-        async with asyncio.timeout(within):
-            while not claim():  # noqa: ASYNC110 - a state, not an event
-                await asyncio.sleep(0.02)
-
-    @property
-    def can_fly(self) -> bool:
-        """Whether a lease would be granted."""
-        return self.wiring.link.is_up and self.wiring.link.dialect.extern_control is not None
-
-    def start(self) -> list[asyncio.Task[None]]:
-        """Start everything; returns the tasks, the line first."""
         self.wiring.guard_changed(True)
-        self.daemon.start()
-        return self.daemon.tasks
+        self.start()
+        link = self.wiring.link
+        await wait_until(lambda: link.is_up and link.dialect.extern_control is not None, step=0.02)
 
-    async def stop(self, tasks: Sequence[asyncio.Task[None]]) -> None:
+    async def stop(self) -> None:
         """End in order."""
         self.tape.tap.notice(Notice.STOP)
-        link, *above = tasks
-        for task in above:
-            task.cancel()
-        await asyncio.wait(above)
-        link.cancel()
-        await asyncio.wait([link])
+        await super().stop()
 
     def session(self, name: str = "flight") -> Session:
         """What the file says about itself."""

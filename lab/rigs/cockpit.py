@@ -103,7 +103,6 @@ class LineWatch:
 
     Attributes:
         heard_at: when the latest frame arrived [s].
-        streamed_at: when the latest streamed telemetry arrived [s].
     """
 
     def __init__(self, sink: LinkSink) -> None:
@@ -111,15 +110,13 @@ class LineWatch:
         self.stream_ended, self.traffic_counted = sink.stream_ended, sink.traffic_counted
         self._sink = sink
         self.tx: list[Sent] = []
-        self.heard_at = self.streamed_at = float("-inf")
+        self.heard_at = float("-inf")
         self.states: list[LinkState] = []
 
     def received(self, frame: Received) -> None:
         """Take a right frame."""
         self._sink.received(frame)
         self.heard_at = frame.at
-        if frame.frame.id in "OCD":
-            self.streamed_at = frame.at
 
     def sent(self, frame: Sent) -> None:
         """Take a transmission."""
@@ -200,14 +197,13 @@ class Cockpit:
         """Whether a lease would be granted and could be flown with."""
         return self.link.is_up and self.link.dialect.extern_control is not None
 
-    async def take(self, holder: str, *, force: bool = False, use_remembered: bool = False) -> int:
+    async def take(self, holder: str) -> int:
         """Take the lease.
 
         Raises:
             CommandRejectedError: it was refused.
         """
-        request = LeaseRequest(action="take", holder=holder, force=force, use_remembered=use_remembered)
-        lease = await self.flight.lease(request)
+        lease = await self.flight.lease(LeaseRequest(action="take", holder=holder))
         assert isinstance(lease, LeaseGrant)
         self.epoch, self.secret = lease.epoch, lease.secret
         return self.epoch

@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeVar
 
 from lab.rigs.blackbox import RecordedDaemon
+from lab.rigs.waiting import running, wait_until
 from mkdaemon.config.root import Config
 from mkdaemon.control.events import Feed
 from mkdaemon.daemon.blackbox import ImageRecorder
@@ -201,16 +202,15 @@ async def fly_over_target(parts: Sequence[Part], folder: Path, *, seed: int, fps
         age=IDLING,
         make_eyes=lambda feed, daemon: RecordedEyes(camera_of_aircraft, feed, daemon),
     )
-    tasks, client = daemon.start(), daemon.client
+    client = daemon.client
     assert isinstance(daemon.wiring.eyes, RecordedEyes)
-    eyes = asyncio.create_task(daemon.wiring.eyes.run(dark), name="eyes")
-    await daemon.until(lambda: daemon.can_fly)
-    await daemon.until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.now())))
-    await client.take_lease()
-    for part in parts:
-        await client.stream(part.kind, part.seconds, period=1.0 / RATE, **part.fields)
-    await client.give_back()
-    await asyncio.sleep(0.3)
-    eyes.cancel()
-    await daemon.stop(tasks)
+    async with running(daemon.wiring.eyes.run(dark)):
+        await daemon.begin()
+        await wait_until(lambda: bool(daemon.wiring.facts.motors_running(daemon.clock.now())), step=0.02)
+        await client.take_lease()
+        for part in parts:
+            await client.stream(part.kind, part.seconds, period=1.0 / RATE, **part.fields)
+        await client.give_back()
+        await asyncio.sleep(0.3)
+    await daemon.stop()
     return daemon

@@ -23,9 +23,9 @@ from lab.rigs.waiting import in_virtual_time, running
 from lab.stories.standstills import Streamer
 from mkdaemon.errors import CommandRejectedError, LinkError
 from mkdaemon.link.link import Link
-from mkdaemon.link.session.traffic import Purpose, ReleaseResult, Sent
+from mkdaemon.link.session.traffic import Purpose, Sent
 from mkdaemon.protocol.messages import LabelRequest
-from mkdaemon.telemetry.control import Phase, ReleaseOutcome
+from mkdaemon.telemetry.control import Phase
 from mksim.boards.line import HOST_CHAR
 
 NEUTRAL_TIME: Final = 0.350
@@ -151,14 +151,6 @@ class DyingClient(Streamer):
         if death is Death.GARBAGE:
             return rng.randbytes(rng.randrange(1, 80))
         return self.packed() if death is Death.TOKEN else self._raw
-
-
-class SilentRelease(Link):
-    """A link that takes "stop sending" for a release: no release frames, and polling goes on."""
-
-    async def release(self, reason: str) -> ReleaseResult:
-        """Claim to have let go."""
-        return ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason)
 
 
 @in_virtual_time

@@ -53,20 +53,20 @@ class Streamer:
         self._secret = ""
         self._epoch = self._sequence = 0
 
-    async def take(self, *, use_remembered: bool = False) -> None:
+    async def take(self) -> None:
         """Take the lease.
 
         Raises:
             CommandRejectedError: it was refused.
         """
-        self._epoch = await self._flown.take(self.name, use_remembered=use_remembered)
+        self._epoch = await self._flown.take(self.name)
         self._secret = self._flown.secret
 
-    async def fly(self, *, use_remembered: bool = False) -> None:
+    async def fly(self) -> None:
         """Take the lease as soon as it is granted, engage, then tilt."""
         while not self._epoch:
             with suppress(CommandRejectedError):
-                await self.take(use_remembered=use_remembered)
+                await self.take()
             await asyncio.sleep(STICK_TIME)
         while True:
             if self._flown.flight.phase is Phase.FLYING:

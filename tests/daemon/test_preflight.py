@@ -59,10 +59,9 @@ def test_the_disk_is_that_of_the_recordings(tmp_path, monkeypatch):
     async def story():
         cfg = Config.model_validate({"link": {"port": "/dev/virtual"}, "bus": {"listen": ()}, **sections})
         daemon = RecordedDaemon(cfg, Boards("2.12a").make(1), seed=1, tick=ADAPTER_TIME)
-        tasks = daemon.start()
-        await daemon.until(lambda: daemon.can_fly)
+        await daemon.begin()
         report = await daemon.wiring.flight.preflight()
-        await daemon.stop(tasks)
+        await daemon.stop()
         return report
 
     report = run_virtually(story())

@@ -9,7 +9,10 @@ import pytest
 from lab.rigs.boardport import ADAPTER_TIME
 from lab.rigs.cockpit import Boards
 from lab.stories import deaths as campaign
-from lab.stories.deaths import RELEASE_TIME, Death, SilentRelease
+from lab.stories.deaths import RELEASE_TIME, Death
+from mkdaemon.link.link import Link
+from mkdaemon.link.session.traffic import ReleaseResult
+from mkdaemon.telemetry.control import ReleaseOutcome
 
 WAYS = tuple(Death)
 SOME = (Death.KILLED, Death.TOKEN)
@@ -29,6 +32,13 @@ def test_whatever_a_client_dies_of_the_aircraft_is_level_and_let_go_of(fc, ways)
 def test_behind_a_navictrl_too():
     losses = fly_session(Boards("2.14", "2.14"), seed=3, deaths=2, ways=(Death.MID_FRAME, Death.TOKEN))
     assert not any(loss["is_wrong"] for loss in losses), losses
+
+
+class SilentRelease(Link):
+    """A link that takes "stop sending" for a release: no release frames, and polling goes on."""
+
+    async def release(self, reason):
+        return ReleaseResult(ReleaseOutcome.NOT_SENT, 0, 0, reason)
 
 
 @pytest.mark.parametrize(("fc", "way"), [("early", Death.KILLED), ("2.08", Death.FROZEN)])
