@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mkdaemon.bus.keys import KEYS as TABLE
 from mkdaemon.config.control import ControlConfig
 from mkdaemon.control.authority import Authority
 from mkdaemon.reading import Reading, Sort, line_of
 from mkdaemon.reading.diagnoses import DiagnosticLevel, diagnoses_of
-from mkdaemon.reading.facts import DEAD_RECKONING, EMPTY_CELL, RANKS, SIGHT, WEAK_CELL
-from mkdaemon.reading.known import KEYS, SLOW_KEYS, key_of
+from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import PoseRefused
 from tests import samples
@@ -141,17 +139,6 @@ def test_an_older_value_changes_nothing_events_are_none_and_what_comes_on_change
     later = reading.at(1010.0)
     assert later.fact("link").is_stale and later.is_silent
     assert later.headline == "NOTHING FROM THE DAEMON: silent for 10 s"
-
-
-def test_every_key_that_repeats_says_how_long_it_is_fresh_and_the_table_is_whole():
-    for spec in TABLE:
-        if spec.carries is not None and spec.suffix.split("/")[0] in ("state", "health", "link", "control", "vision"):
-            assert spec.fresh is not None, spec.suffix
-    assert set(RANKS) == set(Tone)
-    assert EMPTY_CELL < WEAK_CELL and DEAD_RECKONING <= SIGHT
-    assert set(SLOW_KEYS) <= {*KEYS, "state/battery", "state/flight", "state/position"}
-    assert key_of(KNOWN["vision/down/stats"]) == "vision/down/stats"
-    assert key_of(KNOWN["event/log"]) == ""
 
 
 OK, WARN, ERROR, STALE = DiagnosticLevel

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lab.rigs.linkrig import virtually
 from lab.rigs.waiting import wait_until
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
@@ -343,25 +342,6 @@ async def test_a_thread_that_died_is_reported_and_started_again(source, monkeypa
         if isinstance(error, RuntimeError):
             assert "RuntimeError: no memory" in dead.reason
             assert sink.stats()[-1].faults >= 1
-
-
-@virtually
-async def test_a_dead_thread_is_told_and_started_again_within_a_second() -> None:
-    loop, sink = asyncio.get_running_loop(), Collected()
-    clock = Clock(monotonic=loop.time, wall=loop.time)
-    worker = VisionWorker([section()], VisionSection(), sink.publish, loop, clock)
-    eye = worker._eyes["down"]
-    eye.pipeline.report(eye.stream.status(), clock.stamp())
-    dead = threading.Thread(target=lambda: None)
-    dead.start()
-    dead.join()
-    worker._thread = dead
-    supervision = asyncio.create_task(worker.supervise())
-    await asyncio.sleep(0.25)
-    assert worker._thread is not dead
-    assert [(found.state, found.restarts) for found in sink.stats()] == [(EyeState.DEAD, 0)]
-    supervision.cancel()
-    worker.stop()
 
 
 async def test_a_thread_that_does_not_come_back_is_reported_as_stalled(source, monkeypatch) -> None:

@@ -100,14 +100,6 @@ def test_an_unplugged_camera_is_named_and_comes_back() -> None:
         assert slot.dropped["test"] == 2
 
 
-def test_a_driver_that_raises_anything_is_opened_again() -> None:
-    source = Scripted("image", "fault", "image")
-    with streamed(source) as (stream, _):
-        assert source.drained.wait(PATIENCE)
-        status = wait_for_status(stream, lambda s: s.images == 2)
-        assert (status.state, source.opened, status.reopened) == (EyeState.OK, 2, 1)
-
-
 def test_a_camera_with_nothing_but_damaged_images_says_what_is_wrong_with_them() -> None:
     source = Scripted("image", *["damaged"] * 4)
     with streamed(source, silent_after=0.02) as (stream, _):
@@ -115,13 +107,6 @@ def test_a_camera_with_nothing_but_damaged_images_says_what_is_wrong_with_them()
         status = wait_for_status(stream, lambda s: s.state is EyeState.SILENT)
         assert (status.reason, status.damaged, status.images) == ("damaged JPEG: premature end of data segment", 4, 1)
         assert source.opened == 1
-
-
-def test_a_missing_camera_says_so_until_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Scripted, "open", absent)
-    with streamed(Scripted()) as (stream, _):
-        status = wait_for_status(stream, lambda s: s.state is EyeState.GONE and s.reopened >= 3)
-        assert status.reason == "camera test: not there"
 
 
 def test_a_camera_without_images_is_silent_then_streaming_again() -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import struct
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -31,7 +29,7 @@ from mkdaemon.vision.camera.exposure import (
     levels_of,
     next_setting,
 )
-from mkdaemon.vision.camera.image import CameraImage, ImageSource, NewestSlot, Shot
+from mkdaemon.vision.camera.image import CameraImage, NewestSlot
 from mkdaemon.vision.camera.sources import source_of
 from mkdaemon.vision.pipeline import exposure_of, outlines_of
 from mkdaemon.vision.pose.pose import Pose
@@ -127,45 +125,6 @@ def test_from_the_sun_to_the_night_exposure_settles_short_and_readable(
     for _ in range(4 * EXPOSURE.images):
         control.image_seen(expose(sensor, lux, control.setting, rng), [CORNERS])
     assert control.setting.exposure == pytest.approx(settled.exposure, rel=0.35)
-
-
-class Told(ImageSource):
-    """A camera that gives images and remembers what it was told."""
-
-    reach = REACH
-
-    def __init__(self) -> None:
-        self.controls = self
-        self.told: list[Setting] = []
-        self.was_told = threading.Event()
-
-    def open(self) -> tuple[str, ...]:
-        return ()
-
-    def read(self, timeout: float) -> Shot | None:
-        self.was_told.wait(0.001)
-        return Shot(np.zeros((8, 8), np.uint8), time.monotonic())
-
-    def adjust(self, setting: Setting) -> tuple[str, ...]:
-        self.told.append(setting)
-        self.was_told.set()
-        return ()
-
-    def close(self) -> None:
-        pass
-
-
-def test_the_thread_of_the_camera_tells_it() -> None:
-    camera = Told()
-    stream = CameraStream(CameraSection(source="/dev/video0"), camera, NewestSlot[CameraImage]())
-    stream.start()
-    assert camera.was_told.wait(20.0)
-    control = stream.status().control
-    camera.was_told.clear()
-    control.setting = Setting(4e-3, 2.0)
-    assert camera.was_told.wait(20.0)
-    stream.stop()
-    assert camera.told == [ExposureControl(REACH).setting, Setting(4e-3, 2.0)]
 
 
 def test_what_a_camera_is_told_is_in_its_stats() -> None:

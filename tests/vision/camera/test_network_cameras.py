@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import socketserver
-import struct
 import threading
-import time
 from collections.abc import Callable
 from threading import Event
 from typing import Self
@@ -97,66 +95,6 @@ class HttpCamera(NetworkCamera):
             content = self._picture(number)
             head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(content)}\r\n\r\n"
             client.sendall(head.encode() + content + b"\r\n")
-
-
-class RtspCamera(NetworkCamera):
-    """RTSP: the camera's clock is in every packet."""
-
-    @property
-    def address(self) -> str:
-        return f"rtsp://127.0.0.1:{self.port}/stream"
-
-    def serve(self, client: socket.socket) -> None:
-        reader = client.makefile("rb")
-        playing = False
-        while not playing:
-            lines = []
-            while line := reader.readline().strip():
-                lines.append(line.decode())
-            if not lines:
-                return
-            playing = lines[0].startswith("PLAY")
-            client.sendall(self._answer(lines))
-        began, sequence = time.monotonic(), 0
-        for number in self.pictures():
-            stamp = int((time.monotonic() - began + 1.0) * RTP_CLOCK) & 0xFFFFFFFF
-            for payload, is_last in packets(jpeg(number)):
-                head = struct.pack(">BBHII", 0x80, _JPEG | (0x80 if is_last else 0), sequence & 0xFFFF, stamp, 7)
-                sequence += 1
-                client.sendall(b"$\0" + struct.pack(">H", len(head) + len(payload)) + head + payload)
-
-    def _answer(self, lines: list[str]) -> bytes:
-        method = lines[0].split()[0]
-        count = next(line for line in lines if line.lower().startswith("cseq"))
-        head = ["RTSP/1.0 200 OK", count]
-        body = ""
-        if method == "DESCRIBE":
-            body = "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=camera\r\nt=0 0\r\nm=video 0 RTP/AVP 26\r\na=control:track\r\n"
-            head += [f"Content-Base: {self.address}/", "Content-Type: application/sdp", f"Content-Length: {len(body)}"]
-        elif method == "SETUP":
-            head += ["Transport: RTP/AVP/TCP;unicast;interleaved=0-1", "Session: 1"]
-        elif method == "PLAY":
-            head += ["Session: 1"]
-        return ("\r\n".join(head) + "\r\n\r\n" + body).encode()
-
-
-def packets(content: bytes):
-    """Cut a baseline 4:2:0 JPEG into RTP payloads, each with whether it is the last (RFC 2435, section 3)."""
-    tables, scan, at = b"", b"", 2
-    while not scan:
-        marker, size = content[at + 1], struct.unpack(">H", content[at + 2 : at + 4])[0]
-        segment = content[at + 4 : at + 2 + size]
-        if marker == 0xDB:
-            tables += b"".join(segment[k + 1 : k + 65] for k in range(0, len(segment), 65))
-        at += 2 + size
-        if marker == 0xDA:
-            scan = content[at:-2]
-    for offset in range(0, len(scan), _CHUNK):
-        part = scan[offset : offset + _CHUNK]
-        head = struct.pack(">I", offset) + bytes([1, 255, WIDTH // 8, HEIGHT // 8])
-        if offset == 0:
-            head += struct.pack(">BBH", 0, 0, len(tables)) + tables
-        yield head + part, offset + _CHUNK >= len(scan)
 
 
 PATIENCE = 60.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import MIRRORED, evidence, facts, log_odds, mirror_odds, residual_ratio
+from mkdaemon.vision.pose.ambiguity import evidence, facts, log_odds, mirror_odds, residual_ratio
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
 from tests.vision.views import angle_deg
@@ -28,18 +28,17 @@ DECIDED = LIMITS.ambiguity.decided
 
 
 @pytest.mark.parametrize(
-    ("second", "decides"),
+    ("second", "odds"),
     [
-        (tilted(-10, 0.09), True),
-        (tilted(-10, 0.012), False),
-        (tilted(-10, 0.09, 20), False),  # too few samples to believe a residual
-        (tilted(-10, 0.005), False),  # the image likes the other one better
+        (tilted(-10, 0.09), DECIDED),
+        (tilted(-10, 0.012), 0.4),  # what may be light or blur says less
+        (tilted(-10, 0.0101), 0.0),
+        (tilted(-10, 0.09, 20), 0.62),  # too few samples to believe a residual
+        (tilted(-10, 0.005), 0.0),  # the image likes the other one better
     ],
 )
-def test_an_image_decides_by_residuals_and_by_how_many_there_are(second, decides):
-    odds = evidence(tilted(10, 0.01), second)
-    assert (odds == DECIDED) == decides
-    assert 0.0 <= odds <= DECIDED
+def test_an_image_decides_by_residuals_and_by_how_many_there_are(second, odds):
+    assert evidence(tilted(10, 0.01), second) == pytest.approx(odds, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -59,20 +58,10 @@ def test_odds_decide_alone_where_a_fit_leaves_only_noise(rms, inliers, source, d
     assert evidence(first, replace(second, loss=9.5)) < DECIDED
 
 
-@pytest.mark.parametrize(("odds_of", "said"), [(0.0101, 0.0), (0.012, 0.4)])
-def test_what_may_be_light_or_blur_says_less(odds_of, said):
-    assert evidence(tilted(10, 0.01), tilted(-10, odds_of)) == pytest.approx(said, abs=0.02)
-
-
 @pytest.mark.parametrize(("losses", "ratio"), [((0.04,), 2.0), ((0.09, 0.04), 2.0), ((), np.inf)])
 def test_the_ratio_is_that_of_the_best_other_reading(losses, ratio):
     same = tilted(10.3, 0.02)
     assert residual_ratio(tilted(10, 0.01), [same, *(tilted(-10, loss) for loss in losses)]) == pytest.approx(ratio)
-
-
-def test_odds_grow_with_samples_and_ratio():
-    assert log_odds(tilted(0, 0.01, 400), tilted(9, 0.02, 400)) > log_odds(tilted(0, 0.01), tilted(9, 0.02))
-    assert log_odds(tilted(0, 0.01), tilted(9, 0.01)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -91,16 +80,6 @@ def test_a_mirror_image_is_as_far_off_as_perspective_says(side_px, tilt_deg):
     sharp = replace(tilted(tilt_deg, 0.0), position=place, rms_px=0.02)
     said = np.sqrt(2.0 * np.exp(2.0 * mirror_odds(sharp, 1.0, FOCAL_PX) / facts(200, 1.0)) - 1.0) * sharp.rms_px
     assert 0.8 < said / off_px <= 1.05
-
-
-@pytest.mark.parametrize("tilt_deg", [0.0, 10.0, 40.0])
-def test_a_fit_that_is_the_mirror_image_rules_no_rival_out(tilt_deg):
-    """It leaves at least what its rival would."""
-    sharp = replace(tilted(tilt_deg, 0.0), rms_px=0.05)
-    seen_px = MIRRORED * FOCAL_PX / (2.0 * sharp.range_m**2)
-    off_px = seen_px * np.sin(max(sharp.tilt, LIMITS.certainty.wrong_angle / 2.0))
-    assert mirror_odds(sharp, 1.0, FOCAL_PX) > DECIDED
-    assert mirror_odds(replace(sharp, rms_px=off_px), 1.0, FOCAL_PX) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_attitude_is_interpolated_and_not_made_up():
@@ -139,8 +118,3 @@ def test_a_reading_whose_cost_is_larger_is_not_chosen():
     """What is hidden hardly moves the loss; cost has what the bend and the motion of a reading ask for."""
     assert log_odds(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) < 0.0
     assert evidence(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) == 0.0
-
-
-def test_what_leaves_more_than_noise_is_compared_by_what_hidden_samples_hardly_move():
-    first, second = (replace(grey(angle, 3.7, 3.0, 0.9, loss), rms_px=0.2) for angle, loss in ((10, 9.0), (-10, 9.5)))
-    assert log_odds(first, second) == log_odds(first, replace(second, cost=30.0))

@@ -15,9 +15,8 @@ from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import Prior, UnknownRow, Unknowns
 from mksim.scene.light import LightConditions
-from mksim.scene.shadows import LeafShadow
 from mksim.scene.view import view_towards
-from tests.vision.views import VGA, PlainView, View, angle_deg, assert_near, nees, place, shipped, start_at
+from tests.vision.views import VGA, PlainView, angle_deg, assert_near, shipped, start_at
 
 PROJECTION = Projection(VGA)
 UNKNOWNS = 7
@@ -57,8 +56,7 @@ def covariances(errors: np.ndarray, jacobian: np.ndarray, square: np.ndarray, wi
     return np.trace(np.linalg.solve(true, np.mean(claimed, axis=0))) / 3
 
 
-@pytest.mark.parametrize("width", [LIMITS.blur.sharp_px, 3.5])
-@pytest.mark.parametrize("kind", ["own", "shared", "heavy"])
+@pytest.mark.parametrize(("kind", "width"), [("own", 3.5), ("shared", LIMITS.blur.sharp_px), ("heavy", 3.5)])
 def test_the_covariance_of_a_robust_step_is_that_of_drawn_errors(kind: str, width: float) -> None:
     """Errors of 0.3 px: each sample's own, the same for three neighbours, or a fifth of them four times as large.
 
@@ -67,36 +65,20 @@ def test_the_covariance_of_a_robust_step_is_that_of_drawn_errors(kind: str, widt
     rng = np.random.default_rng(4)
     square = np.repeat(np.arange(60), 3)
     places = np.repeat(rng.standard_normal((60, UNKNOWNS)), 3, axis=0) + 0.1 * rng.standard_normal((180, UNKNOWNS))
-    errors = 0.3 * rng.standard_normal((300, 180))
+    errors = 0.3 * rng.standard_normal((200, 180))
     if kind == "shared":
-        errors = np.repeat(0.3 * rng.standard_normal((300, 60)), 3, axis=1)
+        errors = np.repeat(0.3 * rng.standard_normal((200, 60)), 3, axis=1)
     if kind == "heavy":
         errors *= np.where(rng.random(errors.shape) < 0.2, 4.0, 1.0)
     assert 0.7 < covariances(errors, places, square, width) < 1.4
 
 
-def test_what_few_squares_share_is_in_the_covariance_though_the_fit_gives_way_to_it() -> None:
-    """Twelve squares of nine samples with one error each: seven unknowns take up much of it."""
-    rng = np.random.default_rng(5)
-    square = np.repeat(np.arange(12), 9)
-    places = np.repeat(rng.standard_normal((12, UNKNOWNS)), 9, axis=0) + 0.5 * rng.standard_normal((108, UNKNOWNS))
-    errors = np.repeat(0.3 * rng.standard_normal((400, 12)), 9, axis=1) + 0.03 * rng.standard_normal((400, 108))
-    assert 0.8 < covariances(errors, places, square, LIMITS.blur.sharp_px) < 1.3
-
-
-def test_doubt_of_some_edges_makes_no_other_one_disagree() -> None:
-    """Their weighed residuals are small: they would set a bound beyond which the others lie."""
-    rng = np.random.default_rng(9)
-    trust = np.where(np.arange(180) < 120, 0.02, 1.0)
-    found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), trust=trust)
-    assert np.mean(found.agrees) > 0.95
-
-
-def test_many_edges_without_room_make_none_that_have_it_an_outlier() -> None:
+@pytest.mark.parametrize("lacking", ["room", "trust"])
+def test_many_doubted_edges_make_none_of_the_others_an_outlier(lacking: str) -> None:
     """Their doubt makes their residuals small: 150 of them set the bound, and 30 large ones lay beyond it."""
     rng = np.random.default_rng(7)
-    room = np.concatenate([np.ones(30), np.full(150, 0.01)])
-    found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), room)
+    given = {lacking: np.concatenate([np.ones(30), np.full(150, 0.01)])}
+    found = step(rng.standard_normal((180, UNKNOWNS)), 0.1 * rng.standard_normal(180), **given)
     assert np.mean(found.agrees[:30]) > 0.9
 
 
@@ -128,44 +110,19 @@ def test_an_edge_in_the_shade_is_trusted_less() -> None:
     assert (blown.trust * (1.0 + (moved / (HALF * LIMITS.edges.located_px)) ** 2)).min() > 0.9
 
 
-def test_leaf_shadows_leave_a_pose_that_its_covariance_allows() -> None:
-    """Leaves throw rims as narrow as the target's cells over all of it: 12 views at 3.5 to 4.5 m."""
-    target, rng, claims, turned = shipped("nested"), np.random.default_rng(8), [], []
-    for k in range(0, 24, 2):
-        sky = LightConditions(leaves=LeafShadow(k, shift=(0.05 * k, 0.0)))
-        view = View(target, place(3.5 + k / 24, 0.05 + 0.01 * k, around=0.9 * k, roll=0.7 * k), sky)
-        start = turn(view.rotation, np.radians(0.7) * rng.standard_normal(3))
-        found = EdgeFit(target, PROJECTION).fit(view.pixels, replace(start_at(view, sd=1.0), rotation=start))
-        claims.append(nees(view, found))
-        turned.append(angle_deg(found.rotation, view.rotation))
-    assert np.mean(claims) < 2.0
-    assert np.median(turned) < 0.7
-
-
 def plain(name: str, *eye: float) -> PlainView:
     """A print without ground, its middle in the middle of the image, seen from a place [m]."""
     return PlainView(shipped(name), view_towards(VGA, np.array(eye), np.zeros(3)))
 
 
-@pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("distance", [0.9, 1.5])
-@pytest.mark.parametrize("name", ["single", "nested", "nested-36"])
+@pytest.mark.parametrize(("name", "distance", "axis"), [("single", 1.5, 0), ("nested", 0.9, 1), ("nested-36", 1.5, 1)])
 def test_a_start_that_is_off_along_one_side_ends_at_the_place(name: str, distance: float, axis: int) -> None:
     view, fitter = plain(name, 0.2 * distance, 0.1 * distance, 0.97 * distance), EdgeFit(shipped(name), PROJECTION)
-    for off_px in np.arange(-6.0, 6.1, 1.0):
+    for off_px in np.arange(-6.0, 6.1, 2.0):
         off = view.rotation[:, axis] * off_px * distance / VGA.fx
         found = fitter.fit(view.pixels, replace(start_at(view, sd=1.0), position=view.position + off))
         # by one median for all edges most of them end 1-27 cm off, or nowhere
         assert_near(found, view, m=0.0002, inliers=0.95)
-
-
-@pytest.mark.parametrize("off_px", [6.0, 8.0])
-def test_cells_that_do_not_reach_their_edges_hold_no_first_step_back(off_px: float) -> None:
-    """Half a cell of the inner tag is 4 px: with as much say as the others its edges kept the target 3 px off."""
-    view, off = plain("nested", 0.14, 0.07, 0.679), np.array([off_px, -off_px, 0.0]) * 0.7 / VGA.fx
-    start = replace(start_at(view, sd=1.0), position=view.position + off)
-    found = EdgeFit(shipped("nested"), PROJECTION).fit(view.pixels, start, iterations=1)
-    assert VGA.fx * np.linalg.norm((found.position - view.position)[:2]) / 0.7 < 0.3
 
 
 def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
@@ -180,29 +137,13 @@ def test_a_fit_that_has_not_arrived_says_how_far_it_would_go_on() -> None:
     assert largest_variance(broken_off.covariance[3:, 3:]) > np.radians(off_deg) ** 2
 
 
-@pytest.mark.parametrize("distance", [0.6, 0.75])
-@pytest.mark.parametrize("rate", [0.5, 0.6])
-def test_a_fit_goes_on_until_its_reach_is_as_long_as_edges_are_wide(distance: float, rate: float) -> None:
-    still = view_towards(VGA, distance * np.array([0.15, 0.1, 0.98]), np.zeros(3), turn=0.5)
-    smeared = replace(still, rate_cam=np.array([0.0, rate, 0.0]), exposure_time=0.018)
-    view = PlainView(shipped("nested"), smeared, LightConditions())
-    for off in (-0.028, 0.0, 0.028):
-        about = turn(np.eye(3), np.array([0.0, off, 0.0]))
-        turned = turn(about @ view.rotation, np.array([0.004, 0.006, -0.008]))
-        start = Pose(turned, 1.004 * about @ view.position, np.eye(6), "corners", 4, 0.1)
-        # 0.7-3.7 at 0.01-0.04 degrees; 3706 where a fit ended before.
-        assert_near(EdgeFit(shipped("nested"), PROJECTION).fit(view.pixels, start), view, claims=5.0)
-
-
 def slanted(tilt_deg: float, around_deg: float) -> np.ndarray:
     """Direction `(3,)` a print is seen from."""
     tilt, around = np.radians([tilt_deg, around_deg])
     return np.array([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)])
 
 
-@pytest.mark.parametrize("name", ["single", "nested"])
-@pytest.mark.parametrize("tilt", [45.0, 58.0])
-@pytest.mark.parametrize("around", [45.0, 30.0])
+@pytest.mark.parametrize(("name", "tilt", "around"), [("single", 58.0, 45.0), ("nested", 45.0, 30.0)])
 def test_a_slanted_view_onto_a_corner_ends_at_the_place(name: str, tilt: float, around: float) -> None:
     view, fitter = plain(name, *(1.2 * slanted(tilt, around))), EdgeFit(shipped(name), PROJECTION)
     for off in 0.015 * np.vstack([np.eye(3), -np.eye(3)]):

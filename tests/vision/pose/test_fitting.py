@@ -18,7 +18,6 @@ from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.light import Cover, LightConditions
-from mksim.scene.processing import Processing
 from tests.vision.views import VGA, View, angle_deg, assert_near, nearly, nees, place, shipped, start_at
 
 PROJECTION = Projection(VGA)
@@ -45,7 +44,7 @@ DUSK = LightConditions(exposure=0.06, noise_sd=3.0, shot_gain=0.1)
 def test_grey_values_measure_what_edges_have_found(cell_px: float, conditions: LightConditions, share: float) -> None:
     """By all pixels, where cells are small and where edges are noisy."""
     fitter, edges, errors = TargetFitter(TARGET, PROJECTION), EdgeFit(TARGET, PROJECTION), []
-    for tilt, around in ((0.15, 0.3), (0.35, 1.4), (0.25, 3.0), (0.45, 4.4), (0.3, 5.6)):
+    for tilt, around in ((0.15, 0.3), (0.25, 3.0), (0.45, 4.4)):
         view = View(TARGET, place(VGA.fx * CELL / cell_px, tilt, around), conditions)
         found, alone = fitter.refine(view.pixels, beside(view)), edges.fit(view.pixels, beside(view))
         assert (found.source, alone.source) == ("photometric", "edges")
@@ -59,18 +58,10 @@ def test_grey_values_measure_what_edges_have_found(cell_px: float, conditions: L
     assert by_grey < share * by_edges
 
 
-def test_what_lies_over_a_small_print_is_in_the_covariance() -> None:
-    half = TARGET.tags[0].size / 2
-    corner = ((-half, -half), (-0.35 * half, -half), (-0.35 * half, 0.1 * half), (-half, 0.1 * half))
-    view = View(TARGET, place(DISTANCE, 0.3, 1.0), LightConditions(covers=(Cover(corner, 0.5),)))
-    assert_near(TargetFitter(TARGET, PROJECTION).refine(view.pixels, beside(view)), view, claims=2.0)
-
-
-@pytest.mark.parametrize("cells", [4.0, 6.0])
-def test_grey_values_do_not_begin_where_nothing_resembles_the_print(cells: float) -> None:
+def test_grey_values_do_not_begin_where_nothing_resembles_the_print() -> None:
     view = View(TARGET, place(VGA.fx * CELL / 3.8, 0.2, 0.8))
     start = beside(view, 0.0, 0.0)
-    moved = replace(start, position=start.position + np.array([cells * CELL, 0.5 * cells * CELL, 0.0]))
+    moved = replace(start, position=start.position + np.array([4.0 * CELL, 2.0 * CELL, 0.0]))
     assert PhotoFit(TARGET, PROJECTION).fit(view.pixels, moved) is None
     near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
     assert float(np.linalg.norm(near.position - view.position)) < 0.01
@@ -109,7 +100,7 @@ def predicted(view: View) -> Pose:
 
 
 @pytest.mark.parametrize(
-    ("streak_px", "way", "source"), [*((6.0, way, "photometric") for way in (0.2, 0.9, 1.7, 2.4)), (0.5, 0.9, "edges")]
+    ("streak_px", "way", "source"), [*((6.0, way, "photometric") for way in (0.2, 1.7)), (0.5, 0.9, "edges")]
 )
 def test_a_smeared_target_is_measured_by_its_grey_values(streak_px: float, way: float, source: str) -> None:
     view = smeared(streak_px, way)
@@ -132,46 +123,7 @@ def test_grey_values_that_the_print_does_not_explain_or_that_have_not_arrived_ar
     assert found is None or found.source == "edges"
 
 
-@pytest.mark.parametrize("distance", [1.2, 2.8])
-def test_a_sharp_target_below_a_cover_stays_certain(distance: float) -> None:
-    cover = Cover(((-0.3, 0.11), (0.3, 0.11), (0.3, 0.3), (-0.3, 0.3)), 0.4)
-    view = smeared(0.5, 0.8, LightConditions(covers=(cover,)), distance=distance)
-    found = TargetFitter(TARGET, PROJECTION).refine(view.pixels, predicted(view))
-    assert_near(found, view, claims=4.0, inliers=LIMITS.agreement.blind, source="edges")
-    assert np.degrees(np.sqrt(np.linalg.eigvalsh(found.covariance[3:, 3:])[-1])) < 0.3
-
-
-def test_the_mirror_image_of_a_smeared_target_is_measured_the_same_way() -> None:
-    """At its resolution too: the noise of half an image is another one, and losses did not compare."""
-    fitter = TargetFitter(TARGET, PROJECTION)
-    view, near = smeared(6.0, 0.9), smeared(12.0, 0.1, distance=2.8, tilt=0.3)
-    rival = fitter.fit_mirrored(view.pixels, fitter.refine(view.pixels, nearly(view)))
-    assert rival is None or rival.source == "photometric"
-    found = fitter.refine(near.pixels, nearly(near))
-    assert found.is_halved and fitter.fit_mirrored(near.pixels, found).is_halved
-
-
-def test_edges_that_a_streak_melts_are_believed_less_than_those_along_it() -> None:
-    """Two poses beside a glare, on edges 0.7 of a cell wide one way, were off by 5 cm and claimed far less."""
-    honest = []
-    for around in np.arange(24) * np.pi / 12:
-        view = smeared(6.0, round(around) % 2 * np.pi / 2, distance=4.4, tilt=0.25, around=around)
-        honest.append(nees(view, EdgeFit(TARGET, PROJECTION).fit(view.pixels, nearly(view))))
-    assert np.median(honest) < 1.9
-
-
-WAYS = (0.1, 0.8, 1.6, 2.3)
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_a_tone_curve_shifts_edges_that_motion_widens_more_than_others(way: float) -> None:
-    """By one shift for all, a print that looks shorter one way was tilted by a degree."""
-    view = smeared(3.0, way, LightConditions(processing=Processing(gamma=2.2)), distance=2.2)
-    assert_near(EdgeFit(TARGET, PROJECTION).fit(view.pixels, predicted(view)), view, deg=0.35)
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("streak_px", [8.0, 16.0])
+@pytest.mark.parametrize(("streak_px", "way"), [(8.0, 0.1), (16.0, 0.8), (16.0, 1.6)])
 def test_wide_edges_of_a_near_target_are_found_in_their_middle(streak_px: float, way: float) -> None:
     """Cells of 27 px; those of the inner tag have 4 px and melt, and edges that melt speak for nothing."""
     view = smeared(streak_px, way, name="nested", distance=0.85)
@@ -179,16 +131,13 @@ def test_wide_edges_of_a_near_target_are_found_in_their_middle(streak_px: float,
     assert_near(found, view, deg=0.15, m=0.001, claims=4.0, inliers=LIMITS.agreement.blind)
 
 
-@pytest.mark.parametrize("streak_px", [12.0, 20.0])
-def test_the_grey_values_find_a_streak_longer_than_the_cells(streak_px: float) -> None:
+def test_the_grey_values_find_a_streak_longer_than_the_cells() -> None:
     """Cells of 8 px; a streak along one way of the edges leaves those sharp, and they may have found it."""
-    views = [smeared(streak_px, way, distance=2.8) for way in (0.1, 0.4, 0.8, 1.2, 1.6, 2.0, 2.3, 2.8)]
+    views = [smeared(12.0, way, distance=2.8) for way in (0.4, 0.8, 1.2, 2.3)]
     fitter = TargetFitter(TARGET, PROJECTION)
     found = [(view, pose) for view in views if (pose := fitter.refine(view.pixels, predicted(view))) is not None]
-    turned = [angle_deg(pose.rotation, view.rotation) for view, pose in found]
-    assert sum(pose.source == "photometric" for _, pose in found) >= len(views) - 2
-    assert np.sort(turned)[: len(views) - 1].max() < 0.9
-    assert np.median(turned) < 0.7
+    assert sum(pose.source == "photometric" for _, pose in found) >= len(views) - 1
+    assert np.median([angle_deg(pose.rotation, view.rotation) for view, pose in found]) < 0.7
     assert max(nees(view, pose) for view, pose in found) < 7.0
 
 
@@ -216,7 +165,7 @@ def test_the_mirror_image_is_fitted_as_the_pose(distance, source):
     assert angle_deg(rival.rotation, view.rotation) > 15.0
 
 
-@pytest.mark.parametrize(("distance", "tilt_deg"), [(2.0, 3.0), (3.0, 10.0), (4.5, 25.0), (4.5, 7.0), (6.5, 50.0)])
+@pytest.mark.parametrize(("distance", "tilt_deg"), [(2.0, 3.0), (4.5, 7.0), (6.5, 50.0)])
 def test_an_image_agrees_where_perspective_rules_the_mirror_image_out(distance, tilt_deg):
     """The fit from the mirror image comes back, or has as much against it as a decision asks for."""
     view, fitter = View(TARGET, place(distance, np.radians(tilt_deg))), TargetFitter(TARGET, PROJECTION)
@@ -239,8 +188,9 @@ DIM = replace(LightConditions(), exposure=0.06, noise_sd=2.5)
 BLURRED = replace(LightConditions(), defocus_px=5.0)
 
 
-@pytest.mark.parametrize("conditions", [None, DIM, BLURRED], ids=["bright", "dim", "blurred"])
-@pytest.mark.parametrize("distance", [1.0, 4.0])
+@pytest.mark.parametrize(
+    ("distance", "conditions"), [(4.0, None), (4.0, DIM), (1.0, BLURRED)], ids=["bright", "dim", "blurred"]
+)
 def test_the_whole_image_of_a_target_is_found_again(distance, conditions):
     """The same place, the camera turned by one and a half degrees."""
     target = shipped("nested")

@@ -12,13 +12,11 @@ from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.photofit import LEAST_SHARED, STREAK_PX, PhotoFit, clarity, on_slopes, shared_by, streak_doubt
+from mkdaemon.vision.pose.photofit import STREAK_PX, PhotoFit, clarity, on_slopes, shared_by, streak_doubt
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.targetfile import load
-from mksim.scene.gloss import Gloss
 from mksim.scene.light import LightConditions
-from mksim.scene.processing import Processing
 from mksim.scene.view import CameraView
 from tests.places import CONFIGS
 from tests.vision.views import VGA, View, assert_near, nees, place, shipped, start_at
@@ -44,9 +42,7 @@ def aside(view: CameraView, angle: float) -> CameraView:
     return replace(view, enu_from_cam=view.enu_from_cam @ turned)
 
 
-@pytest.mark.parametrize("right", [False, True])
-@pytest.mark.parametrize("low", [False, True])
-@pytest.mark.parametrize("distance", [6.0, 9.0])
+@pytest.mark.parametrize(("distance", "low", "right"), [(6.0, False, True), (9.0, True, False)])
 def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(
     distance: float, low: bool, right: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -55,15 +51,14 @@ def test_a_far_print_that_leaves_by_a_corner_gives_no_pose(
     inwards = np.array([-1.0 if right else 1.0, -1.0 if low else 1.0])
     monkeypatch.setattr(photofit, "STEPS", 1)
     fit = PhotoFit(TARGET, Projection(CAMERA.intrinsics))
-    for outside in np.linspace(-40.0, 0.0, 41):
+    for outside in np.linspace(-40.0, 0.0, 21):
         pose = fit.fit(pixels, pose_at(corner + inwards * outside, distance))
         assert pose is None or np.isfinite(pose.position).all()
 
 
-@pytest.mark.parametrize("rate", [(0.9, 0.0), (0.0, 1.1), (0.8, 0.8), (1.2, -0.6)])
-def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur(rate: tuple[float, float]) -> None:
+def test_a_fit_that_is_in_place_goes_on_until_it_knows_the_blur() -> None:
     """By what it leaves it is compared with its mirror image, which takes more steps to get there."""
-    moving = replace(place(5.4, 0.08, 0.7, 0.4), rate_cam=np.array([*rate, 0.0]), exposure_time=3e-3)
+    moving = replace(place(5.4, 0.08, 0.7, 0.4), rate_cam=np.array([0.8, 0.8, 0.0]), exposure_time=3e-3)
     view, fit = View(NESTED, moving, LightConditions()), PhotoFit(NESTED, PROJECTION)
     found = fit.fit(view.pixels, start_at(view, sd=1.0))
     again = fit.fit(view.pixels, found, blur_px=found.blur_px)
@@ -88,21 +83,6 @@ def test_under_a_rolling_shutter_pixels_know_a_first_pose_no_better_than_its_edg
     assert (PhotoFit(SINGLE, projection).polish(view.pixels, edges) is edges) is (line_time > 0.0)
 
 
-def test_a_fit_in_dusk_ends_where_it_ends_from_another_start() -> None:
-    """Weights that change from step to step change the cost, too: fits ended two deviations beside the place."""
-    fit, rng, apart = PhotoFit(NESTED, PROJECTION), np.random.default_rng(4), []
-    for k in range(7):
-        view = View(NESTED, place(2.4 + 0.15 * k, 0.05 * (k + 1), 0.7 * k, 0.4 * k), LightConditions(exposure=0.06))
-        ends = []
-        for _ in range(2):
-            rotation = turn(view.rotation, np.radians(1.0) * rng.standard_normal(3))
-            start = Pose(rotation, view.position * rng.normal(1.0, 0.003), np.eye(6), "edges", 9, 0.1)
-            ends.append(fit.fit(view.pixels, start))
-        one, other = ends
-        apart.append(6.0 * nees(other, one))
-    assert np.median(apart) < 0.3
-
-
 def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
     """No pixel then knows anything of the pose, and light and its slope are one."""
     rotation = cv2.Rodrigues(np.array([1.646, 2.02, -1.366]))[0]
@@ -110,14 +90,6 @@ def test_a_print_of_which_only_even_paper_is_in_view_is_no_fault() -> None:
     pixels = np.random.default_rng(3).normal(20.0, 5.0, (480, 640)).clip(0, 255).astype(np.uint8)
     found = PhotoFit(NESTED, PROJECTION).fit(pixels, start)
     assert found is None or found.covariance[0, 0] > 1.0
-
-
-@pytest.mark.parametrize("around", [1.0, 2.0, 3.0])
-def test_a_highlight_that_blows_paper_and_grows_over_the_ink_turns_no_pose(around: float) -> None:
-    sun = (0.15 * np.cos(around), 0.15 * np.sin(around), 1.0)
-    view = View(NESTED, place(4.4, 0.03, 0.7, 0.4), LightConditions(gloss=Gloss(0.06, sun)))
-    start = Pose(turn(view.rotation, np.radians([2.0, -1.0, 0.5])), view.position, np.eye(6), "edges", 9, 0.1)
-    assert_near(PhotoFit(NESTED, PROJECTION).fit(view.pixels, start), view, deg=1.5, claims=22.5 / 6)
 
 
 @pytest.mark.parametrize(("off", "is_fitted"), [(0.15, True), (0.43, False)])
@@ -135,17 +107,6 @@ def test_grey_values_on_their_way_give_way_to_the_edges_of_large_cells(monkeypat
     grey = replace(start, position=1.03 * view.position, rms_px=rms_px, **explained)
     monkeypatch.setattr(PhotoFit, "fit", lambda *_, **__: grey)
     assert TargetFitter(SINGLE, PROJECTION).refine(view.pixels, start).source == source
-
-
-def test_far_poses_behind_a_tone_curve_are_believed() -> None:
-    """Slopes tell a pose, not even paper: mean NEES 0.47 by the noise of all pixels, 0.62 by that of slopes."""
-    toned, rng, claims = LightConditions(processing=Processing(gamma=2.2)), np.random.default_rng(3), []
-    for _ in range(20):
-        far = place(rng.uniform(5.0, 8.0), rng.uniform(0.1, 0.4), rng.uniform(0.0, 6.0), rng.uniform(-0.5, 0.5))
-        view = View(NESTED, far, toned)
-        pose = PhotoFit(NESTED, PROJECTION).fit(view.pixels, start_at(view, nearer=1.002, source="corners"))
-        claims.append(nees(view, pose))
-    assert 0.55 < np.mean(claims) < 1.5
 
 
 def test_a_halved_camera_sees_the_mean_of_four_pixels_and_rows_twice_as_long():
@@ -176,11 +137,6 @@ def test_a_pixel_counts_by_its_own_noise() -> None:
     assert float(np.mean(clear**2)) == pytest.approx(1.0)
 
 
-def test_a_print_with_hardly_any_black_counts_evenly() -> None:
-    value = np.concatenate([np.zeros(5), np.ones(200)])
-    assert (clarity(RNG.standard_normal(205), value) == 1.0).all()
-
-
 ROUGH = np.random.default_rng(5).standard_normal((61, 61))
 
 
@@ -207,16 +163,6 @@ def test_few_pixels_cannot_tell_that_they_share_nothing() -> None:
     used = np.ones((6, 6), bool)
     independent = np.indices((6, 6)).sum(axis=0) % 2 - 0.5  # neighbours are opposites
     assert shared_by(independent.ravel(), [used])[1] == pytest.approx(1.0 / 6.0)
-
-
-def test_neighbours_that_sharpening_sets_against_each_other_tell_more() -> None:
-    noise = np.random.default_rng(3).normal(size=(60, 60)).astype(np.float32)
-    sharp = noise - 0.2 * (np.roll(noise, 1, 0) + np.roll(noise, 1, 1))
-    used = np.ones(sharp.shape, dtype=bool)
-    factor, common = shared_by(sharp[used].astype(np.float64), [used], LEAST_SHARED)
-    assert factor < 0.75
-    assert common <= 1.0 / 60.0
-    assert shared_by(sharp[used].astype(np.float64), [used])[0] == 1.0
 
 
 @pytest.mark.parametrize("larger", [1.0, 3.0])

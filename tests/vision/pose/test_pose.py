@@ -9,17 +9,14 @@ import pytest
 
 from lab.vision.stills import search_in_turn
 from mkdaemon.config.vision import TagPlacement, TargetSection
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.gates import CellReader
 from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import FLOOR_RANGE, Pose, inverse, largest_variance, solve, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.unknowns import TargetLevel
 from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.tagmap import TagMap, build
-from mksim.scene.light import Glare, LightConditions
-from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped, start_at
+from mksim.scene.light import LightConditions
+from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped
 
 PROJECTION = Projection(VGA)
 
@@ -40,7 +37,7 @@ def target():
     return shipped("single")
 
 
-@pytest.mark.parametrize("distance", [0.8, 2.0, 4.0])
+@pytest.mark.parametrize("distance", [0.8, 4.0])
 def test_both_solutions_are_found_and_the_better_one_is_true(target, distance):
     view = View(target, place(distance, 0.6))
     better, worse = cold(view, target)
@@ -48,7 +45,7 @@ def test_both_solutions_are_found_and_the_better_one_is_true(target, distance):
     assert_near(better, view, deg=1.0, m=0.004 * distance)
 
 
-@pytest.mark.parametrize(("name", "distance"), [("single", 1.0), ("nested", 0.4), ("nested", 2.0), ("landing", 1.5)])
+@pytest.mark.parametrize(("name", "distance"), [("single", 1.0), ("nested", 0.4), ("landing", 1.5)])
 def test_edge_fit_is_precise_and_beats_a_bad_start(name, distance):
     target = shipped(name)
     view = View(target, place(distance, 0.4, roll=1.0))
@@ -75,39 +72,19 @@ def test_a_fit_refuses_an_empty_image_and_a_hopeless_start(target, kind, at):
 DOUBTING = Projection(VGA, aspect_sd=FLOOR_RANGE)
 
 
-@pytest.mark.parametrize(("distance", "tilt"), [(0.7, 0.02), (0.7, 0.3), (1.2, 0.1)])
-def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(target, distance, tilt):
+def test_a_wrong_ratio_of_focal_lengths_does_not_turn_into_tilt(target):
     lens = VGA.model_copy(update={"fx": VGA.fx * 1.01, "fy": VGA.fy / 1.01})
-    view = View(target, replace(place(distance, tilt), intrinsics=lens))
+    view = View(target, replace(place(0.7, 0.3), intrinsics=lens))
     start = cold(view, target)[0]
     doubting, exact = (EdgeFit(target, camera).fit(view.pixels, start) for camera in (DOUBTING, PROJECTION))
     assert_near(doubting, view, deg=0.5 * angle_deg(exact.rotation, view.rotation))
     assert doubting.rms_px < 0.6 * exact.rms_px
 
 
-def test_a_right_lens_is_not_doubted_away():
-    target = replace(shipped("single"), bend=0.0)
-    view = View(target, place(1.0, 0.3))
-    start = cold(view, target)[0]
-    doubting, exact = (EdgeFit(target, camera).fit(view.pixels, start) for camera in (DOUBTING, PROJECTION))
-    assert_near(doubting, view, deg=0.2)
-    assert largest_variance(doubting.covariance[3:, 3:]) > largest_variance(exact.covariance[3:, 3:])
-
-
-def test_a_tilt_by_grey_values_is_unsure_by_the_share_that_any_image_may_be_longer_one_way():
-    """A tilt t shortens by t^2 / 2, so an error of a share s is one of s / t, whatever noise leaves."""
-    target = replace(shipped("single"), bend=0.0)
-    tilt, distance = 0.05, 5.0
-    view = View(target, place(distance, tilt))
-    found = PhotoFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1.0))
-    share = LIMITS.edges.systematic_px / (VGA.fx * target.tags[0].size / 2 / distance)
-    assert np.sqrt(largest_variance(found.covariance[3:, 3:])) > 0.5 * share / max(found.tilt, tilt)
-
-
 def test_grey_values_polish_a_pose_from_edges(target):
     edge_fit, photo_fit = EdgeFit(target, PROJECTION), PhotoFit(target, PROJECTION)
     edges, polished = [], []
-    for k in range(0, 64, 3):
+    for k in range(0, 64, 8):
         distance = 2.6 + 0.03 * k
         view = View(target, place(distance, 0.05 + 0.08 * (k % 8), around=0.7 * k, roll=0.4 * k))
         start = Pose(turn(view.rotation, np.full(3, 0.01)), 1.003 * view.position, np.eye(6), "corners", 4, 0.1)
@@ -134,20 +111,10 @@ def test_grey_values_do_not_polish_what_they_contradict(target):
         assert fit.polish(pixels, pose) is pose
 
 
-def test_level_holds_the_tilt(target):
-    view = View(target, place(3.0, 0.3))
-    off = turn(view.rotation, 0.05 * np.cross(view.rotation[:, 2], [1.0, 0, 0]))
-    start = Pose(off, view.position, np.eye(6), "edges", 0, 0.0)
-    fit, wrong_up = EdgeFit(target, PROJECTION), TargetLevel(off[:, 2], np.radians(0.001))
-    assert_near(fit.fit(view.pixels, start), view, deg=0.3)
-    held = fit.fit(view.pixels, start, level=wrong_up)
-    assert np.degrees(np.arccos(held.rotation[:, 2] @ off[:, 2])) < 0.3
-
-
-@pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (8.0, 0.012), (11.0, 0.04)])
+@pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (11.0, 0.04)])
 def test_photometric_fit_of_far_tags(target, distance, most):
     errors, fit = [], PhotoFit(target, PROJECTION)
-    for k in range(4):
+    for k in range(3):
         view = View(target, place(distance, 0.5, around=1.3 * k, roll=0.8 * k))
         fits = [fit.fit(view.pixels, start) for start in cold(view, target)]
         best = min((pose for pose in fits if pose is not None), key=lambda pose: pose.loss)
@@ -191,18 +158,6 @@ def test_covariance_is_honest(target):
         error = fitted.position - view.position
         values.append(error @ np.linalg.solve(fitted.covariance[:3, :3], error) / 3)
     assert 0.4 < np.mean(values) < 2.0
-
-
-def test_what_a_highlight_hides_speaks_neither_for_a_pose_nor_against_it():
-    """A glare on the inner tag of a near target hides half of all edges and cells; the border is seen as ever."""
-    target = shipped("nested")
-    view = View(target, place(0.55, 0.15), LightConditions(glare=(Glare((0.0, 0.0), 0.05),)))
-    found = EdgeFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1e-4))
-    assert_near(found, view, m=0.003, inliers=0.6)
-    cells = CellReader(target, PROJECTION)
-    assert cells.evidence(view.pixels, found).is_clear
-    beside = replace(found, position=found.position + np.array([0.02, 0.0, 0.0]))
-    assert not cells.evidence(view.pixels, beside).vouches
 
 
 def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():

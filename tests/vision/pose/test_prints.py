@@ -101,7 +101,7 @@ def test_tags_far_away_that_are_too_uncertain_alone_are_posed_together() -> None
 
 @pytest.mark.parametrize(
     ("hidden", "beside", "half", "seen"),
-    [*((tag, 0.0, 0.1, (2.5, 0.2, 0.7)) for tag in range(4)), (3, 0.02, 0.051, (4.8, 0.23, 1.94))],
+    [(0, 0.0, 0.1, (2.5, 0.2, 0.7)), (3, 0.02, 0.051, (4.8, 0.23, 1.94))],
 )
 def test_a_tag_that_is_hidden_in_part_leads_no_fit_astray(hidden: int, beside: float, half: float, seen) -> None:
     x, y, _ = DECK.tags[hidden].position
@@ -151,7 +151,7 @@ STRAIGHT = CAMERA.intrinsics.model_copy(update={"k1": 0.0, "k2": 0.0})
 BLUR_PX = 0.6
 PARTS = 24
 """Sub-samples of a pixel, each way, of a drawing that is taken for exact."""
-ALONG_ROWS = [(10.6, 0.0), (10.6, 0.6), (8.3, 0.3), (6.1, 0.5)]
+ALONG_ROWS = [(10.6, 0.6), (6.1, 0.5)]
 """Distance [m] and tilt about the rows of the image [rad]: edges lie along rows, and all of each is drawn alike."""
 
 
@@ -164,7 +164,7 @@ def white_of(target: Target, distance: float) -> float:
     return float(seen.value.sum() * (distance / projection.focal[0]) ** 2)
 
 
-@pytest.mark.parametrize("distance", [5.0, 6.0, 7.0, 8.0])
+@pytest.mark.parametrize("distance", [5.0, 8.0])
 def test_an_inner_tag_has_as_much_white_from_afar_as_its_cells(distance: float) -> None:
     target = shipped("nested")
     outer, inner = target.tags
@@ -210,7 +210,7 @@ def test_an_edge_along_a_row_of_pixels_is_drawn_in_its_place_and_the_range_of_it
     assert abs(found.range_m - float(np.linalg.norm(position))) < 0.001 * distance
 
 
-@pytest.mark.parametrize("slant", [1.5, 1.56, 1.5707, 1.57079])
+@pytest.mark.parametrize("slant", [1.5, 1.57079])
 @pytest.mark.parametrize("spread", [np.diag([0.4, 0.4]), np.diag([100.0, 0.3]), np.array([[40.0, 39.0], [39.0, 40.0]])])
 def test_a_print_seen_from_its_edge_is_looked_up_at_few_places(slant: float, spread: np.ndarray) -> None:
     for distance in (0.8, 2.0, 5.0):

@@ -10,11 +10,11 @@ import pytest
 from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, angle_between, largest_variance, turn
+from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
 from mkdaemon.vision.pose.prints import Sheet, sheet_of
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
-from mkdaemon.vision.pose.unknowns import RIDGE, Prior, TargetLevel, UnknownRow, Unknowns
+from mkdaemon.vision.pose.unknowns import RIDGE, Prior, UnknownRow, Unknowns
 from mkdaemon.vision.track.follower import LearnedBend
 from mksim.scene.curl import Curl
 from mksim.scene.light import LightConditions
@@ -41,20 +41,6 @@ def test_a_step_is_least_squares_with_what_is_known_as_further_measurements() ->
     assert unknowns.surprise == pytest.approx(float(((root @ off) ** 2).sum()))
     assert (unknowns["shift"], unknowns.carried) == (slice(3, 5), 3)
     assert "motion" not in unknowns
-
-
-def test_a_level_turns_a_target_upright_where_an_image_says_little() -> None:
-    up = START.rotation[:, 2] + np.array([0.02, -0.01, 0.0])
-    up /= np.linalg.norm(up)
-    prior = Prior(START, TargetLevel(up, 0.01), STILL, None)
-    state = prior.begin()
-    unknowns = Unknowns(prior.table(state, SLOPES, POINTS, np.zeros(40), None))
-    change = np.linalg.solve(*unknowns.equations(np.full(40, 1e-3), np.zeros(40), 1.0))
-    moved = state.moved(unknowns, change)
-    np.testing.assert_allclose(moved.rotation[:, 2], up, atol=1e-3)
-    assert angle_between(moved.rotation, START.rotation) == pytest.approx(
-        float(np.arccos(up @ START.rotation[:, 2])), rel=0.01
-    )
 
 
 def test_what_an_image_says_of_a_motion_is_without_what_was_known_of_it() -> None:
@@ -98,7 +84,7 @@ def curled(axis: float) -> tuple[LightConditions, np.ndarray]:
     return LightConditions(curl=Curl(SIDE / (8 * RISE), axis, 1.4 * SIDE)), rise
 
 
-@pytest.mark.parametrize("axis", [0.0, 1.6, 2.2, 2.8])
+@pytest.mark.parametrize("axis", [0.0, 2.2])
 def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
     conditions, rise = curled(axis)
     view = View(TARGET, place(1.2, 0.4, around=0.5), conditions)
@@ -159,12 +145,6 @@ def test_what_near_edges_told_is_forgotten_within_minutes() -> None:
     assert late.covariance == pytest.approx(prior.covariance, rel=1e-3)
 
 
-def test_paper_that_bends_more_than_its_file_expects_is_learned() -> None:
-    _, learned, pose = learning(0.002)
-    learned.learn(0.0, pose)
-    assert learned.at(0.1).mean[0] == pytest.approx(0.01, rel=0.01)
-
-
 def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
     prior, learned, pose = learning(0.01)
     learned.learn(0.0, pose)
@@ -173,12 +153,11 @@ def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
     assert learned.at(0.1).covariance == pytest.approx(prior.covariance)
 
 
-@pytest.mark.parametrize("distance", [0.25, 0.5])
-def test_a_bend_is_never_surer_than_without_doubt(distance: float) -> None:
+def test_a_bend_is_never_surer_than_without_doubt() -> None:
     """Whatever step a fit ends with: what was known of the bend is weighed once."""
     known, noisy = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3)), LightConditions(noise_sd=6.0)
-    for k in range(8):
-        view = View(TARGET, place(distance, 0.05 * k, around=0.7 * k, roll=0.9 * k), noisy)
+    for k in range(4):
+        view = View(TARGET, place(0.25, 0.05 * k, around=0.7 * k, roll=0.9 * k), noisy)
         start = replace(start_at(view, nearer=1.002), known_bend=known)
         found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start)
         if found is not None and found.bend is not None:

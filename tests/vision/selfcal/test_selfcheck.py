@@ -32,7 +32,7 @@ from mkdaemon.vision.selfcal.selfcheck import (
     TargetWatch,
 )
 from mkdaemon.vision.tags.tagmap import TagMap, Target
-from tests.vision.views import VGA, View, place, shipped, start_at
+from tests.vision.views import VGA, View, place, shipped
 
 NESTED = "nested"
 VIEWS = 20
@@ -94,13 +94,6 @@ def test_right_files_raise_no_alarm() -> None:
     assert abs(report.focal_percent) < 0.3
     (size,) = report.sizes
     assert (size.tag_id, abs(size.size_percent) < 0.3) == (1, True)
-
-
-def test_an_inner_tag_whose_cells_melt_is_wrong_by_its_deviation_at_most() -> None:
-    """From where its cells are as small as can be read, 2.5 to 2.8 px."""
-    (report,) = watched(seen=lambda: shots(NESTED, 1.28, 0.006, 0.2)).reports()
-    (size,) = report.sizes
-    assert abs(size.size_percent) < 2.0 * size.size_sd_percent
 
 
 @pytest.mark.parametrize("attitude", [True, False])
@@ -213,15 +206,6 @@ def focal_information(found: CameraFilter, pixels: np.ndarray, pose: Pose) -> fl
     return float(1.0 / np.linalg.inv(evidence.matrix[np.ix_(asked, asked)])[-1, -1])
 
 
-def test_edges_along_rows_of_pixels_share_an_error_and_say_less() -> None:
-    target, said = shipped(NESTED), []
-    for roll in (0.0, 0.3):
-        view = View(target, place(2.0, 0.15, around=0.0, roll=roll))
-        pose = EdgeFit(target, PROJECTION).fit(view.pixels, start_at(view, sd=1.0))
-        said.append(focal_information(watching(target, PROJECTION), view.pixels, pose))
-    assert said[1] > 4.0 * said[0]
-
-
 def test_a_rolling_shutter_and_a_hidden_target_say_less() -> None:
     target, shot = shipped(NESTED), shots()[0]
     pose = Pose(shot.rotation, shot.position, np.eye(6), "edges", 99, 0.1)
@@ -288,16 +272,6 @@ def test_on_a_moving_deck_more_time_is_needed() -> None:
     assert moving.sd[MOUNTING][0] > 1.1 * still.sd[MOUNTING][0]
 
 
-def test_without_attitude_or_mounting_only_the_lens_is_learned() -> None:
-    off = np.array([0.02, 3.0, -2.0, 0.01, 0.0])
-    for mounting, attitude in ((None, np.eye(3)), (BELIEVED, None)):
-        found = CameraFilter(RIGID, PROJECTION, np.radians(1.0), mounting)
-        for k in range(20):
-            found.image_seen(0.1 * k, evidence(BELIEVED.T, off), attitude)
-        np.testing.assert_allclose(found.mean[LENS_AT:], off, rtol=0.01)
-        assert np.degrees(found.sd[MOUNTING][0]) == pytest.approx(5.0, abs=0.1)
-
-
 DELAY = 0.1
 
 
@@ -330,11 +304,6 @@ def test_a_way_down_gives_the_scale_within_its_deviation(scale: float) -> None:
     assert sd < 0.08
 
 
-def test_a_barometer_that_wanders_says_more_after_many_ways() -> None:
-    once, often = (climbed(0.05, wander=0.15, flights=n).scale[1] for n in (1, 12))
-    assert often < 0.5 * once
-
-
 def test_a_hover_says_nothing() -> None:
     found = climbed(0.2, height=lambda _time: 2.0)
     assert found.scale[1] > 0.3
@@ -348,14 +317,6 @@ def test_near_the_ground_the_rotors_press_on_the_barometer() -> None:
 def test_after_a_pause_the_offset_may_be_another_one() -> None:
     found = climbed(0.1, flights=2, gap=60.0)
     assert found.scale[0] == pytest.approx(0.1 / 1.1, abs=0.06)
-
-
-def test_images_that_are_missing_are_not_guessed() -> None:
-    found = HeightFilter()
-    for time, height in ((0.0, 4.0), (1.0, 3.0), (1.0, 3.0)):
-        found.reading_received(time - 0.01, 9.0)
-        found.pose_seen(time, height)
-    assert found.covered == 0.0
 
 
 def rise_and_sink(time: float) -> float:

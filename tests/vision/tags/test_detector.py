@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import cv2
@@ -15,11 +14,8 @@ from mkdaemon.vision.tags.cellread import has_sides
 from mkdaemon.vision.tags.detector import FINE, FIRST, Detector, Look, looks_of, shrinking
 from mkdaemon.vision.tags.outline import has_highlights
 from mkdaemon.vision.tags.tagfamily import cells, find_family
-from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
-from mksim.scene.gloss import Gloss
-from mksim.scene.light import Cover, LightConditions, Shadow
+from mksim.scene.light import LightConditions, Shadow
 from mksim.scene.processing import Processing
-from mksim.scene.shadows import LeafShadow
 from tests.vision.views import View, place, printed, shipped
 
 PX, MARGIN = 20, 3
@@ -69,12 +65,6 @@ def test_rendered_corners_are_where_projection_puts_them(distance):
     view = View(shipped("single"), place(distance, 0.4, roll=0.7))
     found = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
     assert np.abs(found[0].corners - view.corners["tag36h11", 0]).max() < (0.1 if distance < 5 else 0.4)
-
-
-@pytest.mark.parametrize("distance", [0.2, 0.6, 1.5, 3.0, 6.0, 10.0])
-def test_landing_target_is_decoded_at_every_height(distance):
-    view = View(shipped("landing"), place(distance, 0.15))
-    assert search_in_turn(Detector({"tag36h11": frozenset({46, 487, 373})}), view.pixels)
 
 
 def test_whitelist_and_hamming():
@@ -131,99 +121,10 @@ def test_a_far_nested_tag_behind_a_tone_curve_is_found_in_light():
     assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.0
 
 
-def test_a_tag_under_leaves_is_found_by_a_search_that_every_third_image_gets():
-    detector = Detector({"tag36h11": frozenset({1, 48})})
-    found = dict.fromkeys(FIRST, 0)
-    for leaves in range(8):
-        view = View(shipped("nested"), place(1.3, 0.2, 0.6 * leaves), LightConditions(leaves=LeafShadow(leaves)))
-        for look in FIRST:
-            tags = detector.search(view.pixels, *look)
-            found[look] += bool(tags)
-            assert all(np.abs(tag.corners - view.corners[tag.family, tag.tag_id]).max() < 1.0 for tag in tags)
-    grey, light, log = found.values()
-    assert grey + light <= 2
-    assert log >= 6
-
-
-@pytest.mark.parametrize(("around", "beside"), [(1.5, 0.1), (3.0, 0.17), (4.5, 0.12)])
-def test_a_tag_whose_border_a_highlight_breaks_is_found_by_its_outline(around, beside):
-    gloss = Gloss(0.06, (np.sin(beside), 0.0, np.cos(beside)))
-    view = View(shipped("nested"), place(1.6, 0.05, around=around), LightConditions(gloss=gloss))
-    tags = TagMap((shipped("nested"),))
-    detector = Detector(tags.whitelist, covered=covered_cells(tags))
-    assert all(detector.search(view.pixels, *look) == [] for look in LOOKS if look.view != "outline")
-    found = detector.search(view.pixels, "outline")
-    assert found
-    for tag in found:
-        off = np.linalg.norm(tag.corners - view.corners[tag.family, tag.tag_id], axis=1).max()
-        assert off < 0.4 * tag.side_px / 8  # cells; the fit to edges begins within half of one or so
-
-
-def patch(x, y, reflectance, radius=0.032):
-    """An octagon lying on the tag."""
-    angles = np.arange(8) * np.pi / 4
-    return Cover(tuple((x + radius * float(np.cos(a)), y + radius * float(np.sin(a))) for a in angles), reflectance)
-
-
-@pytest.mark.parametrize("roll", [0.0, 2.0, 4.0])
-def test_patches_on_the_border_and_the_inner_tag_leave_an_outline(roll):
-    covers = (patch(0.14, 0.03, 0.7), patch(0.0, 0.02, 0.4), patch(-0.05, -0.15, 0.3))
-    view = View(shipped("nested"), place(1.4, 0.3, roll=roll), replace(LightConditions(), covers=covers))
-    detector = Detector({"tag36h11": frozenset({1, 48})})
-    assert [found for look in LOOKS if look.view != "outline" for found in detector.search(view.pixels, *look)] == []
-    (found,) = detector.search(view.pixels, "outline")
-    assert found.tag_id == 48
-    assert np.linalg.norm(found.corners - view.corners["tag36h11", 48], axis=1).max() < 1.5
-    assert Detector({"tag36h11": frozenset({7, 100})}).search(view.pixels, "outline") == []
-
-
-def test_an_outline_with_cells_that_agree_by_chance_only_is_no_tag():
-    rng = np.random.default_rng(5)
-    detector = Detector({"tag36h11": frozenset(range(40))})
-    for _ in range(20):
-        drawn = np.pad(255 * rng.integers(0, 2, (6, 6)).astype(np.uint8), 1)
-        assert detector.search(printed(drawn), "outline") == []
-
-
 def test_no_tag_in_a_tag_free_scene():
     view = View(shipped("single"), place(2.0, 0.2), LightConditions(target_in_view=False))
     detector = Detector({"tag36h11": frozenset(range(8))})
     assert [found for look in LOOKS for found in detector.search(view.pixels, *look)] == []
-
-
-def test_a_covered_border_is_not_taken_for_that_of_what_covers_it():
-    half = 0.3048 / 2
-    strip = Cover(((-0.3, half - 0.05), (0.3, half - 0.05), (0.3, 0.3), (-0.3, 0.3)), 0.3)
-    view = View(shipped("single"), place(1.5, 0.1), replace(LightConditions(), covers=(strip,)))
-    (found,) = search_in_turn(Detector({"tag36h11": frozenset({0})}), view.pixels)
-    cell_px = found.side_px / 8
-    assert (
-        np.linalg.norm(found.corners - view.corners["tag36h11", 0], axis=1).max() < 0.6 * cell_px
-    )  # the rim of what covers it is 1.3 away
-
-
-def test_field_photographs(shared):
-    """Labels are libapriltag's without edge refinement, centres at +0.5, counter-clockwise from the bottom left.
-
-    Refinement moves the corners of the smallest prints: 41 of 47 are within half a pixel of their labels.
-    """
-    detector = Detector({"tag36h11": frozenset({0})})
-    labels = found = near = 0
-    for path in sorted((shared / "images" / "apriltag").glob("*.jpg")):
-        seen = detector.search_all(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
-        for line in path.with_suffix(".txt").read_text().splitlines():
-            numbers = [float(text) for text in re.findall(r"-?\d+\.?\d*", line)]
-            if len(numbers) != 9:
-                continue
-            labels += 1
-            label = np.array(numbers[1:]).reshape(4, 2)[[3, 2, 1, 0]] - 0.5
-            errors = [np.linalg.norm(item.corners - label, axis=1) for item in seen]
-            match = [error for error in errors if error.max() < 5]
-            found += bool(match)
-            near += bool(match) and bool(match[0].mean() < 0.5)
-    assert labels == 47
-    assert found >= 45
-    assert near >= 40
 
 
 SIZES = [(640, 480), (1280, 720), (1920, 1080), (3840, 2160), (5000, 300), (64, 48)]

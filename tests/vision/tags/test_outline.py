@@ -63,13 +63,6 @@ def test_a_print_with_a_highlight_over_its_middle_is_found(turns: int, place: tu
     assert np.abs(found.corners - corners).max() < 1.5
 
 
-@pytest.mark.parametrize("other", [0, 47, 100, 300])
-def test_another_print_in_a_highlight_is_none(other: int) -> None:
-    bitmap = cells("tag36h11", other)
-    for column, row in itertools.product(np.arange(0.0, 9.0, 2.0), repeat=2):
-        assert READER.read(glossy(bitmap, row=row, column=column), [BLACK]) == []
-
-
 def test_a_cell_says_one_bit_at_most() -> None:
     """Random cells in a black border agree with a code as seldom as chance says: here never."""
     reader, rng = CodeReader({"tag36h11": frozenset(range(40))}, {}), np.random.default_rng(3)
@@ -106,24 +99,10 @@ def test_the_inner_tag_covers_the_middle_of_the_outer_one(name: str) -> None:
     assert under.sum() == 4
 
 
-def test_a_tag_alone_is_covered_by_nothing() -> None:
-    assert not any(under.any() for under in covered_cells(TagMap((shipped("single"),))).values())
-
-
 def test_covered_cells_are_not_read() -> None:
     assert read_outlines(flooded(20), CodeReader(TAGS.whitelist, {})) == []
     [found] = read_outlines(flooded(20), READER)
     assert (found.family, found.tag_id, found.hamming) == (*CODE, 0)
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_a_nested_target_in_a_highlight_is_found(turns: int) -> None:
-    """Ink of 150 to 238 beside paper that is blown, on dark ground; light spreads over the middle."""
-    shown = flooded(5).astype(np.float64)
-    ink = np.linspace(150.0, 238.0, shown.shape[1] + 80)[None, 40:-40]
-    lit = np.pad(np.where(shown > 0, 255.0, ink), 40, constant_values=30.0)
-    image = np.rot90(cv2.GaussianBlur(lit, (0, 0), 0.7), turns).round().astype(np.uint8)
-    assert [found.tag_id for found in NESTED.search(np.ascontiguousarray(image), "outline")] == [48]
 
 
 TARGET = shipped("single")
@@ -187,15 +166,6 @@ def square(side: float, degrees: float, stretch: float = 1.0) -> Array:
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     corners: Array = half @ np.array([[c, s], [-s, c]]) + np.array([160.0, 120.0])
     return corners
-
-
-@pytest.mark.parametrize("degrees", [0.0, 30.0, 45.0])
-def test_an_outline_is_as_long_along_diagonals_as_along_rows(degrees: float) -> None:
-    """However a small square is turned: the points of a diagonal are farther apart."""
-    corners = square(41.0, degrees)
-    [found] = read_outlines(seen(corners), READER)
-    assert found.tag_id == 48
-    assert np.abs(found.corners - corners).max() < 1.5
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])

@@ -12,9 +12,7 @@ from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.branches import (
     CAUTION,
-    KEPT,
     MOST_ODDS,
-    MOVING_PSD,
     Branches,
     Course,
     lasting_doubt,
@@ -219,20 +217,6 @@ def test_one_wrong_pose_is_passed_over_and_a_lasting_one_is_followed():
         assert np.linalg.norm(found.course.centre[0] - [east, 0.0, 4.0]) < 0.05
 
 
-def test_of_a_moving_target_less_is_expected():
-    still, moving = branches_of(0.01, 0.01).course, branches_of(0.01, 0.01, moving=True).course
-    assert moving.psd == MOVING_PSD
-    assert moving[0].predict_at(0.3).angle_sd > still[0].predict_at(0.3).angle_sd
-
-
-def test_a_rival_is_not_crowded_out_by_histories_of_the_best_branch():
-    """Images that show the best branch's answer alone, each near enough to be it and far enough to be a miss."""
-    branches = branches_of(0.010, 0.010)
-    for k in range(1, 5):
-        branches = branches.after(k * STEP, [seen([0.7, 0.15 * (-1) ** k, 4.0])])
-        assert (branches.course.centre[:, 0] < -0.5).any(), "or it would count as impossible"
-
-
 def test_copies_of_a_reading_leave_room_for_the_true_one():
     """A far target that passes head on: five of six branches were one reading, published 11 degrees off."""
     first = seen([0.4, 0.1, 6.0], sd_deg=0.9)
@@ -253,17 +237,6 @@ def test_a_course_that_is_no_number_ends():
     assert len(Branches.begin(0.0, [lost, lost]).weight) == 2
 
 
-def test_a_target_that_left_every_course_is_joined_again():
-    """Both readings go on where no inertia carries them; missing them for ever would refuse every image after."""
-    branches = branches_of(0.010, 0.010)
-    for k in range(1, 30):
-        shaken, climbed = (0.15 * (-1) ** k, 0.0) if k < 10 else (0.0, 5.0 * (k - 10) * STEP)
-        true = seen([0.7, shaken, 4.0 + climbed], loss=0.010)
-        branches = branches.after(k * STEP, [mirrored(true, 0.010), true])
-    assert not branches.missed[0]
-    assert abs(branches.course.centre[0, 2] - 4.0 - 95.0 * STEP) < 0.1
-
-
 def test_what_was_missed_until_it_is_impossible_is_forgotten():
     branches = fly(branches_of(0.010, 0.020), [(0.010, 0.020)] * 40)
     assert (branches.weight[branches.missed] > -MOST_ODDS).all()
@@ -274,38 +247,12 @@ def test_what_hides_points_of_images_in_a_row_is_doubted(inliers, lasting):
     assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=inliers)) == pytest.approx(lasting)
 
 
-def test_histories_that_drift_apart_leave_room_for_one_that_joins():
-    """Each of them is another answer, and misses for less than a leap costs: no fit was joined for 14 images."""
-    around = 2 * np.pi * np.arange(KEPT) / KEPT
-    out = np.stack([np.cos(around), np.sin(around), np.zeros(KEPT)], axis=1)
-    state = np.hstack([np.array([0.0, 0.0, 0.4]) + 0.1 * out, 1.5 * out])  # each leaves the target at 1.5 m/s
-    course = Course(0.0, state, np.tile(np.diag([1e-5] * 3 + [1e-2] * 3), (KEPT, 1, 1)))
-    missed, weight = np.ones(KEPT, dtype=bool), -0.5 * np.arange(KEPT)
-    branches = Branches(course, weight, missed, np.zeros(KEPT), course[0], seen(state[0, :3]))
-    for k in range(1, 4):
-        branches = branches.after(k * STEP, [seen([0.02, 0.0, 0.4], sd_deg=0.02)])
-        assert not branches.missed.all()
-    assert not branches.missed[0]
-    assert branches.is_decided
-    assert np.linalg.norm(branches.course.centre[0] - [0.02, 0.0, 0.4]) < 0.002
-
-
 def test_a_fit_that_many_points_disagree_with_is_rather_missed_than_followed():
     course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
     aside = [0.78 + 0.8, 0.0, 4.0]
     clean, hidden = (course.after(7 * STEP, [seen(aside, inliers=share)]) for share in (1.0, 0.7))
     odds = [after.weight[after.missed].max() - after.weight[~after.missed].max() for after in (clean, hidden)]
     assert odds[1] > odds[0] + 2.0
-
-
-def test_a_course_that_knows_less_expects_a_place_less():
-    """Of two courses that a pose lies in the middle of, the one that said so more exactly is likelier."""
-    course, _ = flown(20, 0.3)
-    later = replace(course.predict_at(course.time + 0.5), time=course.time)
-    aimed = seen(later.centre, sd_deg=0.3)
-    assert later.mahalanobis2(aimed) < 1e-9
-    before = course.join(*places([seen(course.centre)]))[1][0]
-    assert before > later.join(*places([aimed]))[1][0] + 3.0
 
 
 LONG_AGO = 40.0

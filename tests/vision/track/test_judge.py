@@ -314,13 +314,6 @@ def test_all_pixels_decide_between_first_poses_whose_edges_do_not(cell_px, refus
     assert judge_of(fits).first(sight(attitude=False), [TILTED]).refusal is refusal
 
 
-def test_of_two_first_poses_the_attitude_chooses_the_level_one():
-    level, tilted = fitted(loss=0.02), fitted(tilt_deg=20.0, loss=0.01)
-    verdict = judge_of(GivenFits()).first(sight(), [tilted, level])
-    assert (verdict.refusal, verdict.decided_by) == (None, "attitude")
-    assert angle_deg(verdict.pose.rotation, level.rotation) < 0.1
-
-
 @pytest.mark.parametrize(
     ("loss", "is_certain", "contradicts"), [(0.001, True, True), (0.02, True, False), (0.001, False, False)]
 )

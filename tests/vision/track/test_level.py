@@ -33,9 +33,6 @@ from mkdaemon.vision.track.branches import Branches
 from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, LevelKnowledge
 from mkdaemon.vision.track.tracker import Tracker
-from mksim.scene.motion import Platform
-from mksim.scene.scene import Scene, SceneTarget, cam_from_target
-from mksim.scene.view import CameraView
 from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped, start_at
 
 DOWN = LOOKING_DOWN.flu_from_cam.T
@@ -146,16 +143,6 @@ def test_the_pose_of_the_image_alone_comes_back_where_it_says_more_than_the_fit_
     assert not without_normal(fuse_normal(image, sharp), sharp)[1]
 
 
-def test_about_an_axis_of_which_the_image_says_nothing_little_is_known_without_what_the_fit_was_told() -> None:
-    image = replace(pose_of(DOWN), covariance=np.diag([1e-6] * 3 + [1e-4, 1.0, 1e-4]))
-    held = fuse_normal(image, TargetLevel(turn(DOWN, np.array([0.0, 0.02, 0.0]))[:, 2], 0.02))
-    alone, says_more = without_normal(held, TargetLevel(DOWN[:, 2], 0.02))
-    assert not says_more
-    assert angle_deg(alone.rotation, held.rotation) < 0.05
-    assert alone.covariance[3, 3] == pytest.approx(1e-4, rel=0.05)
-    assert alone.covariance[4, 4] > 0.3
-
-
 @pytest.mark.parametrize(("image_sd_deg", "learned"), [(50.0, False), (0.3, True)])
 def test_a_deck_is_learned_from_the_image_and_not_from_what_the_fit_was_told(image_sd_deg, learned) -> None:
     level = knowledge()
@@ -205,13 +192,6 @@ def test_a_deck_that_moves_suddenly_is_followed() -> None:
     assert not deck.is_contradicted_at(2.2)
 
 
-def test_a_deck_that_rested_is_still_known_after_images_that_hardly_show_it() -> None:
-    deck = Deck()
-    show_normal(deck, 0.0, 2.0, (0.05, 0.0), SHARP)
-    show_normal(deck, 2.0, 4.0, (0.05, 0.0), np.radians(8.0))
-    assert deck.sd(4.0, AHEAD) < np.radians(1.0)
-
-
 def test_a_deck_that_rocks_is_followed_and_not_trusted_where_no_image_shows_it() -> None:
     deck, late = Deck(), []
     for k in range(120):
@@ -234,25 +214,6 @@ def test_a_biased_attitude_is_learned_as_one_and_turns_with_the_vehicle() -> Non
     assert deck.sd(2.0, yawed @ bias) < np.radians(1.0)
 
 
-def test_a_target_on_a_tilted_deck_gets_true_poses_from_far_to_near() -> None:
-    target = replace(shipped("nested"), level=True)
-    placed = SceneTarget.of(target, Platform(roll=np.radians(4.0), pitch=np.radians(-3.0)))
-    scene = Scene([placed], ground="tiles", seed=3, fine=False)
-    tracker, posed = Tracker(TagMap((target,)), VGA, LOOKING_DOWN), 0
-    history = AttitudeHistory(AttitudeSample(k / 50, 0.0, 0.0, 0.0) for k in range(60))
-    for k, height in enumerate(np.linspace(2.5, 0.5, 12)):
-        at = np.array([0.05, -0.04, height])
-        view = CameraView(VGA, LOOKING_DOWN.flu_from_cam, at, np.zeros(3), np.zeros(3), 0.004, k / 30)
-        rotation, position = cam_from_target(placed, view)
-        image = CameraImage(scene.render(view), k / 30, k / 30, k, "down")
-        found = tracker.update(image, history).pose_of(target.name)
-        if found is not None:
-            posed += 1
-            assert np.linalg.norm(found.pose.position - position) < 0.01 * height
-            assert angle_deg(found.pose.rotation, rotation) < 1.5
-    assert posed >= 10
-
-
 def turning(time: float, apart: float, rate: float = 0.4, count: int = 9):
     """What attitudes so far apart [s] say of the turning at a time."""
     return AttitudeHistory(AttitudeSample(k * apart, rate * k * apart, 0.0, 0.0) for k in range(count)).turning_at(time)
@@ -269,28 +230,6 @@ def test_turning_is_known_best_half_way_between_attitudes_and_worse_the_closer_t
     assert turning(0.05, 0.02).sd == pytest.approx(np.sqrt(2.0) * np.radians(0.1) / 0.02, rel=1e-3)
     assert turning(0.05, 0.02).sd < turning(0.0401, 0.02).sd < 0.2
     assert turning(0.05, 0.01).sd > 1.5 * turning(0.05, 0.02).sd
-
-
-def test_edges_that_disagree_alike_for_a_second_hardly_turn_a_deck_that_was_known() -> None:
-    level = knowledge()
-    for k in range(60):
-        level.learn(seen(time=k / 30), pose_of(DOWN, np.radians(0.2) ** 2))
-    for k in range(1, 21):
-        pulled = pose_of(DOWN @ rotation_from_euler(np.radians(0.2 * k), 0.0, 0.0), np.radians(1.0) ** 2)
-        level.learn(seen(time=2.0 + k / 30), replace(pulled, inliers=0.77))
-    assert np.degrees(tilt_of(level, seen(time=2.7), pose_of(DOWN))) < 1.0
-
-
-def test_a_deck_is_learned_more_slowly_from_a_pose_whose_edges_partly_disagree() -> None:
-    """What hid or moved those edges touches the others, in the next images too."""
-    tilted = DOWN @ rotation_from_euler(np.radians(5.0), 0.0, 0.0)
-    angles = []
-    for inliers in (1.0, 0.6):
-        level = knowledge()
-        for k in range(5):
-            level.learn(seen(time=k / 30), replace(pose_of(tilted, np.radians(1.0) ** 2), inliers=inliers))
-        angles.append(tilt_of(level, seen(time=0.2), pose_of(DOWN)))
-    assert angles[1] < 0.9 * angles[0]
 
 
 RIGHT, WRONG = radians(1.0), radians(12.0)
@@ -316,12 +255,6 @@ def shown(deck: Deck, offs: list[float], start: float = 0.0) -> float:
     for k, off in enumerate(offs):
         tell(deck, start + k * STEP, off)
     return start + len(offs) * STEP
-
-
-def test_single_contradictions_leave_the_attitude_in_use() -> None:
-    deck = Deck()
-    for k, off in enumerate([WRONG, *[RIGHT] * 5] * 20):
-        assert not tell(deck, k * STEP, off)
 
 
 @pytest.mark.parametrize("known", [0, 100])
@@ -398,13 +331,6 @@ def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_c
     assert not posed[0]
     assert all(posed[FEWEST - 1 :])
     assert off[-1] is None
-
-
-def test_a_level_target_far_from_level_contradicts_the_attitude_however_slowly_it_got_there() -> None:
-    """A swapped sign grows with the angle: learned as a deck that moves, it would be followed to any tilt."""
-    off = [one for _, one in followed(60, STEP, lambda k, right: np.add(right, (radians(15.0) * k / 60, 0.0, 0.0)))]
-    assert not any(one is not None for one in off[:30])
-    assert off[-1] is not None
 
 
 KNOWN = 30

@@ -21,10 +21,7 @@ from mkdaemon.vision.track.tracker import TargetRefusal, Tracker
 from mksim.scene.light import LightConditions
 from mksim.scene.motion import Platform
 from mksim.scene.scene import Scene, SceneTarget, cam_from_target
-from tests.places import CONFIGS
 from tests.vision.views import View, angle_deg, assert_near, place, shipped
-
-TARGETS = CONFIGS / "targets"
 
 
 @lru_cache(maxsize=1)
@@ -165,39 +162,6 @@ def test_two_targets_each_in_its_frame_one_of_them_moving():
     assert counted >= 14
 
 
-def test_a_wrong_tag_size_shows_as_contradiction_between_nested_tags():
-    """The outer tag is 20 % smaller in the file than on the ground: outer and inner edges cannot both fit."""
-    nested = shipped("nested")
-    outer, inner = nested.tags
-    wrong = replace(nested, tags=(replace(outer, size=0.24384), inner))
-    view = View(nested, place(1.0, 0.2))
-    result = Tracker(TagMap((wrong,)), VGA, LOOKING_DOWN).update(view.image(), attitude_of(view))
-    honest = tracker().update(view.image(), attitude_of(view)).pose_of("pad")
-    for found in result.poses:
-        # Whatever is published says itself that the print does not match.
-        assert found.pose.inliers < honest.pose.inliers
-
-
-@pytest.mark.parametrize("name", ["single", "nested"])
-def test_without_attitude_a_far_blurred_target_is_refused_until_its_images_decide(name):
-    """One image of it does not always tell a pose from its mirror image, some do; then it stays decided."""
-    target, posed = shipped(name), []
-    for far in (6.0, 6.4):
-        follower = Tracker(TagMap((target,)), VGA, None)
-        for k in range(12):
-            view = View(target, place(far, 0.06 + 0.002 * k), replace(LightConditions(), defocus_px=4.0))
-            result = follower.update(view.image(k / 30, k))
-            found = result.pose_of("pad")
-            posed.append(found is not None)
-            if found is None:
-                assert result.refused[0].reason in ("ambiguous", "angle_uncertain")
-            else:
-                assert_near(found.pose, view, deg=2.0, m=0.05)
-    first, *_, last = np.reshape(posed, (2, 3, 4)).sum(axis=0)
-    assert first[0] < 2
-    assert last.sum() >= 6
-
-
 def test_with_attitude_inertia_helps_an_uncertain_pose_that_agrees_with_it():
     follower = tracker("single")
     for k in range(14):
@@ -228,18 +192,3 @@ def test_a_target_begins_anew_only_where_it_can_have_moved_to(passed, is_posed):
     if not is_posed:
         assert result.refused == (TargetRefusal("pad", PoseRefusal.OFF_COURSE, 0.0),)
         assert follower.update(near.image(3 / 30 + passed, 4)).poses, "what is in its place is found again"
-
-
-def test_a_small_second_target_is_not_posed_when_the_track_is_lost_and_found_again():
-    """However many images show it alone, until the target can have moved that far."""
-    follower = tracker()
-    near, far = View(shipped("nested"), place(0.8, 0.2)), View(shipped("nested"), place(7.8, 0.2, around=np.pi))
-    for k in range(3):
-        assert follower.update(near.image(k / 30, k)).poses
-    posed = []
-    for k in range(3, 19):
-        image = far.image(0.1 * k, k)
-        image.pixels[0, 0] ^= k & 1  # equal images would be those of a frozen camera
-        posed.append(bool(follower.update(image).poses))
-    assert not any(posed[:8])
-    assert posed[-1]
