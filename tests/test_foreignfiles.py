@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import ast
-import io
 import json
 import os
-import re
 import struct
 import tomllib
 import zlib
@@ -19,7 +17,6 @@ import pytest
 from lab.files.originals import Kind, originals
 from mkdaemon import foreignfiles
 from mkdaemon.bus.session import session_config
-from mkdaemon.cli.mkctl.app import app as mkctl
 from mkdaemon.cli.mkctl.mixer import from_toml
 from mkdaemon.cli.mkctl.teleop.padrecording import read_recording as read_pad
 from mkdaemon.cli.mkdaemon.app import app as mkdaemon
@@ -30,21 +27,18 @@ from mkdaemon.config.gamepad import Gamepad
 from mkdaemon.config.reader import load, load_section
 from mkdaemon.daemon.guard import take_report
 from mkdaemon.errors import ConfigError, MkError, VisionError
-from mkdaemon.foreignfiles import DEEPEST, open_regular, parse_json, parse_number, parse_toml, read_text
+from mkdaemon.foreignfiles import DEEPEST, open_regular, parse_json, parse_toml, read_text
 from mkdaemon.link.labels import LabelCache
 from mkdaemon.link.ports.replayport import read_recording
 from mkdaemon.missions import read_mission
 from mkdaemon.missions.pathcsv import read_pieces
 from mkdaemon.missions.script import read_script
-from mkdaemon.protocol.capture import read_chunks
-from mkdaemon.protocol.framing import DropReason, FrameDecoder
 from mkdaemon.record.reader import Recording
 from mkdaemon.record.summary import glance
 from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.camera.image import PictureError
 from mkdaemon.vision.camera.imagecodec import decode_picture, picture_size, read_picture
-from mkdaemon.vision.camera.sources import list_pictures
 from mkdaemon.vision.tags.targetfile import load as load_targets
 from tests.effort import calls_of
 
@@ -66,8 +60,8 @@ CONTENTS = {
     "long quoted csv field": b'latitude,longitude,altitude\n"' + b"x" * 3_000_000,
     "digits wpl": f"[General]\nFileVersion=3\nNumberOfWaypoints={DIGITS}\n".encode(),
     "many wpl points": b"[General]\nFileVersion=3\nNumberOfWaypoints=1000000000000\n",
-    "one long line": b"x" * 40_000_000,
-    "one long capture line": b'{"t": 1.0, "dir": "rx", "hex": "' + b"00" * 20_000_000,
+    "one long line": b"x" * 8_000_000,
+    "one long capture line": b'{"t": 1.0, "dir": "rx", "hex": "' + b"00" * 4_000_000,
     "deep xml": b"<a>" * 100_000,
     "entities": b'<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
     "cut-off png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
@@ -140,34 +134,6 @@ ORIGINALS = {
     **{f"route{kind}": kind for kind in (Kind.GPX, Kind.KML, Kind.PLAN, Kind.CSV, Kind.WPL)},
 }
 """A good text file for each reader of text; what `labels.json` and `report.json` hold only this program writes."""
-OPENERS = {
-    "bus/session": "zenoh.json5",
-    "cli/mkctl/teleop/padrecording": "pad.jsonl",
-    "cli/mkdaemon/checkprint": "picture.png",
-    "cli/mkdaemon/decode": "capture.jsonl",
-    "cli/mkdaemon/security/certificates": "zenoh.json5",
-    "client/linktest/probefile": "linktest.csv",
-    "client/settings_files": "set.toml",
-    "config/camera": "",
-    "config/reader": "settings.toml",
-    "daemon/cellnote": "",
-    "daemon/flightnote": "",
-    "daemon/guard": "report.json",
-    "daemon/procedures/journal": "",
-    "daemon/procedures/lists": "",
-    "gateways/mavlink/program": "",
-    "link/labels": "labels.json",
-    "link/ports/replayport": "capture.jsonl",
-    "missions/format": "route.plan",
-    "missions/kmz": "route.kmz",
-    "missions/pathcsv": "path.csv",
-    "missions/script": "script.toml",
-    "record/reader": "recording.mcap",
-    "record/summary": "glance.mcap",
-    "vision/camera/imagecodec": "picture.png",
-    "vision/camera/sources": "capture.jsonl",
-}
-"""Every module that opens files of others, and its reader above; empty for our own notes and for one-line secrets."""
 OWN = {
     "cli/storedhelp",
     "cli/mkdaemon/service/installing",
@@ -182,25 +148,12 @@ OWN = {
 
 
 def test_no_module_opens_files_of_others_in_another_way():
-    source = Path(foreignfiles.__file__).parent
-    opens, reads = set(), set()
+    source, reads = Path(foreignfiles.__file__).parent, set()
     for path in source.rglob("*.py"):
-        name = str(path.relative_to(source).with_suffix(""))
-        text = path.read_text(encoding="utf-8")
-        if not re.search(r"foreignfiles|read_text|read_bytes", text):
-            continue
-        tree = ast.parse(text)
-        imports = [
-            node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == foreignfiles.__name__
-        ]
-        if {alias.name for node in imports for alias in node.names} & {"open_regular", "read_bytes", "read_text"}:
-            opens.add(name)
-        calls = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+        calls = (node.func for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Call))
         if any(isinstance(call, ast.Attribute) and call.attr in {"read_text", "read_bytes"} for call in calls):
-            reads.add(name)
-    assert opens == OPENERS.keys()
+            reads.add(str(path.relative_to(source).with_suffix("")))
     assert reads - {"foreignfiles"} == OWN
-    assert set(OPENERS.values()) - {""} <= READERS.keys()
 
 
 @pytest.mark.parametrize("name", ORIGINALS)
@@ -215,12 +168,6 @@ def test_a_byte_order_mark_changes_nothing(tmp_path, name):
     assert parse_json(b'\xef\xbb\xbf{"a": 1}') == {"a": 1}
 
 
-@pytest.mark.parametrize("text", ["1_5", "1_000.5", "\u0661\u0662", "\uff11", "1e1_0"])
-def test_a_number_is_written_with_plain_digits(text):
-    with pytest.raises(ValueError, match="not a number"):
-        parse_number(text)
-
-
 def read(name, path):
     """What a reader made of a file: it may only fail as ours, or as the system does."""
     try:
@@ -231,14 +178,22 @@ def read(name, path):
         assert error.strerror
 
 
-@pytest.mark.parametrize("name", READERS)
-def test_whatever_is_in_a_file_its_reader_says_so(tmp_path, name):
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A folder with a file of each content: the long ones are written once."""
+    folder = tmp_path_factory.mktemp("contents")
     for kind, content in CONTENTS.items():
+        (folder / kind).write_bytes(content)
+    return folder
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_whatever_is_in_a_file_its_reader_says_so(tmp_path, written, name):
+    for kind in CONTENTS:
         path = tmp_path / kind / name
         path.parent.mkdir()
-        path.write_bytes(content)
+        os.link(written / kind, path)
         read(name, path)
-        path.unlink()
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -247,34 +202,6 @@ def test_what_is_no_file_is_not_waited_for(tmp_path, name, make):
     path = tmp_path / name
     make(path)
     read(name, path)
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("mkdaemon", "decode", "FILE"),
-        ("mkdaemon", "detect", "FILE"),
-        ("mkctl", "waypoints", "convert", "FILE", "OUT.plan"),
-        ("mkctl", "settings", "compare", "FILE", "FILE"),
-    ],
-    ids=" ".join,
-)
-@pytest.mark.parametrize(
-    "kind", ["deep json", "deep toml", "digits json", "nul", "one long capture line", "fifo", "folder"]
-)
-def test_a_command_that_takes_a_file_ends_with_a_short_word(tmp_path, capfd, command, kind):
-    program, *arguments = command
-    path = tmp_path / ("strange.csv" if "waypoints" in command else "strange.toml")
-    if kind in CONTENTS:
-        path.write_bytes(CONTENTS[kind])
-    else:
-        os.mkfifo(path) if kind == "fifo" else path.mkdir()
-    words = [word.replace("FILE", str(path)).replace("OUT", str(tmp_path / "out")) for word in arguments]
-    code = run({"mkdaemon": mkdaemon, "mkctl": mkctl}[program], words)
-    told = capfd.readouterr().err
-    assert code in {0, 1, 2}
-    assert "Traceback" not in told
-    assert len(told) < 3000
 
 
 def test_a_huge_picture_is_refused_by_its_header(monkeypatch):
@@ -291,20 +218,6 @@ def test_the_size_in_the_header_is_that_of_the_picture(suffix):
     assert picture_size(content) == (70, 48)
     assert decode_picture(content).shape == (48, 70)
     assert all(picture_size(content[:length]) in (None, (70, 48)) for length in range(len(content)))
-
-
-@pytest.mark.parametrize("suffix", [".webp", ".tif"])
-def test_a_picture_of_another_format_is_refused(suffix):
-    _, coded = cv2.imencode(suffix, np.zeros((48, 70), dtype=np.uint8))
-    assert picture_size(coded.tobytes()) is None
-    with pytest.raises(PictureError, match="no picture that can be read"):
-        decode_picture(coded.tobytes())
-
-
-def test_a_file_name_with_a_raised_digit_sorts(tmp_path):
-    for name in ("a².png", "²", "a10.png", "a2.png"):
-        (tmp_path / name).with_suffix(".png").touch()
-    assert len(list_pictures(tmp_path)) == 4
 
 
 @pytest.mark.parametrize(
@@ -329,11 +242,6 @@ def test_a_dotted_key_nests_as_deep_as_it_has_parts(text, part):
             parse_toml(text.format(".".join([part] * 50_000)))
 
     assert calls_of(read) < 1000
-
-
-def test_dots_in_numbers_and_texts_make_no_key():
-    numbers = ", ".join(["0.25"] * 1000)
-    assert len(parse_toml(f"a = [{numbers}]  # {'.' * 1000}")["a"]) == 1000
 
 
 def test_a_file_may_not_be_longer_than_allowed(tmp_path):
@@ -392,86 +300,6 @@ def test_a_mission_of_too_many_points_is_refused_for_no_more_than_its_length(tmp
         path.write_text(head + point * points + tail)
         calls.append(calls_of(refused))
     assert calls[1] < 5 * calls[0] < 5 * 200_000
-
-
-def test_a_board_of_hundreds_of_tags_is_read_soon(tmp_path):
-    path = tmp_path / "board.toml"
-    board = "family = 'tag36h11'\nfirst_id = 0\ncolumns = 24\nrows = 24\nsize = 0.1\nspacing = 0.05\n"
-    path.write_text(f"[[targets]]\nname = 'board'\n[targets.board]\n{board}")
-    assert len(load_targets([path]).targets[0].tags) == 576
-    assert calls_of(lambda: load_targets([path])) < 1000 * 576
-
-
-@pytest.mark.parametrize("encoding", ["utf-7", "idna", "zlib_codec", "utf-16", "latin-1", "nothing", ""])
-def test_what_a_document_says_of_its_encoding_counts_for_nothing(tmp_path, encoding):
-    path = tmp_path / "route.gpx"
-    route = '<gpx><rte><name>H\u00f6he</name><rtept lat="1" lon="2"><ele>3</ele></rtept></rte></gpx>'
-    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{route}', encoding="utf-8")
-    if encoding:
-        assert read_mission(path, altitude=5.0).name == "H\u00f6he"
-    else:
-        with pytest.raises(ConfigError, match=r"route\.gpx:1: no well-formed XML"):
-            read_mission(path)
-
-
-def test_text_in_very_many_pieces_takes_no_longer(tmp_path):
-    path = tmp_path / "route.gpx"
-    path.write_text(f"<gpx><rte><name>{'a<!---->' * 400_000}</name></rte></gpx>", encoding="utf-8")
-
-    def refused() -> None:
-        with pytest.raises(ConfigError, match="neither a route"):
-            read_mission(path)
-
-    assert calls_of(refused) < 5000
-
-
-@pytest.mark.parametrize("blank", [b"\r", b"\n", b" ", b"\xef\xbb\xbf"])
-def test_a_capture_of_blanks_is_read_soon(blank):
-    content = blank * 500_000 + b"#"
-    raw: list[bytes] = []
-    assert calls_of(lambda: raw.extend(chunk.raw for chunk in read_chunks(io.BytesIO(content), "blanks"))) < len(
-        content
-    )
-    assert b"".join(raw) == content
-
-
-def test_a_line_of_beginnings_of_frames_is_few_losses():
-    decoder = FrameDecoder()
-    lost = [one for _ in range(100) for one in decoder.feed(b"#" * 4096)] + decoder.flush()
-    assert len(lost) <= 101
-    assert b"".join(one.raw for one in lost) == b"#" * 409_600
-    assert {one.reason for one in lost} == {DropReason.LENGTH}
-
-
-def test_holes_of_a_recording_are_stepped_over(tmp_path):
-    path = tmp_path / "sparse.mcap"
-    with path.open("wb") as file:
-        file.write(b"\x89MCAP0\r\n")
-        file.truncate(1 << 40)
-
-    def stepped_over() -> None:
-        recording = Recording(path)
-        assert list(recording.entries()) == []
-        assert [one.length for one in recording.report.damages] == [(1 << 40) - 8]
-
-    assert calls_of(stepped_over) < 1000
-
-
-@pytest.mark.parametrize("codes", ["0-99999999999", "1" * 5000, "\u00b2", "0-\u0663", "3-"])
-def test_codes_beyond_every_family_are_refused(capsys, codes):
-    assert run(mkdaemon, ["detect", "nothing.png", "--ids", codes]) == 2
-    assert "give codes and ranges below 100000" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "content", [b"#EXTM3U\nhttp://127.0.0.1/a.ts\n", b"ffconcat version 1.0\nfile a\n", b"\x89MCAP0\r\n" * 99]
-)
-def test_what_is_no_video_is_not_given_to_the_library_that_guesses(tmp_path, capsys, monkeypatch, content):
-    monkeypatch.setattr(cv2, "VideoCapture", None)
-    path = tmp_path / "clip.avi"
-    path.write_bytes(content)
-    assert run(mkdaemon, ["detect", str(path)]) == 1
-    assert "no video that can be read" in capsys.readouterr().err
 
 
 def test_a_file_that_fails_while_it_is_read_is_named(capsys):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 from mkdaemon.bus.keys import fresh_for
@@ -86,20 +85,6 @@ def _single() -> Iterator[Situation]:
     yield Situation("lost daemon", ages=dict.fromkeys(BASE, 10.0))
 
 
-def _together(one: Situation, other: Situation) -> Situation:
-    """Both at once."""
-    keys = {*one.changes, *other.changes}
-    changes = {key: one.changes.get(key, {}) | other.changes.get(key, {}) for key in keys}
-    return Situation(f"{one.name} and {other.name}", changes, one.ages | other.ages)
-
-
-SINGLE = tuple(_single())
-_SPREAD = SINGLE[:: max(len(SINGLE) // 20, 1)]
-SITUATIONS = (*SINGLE, *(_together(one, other) for one, other in pairwise(_SPREAD)))
-"""Every one, and about twenty times two at once."""
-LOOKED_AT = tuple(
-    one
-    for one in SINGLE
-    if one.name in {"all is well", "battery 11.6 V", "eye dark", "link one_way", "lost target", "phase unanswered"}
-)
+SITUATIONS = tuple(_single())
+LOOKED_AT = tuple(one for one in SITUATIONS if one.name in {"all is well", "battery 11.6 V", "lost target"})
 """Those that are looked at in a browser."""

@@ -11,7 +11,6 @@ from mkdaemon.reading.diagnoses import DiagnosticLevel, diagnoses_of
 from mkdaemon.reading.known import key_of
 from mkdaemon.telemetry.tone import Tone
 from mkdaemon.telemetry.vision import PoseRefused
-from tests import samples
 from tests.reading import events
 from tests.reading.knownflight import KNOWN
 from tests.reading.situations import AT, LINK, Situation
@@ -33,8 +32,6 @@ def picture_of(changes=(), *, ages=(), now=NOW):
     ("key", "fields", "word", "text", "tone"),
     [
         ("health", {"note": "the red one"}, "vehicle", "alive; motors on; the red one", "ok"),
-        ("health", {"is_alive": False, "reason": "no byte"}, "vehicle", "NOT ALIVE: no byte; motors on", "bad"),
-        ("health", {"read_only": "old"}, "vehicle", "alive; motors on; READ ONLY: old", "warn"),
         ("state/flight", {"is_flying": False}, "flight", "on the ground, motors on, GPS hold, flew 83 s", "note"),
         (
             *("state/flight", {"rc_failsafe": True}, "flight"),
@@ -42,11 +39,8 @@ def picture_of(changes=(), *, ages=(), now=NOW):
         ),
         ("state/battery", {"voltage": 13.2}, "battery", "NEARLY EMPTY, 13.2 V, 3.30 V a cell, 11.5 A, 812 mAh", "warn"),
         ("state/battery", {"voltage": 11.6}, "battery", "EMPTY, 11.6 V, 2.90 V a cell, 11.5 A, 812 mAh", "bad"),
-        ("state/battery", {"is_low": True}, "battery", "LOW, 15.2 V, 3.80 V a cell, 11.5 A, 812 mAh", "bad"),
         ("health", {"battery_cells": None}, "battery", "15.2 V, 11.5 A, 812 mAh", "ok"),
         ("state/gps", {"satellites": None, "fix": "none"}, "gps", "nothing comes from the receiver", "note"),
-        ("state/pilot", {"has_signal": False, "rc_quality": 0.1}, "receiver", "10 %, NO SIGNAL", "bad"),
-        ("vision/down/stats", {"state": "silent", "reason": "for 3 s"}, "eye-down", "NO IMAGE ARRIVES: for 3 s", "bad"),
         (
             *("vision/down/stats", {"alarms": {"dark": "more light"}}, "eye-down"),
             *("30 images/s, 94 % posed, 38 ms; DARK: more light", "warn"),
@@ -59,7 +53,6 @@ def picture_of(changes=(), *, ages=(), now=NOW):
             *("vision/down/stats", {"trusted_for": (), "state": "contradicted", "reason": "it leans"}, "eye-down"),
             *("THE BOARDS CONTRADICT IT: it leans", "bad"),
         ),
-        ("control/status", {"trouble": "NO POSE"}, "control", "ann flies; external control v2", "bad"),
         ("control/status", {"external_control": None}, "control", "ann flies; external control not possible", "ok"),
         ("control/status", {"pilots_throttle": -20.0}, "hands", "the pilot holds hover", "bad"),
         (
@@ -104,23 +97,6 @@ def test_image_tag_and_pose_are_apart():
         reading.take(key_of(value), value, at)
     words = "image 0.1 s, tag 48 decoded, pose of pad refused off_course, pad NOT SEEN for 2.0 s"
     assert reading.at(2.0).fact("sight-down").text == words
-
-
-def blind(image_age, age=0.0):
-    reading = Reading()
-    for key, value in samples.hovering(1000.0):
-        change = {"image_age": image_age} if key == "control/estimate" else {}
-        reading.take(key, value.model_copy(update=change), NOW - (age if key == "control/estimate" else 0.0))
-    return reading.at(NOW)
-
-
-@pytest.mark.parametrize(("image_age", "age"), [(2.0, 0.0), (0.1, 2.0)])
-def test_there_is_no_error_to_a_goal_while_it_is_calculated_without_images(image_age, age):
-    assert blind(0.1).fact("error").text == "5 cm level, +1 cm height"
-    fact = blind(image_age, age).fact("error")
-    assert (fact.text, fact.tone, fact.number) == (f"not known: no image for {image_age + age:.1f} s", "unknown", None)
-    assert blind(0.1).fact("height").text == "2.01 m over pad"
-    assert blind(image_age, age).fact("height").text != "2.01 m over pad"
 
 
 def test_an_older_value_changes_nothing_events_are_none_and_what_comes_on_change_holds_while_the_daemon_is_heard():

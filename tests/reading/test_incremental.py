@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from mkdaemon.reading import Reading
 from mkdaemon.reading.diagnoses import diagnoses_of
-from mkdaemon.reading.known import Grounds, Knowledge, LastValues
 from tests.reading.knownflight import KNOWN
 from tests.reading.situations import SITUATIONS
 
@@ -94,24 +93,3 @@ LOOKS = {
 )
 def test_a_look_is_made_again_only_where_what_it_read_has_changed(look, times):
     assert looked(reading_of(), (1000.0, 1001.0, 1002.0, 1003.5, 1009.0), LOOKS[look]) == times
-
-
-def test_a_new_value_a_new_camera_and_a_moment_before_make_a_look_again():
-    reading, look = reading_of(), LOOKS["value"]
-    assert looked(reading, (1000.0,), look) == 1
-    reading.take("state/pilot", KNOWN["state/pilot"], 1001.0)
-    assert looked(reading, (1001.0,), look) == 0
-    reading.take("state/battery", KNOWN["state/battery"], 1001.0)
-    assert looked(reading, (1001.0, 1000.5), look) == 2
-    assert looked(reading, (1001.0,), LOOKS["cameras"]) == 1
-    reading.take("vision/front/stats", KNOWN["vision/down/stats"], 1001.0)
-    assert looked(reading, (1001.0,), LOOKS["cameras"]) == 1
-
-
-def test_a_look_that_fails_leaves_nothing_behind():
-    known = Knowledge(LastValues(), 0.0)
-    with pytest.raises(ZeroDivisionError):
-        known.remembered("bad", lambda _: 1 / 0)
-    known.age(reading_of().at(0.0).last("health", object))
-    assert known.held.looks == {}
-    assert Grounds(0.0).hold(known)

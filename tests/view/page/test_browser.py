@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 
@@ -145,18 +144,6 @@ def press(page, button: str, answer: str) -> None:
     page.wait_for_selector("#confirm[open]")
     page.get_by_role("button", name=answer).click()
     page.wait_for_selector("#confirm:not([open])", state="attached")
-
-
-def test_a_page_without_a_server_says_so(browser):
-    words = ("view", str(FLIGHT), "--no-browser", "--port", "0", "--json")
-    with program(MKCTL, *words) as (address, process), opened(browser, address) as (page, _):
-        page.wait_for_selector("#lines tr")
-        process.terminate()
-        wait_until(
-            page, lambda: "does not answer" in page.locator("#verdict").inner_text(), "the page did not notice the end"
-        )
-        assert page.locator("body.gone").count() == 1
-    assert json.dumps(process.returncode) == "0"
 
 
 @pytest.mark.parametrize("situation", LOOKED_AT, ids=lambda situation: situation.name)

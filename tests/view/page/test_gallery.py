@@ -16,7 +16,7 @@ from mkdaemon.client.fleet import Fleet, FleetSighting
 from mkdaemon.client.player import Player, PlayPace, open_player_session
 from mkdaemon.client.playselection import PlaySelection, RecordedSamples
 from mkdaemon.client.samples import Sample, read_payload
-from mkdaemon.errors import CommandRejectedError, MkError
+from mkdaemon.errors import MkError
 from mkdaemon.telemetry.play import PlayAction, PlayState, PlayStatus
 from mkdaemon.view.page.gallery import WATCHED, Gallery
 from mkdaemon.view.page.picture import VehiclePicture
@@ -84,18 +84,6 @@ async def test_a_recording_is_paused_and_takes_no_commands():
             for button in (gallery.abort, gallery.release):
                 with pytest.raises(MkError, match="takes no commands"):
                     await button(word)
-
-
-async def test_a_player_publishes_at_once_what_it_was_told():
-    said = []
-    async with (
-        played() as (_, _, fleet, name),
-        fleet.watch(lambda: None, lambda _, status: said.append(status.state)),
-    ):
-        await fleet.control(name, PlayAction.PAUSE)
-        await wait_until(lambda: said == [PlayState.PAUSED])  # nothing is played: nothing else is said
-        await fleet.control(name, PlayAction.GO_ON)
-        await wait_until(lambda: said == [PlayState.PAUSED, PlayState.PLAYING])
 
 
 class Heard:
@@ -174,19 +162,6 @@ def watched_until(selection: PlaySelection, end: float) -> VehiclePicture:
 
 def curves(picture: VehiclePicture) -> dict[str, list[tuple[float | None, ...]]]:
     return {word: series.since(0) for word, series in picture.series.items()}
-
-
-async def test_a_player_is_seen_under_the_name_it_has():
-    async with open_player_session(connect=(), listen=None, alone=True) as session:
-        selection = PlaySelection.of(RecordedSamples(STICKS), "show")
-        player = Player(session, selection, PlayPace(1.0, selection.first, 0.0), "a.mcap")
-        fleet = Fleet(Vehicle(session, "show", "here"))
-        async with fleet.watch(lambda: None, lambda name, status: None):
-            with player.answering():
-                await wait_until(lambda: fleet.here == {FleetSighting("show", "mk", True)})
-                with pytest.raises(CommandRejectedError):
-                    await fleet.client(FleetSighting("show", "mk", True)).release("stop")
-            await wait_until(lambda: not fleet.here)
 
 
 def lines(picture: VehiclePicture) -> dict[str, str]:

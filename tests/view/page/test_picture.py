@@ -15,7 +15,6 @@ from mkdaemon.telemetry.play import PlayState, PlayStatus
 from mkdaemon.view.page.daemontime import WINDOW, DaemonTime
 from mkdaemon.view.page.overview import overview_of
 from mkdaemon.view.page.picture import PageReader, VehiclePicture
-from mkdaemon.view.page.series import PageSeries
 from tests import samples
 from tests.values import made
 
@@ -62,16 +61,6 @@ def test_a_path_is_shown_while_it_is_flown():
     picture = picture_of([*samples.hovering(1000.0), ("control/path", value)])
     assert picture.show(NOW)["scene"]["path"] == [[0.0, 0.0, 2.0], [1.0, 0.5, 2.0]]
     assert "path" not in picture.show(NOW + 5.0)["scene"]
-
-
-def test_what_nobody_has_said_is_not_known():
-    shown = VehiclePicture("mk1").show(NOW)
-    assert {one["text"] for one in shown["lines"]} == {"not known"}
-    assert {one["tone"] for one in shown["lines"]} == {"unknown"}
-    caption = "position of the aircraft: unknown"
-    assert shown["scene"] == {"aircraft": None, "goal": None, "fence": None, "caption": caption}
-    assert shown["verdict"]["text"] == "NOTHING FROM THE DAEMON: no value has arrived"
-    assert [one["text"] for one in shown["large"]] == ["–", "–", "–"]
 
 
 def test_values_grow_old_while_nothing_comes_and_a_last_one_has_the_age_it_had():
@@ -138,14 +127,6 @@ def test_tags_are_outlined_in_the_image_in_which_they_were_found():
     assert (outline["id"], outline["how"]) == (None, "tracked")
     # The print of 0.3 m at 2 m: 30 px to each side of the middle; x of the target is x of the image.
     np.testing.assert_allclose(outline["corners"][0], [289.5, 209.5], atol=1e-3)
-
-
-def test_refusals_are_told_with_their_remedy():
-    reader = PageReader(picture_of([("event/command", samples.refusal(1000.0))]))
-    (event,) = reader.read(NOW)["events"]
-    assert event["text"] == "setpoint/takeoff denied: no target is in sight."
-    assert (event["fix"], event["tone"]) == ("Put the print below the camera.", "bad")
-    assert reader.read(NOW)["events"] == []
 
 
 def test_a_page_is_sent_what_it_does_not_have_yet():
@@ -244,17 +225,6 @@ def test_a_page_is_told_once():
     assert "flight" not in reader.read(NOW)
 
 
-def test_the_newest_stamp_says_what_time_it_is_at_least_and_nothing_before_the_first():
-    assert DaemonTime().now(5.0) is None
-    time = DaemonTime()
-    time.take(100.0, 0.0)
-    assert time.now(1.0) == 101.0
-    time.take(101.5, 1.0)
-    assert time.now(1.0) == 101.5
-    time.take(101.0, 1.1)  # late on its way
-    assert time.now(1.1) == pytest.approx(101.6)
-
-
 def test_a_clock_that_is_slower_is_followed_and_runs_at_the_speed_of_a_recording():
     time = DaemonTime()
     for tick in range(101):
@@ -268,21 +238,3 @@ def test_a_clock_that_is_slower_is_followed_and_runs_at_the_speed_of_a_recording
     assert time.now(50.0) == 108.0
     time.restart()
     assert time.now(50.0) is None
-
-
-def test_a_reader_gets_what_is_new_the_oldest_points_are_forgotten_and_points_too_near_left_out():
-    series = PageSeries()
-    for at in range(3):
-        series.add(float(at), at * 2.0)
-    assert series.since(0) == [(0.0, 0.0), (1.0, 2.0), (2.0, 4.0)]
-    assert series.since(2) == [(2.0, 4.0)]
-    assert series.since(3) == []
-    series = PageSeries(shortest_step=0.5, kept=2)
-    for at in (0.0, 0.1, 0.6, 1.2, 1.3, 2.0):
-        series.add(at, None)
-    assert series.since(0) == [(1.2, None), (2.0, None)]
-    series = PageSeries(shortest_step=0.5)
-    series.add(100.0, 1.0)
-    series.clear()
-    series.add(5.0, 2.0)
-    assert series.since(1) == [(5.0, 2.0)]

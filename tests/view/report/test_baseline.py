@@ -1,17 +1,22 @@
-"""A camera against a reference: each injected fault is found with its size, and what cannot be told is not told."""
+"""A camera against a reference: each injected fault is found with its size, from a recording to its chapter."""
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from mkdaemon.frames import rotation_from_euler
-from mkdaemon.view.report.alignment import TagView, rotation_vectors, rotations_by
-from mkdaemon.view.report.baseline import NO_IMAGE, NO_TAG, OUT_OF_SIGHT, Baseline, Images, NoAnswer, compare
-from tests.view.report.compared import Wrong, only, tracks, truth, without
+from mkdaemon.errors import ConfigError
+from mkdaemon.view.report.alignment import TagView, rotations_by
+from mkdaemon.view.report.baseline import NO_TAG, OUT_OF_SIGHT, Baseline, Images, NoAnswer, compare
+from mkdaemon.view.report.make import report_of
+from mkdaemon.view.report.page import render
+from tests.view.report.compared import Wrong, add_poses, only, recorded, tracks, truth, without
+from tests.view.report.known import Tape
 
 VIEW = TagView(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.array([0.2]), np.zeros(3), np.eye(3))
 LOOKING_DOWN = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -38,17 +43,14 @@ def shown(found):
     ("wrong", "injected"),
     [
         (Wrong(), {}),
-        (Wrong(scale=1.02), {"position scale, less 1": 2.0}),
-        (Wrong(scale=0.97), {"position scale, less 1": -3.0}),
-        (Wrong(place=(0.03, 0.0, 0.0)), {"mounting, forward": 3.0}),
-        (Wrong(place=(0.0, -0.04, 0.02)), {"mounting, left": -4.0, "mounting, up": 2.0}),
-        (Wrong(turn=(0.02, 0.0, 0.0)), {"mounting, roll": math.degrees(0.02)}),
-        (Wrong(turn=(0.0, -0.03, 0.0)), {"mounting, pitch": math.degrees(-0.03)}),
-        (Wrong(frame=(0.05, 0.0, 0.0)), {"frame, x": 5.0}),
+        (Wrong(scale=1.02, lag=0.04), {"position scale, less 1": 2.0}),
+        (Wrong(place=(0.03, -0.04, 0.02)), {"mounting, forward": 3.0, "mounting, left": -4.0, "mounting, up": 2.0}),
+        (
+            Wrong(turn=(0.02, -0.03, 0.0)),
+            {"mounting, roll": math.degrees(0.02), "mounting, pitch": -math.degrees(0.03)},
+        ),
         (Wrong(frame=(3.0, -2.0, 0.1), heading=2.0), {"frame, x": 300.0, "frame, y": -200.0, "frame, z": 10.0}),
-        (Wrong(lag=0.04), {"lag of the camera's stamps": 40.0}),
-        (Wrong(lag=-0.3), {"lag of the camera's stamps": -300.0}),
-        (Wrong(scale=1.01, place=(0.0, 0.03, 0.0), lag=0.1), {"position scale, less 1": 1.0, "mounting, left": 3.0}),
+        (Wrong(scale=0.97, place=(0.0, 0.03, 0.0), lag=-0.3), {"position scale, less 1": -3.0, "mounting, left": 3.0}),
     ],
     ids=str,
 )
@@ -59,56 +61,12 @@ def test_what_is_injected_is_found_with_its_size(wrong, injected):
         name, expected = one.quantity.name, injected.get(one.quantity.name, 0.0)
         if name == "frame, turn about z":
             expected = math.degrees(wrong.heading)
-        if one.quantity.unit == "ms":
+        if one.quantity.unit == "ms":  # the lag of the camera's stamps
             expected = 1000.0 * wrong.lag
         tolerance = 10.0 * QUIET if one.quantity.unit == "ms" else QUIET
         assert values[name] == pytest.approx(expected, abs=tolerance), name
         assert one.is_known, name
         assert one.is_found == (abs(expected) > one.quantity.finds * one.quantity.factor), name
-
-
-def test_offsets_are_taken_out_and_a_scale_is_not():
-    noise = against(*tracks())
-    found = against(*tracks(Wrong(place=(0.1, 0.0, 0.0), frame=(0.0, 0.2, 0.0), turn=(0.0, 0.0, 0.1), lag=0.05)))
-    assert np.median(found.raw.across) > 0.1
-    assert np.median(found.errors.across) == pytest.approx(np.median(noise.errors.across), rel=0.1)
-    assert np.median(np.abs(found.raw.rpy[:, 2])) == pytest.approx(math.degrees(0.1), abs=0.5)
-    assert np.abs(found.errors.rpy).max() < 1.0
-    scaled = against(*tracks(Wrong(scale=1.02)))
-    for one in scaled.distances:
-        assert one.scale is None or one.scale == pytest.approx(1.02, abs=0.002)
-    far = scaled.distances[-1]
-    assert far.along.median == pytest.approx(0.02 * 2.8, abs=0.01)
-
-
-def test_an_error_that_grows_with_the_angle_is_in_its_classes():
-    camera, reference = tracks()
-    steep = np.degrees(np.arccos(camera.positions[:, 2] / np.linalg.norm(camera.positions, axis=1)))
-    tilts = [rotation_from_euler(math.radians(2.0 if angle > 20.0 else 0.0), 0.0, 0.0) for angle in steep]
-    found = against(replace(camera, rotations=camera.rotations @ np.array(tilts)), reference)
-    by_low = {one.low: one for one in found.angles}
-    assert by_low[0.0].turn.median < 0.4
-    assert by_low[20.0].turn.median == pytest.approx(2.0, abs=0.2)
-
-
-def test_nothing_is_interpolated_over_a_drop_out_of_the_reference():
-    camera, reference = tracks()
-    found = against(camera, without(reference, (10.0, 12.0), (20.0, 20.2)))
-    compared = found.errors.times
-    assert not ((compared > 10.05) & (compared < 11.95)).any()
-    assert len(compared) == pytest.approx(len(camera.times) - 44, abs=6)
-    assert np.abs(found.errors.along).max() < 0.02
-
-
-def test_drop_outs_of_the_camera_have_their_lengths_and_reasons():
-    camera, reference = tracks()
-    pauses = {(5.0, 6.0): "ambiguous", (12.0, 12.3): NO_TAG, (20.0, 23.0): NO_IMAGE}
-    reasons = {at: next((why for (a, b), why in pauses.items() if a <= at <= b), "") for at in camera.times}
-    came = {at: why for at, why in reasons.items() if why != NO_IMAGE}
-    images = Images(np.array(list(came)), list(came.values()), np.ones(len(came)))
-    found = against(without(camera, *pauses), reference, images=images)
-    assert [one.reason for one in found.drop_outs] == list(pauses.values())
-    assert [one.length for one in found.drop_outs] == pytest.approx([1.05, 0.35, 3.05], abs=0.051)
 
 
 def test_detection_counts_only_images_with_the_target_in_view():
@@ -160,17 +118,6 @@ def test_a_reference_that_stands_still_tells_neither_lag_nor_scale_nor_mounting(
     assert np.median(found.errors.across) < 0.01
 
 
-def test_a_flight_without_turns_leaves_the_offset_to_the_frame():
-    camera, reference = tracks(Wrong(frame=(0.05, 0.0, 0.0)))
-    level = np.repeat(np.eye(3)[None], len(camera.times), axis=0)
-    also_level = np.repeat(np.eye(3)[None], len(reference.times), axis=0)
-    found = against(replace(camera, rotations=level), replace(reference, rotations=also_level))
-    known = {one.quantity.name: one.is_known for one in found.offsets}
-    assert not known["mounting, forward"]
-    assert shown(found)["frame, x"] == pytest.approx(5.0, abs=0.3)
-    assert not found.is_still
-
-
 CAMERA, REFERENCE = tracks(seconds=10.0)
 
 
@@ -191,6 +138,77 @@ def test_what_cannot_be_answered_is_said_with_a_remedy(camera, reference, told):
     assert "record" in found.reason
 
 
-def test_rotation_vectors_and_rotations_are_inverse():
-    vectors = np.array([[0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.1], [0.0, 3.1, 0.0]])
-    assert rotation_vectors(rotations_by(vectors)) == pytest.approx(vectors, abs=1e-9)
+@pytest.fixture(scope="module")
+def scaled(tmp_path_factory):
+    """The report of a camera whose distances are 2 % too long, and its stamps late."""
+    path = recorded(tmp_path_factory.mktemp("against") / "scaled.mcap", Wrong(scale=1.02, lag=0.04))
+    return report_of(path, None, against="mocap")
+
+
+def rows_of(chapter, title):
+    (table,) = (one for one in chapter.sheets if one.title.startswith(title))
+    return {row[0]: dict(zip(table.head, row, strict=True)) for row in table.rows}
+
+
+def test_a_recording_has_its_chapter_where_it_is_asked_for(scaled):
+    (chapter,) = scaled.chapters
+    assert (chapter.camera, chapter.reference, chapter.is_answered) == ("down", "mocap", True)
+    told = " ".join(chapter.sentences)
+    found = {name: float(size) for name, size in re.findall(r"(scale, less 1|stamps) ([+-][\d.]+) ±", told)}
+    assert found == pytest.approx({"scale, less 1": 2.0, "stamps": 40.0}, rel=0.03)
+    assert "measure the print" in told
+    scales = [row["scale"] for row in rows_of(chapter, "By distance").values() if row["scale"] != "-"]
+    assert [float(scale) for scale in scales] == pytest.approx([1.02] * len(scales), abs=0.003)
+    rates = rows_of(chapter, "Rates")
+    assert rates["usual rate (Hz)"] == {"": "usual rate (Hz)", "down": "20.0", "mocap": "33.3"}
+    assert (rates["drop-outs"]["down"], rates["drop-outs"]["mocap"]) == ("2", "0")
+    reasons = rows_of(chapter, "Drop-outs of down")
+    assert set(reasons) == {"ambiguous", "no tag found"}
+    assert float(reasons["ambiguous"]["longest (s)"]) == pytest.approx(1.5, abs=0.06)
+    # 600 images, of which 29 or 30 were refused; of 11 or 12 without a value three were dropped before the eyes.
+    seen = rows_of(chapter, "By viewing angle").values()
+    images = sum(int(row["images"]) for row in seen)
+    assert images == pytest.approx(597, abs=3)
+
+
+def test_reports_that_no_daemon_published_are_a_reference_in_a_frame_of_their_own(tmp_path):
+    path = recorded(tmp_path / "foreign.mcap", Wrong(frame=(2.0, 1.0, 0.0), heading=1.0), as_reports=True)
+    (chapter,) = report_of(path, None, against="mocap").chapters
+    assert chapter.is_answered
+    assert any("its own frame" in one for one in chapter.sentences)
+    errors = rows_of(chapter, "Errors")
+    assert {row["as recorded"] for row in errors.values()} == {"-"}
+    assert float(errors["across it (cm)"]["without offsets and lag"].split(" / ")[0]) < 0.5
+    assert rows_of(chapter, "Constant")["frame, x (cm)"]["estimate ± sd"].startswith(("+200", "+199"))
+
+
+def test_two_cameras_are_compared_and_each_other_source(tmp_path):
+    tape = Tape()
+    camera, reference = tracks(seconds=30.0)
+    add_poses(tape, "down", camera)
+    add_poses(tape, "front", reference)
+    add_poses(tape, "gps", reference, "home")
+    chapters = report_of(tape.write(tmp_path / "two.mcap"), None, against="front").chapters
+    assert [(one.camera, one.is_answered) for one in chapters] == [("down", True), ("gps", True)]
+    assert any("no lens in vision/down/setup" in one for one in chapters[0].sentences)
+
+
+def test_a_page_shows_it(scaled):
+    page = render(scaled, "library").decode()
+    assert "<h2>down against mocap</h2>" in page
+    figures = json.loads(page.partition('id="figures">')[2].partition("</script>")[0])
+    alone = {figure["name"]: figure for figure in figures if figure["alone"]}
+    assert len(alone) == 6
+    assert 'id="plots-note"' in page  # the script of the page begins with it, also where nothing is plotted over time
+    for name, figure in alone.items():
+        assert f'id="plot-{name}"' in page
+        assert figure["data"][0]["x"]
+    scale = next(figure for name, figure in alone.items() if "scale" in name)
+    assert np.median(scale["data"][0]["y"]) == pytest.approx(1.02, abs=0.002)
+
+
+def test_a_recording_of_a_reference_alone_asks_for_a_camera(tmp_path):
+    tape = Tape()
+    add_poses(tape, "mocap", tracks(seconds=5.0)[1])
+    with pytest.raises(ConfigError, match="only mocap has poses; record with a camera"):
+        report_of(tape.write(tmp_path / "alone.mcap"), None, against="mocap")

@@ -5,16 +5,11 @@ Chromium is Debian's; `make check-view` runs these.
 
 from __future__ import annotations
 
-import re
-
 import pytest
 
 from lab.rigs.browsing import chromium
-from mkdaemon.view.report.make import make_page, report_of
-from mkdaemon.view.report.page import plotly_source, render
-from tests.reading.situations import LOOKED_AT
-from tests.view.report.compared import recorded
-from tests.view.report.known import taped, write_known
+from mkdaemon.view.report.make import make_page
+from tests.view.report.known import write_known
 from tests.view.report.test_page import HOSTILE
 
 pytestmark = pytest.mark.browser
@@ -78,19 +73,6 @@ def test_the_true_values_are_read_back_from_the_page(known):
     assert "5.0 cm at most, in position" in known.page.locator("#words").inner_text()
 
 
-@pytest.mark.parametrize("situation", LOOKED_AT, ids=lambda situation: situation.name)
-def test_the_report_ends_with_the_worst_thing_in_its_colour(browser, tmp_path, situation):
-    tape, picture = taped(situation)
-    path = tmp_path / "situation.html"
-    path.write_bytes(make_page(tape.write(tmp_path / "situation.mcap"), None))
-    opened = Opened(browser, path)
-    end = opened.page.locator("#end")
-    assert end.inner_text() == f"At the end: {picture.headline}"
-    red, green, blue = map(int, re.findall(r"\d+", end.evaluate("one => getComputedStyle(one).color"))[:3])
-    assert (red > 1.3 * max(green, blue)) == picture.tone.is_wrong, "red only where something is wrong"
-    assert opened.errors == []
-
-
 def test_who_zooms_one_plot_zooms_all(known):
     known.page.evaluate("Plotly.relayout('plot-battery', {'xaxis.range[0]': 2, 'xaxis.range[1]': 5})")
     plots = "Array.from(document.querySelectorAll('[id^=plot-]')).filter((one) => one.layout)"
@@ -105,20 +87,6 @@ def test_the_pointer_shows_one_moment_everywhere(known):
     # Hovering is drawn a moment later; plotly's own texts say height and time.
     said = "document.querySelector('#plot-height .hoverlayer').textContent"
     known.page.wait_for_function(f"{said}.includes('2.5') && {said}.includes('4.00')")
-
-
-def test_figures_of_a_comparison_are_drawn(browser, tmp_path):
-    report = report_of(recorded(tmp_path / "compared.mcap"), None, against="mocap")
-    path = tmp_path / "compared.html"
-    path.write_bytes(render(report, plotly_source()))
-    opened = Opened(browser, path)
-    for plot in report.chapters[0].plots:
-        assert opened.plot(plot.name, "querySelectorAll('.points path, .point path').length") > 1
-    assert opened.errors == []
-
-
-def test_it_prints(known):
-    assert known.page.pdf(prefer_css_page_size=True).startswith(b"%PDF")
 
 
 def test_what_strangers_wrote_runs_nothing(browser, tmp_path):

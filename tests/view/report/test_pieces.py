@@ -13,7 +13,7 @@ from mkdaemon.view.report.flight import FlightReader
 from mkdaemon.view.report.happenings import MOST_TROUBLES, Trouble, take_causes
 from mkdaemon.view.report.pieces import Errors, pieces_of
 from mkdaemon.view.report.plots import plots_of
-from mkdaemon.view.report.timeseries import TimeSeries, thin
+from mkdaemon.view.report.timeseries import thin
 from mkdaemon.view.report.verdict import flown_time, head_of, sentences
 from tests.samples import estimate
 from tests.view.report.known import Tape, error_at, known_flight
@@ -63,28 +63,6 @@ def test_a_manoeuvre_is_cut_where_its_goal_goes_to_another_place():
         (4.0, 10.0, (1.0, 0.0, 2.0)),
     ]
     assert [piece.errors.count for piece in pieces] == [20, 40], "from 2 s after its beginning"
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"goal": [1.0, 2.0, 3.0]},  # no errors
-        {"error_pad": [1.0, 2.0, 3.0]},  # no goals
-        {"goal": "x", "error_pad": [None, 1, 2]},
-        {"goal": [1e300] * 3, "error_pad": [float("nan")] * 3},
-    ],
-)
-def test_strange_errors_are_left_out(fields):
-    status = {"phase": "flying", "manoeuvre": "hold", "stage": ""}
-    (piece,) = pieces_of(read(Tape((0.0, "control/status", status), (1.0, "control/error", fields))))
-    assert (piece.name, piece.begin, piece.end, piece.errors) == ("hold", 0.0, 1.0, None)
-
-
-def test_a_recording_without_a_flight_has_no_word_of_one():
-    flight = read(Tape((0.0, "state/altitude", {"above_start": 1.0})))
-    assert pieces_of(flight) == []
-    assert "an unknown time" in sentences(flight, [], 1e30)[0]
-    assert "Automatic" not in " ".join(sentences(flight, [], 1e30))
 
 
 BEGIN, END = 6.5, 7.8
@@ -177,21 +155,6 @@ def test_a_flight_that_lands_says_so_with_the_trouble_that_it_outlived():
     assert [text for _, text in head.chain] == ["survived: no pose for 1.2 s; attitude silent 1.6 s; ended at 20.8 s"]
 
 
-def test_a_flight_that_goes_on_none_at_all_and_a_step_of_the_ladder_in_its_middle_are_no_release():
-    assert not head_of(read(known_flight())).is_bad  # neutral for a moment at 5 s
-    flying, output = {"phase": "flying", "manoeuvre": "hold"}, {"pitch": 1, "roll": 1, "yaw": 1, "throttle": 1}
-    in_flight = Tape((0.0, "control/status", flying), (3.0, "control/output", output))
-    assert head_of(read(in_flight)).text == "The recording ends in flight."
-    assert head_of(read(Tape((0.0, "state/altitude", {"above_start": 1.0})))).text == "No automatic flight."
-
-
-@pytest.mark.parametrize("strange", [None, "x", [], [None], [{"text": ""}], [3], {"kind": "no_pose"}])
-def test_what_is_no_cause_is_none(strange):
-    troubles = []
-    take_causes(troubles, 1.0, {"causes": strange})
-    assert troubles == []
-
-
 def test_a_recording_of_many_troubles_keeps_the_first():
     troubles: list[Trouble] = []
     for tick in range(2 * MOST_TROUBLES + 4):
@@ -212,13 +175,3 @@ def test_a_thinned_line_keeps_its_ends_and_extremes(count):
     if count:
         assert (found_times[0], found_times[-1]) == (0.0, count - 1.0)
         assert (found.min(), found.max()) == (values.min(), values.max())
-
-
-def test_values_are_sorted_by_time():
-    series = TimeSeries()
-    for at, value in ((2.0, 20.0), (1.0, 10.0), (3.0, 30.0)):
-        series.add(at, value)
-    times, values = series.arrays()
-    assert times.tolist() == [1.0, 2.0, 3.0]
-    assert values.tolist() == [10.0, 20.0, 30.0]
-    assert len(series) == 3

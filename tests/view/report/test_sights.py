@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mkdaemon.view.report.baseline import NO_TAG, OTHER_TAGS
-from mkdaemon.view.report.said import LONGEST, number_of, numbers_of, short, text_of
-from mkdaemon.view.report.sights import MOST_IMAGES, OWN_FRAME, Sights, taken_by
+from mkdaemon.view.report.said import number_of
+from mkdaemon.view.report.sights import MOST_IMAGES, Sights
 from tests.view.report.compared import pose_fields, truth
 
 RATE = 20.0
@@ -87,14 +87,6 @@ def test_what_is_no_pose_is_left_out(fields):
     assert sights.track("deck").positions.shape == (0, 3)
 
 
-def test_a_report_is_as_old_as_it_says_within_reason():
-    sights = Sights()
-    report = {"position": [1.0, 2.0, 3.0], "quaternion": [1.0, 0.0, 0.0, 0.0], "sequence": 1}
-    for at, age in ((5.0, 0.25), (6.0, -3.0), (100.0, 1e9)):
-        sights.take_report(at, report | {"age": age})
-    assert sights.track(OWN_FRAME).times.tolist() == [4.75, 6.0, 90.0]
-
-
 def test_a_setup_says_where_tags_and_lens_are():
     sights = Sights()
     corners = [[2.0, 0.1, 1.1], [2.0, -0.1, 1.1], [2.0, -0.1, 0.9], [2.0, 0.1, 0.9]]
@@ -110,22 +102,6 @@ def test_a_setup_says_where_tags_and_lens_are():
         sights.take_setup(1.0, {"lens": lens, **mounted} | broken)
         assert sights.sight("wall").lens is None
     assert sights.sight("wall").normals.tolist() == [[0.0, 0.0, 1.0]]
-
-
-@pytest.mark.parametrize(
-    ("suffix", "name", "take"),
-    [
-        ("vision/down/pose", "down", Sights.take_pose),
-        ("vision/down/refused", "down", Sights.take_refused),
-        ("vision/down/image", None, None),
-        ("positions/mocap/report", "mocap", Sights.take_report),
-        ("positions/mocap/health", None, None),
-        ("positions/mocap", None, None),
-        ("control/status", None, None),
-    ],
-)
-def test_keys_are_taken_by_their_name(suffix, name, take):
-    assert taken_by(suffix) == (None if name is None else (name, take))
 
 
 FIELDS = {
@@ -145,16 +121,3 @@ FIELDS = {
 def test_only_finite_numbers_of_a_likely_size_are_numbers(path, expected):
     assert number_of(FIELDS, path) == expected
     assert number_of(None, path) is None
-
-
-@pytest.mark.parametrize(("count", "expected"), [(3, [1.0, 2.5, -3.0]), (2, [1.0, 2.5]), (4, [])])
-def test_lists_have_as_many_numbers_as_are_asked_for(count, expected):
-    assert numbers_of(FIELDS, "b.c", count) == expected
-
-
-def test_texts_are_short():
-    assert text_of(FIELDS, "word") == "w"
-    assert text_of(FIELDS, "none") == text_of(FIELDS, "nothing") == ""
-    assert text_of(FIELDS, "long") == "x" * LONGEST + " ..."
-    assert text_of(FIELDS, "bytes") == r"b'\x00'"
-    assert len(short({"many": list(range(9999))})) <= LONGEST + 5

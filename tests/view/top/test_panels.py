@@ -15,11 +15,8 @@ from mkdaemon.view.top.panels import (
     BELOW,
     BESIDE,
     COLUMNS,
-    DEGREES_A_ROW,
     ROWS,
-    RowStyle,
     VehicleBoard,
-    clipped,
     horizon,
 )
 from tests.reading.knownflight import KNOWN
@@ -60,40 +57,6 @@ def test_it_is_always_24_rows_of_at_most_80_columns(board):
     rows = board.rows(NOW)
     assert len(rows) == ROWS
     assert max(sum(len(text) for text, _ in row) for row in rows) <= COLUMNS
-
-
-def test_nothing_known_says_so():
-    text = shown(VehicleBoard("quad"))
-    assert text.startswith(" quad  NOTHING FROM THE DAEMON: no value has arrived")
-    for words in ("no present attitude", "battery   not known", "link          not known", "cameras       not known"):
-        assert words in text, words
-
-
-def test_stale_values_say_how_old_they_are_each_at_its_own_time():
-    board = board_of()
-    board.take("link/health", KNOWN["link/health"], NOW + 2.0)
-    text = shown(board, NOW + 2.0)
-    assert "STALE 2.0 s: roll" in text
-    assert "pad NOT SEEN for 2.0 s" in text
-    assert "==o==" not in text, "a horizon of the past is not drawn"
-    text = shown(board, NOW + 65.0)
-    assert "STALE 65 s: 15.2 V" in text
-    assert "NOTHING FROM THE DAEMON: silent for 63 s" in text
-
-
-def test_the_first_row_is_the_worst_with_its_chain_of_causes_and_what_else_is_wrong_follows():
-    board = board_of([("state/battery", "is_low", True), ("state/flight", "emergency_landing", True)])
-    rows = board.rows(NOW)
-    assert rows[0][2:] == [("EMERGENCY LANDING: receiver lost", RowStyle.BAD)]
-    assert rows[1][1:] == [("BATTERY LOW: 15.2 V, 3.80 V a cell", RowStyle.BAD)]
-    chain = (
-        "NO POSE FOR 1.2 S, releases in 1.8 s: tag in view, 46 poses refused off_course; attitude silent 3.4 s; "
-        "3 of 9 link tests unanswered"
-    )
-    board = board_of([("control/status", "trouble", chain)])
-    rows = shown(board).split("\n")
-    assert f"{rows[0].removeprefix(' quad  ')} {rows[1].strip()}" == chain
-    assert "NO POSE FOR" not in shown(board, NOW + 9.0), "a chain that is old is no chain"
 
 
 def test_texts_of_strangers_act_on_nothing():
@@ -140,16 +103,6 @@ def test_only_events_worth_a_row_have_one_and_a_remedy_that_does_not_fit_goes_on
     assert "in the file." in " ".join(shown(board).split())
 
 
-def test_other_vehicles_are_named_and_a_cut_row_says_so():
-    board = board_of()
-    board.fleet = ["quad", "hexa"]
-    assert "also: hexa" in shown(board)
-    assert clipped([("abcdef", RowStyle.PLAIN), ("", RowStyle.BAD), ("ghij", RowStyle.DIM)], 8) == [
-        ("abcdef", RowStyle.PLAIN),
-        ("g>", RowStyle.DIM),
-    ]
-
-
 WIDE, HIGH = 31, 9
 
 
@@ -172,11 +125,6 @@ def test_the_line_of_the_horizon_turns_with_the_aircraft():
     drawn = horizon(math.pi, 0.0, WIDE, HIGH)
     assert set(drawn[0]) == {":"}
     assert set(drawn[-1]) == {" "}
-
-
-@pytest.mark.parametrize("rows", [-3, -1, 1, 3])
-def test_nose_down_moves_the_line_up_by_its_scale(rows):
-    assert line(horizon(0.0, math.radians(rows * DEGREES_A_ROW), WIDE, HIGH)) == [4 - rows, 4 - rows]
 
 
 WALL = 1_700_000_000.0  # 22:13:20 UTC
@@ -278,11 +226,3 @@ def test_who_has_just_come_is_not_heard_yet():
     board.look(["mk1"], NOW)
     assert "no value has arrived yet" in row_of(board, "mk1")
     assert board.state("mk1", NOW) == "silent"
-
-
-def test_rows_are_at_most_80_columns_whatever_the_names():
-    board = fleet_of("v" * 32)
-    hear(board, "v" * 32, NOW, control__status={"phase": "leased", "lease": LEASE | {"holder": "h" * 90}})
-    board.notice = "x" * 200
-    assert max(len(row) for row in fleet_rows(board)) <= COLUMNS
-    assert (" GONE" not in fleet_rows(board)[0]) and RowStyle.BAR in {tone for _, tone in board.rows(NOW, WALL)[0]}

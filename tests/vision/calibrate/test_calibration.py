@@ -22,7 +22,6 @@ from mkdaemon.vision.tags.tagmap import build
 from mksim.scene.flights import FLU_FROM_CAM_DOWN
 from mksim.scene.layers import board_layer, sheet_layer, tag_layer
 from mksim.scene.view import project
-from tests.places import CONFIGS
 
 from .boardviews import LENS, PLACES, board_views
 
@@ -82,21 +81,12 @@ def test_a_known_lens_is_recovered_from_a_charuco_board() -> None:
 
 def test_a_known_lens_is_recovered_from_a_tag_board() -> None:
     layers = (sheet_layer(0.28, 0.19), *(tag_layer(tag) for tag in TAGS.tags))
-    views = found_in(board_views(layers, 0.27), TagBoard(TAGS))
-    assert len(views) >= 12
+    views = found_in(board_views(layers, 0.27, places=PLACES[:8]), TagBoard(TAGS))
+    assert len(views) >= 7
     result = calibrate(views)
     assert abs(result.intrinsics.fx / LENS.fx - 1) < 0.004
     assert result.rms_px < 0.3
     assert found_in([np.full((480, 640), 128, np.uint8)], TagBoard(TAGS)) == []
-
-
-def test_a_view_that_moved_is_left_out() -> None:
-    views = list(charuco_views())
-    sheared = views[3].image + 0.02 * (views[3].image - views[3].image.mean(axis=0))[:, ::-1]
-    views[3] = replace(views[3], image=sheared)
-    result = calibrate(views)
-    assert 3 not in result.used
-    assert_lens(result)
 
 
 def test_noise_and_flat_views_are_refused_with_the_reason() -> None:
@@ -142,14 +132,6 @@ def test_coverage_leads_from_nothing_to_enough() -> None:
     assert views.missing() == []
 
 
-@pytest.mark.parametrize(("place", "nearer"), [(5, "left"), (6, "right"), (7, "top"), (8, "bottom")])
-def test_tilts_are_told_apart(place: int, nearer: str) -> None:
-    views = Views(CHARUCO)
-    before = set(views.missing())
-    views.add(charuco_views()[place])
-    assert f"its {nearer}" in " ".join(before - set(views.missing()))
-
-
 def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
     result = charuco_result()
     camera = Camera(
@@ -164,13 +146,6 @@ def test_a_camera_file_comes_back_as_it_went(tmp_path: Path) -> None:
 
 
 BY_HAND = "[intrinsics]\nwidth = 640\nheight = 480\nfx = 600.0\nfy = 600\ncx = 319.5\ncy = 239.5\n"
-
-
-def test_a_file_written_by_hand_may_be_plain(tmp_path: Path) -> None:
-    path = tmp_path / "camera.toml"
-    path.write_text(BY_HAND + "[calibration]\ndate = 2026-05-01\n")
-    assert load_camera(path).intrinsics.fy == 600.0
-    assert load_camera(path).calibration.date == "2026-05-01"
 
 
 @pytest.mark.parametrize(
@@ -200,11 +175,6 @@ def test_a_wrong_camera_file_is_named(tmp_path: Path, text: str, words: str) -> 
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("file", sorted((CONFIGS / "cameras").glob("*.toml")), ids=lambda file: file.stem)
-def test_shipped_camera_files_load(file: Path) -> None:
-    load_camera(file)
-
-
 def test_figures_no_lens_has_are_not_stored(tmp_path: Path) -> None:
     wild = Camera(intrinsics=LENS.model_copy(update={"fx": 60000.0, "fy": 60000.0}))
     with pytest.raises(ConfigError, match="not written: no lens has a focal length"):
@@ -214,24 +184,13 @@ def test_figures_no_lens_has_are_not_stored(tmp_path: Path) -> None:
         load_camera(tmp_path / "camera.toml")
 
 
-@pytest.mark.parametrize(
-    ("looks", "direction"),
-    [
-        ("forward", (1, 0, 0)),
-        ("back", (-1, 0, 0)),
-        ("left", (0, 1, 0)),
-        ("right", (0, -1, 0)),
-        ("up", (0, 0, 1)),
-        ("down", (0, 0, -1)),
-    ],
-)
-def test_mounts_look_where_they_say(looks: str, direction: tuple[int, int, int]) -> None:
-    rotation = mount_rotation(MountSection.model_validate({"looks": looks}))
-    np.testing.assert_allclose(rotation[:, 2], direction, atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-
-
-def test_a_mount_looks_down_and_leans_by_its_angles() -> None:
+def test_mounts_look_where_they_say_and_lean_by_their_angles() -> None:
+    for looks, direction in zip(("forward", "left", "up"), np.eye(3), strict=True):
+        opposite = {"forward": "back", "left": "right", "up": "down"}[looks]
+        for name, expected in ((looks, direction), (opposite, -direction)):
+            rotation = mount_rotation(MountSection.model_validate({"looks": name}))
+            np.testing.assert_allclose(rotation[:, 2], expected, atol=1e-12)
+            assert np.linalg.det(rotation) == pytest.approx(1.0)
     np.testing.assert_allclose(mount_rotation(MountSection()), FLU_FROM_CAM_DOWN, atol=1e-12)
     nose_up = mount_rotation(MountSection(looks="forward", rpy_deg=(0.0, -10.0, 0.0)))
     assert nose_up[2, 2] == pytest.approx(np.sin(np.radians(10.0)))

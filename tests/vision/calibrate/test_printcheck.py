@@ -51,7 +51,7 @@ def sheet(stretch=1.0, cells_of_rim=3):
     return np.asarray(cv2.GaussianBlur(canvas, (0, 0), 0.8), np.uint8)
 
 
-@pytest.mark.parametrize("row", ROWS, ids=[row["name"] for row in ROWS])
+@pytest.mark.parametrize("row", ROWS[::3], ids=lambda row: row["name"])
 def test_a_right_print_of_another_renderer_is_good_from_every_side(row):
     distance = float(np.linalg.norm([float(row[key]) for key in ("horizontal", "vertical", "distance")]))
     found = check_print(picture(int(row["Index"])), single(0.2, 14), CAMERA, distance)
@@ -90,7 +90,7 @@ def test_a_print_that_was_fitted_to_its_page_is_found_with_a_camera_file_alone(s
     assert states(check_print(sheet(stretch), single(0.2, 14)))["width over height"] is UNKNOWN
 
 
-@pytest.mark.parametrize(("percent", "state"), [(5.0, BAD), (1.3, BAD), (0.7, GOOD)])
+@pytest.mark.parametrize(("percent", "state"), [(1.3, BAD), (0.7, GOOD)])
 def test_a_print_that_is_larger_than_its_file_says_is_found_by_the_tape(percent, state):
     view = View(shipped("nested"), place(0.6, 0.3))
     found = check_print(view.pixels, shipped("nested"), VGA, 0.6 * (1 + percent / 100))

@@ -154,12 +154,6 @@ def test_the_ruler_is_as_long_as_it_says() -> None:
     assert (line[-1] - line[0] + 1) / PX_PER_MM == pytest.approx(100.0, abs=0.3)
 
 
-def test_a_blank_rim_and_a_whole_quiet_zone_remain() -> None:
-    ink = [loop for area in target_page(single(0.16, 7)).areas if area.grey == 0.0 for loop in area.loops]
-    assert np.concatenate(ink).min() >= 3.9
-    assert ink[0].min() == pytest.approx(10.0 + 20.0)  # margin and one module of 20 mm
-
-
 def test_a_target_that_is_not_flat_cannot_be_one_print() -> None:
     side = TagPlacement(id=1, size=0.1, rpy_deg=(90.0, 0.0, 0.0), position=(0.0, 0.2, 0.2))
     box = TargetSection(name="box", tags=(TagPlacement(id=0, size=0.1), side))

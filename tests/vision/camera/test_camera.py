@@ -88,13 +88,13 @@ def absent(self: object) -> tuple[str, ...]:
 
 
 def test_an_unplugged_camera_is_named_and_comes_back() -> None:
-    source = Scripted("image", "image", "unplug", "image")
+    source = Scripted("image", "fault", "image", "unplug", "image")
     with streamed(source) as (stream, slot):
         assert source.drained.wait(PATIENCE)
         status = wait_for_status(stream, lambda s: s.images == 3)
         assert status.state is EyeState.OK
         assert status.settings_refused == ("gain=3: the driver has 1",)
-        assert (source.opened, status.reopened) == (3, 2)  # lost, missing once, back
+        assert (source.opened, status.reopened) == (4, 3)  # the driver raised, lost, missing once, back
         image = slot.take(0.0)
         assert (image.sequence, image.camera, image.stamped_by) == (3, "test", "arrival")
         assert slot.dropped["test"] == 2
@@ -136,12 +136,6 @@ def test_the_pause_before_a_camera_is_opened_again_doubles_to_the_longest(monkey
     assert pauses == [0.2, 0.4, 0.8, 1.0, 1.0]
 
 
-def test_a_stamp_on_our_clock_is_taken_as_it_is() -> None:
-    clock = StampClock(latency=0.01)
-    assert clock.stamp(99.97, 100.0) == (pytest.approx(99.96), "driver")
-    assert clock.stamp(None, 100.0) == (pytest.approx(99.99), "arrival")
-
-
 def test_on_another_clock_the_smallest_delay_is_the_offset() -> None:
     clock, rng = StampClock(), np.random.default_rng(3)
     errors, knew = [], []
@@ -156,7 +150,7 @@ def test_on_another_clock_the_smallest_delay_is_the_offset() -> None:
     assert clock.stamp(0.5, 1100.0) == (pytest.approx(1100.0), "arrival"), "it was restarted"
 
 
-@pytest.mark.parametrize("true_hz", [5.0, 10.0, 24.0, 26.0, 40.0])
+@pytest.mark.parametrize("true_hz", [10.0, 24.0, 26.0])
 def test_images_numbered_at_a_nominal_rate_are_stamped_by_their_arrival(true_hz: float) -> None:
     clock, rng = StampClock(), np.random.default_rng(4)
     for k in range(600):
@@ -181,16 +175,6 @@ def test_a_believed_clock_survives_a_slow_network_and_is_given_up_when_its_rate_
     assert set(knew["good"][90:]) == {"driver"}
     assert set(knew["crowded"]) == {"driver"}
     assert set(knew["half"][30:]) == {"arrival"}
-
-
-def test_the_rate_is_that_of_bursts_and_gaps_together() -> None:
-    source, began = Scripted(), time.monotonic()
-    times = iter([began + (k // 2) / 10.0 + 0.001 * (k % 2) for k in range(60)])
-    at_end = source.read
-    source.read = lambda timeout: Shot(picture(), at) if (at := next(times, None)) is not None else at_end(timeout)
-    with streamed(source) as (stream, _):
-        status = wait_for_status(stream, lambda s: s.images == 60)
-        assert status.fps == pytest.approx(20.0, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -242,34 +226,6 @@ def test_a_clip_is_played_at_its_own_rate_to_its_end_or_again(tmp_path: Path, is
             source.read(1.0)
         assert shots[-1].arrived - began >= 0.099  # five periods of 20 ms
     source.close()
-
-
-class Hands:
-    """A clock that stands still but for what sleeps."""
-
-    now = 100.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        self.now += seconds
-
-
-def test_a_folder_is_played_at_its_rate_whatever_held_it_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(4):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), picture(20 * number))
-    hands = Hands()
-    monkeypatch.setattr(sources, "time", hands)
-    source = source_of(CameraSection(source=f"folder:{tmp_path}", fps=20, loop=True))
-    source.open()
-    arrivals = []
-    for held_up in (0.0, 0.0, 0.0, 0.0, 0.07, 0.0, 7.0, 0.0):
-        hands.now += held_up
-        shot = source.read(1.0)
-        arrivals.append(shot.arrived - 100.0)
-    source.close()
-    assert arrivals == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.22, 0.25, 7.25, 7.3])
 
 
 @pytest.fixture
@@ -413,12 +369,3 @@ def test_a_driver_is_told_its_settings_and_what_it_refuses_is_named(device: Path
         source.read(1.0)
     source.close()
     assert driver.released
-
-
-def test_motion_jpeg_of_a_device_is_taken_undecoded(device: Path, monkeypatch) -> None:
-    driver = FakeDriver({cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"MJPG")})
-    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: driver)
-    source = source_of(CameraSection(source=f"v4l2:{device}"))
-    source.open()
-    assert driver.get(cv2.CAP_PROP_CONVERT_RGB) == 0
-    np.testing.assert_array_equal(source.read(1.0).pixels, picture(10))

@@ -91,14 +91,6 @@ def test_attitude_is_interpolated_and_not_made_up():
     assert [history.at(2.0, 0.25), AttitudeHistory([]).at(0.0, 1.0), gap.at(5.0, 0.25)] == [None] * 3
 
 
-def test_what_neighbouring_pixels_share_speaks_less_for_a_reading():
-    """A veil of light over the print leaves a residual that is no noise; how large it is tells little."""
-    pair = [replace(tilted(*at, 2000), source="photometric") for at in ((10, 28.0), (-10, 33.0))]
-    odds = log_odds(*pair)
-    assert odds > 30.0
-    assert log_odds(*(replace(pose, shared=9.6) for pose in pair)) < odds / 7.0
-
-
 def grey(degrees: float, cost: float, shared: float = 1.2, common: float = 0.1, loss: float = 9.0) -> Pose:
     """A fit to grey values that leaves what `common` says beside noise."""
     pose = replace(tilted(degrees, loss, 700), source="photometric", rms_px=0.06)
@@ -112,9 +104,3 @@ def test_why_a_reading_is_wrong_does_not_speak_for_it():
     assert odds == log_odds(true, grey(-10, 5.0, loss=10.0))
     assert odds > LIMITS.ambiguity.decided
     assert evidence(true, grey(-10, 5.0, shared=5.0, common=0.7, loss=10.0)) == DECIDED
-
-
-def test_a_reading_whose_cost_is_larger_is_not_chosen():
-    """What is hidden hardly moves the loss; cost has what the bend and the motion of a reading ask for."""
-    assert log_odds(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) < 0.0
-    assert evidence(grey(10, 5.0), grey(-10, 3.7, loss=10.0)) == 0.0

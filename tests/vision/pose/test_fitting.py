@@ -10,11 +10,9 @@ import pytest
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose import photofit
-from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import GREY_EFFORT, TargetFitter
 from mkdaemon.vision.pose.gates import fit_refusal
-from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose, turn, with_floor
 from mkdaemon.vision.pose.projection import Projection
 from mksim.scene.light import Cover, LightConditions
@@ -56,15 +54,6 @@ def test_grey_values_measure_what_edges_have_found(cell_px: float, conditions: L
         errors.append([np.linalg.norm(pose.rotation.T @ pose.position - true) for pose in (found, alone)])
     by_grey, by_edges = np.mean(errors, axis=0)
     assert by_grey < share * by_edges
-
-
-def test_grey_values_do_not_begin_where_nothing_resembles_the_print() -> None:
-    view = View(TARGET, place(VGA.fx * CELL / 3.8, 0.2, 0.8))
-    start = beside(view, 0.0, 0.0)
-    moved = replace(start, position=start.position + np.array([4.0 * CELL, 2.0 * CELL, 0.0]))
-    assert PhotoFit(TARGET, PROJECTION).fit(view.pixels, moved) is None
-    near = PhotoFit(TARGET, PROJECTION).fit(view.pixels, beside(view))
-    assert float(np.linalg.norm(near.position - view.position)) < 0.01
 
 
 @pytest.mark.parametrize(("distance", "spent"), [(0.5, 1), (DISTANCE, GREY_EFFORT)])
@@ -123,14 +112,6 @@ def test_grey_values_that_the_print_does_not_explain_or_that_have_not_arrived_ar
     assert found is None or found.source == "edges"
 
 
-@pytest.mark.parametrize(("streak_px", "way"), [(8.0, 0.1), (16.0, 0.8), (16.0, 1.6)])
-def test_wide_edges_of_a_near_target_are_found_in_their_middle(streak_px: float, way: float) -> None:
-    """Cells of 27 px; those of the inner tag have 4 px and melt, and edges that melt speak for nothing."""
-    view = smeared(streak_px, way, name="nested", distance=0.85)
-    found = EdgeFit(shipped("nested"), PROJECTION).fit(view.pixels, predicted(view))
-    assert_near(found, view, deg=0.15, m=0.001, claims=4.0, inliers=LIMITS.agreement.blind)
-
-
 def test_the_grey_values_find_a_streak_longer_than_the_cells() -> None:
     """Cells of 8 px; a streak along one way of the edges leaves those sharp, and they may have found it."""
     views = [smeared(12.0, way, distance=2.8) for way in (0.4, 0.8, 1.2, 2.3)]
@@ -139,49 +120,6 @@ def test_the_grey_values_find_a_streak_longer_than_the_cells() -> None:
     assert sum(pose.source == "photometric" for _, pose in found) >= len(views) - 1
     assert np.median([angle_deg(pose.rotation, view.rotation) for view, pose in found]) < 0.7
     assert max(nees(view, pose) for view, pose in found) < 7.0
-
-
-def test_edges_that_the_grey_values_contradict_are_as_uncertain_as_both_are_apart(monkeypatch) -> None:
-    view, fitter = smeared(20.0, 0.8, distance=2.8), TargetFitter(TARGET, PROJECTION)
-    edges = EdgeFit(TARGET, PROJECTION).fit(view.pixels, predicted(view))
-    monkeypatch.setattr(fitter._photo, "explains", lambda _grey: False)
-    assert_near(fitter.refine(view.pixels, predicted(view)), view, claims=1.0, source="edges")
-    assert nees(view, edges) > 4.0
-
-
-DECIDED = LIMITS.ambiguity.decided
-
-
-@pytest.mark.parametrize(
-    ("distance", "source"), [(5.0, "photometric"), (4.3, "photometric"), (4.3, "edges"), (3.7, "edges")]
-)
-def test_the_mirror_image_is_fitted_as_the_pose(distance, source):
-    """Near the size of a cell that asks for the other kind of fit, a rival would be lost, and its absence count."""
-    view, fitter = View(shipped("nested"), place(distance, 0.2)), TargetFitter(shipped("nested"), PROJECTION)
-    truth = start_at(view)
-    pose = truth if source == "edges" else fitter.fit_grey_values(view.pixels, [truth])[0]
-    rival = fitter.fit_mirrored(view.pixels, pose)
-    assert rival.source == source
-    assert angle_deg(rival.rotation, view.rotation) > 15.0
-
-
-@pytest.mark.parametrize(("distance", "tilt_deg"), [(2.0, 3.0), (4.5, 7.0), (6.5, 50.0)])
-def test_an_image_agrees_where_perspective_rules_the_mirror_image_out(distance, tilt_deg):
-    """The fit from the mirror image comes back, or has as much against it as a decision asks for."""
-    view, fitter = View(TARGET, place(distance, np.radians(tilt_deg))), TargetFitter(TARGET, PROJECTION)
-    pose = fitter.refine(view.pixels, nearly(view))
-    assert fitter.mirror_odds(view.pixels, pose) > DECIDED
-    rival = fitter.fit_mirrored(view.pixels, pose)
-    if rival is not None and angle_deg(rival.rotation, pose.rotation) > 1.0:
-        assert log_odds(pose, rival) > DECIDED
-
-
-def test_a_target_that_leaves_the_image_shows_too_little_of_its_perspective():
-    view, fitter = View(TARGET, place(2.6, np.radians(30.0))), TargetFitter(TARGET, PROJECTION)
-    pose = fitter.refine(view.pixels, nearly(view))
-    assert fitter.mirror_odds(view.pixels, pose) > DECIDED
-    middle = round(VGA.fx * float(view.position[0] / view.position[2]) + VGA.cx)
-    assert fitter.mirror_odds(view.pixels[:, :middle], pose) == 0.0
 
 
 DIM = replace(LightConditions(), exposure=0.06, noise_sd=2.5)

@@ -111,19 +111,6 @@ def test_grey_values_do_not_polish_what_they_contradict(target):
         assert fit.polish(pixels, pose) is pose
 
 
-@pytest.mark.parametrize(("distance", "most"), [(5.0, 0.004), (11.0, 0.04)])
-def test_photometric_fit_of_far_tags(target, distance, most):
-    errors, fit = [], PhotoFit(target, PROJECTION)
-    for k in range(3):
-        view = View(target, place(distance, 0.5, around=1.3 * k, roll=0.8 * k))
-        fits = [fit.fit(view.pixels, start) for start in cold(view, target)]
-        best = min((pose for pose in fits if pose is not None), key=lambda pose: pose.loss)
-        assert best.source == "photometric"
-        assert best.likeness > 0.999
-        errors.append(np.linalg.norm(best.position - view.position))
-    assert np.median(errors) < most
-
-
 def test_tags_of_two_faces_solve_together():
     faces = ((2, (0, 0, 0.15), (0, 0, 0)), (3, (0, -0.15, 0), (90, 0, 0)))
     tags = tuple(TagPlacement(id=code, size=0.2, position=at, rpy_deg=turned) for code, at, turned in faces)
@@ -158,11 +145,3 @@ def test_covariance_is_honest(target):
         error = fitted.position - view.position
         values.append(error @ np.linalg.solve(fitted.covariance[:3, :3], error) / 3)
     assert 0.4 < np.mean(values) < 2.0
-
-
-def test_in_a_blown_image_a_missing_edge_speaks_against_a_pose():
-    target = shipped("nested")
-    view = View(target, place(0.8, 0.15), LightConditions(exposure=6.0))
-    aside = Pose(view.rotation, view.position + np.array([0.02, 0.0, 0.0]), np.eye(6) * 1e-8, "corners", 4, 0.1)
-    found = EdgeFit(target, PROJECTION).fit(view.pixels, aside, iterations=1)
-    assert found is None or found.inliers < 0.6

@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from lab.vision.flight import LOOKING_DOWN, VGA, Device, FlightFrame, fly
@@ -14,23 +13,17 @@ from lab.vision.stills import error_of, target_named
 from mkdaemon.telemetry.vision import Alarm
 from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.camera.calibration_file import Intrinsics
-from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
-from mkdaemon.vision.pose.photofit import PhotoFit
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, Shutter, motion_jacobian, motion_of
-from mkdaemon.vision.pose.unknowns import Prior, Unknowns
-from mkdaemon.vision.tags.cellread import Detection
+from mkdaemon.vision.pose.rolling import HIDDEN, LONGEST, MOTIONS, NOMINAL, Shutter, motion_jacobian
 from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import AttitudeHistory
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.light import CLEAN, LightConditions
 from mksim.scene.view import view_towards
 from tests.vision.views import PlainView, angle_deg, assert_near, shipped, start_at
-
-Array = npt.NDArray[np.float64]
 
 LINE_TIME = 30e-3 / 480
 LENS = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=319.5, cy=239.5, line_time=LINE_TIME)
@@ -51,11 +44,6 @@ def seen(eye, middle=(0.1, 0.0, 0.0), conditions: LightConditions = CLEAN, seed:
 def beginning(view: PlainView, known: UnknownsEstimate | None = None, nearer: float = 1.002) -> Pose:
     """A start near the truth, with what is known of the motion."""
     return replace(start_at(view, nearer=nearer, sd=1.0, source="corners"), known_motion=known)
-
-
-def turning(rate, sd: float = 0.05, climb_sd: float = 0.1) -> UnknownsEstimate:
-    """Turns that are known [rad/s], and hardly a climb."""
-    return UnknownsEstimate(np.array([*rate, 0.0]), np.diag([sd, sd, sd, climb_sd]) ** 2)
 
 
 @cache
@@ -94,13 +82,6 @@ def test_the_motion_while_the_rows_are_read_is_fitted_with_the_pose() -> None:
     assert np.sign(found.motion[2]) == np.sign(RATE[2])
 
 
-def test_a_climb_that_nobody_knows_is_in_the_covariance() -> None:
-    speed = climb(0.0)
-    known, unknown = fit(LENS, speed), fit(LENS)
-    assert (known.known_motion, unknown.known_motion) == (speed, None)  # a rival starts from the pose and knows as much
-    assert np.trace(unknown.covariance[3:, 3:]) > 4 * np.trace(known.covariance[3:, 3:])
-
-
 def test_the_derivative_by_the_motion_is_that_of_the_projection() -> None:
     projection = Projection(LENS)
     points = np.array([[0.2, 0.3, 1.5], [-0.3, -0.4, 2.0]])
@@ -114,62 +95,6 @@ def test_the_derivative_by_the_motion_is_that_of_the_projection() -> None:
         ahead, _ = projection.exposed(points, motion + step)
         change = (projection.project(ahead)[0] - projection.project(moved)[0])[:, 0] / 1e-4
         np.testing.assert_allclose(found[k], change, rtol=0.02, atol=0.05)
-
-
-def test_a_motion_moves_a_place_as_speed_and_turning_do() -> None:
-    place, speed, turning = np.array([0.4, -0.3, 5.0]), np.array([0.5, -0.2, 0.3]), np.array([0.1, 0.2, -0.3])
-    motion = motion_of(place, speed, turning)
-    moved = -np.cross(motion[:3], place) + np.array([0.0, 0.0, motion[3]])
-    np.testing.assert_allclose(moved, speed - np.cross(turning, place), atol=1e-12)
-
-
-def test_what_a_turn_at_an_even_rate_leaves_moves_the_image_as_the_fit_says() -> None:
-    projection = Projection(LENS)
-    points, times = np.array([[0.2, 0.3, 1.5], [-0.3, -0.4, 2.0]]), np.array([8e-3, -6e-3])
-    normals = np.array([[0.6, 0.8], [1.0, 0.0]])
-    by_point = np.einsum("ni,nij->nj", normals, projection.jacobian(points))
-    place = np.array([0.1, -0.2, 1.7])
-    start = Pose(np.eye(3), place, np.eye(6), "corners", 4, 0.1)
-    prior = Prior(start, None, projection, None)
-    unknowns = Unknowns(prior.table(prior.begin(), by_point, points - place, times, None))
-    beyond = unknowns["beyond"]
-    lacking = unknowns.rows[beyond]
-    assert len(lacking) == 5
-    np.testing.assert_allclose(np.diag(unknowns.information[beyond, beyond])[:3], LIMITS.edges.acceleration_sd**-2)
-
-    def change(moved: Array) -> Array:
-        step = 1e-3 * moved
-        shift: Array = (normals * (projection.project(points + step)[0] - projection.project(points)[0])).sum(axis=1)
-        return 1e3 * shift
-
-    for k, axis in enumerate(np.eye(3)):
-        bent = change(-(times[:, None] ** 2) / 2 * np.cross(axis, points))
-        np.testing.assert_allclose(lacking[k], bent, rtol=0.001, atol=1e-6)
-    for k, axis in enumerate(np.eye(3)[:2]):
-        slid = change(times[:, None] * (axis - np.cross(np.cross(place, axis) / float(place @ place), points)))
-        np.testing.assert_allclose(lacking[3 + k], slid, rtol=0.001, atol=1e-6)
-
-
-def test_a_far_print_under_a_rolling_shutter_is_fitted_with_what_is_known_of_the_motion() -> None:
-    rate = np.array([0.6, -0.5, 0.3])
-    view = seen((0.8, 0.5, 6.0), rate_cam=rate)
-    plain = PhotoFit(NESTED, Projection(GLOBAL)).fit(view.pixels, beginning(view))
-    found = PhotoFit(NESTED, Projection(LENS)).fit(view.pixels, beginning(view, turning(rate)))
-    assert_near(found, view, deg=min(1.0, 0.3 * angle_deg(plain.rotation, view.rotation)))
-
-
-@pytest.mark.parametrize("rate", [0.4, -0.4])
-def test_decoded_corners_are_compared_with_where_their_rows_saw_them(rate: float) -> None:
-    """Far from the middle row a corner lies more than half a cell from where it is at rest: tracks were given up."""
-    projection, motion = Projection(LENS), np.array([rate, 0.0, 0.0, 0.0])
-    at = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 2.4, 7.0])
-    pose = Pose(*at, np.eye(6), "photometric", 400, 0.1, motion=motion)
-    (tag,) = shipped("single").tags
-    moved = projection.exposed(tag.corners @ pose.rotation.T + pose.position, motion)[0]
-    decoded = [(tag, Detection(*tag.code, 0, 60.0, projection.project(moved)[0]))]
-    fitter = TargetFitter(shipped("single"), projection)
-    assert fitter.disagreement(pose, decoded) < 0.02
-    assert fitter.disagreement(replace(pose, motion=None), decoded) > HALF
 
 
 REACH_PX = VGA.height / 2 * VGA.fx

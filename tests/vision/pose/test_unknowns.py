@@ -9,9 +9,7 @@ import pytest
 
 from mkdaemon.vision.arrays import UnknownsEstimate
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.photofit import PhotoFit
-from mkdaemon.vision.pose.pose import Pose, largest_variance, turn
-from mkdaemon.vision.pose.prints import Sheet, sheet_of
+from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.rolling import Shutter
 from mkdaemon.vision.pose.unknowns import RIDGE, Prior, UnknownRow, Unknowns
@@ -95,36 +93,6 @@ def test_a_bend_is_found_and_not_taken_for_a_tilt(axis: float) -> None:
     assert nees(view, flat) > 5.0
 
 
-def test_far_grey_values_use_what_is_known_of_the_bend() -> None:
-    conditions, rise = curled(0.6)
-    view = View(TARGET, place(6.5, 0.25), conditions)
-    start = start_at(view, nearer=1.002)
-    known = replace(start, known_bend=UnknownsEstimate(rise, 1e-8 * np.eye(3)))
-    sure, unsure = (PhotoFit(TARGET, PROJECTION).fit(view.pixels, one) for one in (known, start))
-    flat = PhotoFit(FLAT, PROJECTION).fit(view.pixels, start)
-    assert_near(sure, view, deg=0.7 * angle_deg(flat.rotation, view.rotation), claims=2.0)
-    assert_near(unsure, view, claims=2.0)
-    assert largest_variance(sure.covariance[3:, 3:]) < largest_variance(unsure.covariance[3:, 3:])
-
-
-def test_a_bent_print_is_no_shorter_than_a_flat_one() -> None:
-    """To third order, against the arc of the simulated sheet."""
-    sheet = Sheet(TARGET.tags[0], RISE)
-    curl = Curl(SIDE / (8 * RISE), 0.0, 1.4 * SIDE)
-    arc = np.linspace(-0.6, 0.6, 13) * SIDE
-    flat = np.column_stack([np.zeros_like(arc), arc, np.zeros_like(arc)])
-    bent = sheet.bent(flat, sheet.terms(flat), np.array([0.0, 0.0, -RISE]))
-    assert curl.along_paper(bent[:, 1]) == pytest.approx(arc, abs=2e-6)
-    assert bent[:, 2] - bent[6, 2] == pytest.approx(curl.height(bent[:, 1]) - curl.height(np.zeros(1)), abs=5e-6)
-
-
-def test_who_bends() -> None:
-    beside = replace(TARGET.tags[0], tag_id=3, position=np.array([1.0, 0.0, 0.0]))
-    several = replace(TARGET, tags=(*TARGET.tags, beside))
-    assert [sheet_of(one) is not None for one in (TARGET, FLAT, several)] == [True, False, False]
-    assert LearnedBend(None).at(0.0) is None
-
-
 def learning(sd: float) -> tuple[UnknownsEstimate, LearnedBend, Pose]:
     """What a file expects of a bend, a knowledge that begins with it, and a near pose that found a rise of 1 %."""
     prior = UnknownsEstimate(np.zeros(3), sd**2 * np.eye(3))
@@ -151,15 +119,3 @@ def test_a_bend_that_an_image_contradicts_is_learned_anew() -> None:
     moved = replace(pose.bend, mean=pose.bend.mean + np.array([0.0, 5e-4, 0.0]))
     learned.learn(0.1, replace(pose, bend=moved, known_bend=pose.bend))
     assert learned.at(0.1).covariance == pytest.approx(prior.covariance)
-
-
-def test_a_bend_is_never_surer_than_without_doubt() -> None:
-    """Whatever step a fit ends with: what was known of the bend is weighed once."""
-    known, noisy = UnknownsEstimate(np.zeros(3), 1e-10 * np.eye(3)), LightConditions(noise_sd=6.0)
-    for k in range(4):
-        view = View(TARGET, place(0.25, 0.05 * k, around=0.7 * k, roll=0.9 * k), noisy)
-        start = replace(start_at(view, nearer=1.002), known_bend=known)
-        found = EdgeFit(TARGET, PROJECTION).fit(view.pixels, start)
-        if found is not None and found.bend is not None:
-            spread = np.linalg.eigvalsh(found.bend.covariance)
-            assert 0.0 < spread[0] <= spread[2] < 1.001e-10

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,12 +23,10 @@ from mkdaemon.vision.selfcal.selfcheck import (
     LENS_AT,
     MOUNTING,
     SIZES_AT,
-    TILT_SCALE,
     CameraFilter,
     HeightFilter,
     ImageEvidence,
     SelfCheck,
-    TargetWatch,
 )
 from mkdaemon.vision.tags.tagmap import TagMap, Target
 from tests.vision.views import VGA, View, place, shipped
@@ -104,44 +101,12 @@ def test_a_focal_length_of_two_percent_too_much_is_named(attitude: bool) -> None
     assert check.reports()[0].focal_percent == pytest.approx(-1.98, abs=0.4)
 
 
-@pytest.mark.parametrize(
-    ("share", "sd", "is_named"),
-    [
-        (0.019, 0.0055, True),  # settled: from three deviations, 0.3 % of them that no image shows
-        (0.018, 0.0055, False),
-        (0.036, 0.0115, False),  # what comes still moves it: from four
-        (0.049, 0.0115, True),
-        (0.009, 0.001, False),  # less is what a calibration leaves
-    ],
-)
-def test_a_focal_length_that_has_settled_is_told_sooner(
-    share: float, sd: float, is_named: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    watch = TargetWatch(shipped(NESTED), RIGHT, np.radians(1.0))
-    known = SimpleNamespace(mean=np.zeros(12), sd=np.ones(12), sized=[], least=watch._filter.least)
-    known.mean[LENS_AT], known.sd[LENS_AT] = share, sd
-    monkeypatch.setattr(watch, "_filter", known)
-    assert bool(list(watch.contradictions())) == is_named
-
-
 def test_an_inner_tag_of_another_size_is_named() -> None:
     target = shipped(NESTED)
     outer, inner = target.tags
     check = watched(target=replace(target, tags=(outer, replace(inner, size=1.02 * inner.size))))
     assert set(check.alarms) == {Alarm.SCALE}
     assert "tag 1 of pad: 49.0 mm in its file, 48.1 +- 0.1 mm against tag 48" in check.alarms[Alarm.SCALE]
-
-
-@pytest.mark.parametrize(("fx", "scale", "named"), [(600.0, 1.0, False), (612.0, 1.0, True), (600.0, 1.02, False)])
-def test_one_tag_from_several_ranges_tells_a_focal_length_and_not_its_own_size(fx, scale, named) -> None:
-    """No attitude and no barometer; a print of another size is at another range, and looks the same."""
-    (tag,) = shipped("single").tags
-    target = replace(shipped("single"), tags=(replace(tag, size=scale * tag.size),))
-    slanted = shots("single", 0.7, 0.02, 0.5)
-    shown = tuple(replace(shot, position=scale * shot.position) for shot in slanted)
-    check = watched(lens(fx=fx, fy=fx), target, attitude=False, seen=lambda: shown)
-    assert (Alarm.SCALE in check.alarms) == named
-    assert check.reports()[0].focal_percent == pytest.approx(100 * np.log(600.0 / fx), abs=0.5)
 
 
 def test_a_principal_point_and_a_distortion_are_named() -> None:
@@ -185,13 +150,6 @@ def test_heights_that_grow_faster_than_the_barometers_are_named() -> None:
         check.image_seen(np.zeros((2, 2), np.uint8), {"pad": (far, 1.3 * height)}, 0.1 * k, None)
     assert "m by the barometer is 3.84 m by vision over pad" in check.alarms[Alarm.SCALE]
     assert check.reports() == ()
-
-
-def test_without_a_camera_file_nothing_is_watched() -> None:
-    check = SelfCheck(TagMap((shipped(NESTED),)), None, 0.02)
-    check.barometer_received(0.0, 1.0)
-    check.image_seen(np.zeros((2, 2), np.uint8), {}, 0.0, None)
-    assert (check.alarms, check.reports()) == ({}, ())
 
 
 def watching(target: Target, projection: Projection) -> CameraFilter:
@@ -255,18 +213,6 @@ def test_yaw_tells_a_turned_mounting_from_a_tilted_deck() -> None:
     assert np.degrees(found.sd[MOUNTING][:2]).max() < 0.3
 
 
-def test_without_yaw_a_mounting_and_a_deck_look_alike_and_the_deviation_says_so() -> None:
-    found = turned(lambda _time: 0.4)
-    assert np.degrees(found.sd[MOUNTING][:2]).min() > 2.0
-    assert (np.abs(found.mean[MOUNTING] - TURN)[:2] < 2 * found.sd[MOUNTING][:2]).all()
-
-
-def test_a_vehicle_that_reports_too_much_tilt_is_no_turned_mounting() -> None:
-    found = turned(lambda time: 0.7 * time, reported=1.1)
-    assert found.mean[TILT_SCALE] == pytest.approx(0.1, abs=0.06)
-    assert np.degrees(found.mean[MOUNTING] - TURN)[:2] == pytest.approx([0.0, 0.0], abs=0.3)
-
-
 def test_on_a_moving_deck_more_time_is_needed() -> None:
     still, moving = (turned(lambda time: 0.7 * time, moving=moves) for moves in (False, True))
     assert moving.sd[MOUNTING][0] > 1.1 * still.sd[MOUNTING][0]
@@ -304,16 +250,6 @@ def test_a_way_down_gives_the_scale_within_its_deviation(scale: float) -> None:
     assert sd < 0.08
 
 
-def test_a_hover_says_nothing() -> None:
-    found = climbed(0.2, height=lambda _time: 2.0)
-    assert found.scale[1] > 0.3
-    assert found.covered < 0.05
-
-
-def test_near_the_ground_the_rotors_press_on_the_barometer() -> None:
-    assert climbed(0.2, height=lambda time: 0.12 * descend(time)).covered == 0.0
-
-
 def test_after_a_pause_the_offset_may_be_another_one() -> None:
     found = climbed(0.1, flights=2, gap=60.0)
     assert found.scale[0] == pytest.approx(0.1 / 1.1, abs=0.06)
@@ -329,17 +265,3 @@ def test_a_focal_length_wrong_by_a_quarter_is_told_and_then_sure() -> None:
     assert once.contradicts
     assert climbed(0.25, height=rise_and_sink, wander=0.08, flights=3).odds > HEIGHTS_SURE
     assert once.scale[0] == pytest.approx(0.2, abs=2.5 * once.scale[1])
-
-
-@pytest.mark.parametrize("flights", [1, 4])
-def test_right_heights_are_likelier_right_than_wrong(flights: int) -> None:
-    assert climbed(0.0, height=rise_and_sink, wander=0.15, flights=flights).odds < 0.0
-
-
-def test_a_barometer_that_does_not_move_says_nothing() -> None:
-    found = HeightFilter()
-    for k in range(240):
-        found.reading_received(k / 30 - 0.005, 0.0)
-        found.pose_seen(k / 30, descend(k / 30))
-    assert found.covered > 2.0
-    assert found.odds == 0.0

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 from mkdaemon.vision.tags.cellread import CodeReader
-from mkdaemon.vision.tags.detector import FIRST, Detector, looks_of
+from mkdaemon.vision.tags.detector import Detector
 from mkdaemon.vision.tags.outline import read_outlines
 from mkdaemon.vision.tags.tagfamily import cells
 from mkdaemon.vision.tags.tagmap import TagMap, covered_cells
@@ -24,57 +24,11 @@ Grey = npt.NDArray[np.uint8]
 TAGS = TagMap((shipped("nested"),))
 NESTED = Detector(TAGS.whitelist, covered=covered_cells(TAGS))
 READER = CodeReader(TAGS.whitelist, covered_cells(TAGS))
-CELL = 16
-PAPER, INK = 200.0, 30.0
-ROOM = 3
-"""White cells around the drawn ones."""
-
-
-def glossy(bitmap: Grey, *, row: float, column: float, gain: float = 300.0, width: float = 2.0) -> Grey:
-    """A print on dark ground whose coat mirrors a round sun, brightest at a cell: blown there, with soft sides."""
-    lit = np.where(printed(bitmap, CELL, ROOM) > 0, PAPER, INK)
-    y, x = (np.indices(lit.shape) + 0.5) / CELL - ROOM
-    lit += gain * np.exp(-((x - column) ** 2 + (y - row) ** 2) / (2 * width**2))
-    noise = np.random.default_rng(7).normal(0.0, 1.5, lit.shape)
-    shown = np.pad((lit + noise).clip(0, 255).round().astype(np.uint8), 40, constant_values=60)
-    return np.ascontiguousarray(shown)
 
 
 def box(first: float, last: float) -> npt.NDArray[np.float64]:
     """Corners of an upright square, clockwise."""
     return np.array([[first, first], [last, first], [last, last], [first, last]])
-
-
-BLACK = box(40 + ROOM * CELL - 0.5, 40 + (ROOM + 8) * CELL - 0.5)
-"""Corners of the black square in such an image."""
-
-
-@pytest.mark.parametrize("turns", [0, 1, 2, 3])
-@pytest.mark.parametrize("place", [(4.0, 4.0), (5.0, 3.0)])
-def test_a_print_with_a_highlight_over_its_middle_is_found(turns: int, place: tuple[float, float]) -> None:
-    shown = np.ascontiguousarray(np.rot90(glossy(cells("tag36h11", 48), row=place[0], column=place[1]), turns))
-    whole = [look for look in (*FIRST, *looks_of(*shown.shape[::-1])) if look.view != "outline"]
-    assert all(NESTED.search(shown, *look) == [] for look in whole)
-    [found] = NESTED.search(shown, "outline")
-    assert found.tag_id == 48
-    corners = BLACK
-    for _ in range(turns):
-        corners = np.column_stack([corners[:, 1], len(shown) - 1 - corners[:, 0]])
-    assert np.abs(found.corners - corners).max() < 1.5
-
-
-def test_a_cell_says_one_bit_at_most() -> None:
-    """Random cells in a black border agree with a code as seldom as chance says: here never."""
-    reader, rng = CodeReader({"tag36h11": frozenset(range(40))}, {}), np.random.default_rng(3)
-    for _ in range(80):
-        bitmap = np.pad(255 * rng.integers(0, 2, (6, 6)).astype(np.uint8), 1)
-        assert reader.read(glossy(bitmap, row=4.0, column=4.0), [BLACK]) == []
-
-
-@pytest.mark.parametrize(("sun", "is_read"), [({"gain": 0.0}, True), ({"width": 4.0}, False)])
-def test_blown_on_both_sides_of_a_line_says_nothing(sun: dict[str, float], is_read: bool) -> None:
-    shown = glossy(cells("tag36h11", 48), row=4.0, column=4.0, **sun)
-    assert bool(CodeReader(TAGS.whitelist, {}).read(shown, [BLACK])) is is_read
 
 
 CODE = ("tag36h11", 48)
@@ -87,16 +41,6 @@ def flooded(pixels_per_cell: int) -> np.ndarray:
     assert not drawn[MIDDLE].any()
     drawn[MIDDLE] = 255
     return printed(drawn, pixels_per_cell)
-
-
-@pytest.mark.parametrize("name", ["nested", "nested-36"])
-def test_the_inner_tag_covers_the_middle_of_the_outer_one(name: str) -> None:
-    outer, inner = shipped(name).tags
-    covered = covered_cells(TagMap((shipped(name),)))
-    assert not covered[inner.code].any()
-    under = covered[outer.code]
-    assert under[MIDDLE].all()
-    assert under.sum() == 4
 
 
 def test_covered_cells_are_not_read() -> None:
@@ -121,8 +65,9 @@ def shoe(reaches: float, reflectance: float, quarters: int) -> Cover:
     return Cover(tuple((float(x), float(y)) for x, y in turned), reflectance)
 
 
-@pytest.mark.parametrize("quarters", range(4))
-@pytest.mark.parametrize(("distance", "reflectance"), [(1.7, 0.06), (2.8, 0.35), (4.0, 0.15)])
+@pytest.mark.parametrize(
+    ("distance", "reflectance", "quarters"), [(1.7, 0.06, 0), (2.8, 0.35, 1), (4.0, 0.15, 2), (2.8, 0.06, 3)]
+)
 def test_three_borders_in_view_are_a_start(distance: float, reflectance: float, quarters: int) -> None:
     """Nothing was decoded from 4.3 to 1.7 m: a fourth side was only looked for in highlights."""
     covered = replace(LightConditions(), covers=(shoe(0.15, reflectance, quarters),))
@@ -168,8 +113,7 @@ def square(side: float, degrees: float, stretch: float = 1.0) -> Array:
     return corners
 
 
-@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0])
-@pytest.mark.parametrize("stretch", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize(("stretch", "degrees"), [(0.8, 20.0), (1.25, 45.0)])
 @pytest.mark.parametrize("at", BESIDE)
 def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], stretch: float, degrees: float) -> None:
     corners = square(100.0, degrees, stretch)
@@ -179,14 +123,7 @@ def test_a_print_with_one_side_in_a_highlight_is_found(at: tuple[float, float], 
     assert np.abs(found.corners - corners).max() < 100.0 * max(stretch, 1.0) / 24
 
 
-@pytest.mark.parametrize("tag_id", [0, 100])
-def test_another_print_with_one_side_in_a_highlight_is_none(tag_id: int) -> None:
+def test_another_print_with_one_side_in_a_highlight_is_none() -> None:
     for at, degrees in itertools.product(BESIDE, (0.0, 20.0, 45.0)):
-        image = seen(square(100.0, degrees), at=at, gain=450.0, width=2.0, tag_id=tag_id)
+        image = seen(square(100.0, degrees), at=at, gain=450.0, width=2.0, tag_id=100)
         assert NESTED.search(image, "outline") == []
-
-
-def test_a_sheet_without_a_print_has_no_open_quads() -> None:
-    image = np.full((240, 320), 70, np.uint8)
-    cv2.fillPoly(image, [square(120.0, 20.0).astype(np.int32)], (255,))
-    assert NESTED.search(image, "outline") == []

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
-import cv2
 import numpy as np
 import pytest
 
@@ -28,15 +25,6 @@ from mksim.scene.scene import Scene, SceneTarget, cam_from_target, true_corners
 from tests.vision.calibrate.test_target_print import PX_PER_MM, paint_svg
 from tests.vision.views import VGA, place, printed
 
-DICTIONARIES = {
-    "tag36h11": cv2.aruco.DICT_APRILTAG_36h11,
-    "tag25h9": cv2.aruco.DICT_APRILTAG_25h9,
-    "tag16h5": cv2.aruco.DICT_APRILTAG_16h5,
-}
-"""OpenCV's, of the classic families."""
-CLASSIC = [family for family in FAMILIES.values() if not family.is_inverted]
-INVERTED = [family for family in FAMILIES.values() if family.is_inverted]
-
 
 def distance(family: TagFamily) -> int:
     """Smallest Hamming distance between two codes, which the name ends with."""
@@ -54,15 +42,6 @@ def test_libapriltag_reads_every_print_upright(family):
         assert found[0].homography[1, 1] / found[0].homography[2, 2] > 0
 
 
-@pytest.mark.parametrize("family", CLASSIC, ids=lambda family: family.name)
-def test_opencv_draws_the_same_codes_upside_down(family):
-    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[family.name])
-    assert dictionary.bytesList.shape[0] == family.ids
-    for tag_id in range(family.ids):
-        drawn = cv2.aruco.generateImageMarker(dictionary, tag_id, family.black_cells)
-        assert np.array_equal(cells(family.name, tag_id), np.rot90(drawn, 2))
-
-
 @pytest.mark.parametrize(
     ("family", "tag_id", "words"),
     [
@@ -78,7 +57,6 @@ def test_unknown_tags_are_named_with_the_fix(family, tag_id, words):
     assert find_family("tag36h11").black_cells == 8
 
 
-INVERTED_NAMES = [family.name for family in FAMILIES.values() if family.is_inverted]
 WIDTH = 0.3
 """Of everything black [m]."""
 
@@ -92,13 +70,13 @@ def build_tags(*tags: TagPlacement) -> TagMap:
     return build([TargetSection(name="pad", tags=tags)], origin="test")
 
 
-@pytest.mark.parametrize("name", INVERTED_NAMES)
+@pytest.mark.parametrize("name", ["tagStandard41h12", "tagCustom48h12"])
 def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
     target = target_of(name)
     placed = SceneTarget.of(target, Platform())
     scene = Scene([placed], ground=None, seed=3, fine=False)
     sources = set()
-    for k, (distance, tilt) in enumerate(((0.9, 0.5), (2.5, 0.2), (5.5, 0.4))):
+    for k, (distance, tilt) in enumerate(((0.9, 0.5), (5.5, 0.4))):
         view = place(distance, tilt, roll=0.7 * k)
         pixels = scene.render(view)
         tracker = Tracker(TagMap((target,)), VGA, LOOKING_DOWN)
@@ -122,7 +100,7 @@ def test_a_rendered_tag_is_found_with_its_corners_and_posed(name):
     assert sources == {"edges", "photometric"}
 
 
-@pytest.mark.parametrize("name", INVERTED_NAMES)
+@pytest.mark.parametrize("name", ["tagStandard41h12", "tagCircle21h7"])
 def test_a_printed_tag_is_read_back_in_its_true_size(name):
     target = target_of(name, 5)
     text = svg(target_page(target))
@@ -146,16 +124,6 @@ def test_families_are_searched_together_and_each_has_its_own_whitelist():
     assert seen == {("tag36h11", 5), ("tagStandard41h12", 5)}
 
 
-def test_something_black_right_beside_the_white_square_is_no_ring():
-    """The check of the surround asks for black outside and white inside, on all four sides."""
-    image = printed(tagfamily.cells("tagStandard41h12", 5), 16, 2)
-    assert Detector({"tagStandard41h12": frozenset({5})}).search_all(image)
-    first = 2 + 1
-    cut = image.copy()
-    cv2.rectangle(cut, (first * 16, first * 16), (first * 16 + 15, (first + 6) * 16 + 15), 255, -1)
-    assert not Detector({"tagStandard41h12": frozenset({5})}).search_all(cut)
-
-
 def test_a_hole_has_room_for_a_tag_and_data_have_not():
     hole = TagPlacement(family="tagCustom48h12", id=1, size=0.18)
     inside = TagPlacement(id=1, size=0.04)
@@ -168,25 +136,6 @@ def test_a_hole_has_room_for_a_tag_and_data_have_not():
         build_tags(TagPlacement(family="tagStandard52h13", id=1, size=0.18), inside)
 
 
-def test_neighbours_are_kept_apart_by_everything_black():
-    left = TagPlacement(family="tagStandard41h12", id=0, size=0.05)
-    for gap, is_free in ((0.06, False), (0.1, True)):
-        right = TagPlacement(family="tagStandard41h12", id=1, size=0.05, position=(gap, 0.0, 0.0))
-        if is_free:
-            assert len(build_tags(left, right).targets[0].tags) == 2
-        else:
-            with pytest.raises(ConfigError, match="white square inside the black ring"):
-                build_tags(left, right)
-
-
-@pytest.mark.parametrize("name", INVERTED_NAMES)
-def test_no_print_of_opencv_is_taken_for_one_of_them(name):
-    with pytest.raises(ConfigError, match=f"OpenCV cannot draw {name}"):
-        build_tags(TagPlacement(family=name, id=0, size=0.1, print="opencv"))
-
-
-def test_searches_of_one_thread_share_the_library():
-    library = library_of(("tag36h11",))
-    assert library is library_of(("tag36h11",))
-    with ThreadPoolExecutor(1) as other:
-        assert other.submit(library_of, ("tag36h11",)).result() is not library
+def test_no_print_of_opencv_is_taken_for_one_of_them():
+    with pytest.raises(ConfigError, match="OpenCV cannot draw tagCircle21h7"):
+        build_tags(TagPlacement(family="tagCircle21h7", id=0, size=0.1, print="opencv"))

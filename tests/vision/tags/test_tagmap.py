@@ -73,21 +73,6 @@ def test_board_counts_along_rows_from_the_top_left(tmp_path):
     assert not target.level
 
 
-def test_several_targets_from_several_files(tmp_path):
-    other = (
-        ONE.replace("pad", "deck").replace("id = 3", "id = 4").replace('name = "deck"', 'name = "deck"\nmoving = true')
-    )
-    tagmap = load([written(tmp_path, ONE), written(tmp_path, other, "b.toml")])
-    assert [target.name for target in tagmap.targets] == ["pad", "deck"]
-    assert [target.frame for target in tagmap.targets] == ["pad", "deck"]
-    assert tagmap.targets[1].moving
-
-
-def test_tags_on_two_faces_are_not_planar(tmp_path):
-    text = ONE + "[[targets.tags]]\nid = 4\nsize = 0.1\nposition = [0, 0.5, 0.5]\nrpy_deg = [90, 0, 0]\n"
-    assert not load([written(tmp_path, text)]).targets[0].is_planar
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -114,13 +99,6 @@ def test_mistakes_are_one_line_with_place_and_fix(tmp_path, text, words):
         load([path])
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_missing_file_and_no_file(tmp_path):
-    with pytest.raises(ConfigError, match="nowhere"):
-        load([tmp_path / "nowhere.toml"])
-    with pytest.raises(ConfigError, match="no target"):
-        load([])
 
 
 @pytest.mark.parametrize(

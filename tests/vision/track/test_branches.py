@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from mkdaemon.vision.limits import LIMITS
-from mkdaemon.vision.pose.ambiguity import log_odds
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.track.branches import (
-    CAUTION,
     MOST_ODDS,
     Branches,
     Course,
-    lasting_doubt,
     places,
 )
 from tests.vision.views import angle_deg
@@ -56,21 +53,6 @@ def test_shaking_stays_near_the_course_and_the_mirrored_pose_does_not():
         assert course.mahalanobis2(mirrored(true)) > 50.0
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_course_knows_the_tilt_better_than_its_images(seed):
-    course, centre = flown(25, 1.0, seed)
-    assert np.degrees(course.angle_sd) < 1.2  # 2 degrees is what it takes each image for
-    direction = np.degrees(np.arccos(course.centre @ centre / np.linalg.norm(course.centre) / np.linalg.norm(centre)))
-    assert direction < 2.5 * np.degrees(course.angle_sd) * np.sqrt(2)
-
-
-def test_what_is_expected_fades_with_time():
-    course, _ = flown(20, 0.3)
-    later = [course.predict_at(course.time + t).angle_sd for t in (0.0, 0.1, 0.3, 0.6)]
-    assert later == sorted(later)
-    assert later[-1] > 3 * later[0]
-
-
 def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
     course, centre = flown(25, 0.1)
     true = seen(centre, (2, -1, 3))
@@ -87,20 +69,6 @@ def test_a_vague_pose_is_moved_onto_the_course_and_a_sharp_one_stays():
     sight = fused.position / fused.range_m
     assert np.sqrt(sight @ fused.covariance[3:, 3:] @ sight) == pytest.approx(np.radians(2.0), rel=0.1)
     assert angle_deg(course.fuse(sharp).rotation, off.rotation) < 0.05
-
-
-def test_a_course_is_believed_less_by_a_pose_that_surprises_it_and_a_pose_that_is_hidden_in_part_counts_less():
-    course, centre = flown(25, 1.0)
-    near, far = seen(centre, sd_deg=1.5), seen(centre + np.array([0.0, 0.3, 0.0]), sd_deg=1.5)
-    assert course.mahalanobis2(near) < 3.0 < course.mahalanobis2(far) < LIMITS.certainty.deviations**2
-    spread = [np.sqrt(np.linalg.eigvalsh(course.fuse(pose).covariance[3:, 3:])[1]) for pose in (near, far)]
-    assert spread[1] > 1.2 * spread[0]
-    course, centre = flown(20, 0.3)
-    aside = centre + np.array([0.3, 0.0, 0.0])
-    hidden, whole = seen(aside, inliers=0.5), seen(aside)
-    moved = [course.join(*places([pose]))[0].centre[0] - course.centre for pose in (hidden, whole)]
-    assert np.linalg.norm(moved[0]) < 0.7 * np.linalg.norm(moved[1])
-    assert course.mahalanobis2(hidden) == pytest.approx(course.mahalanobis2(whole))
 
 
 def branches_of(*loss: float, decided: bool = False, moving: bool = False) -> Branches:
@@ -155,20 +123,6 @@ def test_what_images_said_against_a_reading_stays_with_a_history_that_leaps_to_i
     assert not after.together[~is_mirrored].any()
 
 
-@pytest.mark.parametrize(("aside", "gathers"), [(0.7, True), (0.06, False)])
-def test_where_two_readings_are_nearly_one_nothing_gathers_against_either(aside, gathers):
-    """From nearly above a swing through the vertical makes each of them the other one."""
-    losses = 0.010, 0.0106
-    true = seen([aside, 0.0, 4.0], loss=losses[0])
-    branches = begun(true, mirrored(true, losses[1]))
-    of_one_image = log_odds(true, mirrored(true, losses[1]))
-    for k in range(1, 16):
-        branches = branches.after(k * STEP, [mirrored(true, losses[1]), true])
-    against = float(branches.together[~branches.missed].max())
-    assert (against > 3 * of_one_image) is gathers
-    assert against > 0.9 * of_one_image
-
-
 @pytest.mark.parametrize(
     ("lead", "together", "is_against"), [(9.7, 4.1, True), (9.7, 1.5, False), (25.0, 7.5, False), (25.0, 8.5, True)]
 )
@@ -178,18 +132,6 @@ def test_a_lead_has_to_outweigh_what_images_say_together(lead, together, is_agai
     branches = replace(branches, weight=np.array([0.0, -lead]), together=np.array([together, 0.0]))
     assert branches.is_decided
     assert branches.is_spoken_against is is_against
-
-
-def test_what_is_left_of_readings_close_by_is_told():
-    """A fit that drifted over to the other reading was published 6 degrees off: its rivals lay in between."""
-    branches = branches_of(0.010, 0.010)
-    assert branches.doubt == pytest.approx(0.0, abs=1e-12)  # far away it is a rival, and leads or not
-    state = branches.course.state.copy()
-    state[1] = state[0] + 0.3 * np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
-    near = replace(branches, course=replace(branches.course, state=state), weight=np.array([0.0, -1.0]))
-    apart = np.arctan(0.3 / np.linalg.norm(state[0, :3]))
-    share = np.exp(-1.0) / (1.0 + np.exp(-1.0))
-    assert near.doubt == pytest.approx(share * apart**2, rel=0.05)
 
 
 def test_a_wrong_branch_is_left_after_clear_images():
@@ -215,44 +157,6 @@ def test_one_wrong_pose_is_passed_over_and_a_lasting_one_is_followed():
     for found, east in ((again, 0.78), (course, 1.63)):
         assert not found.missed[0]
         assert np.linalg.norm(found.course.centre[0] - [east, 0.0, 4.0]) < 0.05
-
-
-def test_copies_of_a_reading_leave_room_for_the_true_one():
-    """A far target that passes head on: five of six branches were one reading, published 11 degrees off."""
-    first = seen([0.4, 0.1, 6.0], sd_deg=0.9)
-    branches = Branches.begin(0.0, [first, replace(first)])
-    assert len(branches.weight) == 1
-    rng = np.random.default_rng(2)
-    for k in range(1, 50):
-        true = seen([0.4 - 0.8 * k * STEP, 0.1, 6.0], rng.normal(0, 0.9, 3), sd_deg=0.9)
-        branches = branches.after(k * STEP, [true, mirrored(true)])
-    sides = branches.course.centre[:, 0]
-    assert (sides < 0).any()
-    assert (sides > 0).any()
-
-
-def test_a_course_that_is_no_number_ends():
-    """Whatever a fit claims, choosing what is followed comes to an end."""
-    lost = replace(seen([0.4, 0.1, 6.0]), position=np.full(3, np.nan))
-    assert len(Branches.begin(0.0, [lost, lost]).weight) == 2
-
-
-def test_what_was_missed_until_it_is_impossible_is_forgotten():
-    branches = fly(branches_of(0.010, 0.020), [(0.010, 0.020)] * 40)
-    assert (branches.weight[branches.missed] > -MOST_ODDS).all()
-
-
-@pytest.mark.parametrize(("inliers", "lasting"), [(1.0, 1.0), (0.9, 0.9**-4), (0.8, CAUTION * 0.8**-4)])
-def test_what_hides_points_of_images_in_a_row_is_doubted(inliers, lasting):
-    assert lasting_doubt(seen((0.0, 0.0, 2.0), inliers=inliers)) == pytest.approx(lasting)
-
-
-def test_a_fit_that_many_points_disagree_with_is_rather_missed_than_followed():
-    course = fly(branches_of(0.01, 0.01, decided=True), [(0.010, 0.0101)] * 6)
-    aside = [0.78 + 0.8, 0.0, 4.0]
-    clean, hidden = (course.after(7 * STEP, [seen(aside, inliers=share)]) for share in (1.0, 0.7))
-    odds = [after.weight[after.missed].max() - after.weight[~after.missed].max() for after in (clean, hidden)]
-    assert odds[1] > odds[0] + 2.0
 
 
 LONG_AGO = 40.0
@@ -286,35 +190,29 @@ def is_trusted(branches: Branches) -> bool:
     return branches.is_decided and not branches.missed[0] and is_near
 
 
-@pytest.mark.parametrize("rate_hz", [15.0, 30.0])
-@pytest.mark.parametrize("inliers", [1.0, 0.7])
 @pytest.mark.parametrize(
     ("before", "start", "velocity"),
     [
-        (stood, (0.0, 0.0, 0.12), (0.0, 0.0, 0.0)),
         (stood, (0.01, 0.0, 0.14), (0.1, 0.0, 0.8)),
         (hovered, (0.28, 0.0, 2.0), (0.0, 0.0, 0.0)),  # its attitude was off by 8 degrees
-        (hovered, (0.1, 0.05, 2.0), (0.3, 0.2, 0.0)),
         (hovered, (0.9, -0.3, 1.6), (0.0, 0.5, -0.3)),
         (hovered, (0.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
-        (waited, (0.0, 0.0, 2.0), (0.0, 0.0, 0.0)),
-        (waited, (0.3, 0.2, 1.5), (0.4, 0.0, 0.3)),
         (waited, (-1.0, 2.0, 3.0), (0.0, -0.5, 0.0)),
     ],
 )
-def test_fits_that_agree_win_against_any_course(before, start, velocity, inliers, rate_hz):
-    rng = np.random.default_rng(7)
+def test_fits_that_agree_win_against_any_course(before, start, velocity):
+    rate_hz, rng = 15.0, np.random.default_rng(7)
     branches, trusted = before(rate_hz), []
     for k in range(int(1.5 * rate_hz)):
         centre = np.add(start, np.multiply(velocity, k / rate_hz))
         shaken = np.radians(rng.normal(0.0, 0.3, 3))
-        pose = seen(centre, rng.normal(0.0, 1.0, 3), inliers=inliers)
+        pose = seen(centre, rng.normal(0.0, 1.0, 3), inliers=0.7)
         branches = branches.after(k / rate_hz, [replace(pose, rotation=turn(pose.rotation, shaken))])
         trusted.append(is_trusted(branches))
     assert all(trusted[int(WON * rate_hz) :]), trusted
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("before", [hovered, waited])
 def test_fits_that_do_not_agree_begin_no_course(before, seed):
     """Wrong fits lie anywhere within half of the range."""

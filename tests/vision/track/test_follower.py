@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.clock import Clock
 from mkdaemon.config.camera import CameraSection
-from mkdaemon.config.vision import TrackerSection, VisionSection
+from mkdaemon.config.vision import VisionSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler, rotation_from_quaternion
 from mkdaemon.telemetry.vision import CameraSetup, VisionPose
 from mkdaemon.vision.camera.calibration_file import mount_rotation
 from mkdaemon.vision.camera.camera import StreamStatus
 from mkdaemon.vision.camera.image import CameraImage
-from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pipeline import CameraPipeline
-from mkdaemon.vision.pose.pose import Pose, inverse, moved, with_floor
-from mkdaemon.vision.pose.projection import Projection
-from mkdaemon.vision.tags.cellread import Detection
-from mkdaemon.vision.tags.detector import TONES, Detector
 from mkdaemon.vision.tags.tagfamily import find_family
 from mkdaemon.vision.tags.tagmap import Place, Tag, TagMap, Target, single
 from mkdaemon.vision.tags.targetfile import load
 from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, Mounting
-from mkdaemon.vision.track.follower import LARGE_PX, MOST_EFFORT, Follower
-from mkdaemon.vision.track.mapfollower import MapFollower, prints_of
+from mkdaemon.vision.track.follower import MOST_EFFORT, Follower
 from mkdaemon.vision.track.tracker import Tracker
 from mksim.scene.camera import BUILT_IN
 from mksim.scene.motion import Platform
@@ -35,34 +27,6 @@ from mksim.scene.scene import Scene, SceneTarget
 from mksim.scene.view import CameraView
 from tests.places import CONFIGS
 from tests.vision.views import VGA, View, place, shipped
-
-
-class Blind:
-    """A detector that finds nothing until it is told to, and remembers what was asked."""
-
-    def __init__(self) -> None:
-        self.looks: list[tuple[str, int]] = []
-        self.found: list[Detection] = []
-
-    def search(self, _pixels, view, _window, decimate):
-        self.looks.append((view, decimate))
-        return self.found
-
-
-@pytest.mark.parametrize(("side", "decimate"), [(LARGE_PX - 1, 1), (LARGE_PX, 2)])
-def test_a_target_is_decoded_again_one_way_at_a_time_and_large_ones_at_half_the_resolution(side, decimate):
-    target, blind = shipped("single"), Blind()
-    (follower,) = Tracker(TagMap((target,)), VGA, LOOKING_DOWN).followers
-    follower._detector = blind
-    for _ in range(LIMITS.search.beside_every * len(TONES)):
-        follower._search_again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
-    looks = [(tone, decimate) for tone in TONES]
-    assert blind.looks == looks
-    (tag,) = target.tags
-    blind.found = [Detection(*tag.code, 0, 50.0, np.zeros((4, 2)))]
-    for _ in range(2):
-        follower._search_again(np.zeros((480, 640), np.uint8), (0, 0, side, 400))
-    assert blind.looks[len(looks) :] == looks[:1] * 2, "what finds it stays"
 
 
 def test_a_target_that_is_gone_costs_an_image_a_bounded_number_of_fits():
@@ -101,33 +65,8 @@ def test_only_sparse_targets_of_many_tags_are_maps(tmp_path):
     (tmp_path / "board.toml").write_text(board + "spacing = 0.02\n")
     for target in [*shipped, *load([tmp_path / "board.toml"]).targets, single(0.2, 3)]:
         assert not target.is_map
-        tracker = Tracker(TagMap((target,)), LENS)
-        assert [type(one) for one in tracker.followers] == [Follower]
+    assert type(Tracker(TagMap((target,)), LENS).followers[0]) is Follower
     assert corridor().is_map
-
-
-def test_a_small_tag_belongs_to_the_print_that_it_lies_on():
-    whole = corridor()
-    inner = Tag(FAMILY, 99, 0.02, whole.tags[4].position, np.eye(3))
-    found = prints_of(replace(whole, tags=(*whole.tags, inner)))
-    assert len(found) == len(whole.tags)
-    assert [[tag.tag_id for tag in one.tags] for one in found if len(one.tags) > 1] == [[4, 99]]
-
-
-def test_the_pose_of_another_point_is_the_same_camera():
-    rng = np.random.default_rng(2)
-    root = rng.normal(size=(6, 6))
-    turn = rotation_from_euler(0.2, -0.4, 1.1)
-    pose = Pose(turn, np.array([0.3, -0.2, 1.5]), root @ root.T, "edges", 40, 0.3)
-    by = np.array([6.0, -2.0, 0.4])
-    other = moved(pose, by)
-    _, before, covariance = inverse(pose, pose.covariance)
-    _, after, other_covariance = inverse(other, other.covariance)
-    assert after == pytest.approx(before - by)
-    assert other_covariance == pytest.approx(covariance)
-    again = moved(other, -by)
-    assert again.position == pytest.approx(pose.position)
-    assert again.covariance == pytest.approx(pose.covariance)
 
 
 def views(count: int):
@@ -157,7 +96,7 @@ def flown() -> list[tuple[np.ndarray, list]]:
         tagmap=TagMap((target,)),
     )
     found = []
-    for k, (time, at, turn) in enumerate(views(24)):
+    for k, (time, at, turn) in enumerate(views(16)):
         pixels = scene.render(CameraView(LENS, turn, at, exposure_time=0.003))
         values = pipeline.process(CameraImage(pixels, time, time, k, "down", "header"), attitude_at(time, turn))
         found.append((at, [value for _, value in values if isinstance(value, VisionPose)]))
@@ -207,24 +146,3 @@ def test_what_a_survey_leaves_open_makes_a_pose_less_certain():
     # The place, and the turn at the arm of the height.
     assert more[:2] == pytest.approx(0.01**2 * (1.0 + HEIGHT**2), rel=0.15)
     assert more[2] == pytest.approx(0.01**2, rel=0.15)
-
-
-def test_an_ordinary_target_keeps_its_covariance():
-    target, place = single(0.2, 3), np.array([0.1, 0.2, HEIGHT])
-    pixels = Scene([SceneTarget.of(target, Platform())], seed=1, fine=False, live=True).render(
-        CameraView(LENS, DOWN, place)
-    )
-    [pose] = Tracker(TagMap((target,)), LENS).update(CameraImage(pixels, 0.0, 0.0, 0, "down", "header")).poses
-    assert pose.measured is pose.pose
-    assert (pose.covariance == with_floor(pose.pose)).all()
-
-
-def test_a_print_that_faces_away_is_not_chosen():
-    whole = corridor()
-    wall = replace(whole.tags[0], rotation=rotation_from_euler(np.pi, 0.0, 0.0))
-    target = replace(whole, tags=(wall, *whole.tags[1:]))
-    follower = MapFollower(
-        target, Projection(LENS), Detector({"tag36h11": frozenset(range(10))}), None, TrackerSection()
-    )
-    above = Pose(DOWN, np.array([0.0, 0.0, HEIGHT]), np.eye(6), "edges", 40, 0.3)
-    assert [tag.tag_id for tag in follower._prints[follower._best(above)].tags] != [0]

@@ -1,28 +1,29 @@
-"""What the judges decide, as tables: fits are given, nothing is rendered."""
+"""What the judges decide: tables of given fits, and images where black and white tell a fit beside its place."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
 from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.limits import LIMITS
+from mkdaemon.vision.limits import HALF, LIMITS
 from mkdaemon.vision.pose.edgefit import EdgeEvidence
+from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
-from mkdaemon.vision.tags.tagmap import TagMap, Target
+from mkdaemon.vision.pose.projection import Projection
+from mkdaemon.vision.tags.tagmap import Tag, Target
 from mkdaemon.vision.track.attitude import ImageSight, angle_of, fuse_normal
-from mkdaemon.vision.track.branches import MOST_ODDS
-from mkdaemon.vision.track.follower import Follower, TrackedFrame
 from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LevelKnowledge
-from mkdaemon.vision.track.tracker import Tracker
-from tests.vision.views import VGA, angle_deg, shipped
+from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped, start_at
 
 PIXELS = np.zeros((480, 640), np.uint8)
 LEVEL = LOOKING_DOWN.flu_from_cam.T
@@ -237,15 +238,6 @@ def judged_on(judge: Judge, branches, pose: Pose, images: int) -> list[FitVerdic
     return verdicts
 
 
-def test_a_track_in_doubt_goes_over_to_the_reading_that_the_images_speak_for():
-    """It followed the wrong one; the other is a jump from there, and what the images say counts all the same."""
-    wrong, right = fitted(tilt_deg=15.0, loss=0.016), mirrored(fitted(tilt_deg=15.0), loss=0.01)
-    judge = judge_of(GivenFits(wrong, mirror=right, cell_px=4.5))
-    *_, verdict = judged_on(judge, judge.branches(sight(0.0), [wrong, right]), wrong, 12)
-    assert verdict.refusal is None
-    assert angle_deg(verdict.pose.rotation, right.rotation) < 0.5
-
-
 def test_a_pose_off_the_course_is_followed_and_not_published():
     judge = judge_of(GivenFits(TILTED))
     verdicts = judged_on(judge, judge.branches(sight(0.0), [TILTED]), TILTED, 12)
@@ -258,15 +250,6 @@ def test_a_pose_off_the_course_is_followed_and_not_published():
     verdict = judge_of(GivenFits(aside)).measure(sight(12 * STEP, attitude=False), TILTED, branches)
     assert verdict.refusal is PoseRefusal.OFF_COURSE
     assert verdict.pose is not None
-
-
-@pytest.mark.parametrize(("loss", "refusal"), [(0.01003, None), (0.0108, PoseRefusal.AMBIGUOUS)])
-def test_a_reading_that_images_keep_speaking_against_is_not_published(loss, refusal):
-    """Each of them says too little to count as odds: inertia may not overrule all of them together."""
-    kept, other = replace(TILTED, loss=loss), mirrored(TILTED, loss=0.01)
-    judge = judge_of(GivenFits(kept, mirror=other, cell_px=4.5))
-    branches = replace(judge.branches(sight(0.0), [kept, other]), weight=np.array([0.0, -MOST_ODDS]))
-    assert judged_on(judge, branches, kept, 30)[-1].refusal is refusal
 
 
 @pytest.mark.parametrize(
@@ -328,24 +311,6 @@ def test_a_first_pose_that_the_image_alone_would_publish_contradicts_an_attitude
     assert verdict.refusal is (PoseRefusal.ATTITUDE if contradicts else None)
 
 
-@pytest.mark.parametrize(
-    ("change", "cell_px", "is_there"),
-    [
-        ({}, 10.0, True),
-        ({"inliers": 0.85}, 10.0, False),
-        ({"inliers": 0.76}, 40.0, True),
-        ({"inliers": 0.76}, 6.0, False),
-    ],
-    ids=["its edges agree", "some are hidden", "its cells are read clearly", "its cells are small"],
-)
-def test_a_followed_target_that_is_plainly_there_contradicts_the_attitude_that_refuses_it(change, cell_px, is_there):
-    """Something lies over it, so its tilt may be misled, but not its place: the next image begins there."""
-    free = fitted(tilt_deg=7.0, **change)
-    verdict = measured(free, cell_px=cell_px)
-    assert verdict.refusal is PoseRefusal.ATTITUDE
-    assert verdict.pose is (free if is_there else None)
-
-
 def test_a_large_residual_is_no_word_against_the_attitude_where_edges_are_hidden() -> None:
     verdict = measured(fitted(tilt_deg=23.0, inliers=0.8, rms_px=0.9), cell_px=40.0)
     assert verdict.refusal is not None
@@ -363,85 +328,87 @@ def test_no_tilt_is_held_that_the_image_contradicts_however_many_edges_are_hidde
     assert verdict.contradicts == (verdict.pose is free)
 
 
-def judged_by(verdicts: list[FitVerdict], monkeypatch) -> Follower:
-    """A follower whose judge says what the test says, of one start after the other."""
-    follower = Tracker(TagMap((shipped("single"),)), VGA, LOOKING_DOWN).followers[0]
-    none = FitVerdict(None, PoseRefusal.ATTITUDE)
-    monkeypatch.setattr(follower.judge, "measure", lambda *_: verdicts.pop(0) if verdicts else none)
-    for time in (-STEP, 0.0):
-        follower.track.accept(ImageSight(PIXELS, time, LOOKING_DOWN.flu_from_cam), fitted())
-    follower.track.decoded_at = 0.0
-    return follower
+CFG = TrackerSection()
 
 
-@pytest.mark.parametrize(("loss", "is_published"), [(0.0055, True), (0.019, False)])
-def test_no_start_leads_to_a_pose_that_the_image_likes_less_than_one_the_attitude_refused(
-    monkeypatch, loss, is_published
-) -> None:
-    """A fit held at the tilt of an attitude that had jumped by 10 degrees was published from a second start."""
-    refused, held = fitted(tilt_deg=7.0, loss=0.005), fitted(loss=loss)
-    verdicts = [FitVerdict(refused, PoseRefusal.ATTITUDE), FitVerdict(held, None)]
-    follower = judged_by(verdicts, monkeypatch)
-    frame = TrackedFrame(sight())
-    follower.follow(frame)
-    assert not verdicts
-    assert bool(frame.poses) == is_published
-    assert follower.contradicting is (None if is_published else refused)
-    assert frame.refused.get(follower.name) is (None if is_published else PoseRefusal.ATTITUDE)
+def eyes(view: View, name: str, pixels=None) -> tuple[TargetFitter, Callable[[Pose], PoseRefusal | None]]:
+    """A fitter of a target, and why a judge refuses a pose in an image."""
+    fitter, level = TargetFitter(shipped(name), Projection(VGA)), LevelKnowledge(True, LOOKING_DOWN, CFG)
+    seen = ImageSight(view.pixels if pixels is None else pixels, 0.03, view.view.enu_from_cam)
+    return fitter, lambda pose: Judge(fitter, level, CFG).refusal(seen, pose, None)
 
 
-def test_a_target_that_the_attitude_refuses_is_followed_only_where_no_other_start_does_better(monkeypatch) -> None:
-    """A band over a border misled a fit by 23 degrees beside a right attitude, and another start found the place."""
-    misled, right = fitted(tilt_deg=23.0, loss=0.3), fitted(tilt_deg=0.2)
-    for verdicts, position in (
-        ([FitVerdict(misled, PoseRefusal.ATTITUDE), FitVerdict(right, None)], right),
-        ([FitVerdict(misled, PoseRefusal.ATTITUDE)], misled),
-    ):
-        follower = judged_by(list(verdicts), monkeypatch)
-        monkeypatch.setattr(follower.judge, "is_plainly_there", lambda _seen, pose: pose is misled)
-        frame = TrackedFrame(sight())
-        follower.follow(frame)
-        assert follower.track.last is position
-        assert bool(frame.poses) == (position is right)
+CELLS_BESIDE = [("nested", 1.1, (0, -2)), ("nested-36", 0.9, (0, -2))]
 
 
-@pytest.mark.parametrize(
-    ("tilt_deg", "mirror_deg", "refusal", "published_deg"),
-    [
-        (2.0, 12.0, None, 2.0),  # no deck is tilted like that
-        (1.8, 0.0, None, 0.0),
-        (4.5, 0.3, PoseRefusal.ANGLE_UNCERTAIN, 0.3),
-    ],
-)
-def test_a_lone_first_pose_far_away_is_held_against_its_mirror_image_beside_an_attitude_too(
-    tilt_deg, mirror_deg, refusal, published_deg
-):
-    fits = GivenFits(mirror=fitted(tilt_deg=mirror_deg))
-    verdict = judge_of(fits).first(sight(), [fitted(tilt_deg=tilt_deg)])
-    assert verdict.refusal is refusal
-    assert angle_deg(verdict.pose.rotation, fitted(tilt_deg=published_deg).rotation) < 0.2
+def beside(view: View, tag: Tag, cells: tuple[float, float]) -> Pose:
+    """The pose that puts a target cells of one of its tags beside its place."""
+    step = tag.module * np.array([*cells, 0])
+    return replace(start_at(view), position=view.position + view.rotation @ step)
 
 
-def test_a_first_pose_without_rival_is_followed_beside_its_mirror_image():
-    """Both starts of a tag may run into one minimum; its branch alone would be believed unchallenged."""
-    pose = fitted(tilt_deg=6.0)
-    rival = mirrored(pose, loss=0.009)
-    seen, worse = sight(attitude=False), replace(pose, loss=0.02)
-    assert judge_of(GivenFits(mirror=rival)).candidates(seen, [worse, pose]) == [pose, rival]
-    again = replace(rival, loss=0.02)
-    assert judge_of(GivenFits(mirror=again)).candidates(seen, [pose, rival]) == [rival, pose], "it counts once"
+@pytest.mark.parametrize(("name", "distance", "cells"), CELLS_BESIDE)
+def test_a_pose_two_cells_of_the_inner_tag_beside_its_place_is_refused(name, distance, cells):
+    """A fit that begins there ends at the place."""
+    view = View(shipped(name), place(distance, 0.2))
+    fitter, refusal = eyes(view, name)
+    start = beside(view, shipped(name).tags[1], cells)
+    doubted = replace(start, inliers=0.5)  # as of a fit that stays there
+    assert fitter.cells.evidence(view.pixels, doubted).vouches, "all cells together do not tell"
+    assert fitter.cells.beside(view.pixels, doubted) > HALF * LIMITS.ambiguity.decided
+    assert refusal(doubted) is PoseRefusal.BITS
+    assert_near(fitter.refine(view.pixels, start), view, m=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("nats", "inliers", "cell_px", "is_asked"),
-    [
-        (20.0, 1.0, 10.0, False),
-        (7.0, 1.0, 10.0, True),  # perspective alone does not decide
-        (20.0, 0.8, 10.0, True),  # what lies over the target may hide it
-        (20.0, 0.8, 30.0, False),  # not from one that is so large
-    ],
-)
-def test_a_mirror_image_that_perspective_rules_out_is_not_fitted(nats, inliers, cell_px, is_asked):
-    pose = fitted(tilt_deg=6.0, inliers=inliers)
-    fits = GivenFits(mirror=mirrored(pose, loss=0.02), mirror_nats=nats, cell_px=cell_px)
-    assert len(judge_of(fits).candidates(sight(attitude=False), [pose])) == 1 + is_asked
+def test_cells_outside_the_image_or_too_small_tell_nothing():
+    view = View(shipped("nested"), place(0.8, 0.2))
+    cells, pose = eyes(view, "nested")[0].cells, start_at(view)
+    far = replace(pose, position=20.0 * view.position)
+    for one in (replace(pose, position=view.position + np.array([5.0, 0.0, 0.0])), far):
+        assert cells.evidence(view.pixels, one) == CellEvidence()
+    assert cells.beside(view.pixels, far) == 0.0
+
+
+def turned_away(distance: float, toward: float, way: float = 1.0, tilt: float = 0.2) -> View:
+    """A view of a target `way` to the border of the image or beyond, `toward` [rad] from its x axis."""
+    ahead = place(distance, tilt)
+    heading = np.array([np.cos(toward), np.sin(toward)])
+    half = np.array([VGA.width / VGA.fx, VGA.height / VGA.fy]) / 2
+    aside, down = np.arctan(way * heading * float(np.min(half / np.abs(heading))))
+    turned = cv2.Rodrigues(np.array([0.0, -aside, 0.0]))[0] @ cv2.Rodrigues(np.array([down, 0.0, 0.0]))[0]
+    return View(shipped("nested"), replace(ahead, enu_from_cam=ahead.enu_from_cam @ turned))
+
+
+@pytest.mark.parametrize(("distance", "toward", "step"), [(0.29, 4.4, -18), (0.29, 5.2, -14)])
+def test_where_few_edges_agree_those_that_are_seen_have_to(distance, toward, step):
+    """A corner of a near target is in view: part of a cell (mm) beside its place a few edges agree with others."""
+    view = turned_away(distance, toward, 1.3, 0.35)
+    fitter, refusal = eyes(view, "nested")
+    start = replace(start_at(view), position=view.position + view.rotation @ np.array([0.0, 1e-3 * step, 0.0]))
+    wrong, right = fitter.refine(view.pixels, start), fitter.refine(view.pixels, start_at(view))
+    assert np.linalg.norm(wrong.position - view.position) > 0.01
+    assert wrong.inliers < LIMITS.agreement.blind
+    assert not fitter.edges.evidence(view.pixels, wrong).explains
+    assert refusal(wrong) in (PoseRefusal.INLIERS, PoseRefusal.RESIDUAL)
+    assert_near(right, view, m=1e-3)
+    assert refusal(right) is None
+
+
+def painted(view: View, quad: np.ndarray, grey: int) -> np.ndarray:
+    """The image with a part of the target in one grey value, by its corners `(4, 3)` [m; target]."""
+    seen, _ = Projection(VGA).project(quad @ view.rotation.T + view.position)
+    return cv2.fillConvexPoly(view.pixels.copy(), np.round(seen * 16).astype(int), grey, cv2.LINE_AA, shift=4)
+
+
+@pytest.mark.parametrize("name", ["nested", "single"])
+def test_a_border_around_nothing_is_no_target_and_half_a_code_in_view_is_one(name):
+    view, outline = View(shipped(name), place(3.0, 0.2)), shipped(name).tags[0].outline
+    tile = painted(view, outline, int(np.percentile(view.pixels, 1)))
+    (fitter, refusal), partial = eyes(view, name, tile), replace(start_at(view), inliers=0.7)
+    read = fitter.cells.evidence(tile, partial)
+    assert read.code <= 0.0 < read.odds and not read.has_code
+    assert refusal(partial) is PoseRefusal.BITS
+    half = outline.copy()
+    half[1:3] = (half[[0, 3]] + half[1:3]) / 2
+    covered = painted(view, half, 90)
+    assert fitter.cells.evidence(covered, replace(start_at(view), inliers=0.6)).has_code

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from math import radians
 
@@ -11,15 +10,12 @@ import pytest
 
 from lab.vision.flight import LOOKING_DOWN
 from mkdaemon.config.vision import TrackerSection
-from mkdaemon.frames import euler_from_rotation, rotation_from_euler
-from mkdaemon.telemetry.vision import PoseRefusal
-from mkdaemon.vision.camera.image import CameraImage
+from mkdaemon.frames import rotation_from_euler
 from mkdaemon.vision.pose.edgefit import EdgeFit
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.pose.unknowns import TargetLevel
-from mkdaemon.vision.tags.tagmap import TagMap
 from mkdaemon.vision.track.attitude import (
     AttitudeHistory,
     AttitudeSample,
@@ -30,10 +26,9 @@ from mkdaemon.vision.track.attitude import (
     without_normal,
 )
 from mkdaemon.vision.track.branches import Branches
-from mkdaemon.vision.track.judge import FitVerdict, Judge
+from mkdaemon.vision.track.judge import Judge
 from mkdaemon.vision.track.level import LONGEST, PRIOR_SD, LevelKnowledge
-from mkdaemon.vision.track.tracker import Tracker
-from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped, start_at
+from tests.vision.views import VGA, View, angle_deg, nearly, place, shipped
 
 DOWN = LOOKING_DOWN.flu_from_cam.T
 SHARP = np.radians(0.2)
@@ -95,20 +90,6 @@ def seen(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0, time: float = 
     )
 
 
-@pytest.mark.parametrize(
-    ("roll", "pitch", "yaw", "hangs", "tilt"),
-    [
-        (0, 0, 1.2, False, 0),
-        (0.1, 0, -2.0, False, 0.1),
-        (0, -0.2, 0.4, False, 0.2),
-        (0.1, 0, -2.0, True, 0),  # the camera hangs with the vehicle: a level target is seen tilted by as much
-    ],
-)
-def test_tilt_is_of_roll_and_pitch_and_not_of_yaw(roll, pitch, yaw, hangs, tilt) -> None:
-    target = DOWN @ rotation_from_euler(roll, pitch, yaw).T if hangs else DOWN
-    assert tilt_of(knowledge(), seen(roll, pitch, yaw), pose_of(target)) == pytest.approx(tilt, abs=1e-6)
-
-
 def test_without_attitude_or_level_target_nothing_is_said() -> None:
     blind = ImageSight(np.zeros((2, 2), np.uint8), 0.0, None)
     slanted = LevelKnowledge(False, LOOKING_DOWN, TrackerSection())
@@ -143,17 +124,6 @@ def test_the_pose_of_the_image_alone_comes_back_where_it_says_more_than_the_fit_
     assert not without_normal(fuse_normal(image, sharp), sharp)[1]
 
 
-@pytest.mark.parametrize(("image_sd_deg", "learned"), [(50.0, False), (0.3, True)])
-def test_a_deck_is_learned_from_the_image_and_not_from_what_the_fit_was_told(image_sd_deg, learned) -> None:
-    level = knowledge()
-    first = level.vertical(seen()).spread
-    image = pose_of(DOWN @ rotation_from_euler(np.radians(1.0), 0.0, 0.0), np.radians(image_sd_deg) ** 2)
-    for k in range(20):
-        held = level.vertical(seen(time=k / 30))
-        level.learn(seen(time=k / 30), without_normal(fuse_normal(image, held), held)[0])
-    assert bool(level.vertical(seen(time=0.7)).spread < first - np.radians(0.5)) is learned
-
-
 def test_a_tilted_deck_is_learned_whatever_way_the_vehicle_faces() -> None:
     level, deck = knowledge(), rotation_from_euler(np.radians(4.0), np.radians(-3.0), 0.0)
     before = level.vertical(seen()).spread
@@ -184,36 +154,6 @@ def test_what_is_known_of_a_deck_fades_to_the_prior() -> None:
     np.testing.assert_allclose(deck.normal(1.0 + LONGEST, AHEAD), [0.0, 0.0, 1.0], atol=1e-6)
 
 
-def test_a_deck_that_moves_suddenly_is_followed() -> None:
-    deck = Deck()
-    show_normal(deck, 0.0, 2.0, (0.05, 0.0), np.radians(1.0))
-    show_normal(deck, 2.0, 2.2, (-0.01, 0.02), np.radians(1.0))
-    np.testing.assert_allclose(deck.normal(2.0 + 5 / 30, AHEAD)[:2], [-0.01, 0.02], atol=0.01)
-    assert not deck.is_contradicted_at(2.2)
-
-
-def test_a_deck_that_rocks_is_followed_and_not_trusted_where_no_image_shows_it() -> None:
-    deck, late = Deck(), []
-    for k in range(120):
-        time = k / 30
-        normal = np.array([np.radians(4.0) * np.sin(np.pi * time / 2), 0.0, 1.0])
-        late.append(abs(float(deck.normal(time, AHEAD)[0] - normal[0])))
-        deck.measured(time, AHEAD, normal, np.radians(0.5))
-    assert max(late[30:]) < np.radians(2.0)
-    assert deck.sd(119 / 30 + 1.0, AHEAD) > np.radians(1.5)
-
-
-def test_a_biased_attitude_is_learned_as_one_and_turns_with_the_vehicle() -> None:
-    bias, deck, up = rotation_from_euler(np.radians(5.0), 0.0, 0.0), Deck(), np.array([0.0, 0.0, 1.0])
-    for k in range(60):
-        yawed = rotation_from_euler(0.0, 0.0, k / 40)
-        deck.measured(k / 30, yawed @ bias, yawed @ bias @ yawed.T @ up, SHARP)
-    yawed = rotation_from_euler(0.0, 0.0, 3.0)
-    true = yawed @ bias @ yawed.T @ up
-    assert np.degrees(np.linalg.norm(deck.normal(2.0, yawed @ bias) - true)) < 1.0
-    assert deck.sd(2.0, yawed @ bias) < np.radians(1.0)
-
-
 def turning(time: float, apart: float, rate: float = 0.4, count: int = 9):
     """What attitudes so far apart [s] say of the turning at a time."""
     return AttitudeHistory(AttitudeSample(k * apart, rate * k * apart, 0.0, 0.0) for k in range(count)).turning_at(time)
@@ -224,12 +164,6 @@ def test_the_turning_comes_from_the_attitudes_around_an_image() -> None:
     assert turning(0.2, 0.02, count=5) is None
     assert turning(0.0, 0.02, count=0) is None
     assert turning(0.15, 0.1, 1.0, 5) is None, "distant attitudes say nothing about what lies between"
-
-
-def test_turning_is_known_best_half_way_between_attitudes_and_worse_the_closer_they_are() -> None:
-    assert turning(0.05, 0.02).sd == pytest.approx(np.sqrt(2.0) * np.radians(0.1) / 0.02, rel=1e-3)
-    assert turning(0.05, 0.02).sd < turning(0.0401, 0.02).sd < 0.2
-    assert turning(0.05, 0.01).sd > 1.5 * turning(0.05, 0.02).sd
 
 
 RIGHT, WRONG = radians(1.0), radians(12.0)
@@ -266,7 +200,7 @@ def test_a_lasting_contradiction_is_told_with_its_angle(known: int) -> None:
     assert round(deck.level.contradicted_deg) == pytest.approx(12, abs=1)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_contradictions_that_do_not_agree_accuse_nobody(seed: int) -> None:
     """A vibration behind a rolling shutter turns the normal another way in every image."""
     rng, deck = np.random.default_rng([seed, 0x517]), Deck()
@@ -281,13 +215,6 @@ def test_contradictions_that_agree_in_the_world_or_on_the_vehicle_leave_it_out(o
     deck = Deck()
     told = [tell(deck, k * STEP, WRONG, yaw=np.pi * k / 10, of_vehicle=of_vehicle) for k in range(10)]
     assert told[-1]
-
-
-def test_a_swapped_sign_that_passes_level_stays_left_out() -> None:
-    """Where the vehicle is level for a moment a swapped sign agrees with everything."""
-    deck = Deck()
-    told = [tell(deck, k * STEP, WRONG * np.cos(2 * np.pi * k / 60)) for k in range(240)]
-    assert all(told[FEWEST - 1 :])
 
 
 def test_the_attitude_is_taken_up_again_after_it_agreed_and_left_out_again_as_soon() -> None:
@@ -310,29 +237,6 @@ def test_without_images_that_tell_the_attitude_is_tried_again_as_after_a_clock_t
     assert not tell(deck, 1.0, RIGHT)
 
 
-def followed(count: int, step: float, report) -> Iterator[tuple[bool, float | None]]:
-    """Whether each image of a target at rest has a pose, and by how much the attitude that is reported contradicts."""
-    view = View(shipped("nested"), place(2.0, 0.3))
-    tracker = Tracker(TagMap((shipped("nested"),)), VGA, LOOKING_DOWN)
-    right = np.array(euler_from_rotation(view.view.enu_from_cam @ LOOKING_DOWN.flu_from_cam.T))
-    for k in range(count):
-        time = k * step
-        noisy = np.roll(view.pixels, k % 2, axis=1)  # images that repeat count as frozen
-        history = AttitudeHistory([AttitudeSample(time, *report(k, right))])
-        result = tracker.update(CameraImage(noisy, time, time, k, "down"), history)
-        assert len(result.poses) <= 1
-        yield bool(result.poses), tracker.contradicted_deg
-
-
-def test_the_tracker_poses_by_the_images_alone_while_the_attitude_is_wrong_and_comes_back() -> None:
-    posed, off = zip(*followed(45, 0.1, lambda k, right: right * ((-1, -1, 1) if k < 15 else 1)), strict=True)
-    assert all(has_pose == (one is not None) for has_pose, one in zip(posed[:15], off[:15], strict=True))
-    assert np.degrees(0.5) < off[14] < np.degrees(0.7)
-    assert not posed[0]
-    assert all(posed[FEWEST - 1 :])
-    assert off[-1] is None
-
-
 KNOWN = 30
 """Images that told the tilt."""
 
@@ -341,26 +245,6 @@ def judge_of(name: str) -> Judge:
     """Judge of a target over a level place."""
     fitter = TargetFitter(shipped(name), Projection(VGA))
     return Judge(fitter, LevelKnowledge(True, LOOKING_DOWN, TrackerSection()), TrackerSection())
-
-
-def judged(name: str, off_deg: float) -> FitVerdict:
-    """Verdict about a far target in full view whose tilt is known, beside an attitude that is off by so much since."""
-    view, judge = View(shipped(name), place(3.8, 0.25)), judge_of(name)
-    right, truth = view.view.enu_from_cam, start_at(view)
-    for k in range(KNOWN):
-        judge.level.learn(ImageSight(view.pixels, k / 30, right), truth)
-    flu_from_cam = LOOKING_DOWN.flu_from_cam
-    off = right @ flu_from_cam.T @ rotation_from_euler(np.radians(off_deg), 0.0, 0.0) @ flu_from_cam
-    return judge.measure(ImageSight(view.pixels, KNOWN / 30, off), truth)
-
-
-@pytest.mark.parametrize("name", ["single", "nested"])
-@pytest.mark.parametrize("off_deg", [7.0, -7.0, 10.0, 1.0])
-def test_an_attitude_that_a_whole_target_contradicts_is_not_held(name: str, off_deg: float) -> None:
-    verdict, agrees = judged(name, off_deg), off_deg == 1.0
-    assert verdict.pose is not None
-    assert verdict.contradicts is not agrees
-    assert verdict.refusal is (None if agrees else PoseRefusal.ATTITUDE)
 
 
 def test_what_the_image_cannot_tell_inertia_does() -> None:
@@ -377,8 +261,7 @@ def test_what_the_image_cannot_tell_inertia_does() -> None:
     assert not judge.prefers(seen, leaning, right, before)
 
 
-@pytest.mark.parametrize(("name", "distance"), [("single", 3.0), ("single", 4.0), ("nested", 3.5)])
-@pytest.mark.parametrize("off_deg", [0.0, 0.8])
+@pytest.mark.parametrize(("name", "distance", "off_deg"), [("single", 3.0, 0.8), ("nested", 3.5, 0.0)])
 def test_a_tilt_that_a_fit_is_told_counts_as_much_as_it_is_known(name: str, distance: float, off_deg: float) -> None:
     """A fit that is told a normal ends where a free one ends that hears of it afterwards, and is as certain."""
     view = View(shipped(name), place(distance, 0.5))
