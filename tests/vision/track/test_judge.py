@@ -20,7 +20,7 @@ from mkdaemon.vision.pose.gates import CellEvidence
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import Tag, Target
-from mkdaemon.vision.track.attitude import ImageSight, angle_of, fuse_normal
+from mkdaemon.vision.track.attitude import ImageSight
 from mkdaemon.vision.track.judge import FitVerdict, Judge
 from mkdaemon.vision.track.level import LevelKnowledge
 from tests.vision.views import VGA, View, angle_deg, assert_near, place, shipped, start_at
@@ -181,18 +181,6 @@ def test_far_away_the_attitude_is_in_the_fit_and_not_told_a_second_time():
     assert verdict.refusal is PoseRefusal.ANGLE_UNCERTAIN
     np.testing.assert_allclose(verdict.pose.rotation, held.rotation, atol=1e-9)
     np.testing.assert_allclose(verdict.pose.covariance, held.covariance, atol=1e-12)
-
-
-def test_an_image_counts_once_beside_what_the_images_before_told_of_the_deck():
-    pose = fitted(tilt_deg=2.0, covariance=np.diag([1e-7, 1e-7, 1e-6, 1e-4, 1e-4, 1e-7]))
-    judge = judge_of(GivenFits(pose))
-    expected = fuse_normal(pose, judge.level.vertical(sight()))
-    verdict = judge.measure(sight(), fitted())
-    np.testing.assert_allclose(verdict.pose.covariance, expected.covariance)
-    assert angle_deg(verdict.pose.rotation, expected.rotation) < 1e-9
-    assert verdict.alone is pose
-    judge.level.learn(sight(), verdict.alone)
-    assert angle_of(pose.rotation[:, 2], judge.level.vertical(sight()).up) < np.radians(1.9)
 
 
 TILTED = fitted(tilt_deg=12.0)

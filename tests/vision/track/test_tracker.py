@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 
+import cv2
 import numpy as np
 import pytest
 
 from lab.vision.flight import LOOKING_DOWN, fly
+from mkdaemon.config.vision import TrackerSection
 from mkdaemon.frames import euler_from_rotation, rotation_from_euler
 from mkdaemon.telemetry.vision import Alarm, PoseRefusal
 from mkdaemon.vision.camera.image import CameraImage
@@ -17,7 +19,8 @@ from mkdaemon.vision.limits import LIMITS
 from mkdaemon.vision.pose.fitting import TargetFitter
 from mkdaemon.vision.pose.pose import Pose
 from mkdaemon.vision.tags.tagmap import TagMap
-from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample
+from mkdaemon.vision.track.attitude import AttitudeHistory, AttitudeSample, ImageSight
+from mkdaemon.vision.track.follower import Track
 from mkdaemon.vision.track.tracker import ImageHealth, TargetRefusal, Tracker
 from mksim.scene.light import Cover, LightConditions
 from mksim.scene.motion import Platform
@@ -186,6 +189,18 @@ def test_a_yaw_of_the_wrong_sign_loses_no_image_and_a_roll_that_jumps_two() -> N
     assert lost(lambda k, s: AttitudeSample(s.time, s.roll, s.pitch, -s.yaw if k >= LIES else s.yaw)) == []
     jumped = lost(lambda k, s: AttitudeSample(s.time, s.roll + np.radians(10.0 if k >= LIES else 0.0), s.pitch, s.yaw))
     assert jumped == [LIES, LIES + 1]
+
+
+@pytest.mark.parametrize(("rate", "known"), [(0.4, False), (1.5, True)])
+def test_a_camera_that_turns_without_an_attitude_does_not_climb(rate: float, known: bool) -> None:
+    """Nor where the images before had one: the turn is in the step all the same."""
+    track, place = Track(TrackerSection().coast), np.array([0.6, 0.4, 3.0])
+    for k in range(2):
+        turned = np.asarray(cv2.Rodrigues(k / 30 * rate * np.array([1.0, -1.0, 0.0]))[0], dtype=np.float64)
+        pose = Pose(turned, turned @ place, 1e-6 * np.eye(6), "edges", 300, 0.05)
+        track.accept(ImageSight(np.zeros((4, 4), np.uint8), k / 30, np.eye(3) if known else None), pose)
+    motion = track.predict(ImageSight(np.zeros((4, 4), np.uint8), 2 / 30)).known_motion
+    assert abs(motion.mean[3]) < 0.05  # 0.4 m/s and more where the turn was taken for a climb
 
 
 def shot(**change: float) -> np.ndarray:
