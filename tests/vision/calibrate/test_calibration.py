@@ -17,7 +17,6 @@ from mkdaemon.vision.calibrate.board import BoardPoints, CharucoBoard, TagBoard
 from mkdaemon.vision.calibrate.calibration import CalibrationResult, calibrate
 from mkdaemon.vision.calibrate.views import Views
 from mkdaemon.vision.camera.calibration_file import CalibrationRecord, Camera, load_camera, mount_rotation, save_camera
-from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.tagmap import build
 from mksim.scene.flights import FLU_FROM_CAM_DOWN
 from mksim.scene.layers import board_layer, sheet_layer, tag_layer
@@ -30,17 +29,6 @@ TAGS = build(
     [TargetSection(name="board", board=BoardSection(first_id=100, rows=4, columns=6, size=0.036, spacing=0.009))],
     origin="test",
 ).targets[0]
-
-
-def hold_out_rms(result: CalibrationResult, view: BoardPoints) -> float:
-    """Error of a view that was not used [px]: pose fitted, intrinsics fixed."""
-    projection = Projection(result.intrinsics)
-    rays = projection.undistort(view.image)
-    good, rvec, tvec = cv2.solvePnP(view.board, rays, np.eye(3), None, flags=cv2.SOLVEPNP_ITERATIVE)
-    if not good:
-        return float("inf")
-    seen = view.board @ np.asarray(cv2.Rodrigues(rvec)[0]).T + tvec.ravel()
-    return float(np.sqrt(((projection.project(seen)[0] - view.image) ** 2).sum(axis=1).mean()))
 
 
 BOARD = board_layer(CHARUCO.cells, 0.27, 0.18)
@@ -74,9 +62,6 @@ def test_a_known_lens_is_recovered_from_a_charuco_board() -> None:
     assert_lens(result)
     assert result.rms_px < 0.15
     assert result.faults() == []
-    *others, held_out = charuco_views()
-    without = calibrate(others)
-    assert hold_out_rms(without, held_out) < 3 * without.rms_px
 
 
 def test_a_known_lens_is_recovered_from_a_tag_board() -> None:
@@ -87,6 +72,15 @@ def test_a_known_lens_is_recovered_from_a_tag_board() -> None:
     assert abs(result.intrinsics.fx / LENS.fx - 1) < 0.004
     assert result.rms_px < 0.3
     assert found_in([np.full((480, 640), 128, np.uint8)], TagBoard(TAGS)) == []
+
+
+def test_a_view_that_moved_is_left_out() -> None:
+    views = list(charuco_views())
+    sheared = views[3].image + 0.02 * (views[3].image - views[3].image.mean(axis=0))[:, ::-1]
+    views[3] = replace(views[3], image=sheared)
+    result = calibrate(views)
+    assert 3 not in result.used
+    assert_lens(result)
 
 
 def test_noise_and_flat_views_are_refused_with_the_reason() -> None:
@@ -217,6 +211,5 @@ def test_a_fisheye_is_recovered_from_points_with_noise() -> None:
         error = getattr(result.intrinsics, name) - getattr(FISHEYE, name)
         assert abs(error) < 4.0 * result.sd[name], name
     assert result.focal_sd_percent < 0.2
-    assert hold_out_rms(result, views[0]) < 0.15
     with pytest.raises(VisionError, match="no fisheye"):
         calibrate([replace(view, image=np.zeros_like(view.image)) for view in views], is_fisheye=True)

@@ -9,7 +9,7 @@ import pytest
 from mkdaemon.vision.camera.calibration_file import load_camera
 from mkdaemon.vision.pose import photofit
 from mkdaemon.vision.pose.edgefit import EdgeFit
-from mkdaemon.vision.pose.photofit import STREAK_PX, PhotoFit, on_slopes, shared_by, streak_doubt
+from mkdaemon.vision.pose.photofit import STREAK_PX, PhotoFit, clarity, on_slopes, shared_by, streak_doubt
 from mkdaemon.vision.pose.pose import Pose, turn
 from mkdaemon.vision.pose.projection import Projection
 from mkdaemon.vision.tags.targetfile import load
@@ -88,6 +88,11 @@ def test_large_cells_are_fitted_in_an_image_of_half_the_size():
     assert_near(half, view, claims=3.0)
     assert half.points < whole.points / 3
     assert half.blur_px == pytest.approx(whole.blur_px, rel=0.3)
+
+
+def test_a_print_with_hardly_any_black_counts_evenly() -> None:
+    value = np.concatenate([np.zeros(5), np.ones(200)])
+    assert (clarity(np.random.default_rng(5).standard_normal(205), value) == 1.0).all()
 
 
 ROUGH = np.random.default_rng(5).standard_normal((61, 61))
